@@ -141,7 +141,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     health.track_gaps += steps.gaps
     health.stuck_tracks += int(front.stuck_tracks[0])
     tracks, standstill, noise = front.records(0)
-    rejected = {gate: int(counts[f"{gate}_in_a_row"][0]) for gate in IMU_GATES}
+    rejected = {gate: float(counts[f"{gate}_rejected_for"][0]) for gate in IMU_GATES}
     x, P = one.state(lanes, 0, with_fast_slip=True)
     after = msgspec.structs.replace(
         before,
@@ -153,7 +153,7 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
         tracks=tracks.shifted(begin),
         standstill=standstill.shifted(begin),
         imu=ClockRecord(bulk.end, float(steps.intervals[-1])),
-        rejected_in_a_row=before.rejected_in_a_row | rejected,
+        rejected_for=before.rejected_for | rejected,
         health=health,
         model=one.model_memory(lanes, 0),
         regressors=one.regressors(lanes, 0, before.regressors),

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.records import record_array, record_of
 from icreckon.estimator.base.sizes import WRONG_SIZE
@@ -26,6 +26,7 @@ from icreckon.estimator.engine.schedule import (
     Steps,
 )
 from icreckon.estimator.faults.spinning_tracks import assumed_speeds
+from icreckon.estimator.filter.gate import LONGEST_COUNTED
 from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_motion, take_tracks
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
@@ -48,8 +49,8 @@ ROW_SLOW, ROW_QUIET_MEAN = INPUTS["slow"], INPUTS["quiet_mean"]
 ROW_RATE, ROW_NOISE = INPUTS["rate"], INPUTS["gyro_density"]
 ROW_FORCE_X, ROW_FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
 ROW_NOW_LEFT, ROW_NOW_RIGHT = INPUTS["now_left"], INPUTS["now_right"]
-ROW_FIX = INPUTS[FIX_INPUTS[0]]
-ROWS, FIX_VALUES, TRACK_ROWS = len(INPUTS), len(FIX_INPUTS) - 1, len(StepInputs._fields)
+ROW_FIX, ROW_INTERVAL = INPUTS[FIX_INPUTS[0]], INPUTS["fix_interval"]
+ROWS, FIX_VALUES, TRACK_ROWS = len(INPUTS), len(FIX_INPUTS) - 2, len(StepInputs._fields)
 
 
 class Measured(NamedTuple):
@@ -265,9 +266,14 @@ def fill_lane(
             for axis in range(3):
                 inputs[k, ROW_NOISE + axis, lane] = found_noise[axis]
         if steps.extras[k] & POSITION:
+            fix = steps.fixes[k]
             for part in range(FIX_VALUES):
-                inputs[k, ROW_FIX + part, lane] = measured.fixes[lane, steps.fixes[k], part]
+                inputs[k, ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
             inputs[k, ROW_FIX + FIX_VALUES, lane] = GATED
+            inputs[k, ROW_INTERVAL, lane] = LONGEST_COUNTED
+            if fix > 0:
+                interval = measured.fix_stamps[fix] - measured.fix_stamps[fix - 1]
+                inputs[k, ROW_INTERVAL, lane] = min(LONGEST_COUNTED, interval * NANOSECOND)
 
 
 def check_sizes(
@@ -283,6 +289,7 @@ def check_sizes(
     sizes_fit &= len(measured.rates) == count == len(measured.forces)
     sizes_fit &= measured.forces.shape[1:] == (measured.rates.shape[1], 2)
     sizes_fit &= measured.fixes.shape[0] == count and measured.fixes.shape[2] == FIX_VALUES
+    sizes_fit &= measured.fixes.shape[1] == len(measured.fix_stamps)
     sizes_fit &= n == len(steps.ends) == len(steps.kinds) == len(steps.extras) == len(steps.tracks)
     if not (sizes_fit and n == len(steps.samples) == len(steps.fixes) == len(steps.output_tracks)):
         raise ValueError(WRONG_SIZE)

@@ -272,7 +272,7 @@ class ReplayRows:
                 continue
             verdict = ADMITTED
             if newest.nis > CHI_SQUARE_1E4[degrees]:
-                verdict = REJECTED if counts[f"{gate}_in_a_row"] > 0.0 else REACQUIRED
+                verdict = REJECTED if counts[f"{gate}_rejected_for"] > 0.0 else REACQUIRED
             sensor.newest_judged = newest.stamp, verdict, newest.residual, newest.covariance
             sensor.newest_nis = newest.nis
             sensor.recent_nis = _recent(

@@ -47,9 +47,10 @@ from icreckon.estimator.engine.work import (
     lane_worker,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
-from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, imu_patience
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.process_noise import Disturbances
+from icreckon.estimator.filter.reacquisition import MOST
 from icreckon.estimator.friction.loads import PAIR_COLUMNS
 from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.motion_model import MotionModel
@@ -176,8 +177,7 @@ class BatchFilter:
             for axis in range(3):
                 row = self.rows[f"P{s.SLIP_X + axis}_{s.SLIP_X + axis}"]
                 lanes[row, lane] += slip[axis] ** 2
-        most = self.settings.gates.patience + 2
-        rejected = np.zeros((self.width, most, 5))
+        rejected = np.zeros((self.width, MOST, 5))
         counts = np.zeros(self.width, dtype=np.int64)
         constants = shared_constants(
             self.shape, self._model, self._disturbances, self.robot, self.settings, self._state
@@ -197,12 +197,8 @@ class BatchFilter:
             checkpoint: checkpoint of the filter, at its first track speeds or later.
             regressors: (3, 9) its smoothed derivatives by the parameters.
 
-        Raises:
-            BatchError: there is no room for so many rejected fixes.
         """
         rejected, rows, workspace = checkpoint.rejected_fixes, self.rows, lanes.workspace
-        if len(rejected) + 2 > lanes.rejected.shape[1]:
-            raise BatchError(f"{len(rejected)} fixes before the first track speeds were rejected")
         states = (*self.shape.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
         for n, i in enumerate(states):
             workspace[rows[f"x{i}"]] = checkpoint.state[i]
@@ -216,10 +212,11 @@ class BatchFilter:
         workspace[rows["stood"]] = checkpoint.stands
         workspace[rows["slip_factor"]] = checkpoint.slip_factor
         workspace[rows["present_factor"]] = checkpoint.present_factor
+        workspace[rows["slip_time"]] = checkpoint.slip_time
         for name, value in zip(TREND, checkpoint.fix_trend, strict=True):
             workspace[rows[name]] = value
         for gate in GATES:
-            workspace[rows[f"{gate}_in_a_row"]] = checkpoint.rejected_in_a_row[gate]
+            workspace[rows[f"{gate}_rejected_for"]] = checkpoint.rejected_for[gate]
         lanes.rejected[:, : len(rejected)] = np.array(rejected).reshape(-1, 5)
         lanes.rejected_count[:] = len(rejected)
 
@@ -405,8 +402,8 @@ def shared_constants(
         "threshold": CHI_SQUARE_1E4[1],
         "position_threshold": CHI_SQUARE_1E4[2],
         **dict.fromkeys(SLIP_SHARES, 1.0),
-        "bias_variance": robot.imu.gyro_bias_sigma**2,
         "patience": settings.gates.patience,
+        "imu_patience": imu_patience(settings.gates),
         "standstill_duration": settings.standstill.duration,
         **{f"fixed{i}": value for i, value in enumerate(state)},
         **{f"walk{i}": value for i, value in enumerate(walks)},
@@ -445,7 +442,7 @@ def _places(layout: Layout, all_outputs: bool) -> Places:
     return Places(
         np.array([*pose, *covariance, *(rows[name] for name in (*TWIST, *more))]),
         np.array(with_pose),
-        rows["position_in_a_row"],
+        rows["position_rejected_for"],
         rows["position_used"],
         np.array([rows[name] for name in PLACES]),
         layout.constants["interval"],

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector, dot
 from icreckon.estimator.engine.lane import FilterShape, Lane
-from icreckon.estimator.engine.layout import PLACE, TREND
+from icreckon.estimator.engine.layout import FACTORS, PLACE, TREND
 from icreckon.estimator.engine.model import (
-    bias_doubt,
-    factor_after_rejection,
-    is_beside,
-    is_moving,
     normalised,
-    precision,
+    patience_for,
     present_factor_after,
     slip_factor_after,
+    slip_shown,
+    travel_speed,
     trend_after,
     turn,
 )
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
-from icreckon.estimator.filter.slip_factor import DOUBTED_TIME, REJECTED_FIXES
+from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.filter.update import LEAST_VARIANCE
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel
@@ -63,21 +62,41 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     values, rows, covariance = _antenna(lane, _predicted(lane, kind))
     before = x.copy()
     z = lane.input("fix_x") - values[s.X], lane.input("fix_y") - values[s.Y]
-    of_x, of_y = P.times(rows[s.X]), P.times(rows[s.Y])
     R = [maximum(variance + covariance[axis][axis], LEAST_VARIANCE) for axis in (s.X, s.Y)]
-    xx = dot(of_x, rows[s.X]) + R[s.X]
-    xy = dot(of_x, rows[s.Y]) + covariance[s.X][s.Y]
-    yy = dot(of_y, rows[s.Y]) + R[s.Y]
-    by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
-    nis = (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
+    smooth = lane.input("smooth_left"), lane.input("smooth_right")
+    interval, heading = lane.input("fix_interval"), turn(values[s.YAW])
+
+    def spread() -> tuple[Any, Any, Any, Any]:
+        """Innovation covariance, and normalised innovation squared."""
+        of_x, of_y = P.times(rows[s.X]), P.times(rows[s.Y])
+        xx = dot(of_x, rows[s.X]) + R[s.X]
+        xy = dot(of_x, rows[s.Y]) + covariance[s.X][s.Y]
+        yy = dot(of_y, rows[s.Y]) + R[s.Y]
+        by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
+        return xx, xy, yy, (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
+
+    *S, nis = spread()
+    judged = (mode > 0.5) & (mode < 1.5)
+    slips = judged & ~(nis <= lane.constant("position_threshold"))
+    time = lane.row("slip_time")
+    shown = slip_shown(time, z, tuple(S), heading, travel_speed(*smooth), interval)
+    found = slips & shown.is_found
+    lane.stores["slip_time"] = select(judged, select(slips & ~found, shown.time, 0.0), time)
+    ahead = select(found, shown.position, 0.0)
+    more = {s.X: heading[0] * ahead, s.Y: heading[1] * ahead}
+    more[s.SLIP_X] = select(found, shown.speed, 0.0)
+    for i, j in combinations_with_replacement(more, 2):
+        P.add(i, j, more[i] * more[j])
+    xx, xy, yy, nis = spread()
     admitted = nis <= lane.constant("position_threshold")
-    patience_ends = lane.row("position_in_a_row") >= lane.constant("patience")
+    square = z[0] * z[0] + z[1] * z[1]
+    waits = patience_for(square, lane.constant("patience"), lane.constant("fastest"))
+    patience_ends = lane.row("position_rejected_for") >= waits
     reacquires = ~admitted & patience_ends
     lost = (mode > 0.5) & reacquires & (mode < 1.5)
     reacquired = reacquires & (mode > 1.5)
     tested = (mode > 0.5) & ~lost
     used = tested & (admitted | reacquired)
-    square = z[0] * z[0] + z[1] * z[1]
     added = select(reacquired, minimum(square, LARGEST_INFLATION * minimum(xx, yy)), 0.0)
     P.add(s.X, s.X, added)
     P.add(s.Y, s.Y, added)
@@ -86,24 +105,16 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         lane.update(rest, rows[axis], R[axis], fixed=shape.considered, only=used)
     lane.cover_rounding()
     lane.keep_inside_bounds()
-    lane.count("position", nis, admitted, admitted | reacquired, tested)
-    smooth = lane.input("smooth_left"), lane.input("smooth_right")
-    factor = lane.row("slip_factor")
+    lane.count("position", nis, admitted, admitted | reacquired, tested, interval)
+    factor, present = (select(found, LARGEST_FACTOR, lane.row(name)) for name in FACTORS)
     forward, left, size = (lane.row(name) for name in TREND)
-    ahead, beside = normalised(z, (xx, xy, yy), turn(values[s.YAW]))
+    ahead, beside = normalised(z, (xx, xy, yy), heading)
     trended = trend_after((forward, left, size), ahead, beside)
-    present = present_factor_after(lane.row("present_factor"), trended, *smooth)
-    after = slip_factor_after(factor, present, *smooth)
+    after = present_factor_after(present, trended, *smooth)
     taken = tested & admitted
-    many = tested & ~used & (lane.stores["position_in_a_row"] >= float(REJECTED_FIXES))
-    precise, to_a_side = precision(lane.input("fix_variance")), is_beside(ahead, beside)
-    doubt = select(taken, bias_doubt(trended, *smooth), trace.truth_as_number(many & to_a_side))
-    doubt = doubt * precise * lane.constant("bias_variance")
-    raised = precise * is_moving(*smooth) * trace.truth_as_number(many & ~to_a_side)
-    lane.add_doubt(doubt, -doubt * DOUBTED_TIME, doubt * DOUBTED_TIME**2)
-    doubled = factor_after_rejection(lane.row("present_factor"), raised)
-    lane.stores["slip_factor"] = select(taken, after, maximum(factor, doubled))
-    lane.stores["present_factor"] = select(taken, present, doubled)
+    largest = slip_factor_after(factor, after, *smooth)
+    lane.stores["slip_factor"] = select(taken, largest, factor)
+    lane.stores["present_factor"] = select(taken, after, present)
     for name, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
         lane.stores[name] = select(taken, after_it, before_it)
     updated, _, _ = _antenna(lane, _predicted(lane, kind))
@@ -134,6 +145,8 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         inflated=s.YAW,
         fixed=shape.considered,
         only=lane.input("fix_mode") > 0.5,
+        patience=lane.constant("patience"),
+        interval=lane.input("fix_interval"),
     )
     lane.cover_rounding()
     lane.keep_inside_bounds()

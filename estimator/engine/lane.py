@@ -218,6 +218,8 @@ class Lane:
         fixed: Iterable[int] = (),
         stand_in: int | None = None,
         only: Any = True,
+        patience: Any = None,
+        interval: Any = None,
     ) -> None:
         """Gate, update and count a scalar, see `icreckon.estimator.filter.update`.
 
@@ -232,7 +234,11 @@ class Lane:
             fixed: states that the update does not move.
             stand_in: state that it moves in their place, see `IcrEkf.update_scalar`.
             only: lanes that have the measurement.
+            patience: time of rejections after which it is re-acquired [s]; None for that of the IMU.
+            interval: time that it counts if it is rejected [s]; None for that of the IMU.
         """
+        patience = self.constant("imu_patience") if patience is None else patience
+        interval = self.constant("interval") if interval is None else interval
         cross = self.P.times(_rest(H, parts), *parts)
         S = dot(cross, H) + R
         inverse_S = 1.0 / S
@@ -241,9 +247,9 @@ class Lane:
         if self._innovations:
             tested = trace.truth_as_number(trace.lift_truth(only))
             self.stores[f"{sensor}_z"], self.stores[f"{sensor}_S"] = z, tested * S
-        in_a_row = self.row(f"{sensor}_in_a_row")
         admitted = nis <= self.constant("threshold")
-        reacquired = trace.lift_truth(only) & ~admitted & (in_a_row >= self.constant("patience"))
+        patience_ends = self.row(f"{sensor}_rejected_for") >= patience
+        reacquired = trace.lift_truth(only) & ~admitted & patience_ends
         more = minimum(square, LARGEST_INFLATION * S)
         along = H.get(inflated, 0.0)
 
@@ -259,15 +265,17 @@ class Lane:
         used = admitted | reacquired
         inverse_S = select(trace.lift_truth(only) & used, inverse_S, 0.0)
         self._apply(z, cross, R, inverse_S, fixed, None if stand_in is None else (stand_in, H))
-        self.count(sensor, nis, admitted, used, only)
+        self.count(sensor, nis, admitted, used, only, interval)
 
-    def count(self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any) -> None:
+    def count(
+        self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any, interval: Any
+    ) -> None:
         """Count verdicts of a gate, in the lanes that have the measurement."""
         tested = trace.lift_truth(only)
         one = trace.truth_as_number
-        in_a_row = self.row(f"{sensor}_in_a_row")
-        rejections = select(used, 0.0, in_a_row + 1.0)
-        self.stores[f"{sensor}_in_a_row"] = select(tested, rejections, in_a_row)
+        before = self.row(f"{sensor}_rejected_for")
+        after = select(used, 0.0, before + interval)
+        self.stores[f"{sensor}_rejected_for"] = select(tested, after, before)
         for name, more in (
             ("used", one(tested & used)),
             ("rejected", one(tested & ~used)),

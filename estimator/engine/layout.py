@@ -37,6 +37,7 @@ FIX_INPUTS = (
     "fix_forward",
     "fix_left",
     "fix_mode",
+    "fix_interval",
 )
 STEP_CONSTANTS = ("dt", "smoothing")
 SLIP_SHARES = ("share_x", "share_y", "share_w")
@@ -62,31 +63,33 @@ CONSTANTS = (
     "imu_y",
     "threshold",
     "patience",
+    "imu_patience",
     "interval",
     *SLIP_SHARES,
     "standstill_duration",
     "position_threshold",
-    "bias_variance",
 )
 # Columns of a bound.
 BOUND = range(s.PARAMETER_COUNT + 1)
-# Counts of each gate, rejections in a row first.
+# Counts of each gate, the time of rejections first.
 IMU_GATES = ("gyro", "accelerometer_x", "accelerometer_y")
 GATES = (*IMU_GATES, "position", "heading")
 COUNTS = (
     *(
         f"{gate}_{count}"
         for gate in GATES
-        for count in ("in_a_row", "used", "rejected", "nis", "admitted")
+        for count in ("rejected_for", "used", "rejected", "nis", "admitted")
     ),
     "standstill",
 )
-# Values from the step before: 1 if the robot stood, the factors on the slip, the trend of the innovations
-# of position fixes, and the place of the antenna and the yaw before and after the newest one.
+# Values from the step before: 1 if the robot stood, the factors on the slip, the time of rejected fixes
+# that slip explains, the trend of the innovations of position fixes, and the place of the antenna and the
+# yaw before and after the newest one.
+FACTORS = ("slip_factor", "present_factor")
 TREND = ("trend_forward", "trend_left", "trend_size")
 PLACE = ("x", "y", "yaw")
 PLACES = tuple(f"{when}_{axis}" for when in ("predicted", "updated") for axis in PLACE)
-BEFORE = ("stood", "slip_factor", "present_factor", *TREND, *PLACES)
+BEFORE = ("stood", *FACTORS, "slip_time", *TREND, *PLACES)
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 # Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had

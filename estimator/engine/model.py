@@ -14,7 +14,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector
-from icreckon.estimator.filter import process_noise, slip_factor
+from icreckon.estimator.filter import gate, process_noise, slip_factor
 from icreckon.estimator.friction import model as friction_model
 from icreckon.estimator.friction.layout import PARAMETERS as FRICTION_PARAMETERS
 from icreckon.estimator.friction.model import FrictionMotion
@@ -252,12 +252,9 @@ gauss_markov = traced(propagation.gauss_markov)
 present_factor_after = traced(slip_factor.present_factor_after)
 slip_factor_after = traced(slip_factor.slip_factor_after)
 trend_after = traced(slip_factor.trend_after)
-bias_doubt = traced(slip_factor.bias_doubt)
-factor_after_rejection = traced(slip_factor.factor_after_rejection)
-is_beside = traced(slip_factor.is_beside)
-is_moving = traced(slip_factor.is_moving)
+slip_shown = traced(slip_factor.slip_shown)
+patience_for = traced(gate.patience_for)
 normalised = traced(slip_factor.normalised)
-precision = traced(slip_factor.precision)
 fast_slip_density = traced(process_noise.fast_slip_density)
 change_density = traced(process_noise.change_density)
 travel_speed = traced(process_noise.travel_speed)

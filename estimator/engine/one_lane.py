@@ -155,10 +155,9 @@ def _places(shape: FilterShape) -> LanePlaces:
     states = (*shape.states, *FAST)
 
     def of_gate(sensor: str) -> tuple[int, int, int, int]:
-        in_a_row, admitted, z, S = (
-            rows[f"{sensor}_{part}"] for part in ("in_a_row", "admitted", "z", "S")
-        )
-        return in_a_row, admitted, z, S
+        parts = ("rejected_for", "admitted", "z", "S")
+        rejected_for, admitted, z, S = (rows[f"{sensor}_{part}"] for part in parts)
+        return rejected_for, admitted, z, S
 
     memory = shape.model.memory
     return LanePlaces(
@@ -265,22 +264,24 @@ def fill_constants(
 
 def set_gate(counts: Any, lane: Floats, rows: tuple[int, int, int, int]) -> None:
     """Copy the rejections of a gate into the workspace."""
-    in_a_row, admitted, _, _ = rows
-    lane[in_a_row, 0], lane[admitted, 0] = counts.rejected_in_a_row, 0.0
+    rejected_for, admitted, _, _ = rows
+    lane[rejected_for, 0], lane[admitted, 0] = counts.rejected_for, 0.0
 
 
-def count_sample(counts: Any, stamp: int, lane: Floats, rows: tuple[int, int, int, int]) -> bool:
+def count_sample(
+    counts: Any, stamp: int, interval: float, lane: Floats, rows: tuple[int, int, int, int]
+) -> bool:
     """Count the verdict of a gate on the newest sample; return True if it is used."""
-    in_a_row, admitted, innovation, variance = rows
+    rejected_for, admitted, innovation, variance = rows
     z, S = lane[innovation, 0], lane[variance, 0]
     if S == 0.0:
         return False
     verdict = REACQUIRED
     if lane[admitted, 0] > 0.0:
         verdict = ADMITTED
-    elif lane[in_a_row, 0] > 0.0:
+    elif lane[rejected_for, 0] > 0.0:
         verdict = REJECTED
-    count_verdict(counts, verdict, z * z / S, 1)
+    count_verdict(counts, verdict, z * z / S, 1, interval)
     counts.stamp, counts.verdict, counts.z[0], counts.S[0] = stamp, verdict, z, S
     return verdict != REJECTED
 
@@ -333,9 +334,13 @@ def compile_imu_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, memory, places)
         record.stamp, record.stands = stamp, int(lane[places.stood, 0])
-        count_sample(record.accelerometer_x, stamp, lane, places.accelerometers[0])
-        count_sample(record.accelerometer_y, stamp, lane, places.accelerometers[1])
-        return count_sample(record.gyro, stamp, lane, places.gyro)
+        count_sample(
+            record.accelerometer_x, stamp, record.imu.interval, lane, places.accelerometers[0]
+        )
+        count_sample(
+            record.accelerometer_y, stamp, record.imu.interval, lane, places.accelerometers[1]
+        )
+        return count_sample(record.gyro, stamp, record.imu.interval, lane, places.gyro)
 
     return entry(step_with_imu, shape_digest)
 

@@ -20,7 +20,7 @@ from icreckon.estimator.engine.schedule import (
     TICK,
     UPDATE,
 )
-from icreckon.estimator.filter.reacquisition import laid_over
+from icreckon.estimator.filter.reacquisition import MOST, laid_over
 from icreckon.estimator.tracing.emit import FLAG_BITS
 from icreckon.estimator.tracing.jit_kernel import entry, inner
 
@@ -41,7 +41,7 @@ class Places(NamedTuple):
     Attributes:
         estimate: (n,) rows of the output at a tick: those of `ESTIMATE`, and more.
         with_pose: (3, n) rows of the covariances with the pose.
-        rejected: row of the number of position fixes rejected in a row.
+        rejected: row of the time of rejected position fixes.
         used: row of the number of position fixes used.
         at_fix: (6,) rows of the place of the antenna and the yaw, before and after the newest fix.
         interval: place of the interval of the IMU among the constants.
@@ -136,7 +136,9 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
                 at_fix[axis, lane] = workspace[places.at_fix[axis], lane]
             count = rejected_count[lane]
             if count >= rejected.shape[1]:
-                raise ValueError(WRONG_SIZE)
+                count = rejected.shape[1] - 1
+                for k in range(count):
+                    rejected[lane, k] = rejected[lane, k + 1]
             rejected[lane, count, 0] = given[FIX_X, lane]
             rejected[lane, count, 1] = given[FIX_Y, lane]
             rejected[lane, count, 2] = given[FIX_VARIANCE, lane]
@@ -202,7 +204,7 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
         sizes_fit &= len(table) >= count and table.shape[1] == STEP_COLUMNS
         sizes_fit &= len(extras) == count and len(ticks) == count and len(fixes) == count
         sizes_fit &= estimates.shape[1] >= len(places.estimate) and output_lanes <= width
-        sizes_fit &= len(rejected) == width and rejected.shape[2] == 5
+        sizes_fit &= len(rejected) == width and rejected.shape[1:] == (MOST, 5)
         sizes_fit &= at_fixes.shape[1] == 7 and at_fixes.shape[2] == width
         if not sizes_fit or len(rejected_count) != width:
             raise ValueError(WRONG_SIZE)

@@ -290,9 +290,10 @@ def _measured_anew(before: Scatter, stated: float) -> Scatter:
 def parts_scatter(
     fixes: Any, path: Any, yaws: Floats, seconds: Floats, stated: float, least: float
 ) -> bool:
-    """Return True if the fixes before one jump scatter, or those after it.
+    """Return True if the fixes before two jumps scatter, or those between them or after them.
 
-    A jump of the estimate's heading, or of the fixes, is no scatter: neither part shows any.
+    A jump of the estimate's heading, or of the fixes to another place and back, is no scatter: no part
+    shows any.
 
     Args:
         fixes: (n,) measured places x + iy [m].
@@ -302,8 +303,10 @@ def parts_scatter(
         stated: variance that the fixes state [m²].
         least: see `Spread.is_beyond`.
     """
-    jump = 1 + int(np.abs(np.abs(np.diff(fixes)) - np.abs(np.diff(path))).argmax())
-    parts = [part for part in (slice(jump), slice(jump, None)) if len(path[part]) >= FEWEST]
+    jumps = np.abs(np.abs(np.diff(fixes)) - np.abs(np.diff(path)))
+    first, second = sorted((1 + np.argsort(jumps)[-2:]).tolist())
+    split = slice(first), slice(first, second), slice(second, None)
+    parts = [part for part in split if len(path[part]) >= FEWEST]
     return any(
         spread_of(fixes[part], path[part], yaws[part], seconds[part]).is_beyond(stated, least)
         for part in parts

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import NEVER, Count, assign, or_none, plain_copy
+from icreckon.estimator.base.records import NEVER, Size, assign, or_none, plain_copy
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter.clones import Clones
@@ -70,7 +70,7 @@ class FilterCheckpoint(
         tracks: record of the track speeds.
         standstill: checkpoint of the standstill detection.
         imu: clock of the IMU.
-        rejected_in_a_row: rejections in a row, by sensor.
+        rejected_for: time of rejections since one was used, by sensor [s].
         health: counts.
         clones: stochastic clones, None if there are none.
         model: (m,) memory of the motion model, see `icreckon.estimator.motion.motion_model.MotionModel`.
@@ -82,6 +82,7 @@ class FilterCheckpoint(
         present_factor: that of the newest fixes alone.
         fix_trend: mean of the normalised innovations of position fixes, to the front and to the left,
             and of their squares.
+        slip_time: time of rejected position fixes that slip of both tracks explains [s].
         noise: record of the noise of the IMU.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or None.
         positions: newest place of the position fixes.
@@ -97,7 +98,7 @@ class FilterCheckpoint(
     tracks: TrackRecord
     standstill: StandstillMemory
     imu: ClockRecord
-    rejected_in_a_row: dict[str, Count]
+    rejected_for: dict[str, Size]
     health: Health
     clones: Clones | None = None
     model: np.ndarray[Any, Any] = NO_MEMORY
@@ -107,6 +108,7 @@ class FilterCheckpoint(
     slip_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
     present_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
     fix_trend: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    slip_time: Size = 0.0
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
     wander_stamp: int | None = None
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
@@ -129,6 +131,7 @@ class FilterCheckpoint(
         record.step_under_way, record.stands = self.step_under_way, self.stands
         record.slip_factor, record.present_factor = self.slip_factor, self.present_factor
         record.trend_forward, record.trend_left, record.trend_size = self.fix_trend
+        record.slip_time = self.slip_time
         record.wander_stamp = NEVER if self.wander_stamp is None else self.wander_stamp
         assign(record.positions, self.positions)
         assign(record.poses, self.poses)
@@ -169,6 +172,7 @@ def of_record(record: FilterRecord) -> dict[str, Any]:
         "fix_trend": tuple(
             map(float, (record.trend_forward, record.trend_left, record.trend_size))
         ),
+        "slip_time": float(record.slip_time),
         "wander_stamp": or_none(record.wander_stamp),
         "positions": plain_copy(PlaceRecord, record.positions),
         "poses": plain_copy(PlaceRecord, record.poses),

@@ -32,8 +32,8 @@ from icreckon.estimator.filter.health import (
     slip_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.reacquisition import RejectedFix, beside_wander, relocation
-from icreckon.estimator.filter.slip_factor import DOUBTED_TIME, doubt, follow_fix, follow_scatter
+from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
+from icreckon.estimator.filter.slip_factor import doubt, follow_fix, follow_scatter, follow_slip
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
@@ -207,7 +207,7 @@ class Reckoning:
             state=ekf.x.copy(),
             covariance=ekf.P.copy(),
             standstill=self._readings.memory(self._record.still),
-            rejected_in_a_row={name: gate.counts.rejected_in_a_row for name, gate in gates},
+            rejected_for={name: gate.counts.rejected_for for name, gate in gates},
             health=self._judged_counts(),
             clones=ekf.clones,
             model=ekf.model.memory,
@@ -259,9 +259,9 @@ class Reckoning:
         self._rejected_fixes, self._scatter = checkpoint.rejected_fixes, checkpoint.scatter
         sensors = checkpoint.health.sensors
         for name, gate in self._gates.items():
-            gate.restore(sensors.get(name, SensorHealth()), 0)
-        for name, count in checkpoint.rejected_in_a_row.items():
-            self._gates[name].counts.rejected_in_a_row = count
+            gate.restore(sensors.get(name, SensorHealth()), 0.0)
+        for name, time in checkpoint.rejected_for.items():
+            self._gates[name].counts.rejected_for = time
         self._counts = checkpoint.health.copy()
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
@@ -384,14 +384,16 @@ class Reckoning:
         at = StepTwist(self.model(), ekf.x.copy(), imu.interval, track_change(inputs), noise)
         # Gate, update and record.
         # A gyro that fails has no rate.
-        used = rate == rate and self._update(self._gyro, self._gyro.linearise(rate, at), m.stamp)
+        used = rate == rate and self._update(
+            self._gyro, self._gyro.linearise(rate, at), m.stamp, imu.interval
+        )
         # Without track speeds the force has no prediction.
         if self._uses_force and along[0] == along[0] and not inputs.unknown:
             sigma = self.slip_sigma()
             for axis, model in enumerate(self._accelerometers):
                 density = self._disturbances.change_density(sigma[axis])
                 found = model.linearise(along[axis], at, ekf.x, density)
-                self._update(model, found, m.stamp)
+                self._update(model, found, m.stamp, imu.interval)
         ekf.keep_inside_bounds(by_imu=True)
         # Propagate the pose by the updated twist.
         self._advance(m.stamp)
@@ -447,25 +449,26 @@ class Reckoning:
                 m = replace(m, variance=self._scatter.of_fix(m.variance))
             before = self._rejected_fixes[-1].variance + wandered if self._rejected_fixes else 0.0
             self._rejected_fixes += (RejectedFix(m.x, m.y, max(m.variance, before), x, y),)
+            self._rejected_fixes = self._rejected_fixes[-MOST:]
             if ekf.wanders:
                 predicted = with_wander(predicted, ekf.x)
-        recover = self._relocate if isinstance(m, PositionFix) else None
-        used = self._update(model, model.linearise(m, predicted), m.stamp, recover)
+        gate, found = self._gates[model.name], model.linearise(m, predicted)
+        interval, recover = gate.interval_to(m.stamp), None
+        if isinstance(m, PositionFix):
+            recover = self._relocate
+            follow_slip(ekf, record, gate, found, float(predicted.values[s.YAW]), interval)
+        used = self._update(model, found, m.stamp, interval, recover)
         if used:
             ekf.keep_inside_bounds()
 
         if isinstance(m, PositionFix):
-            fixes, yaw = self._gates[model.name].counts, float(predicted.values[s.YAW])
-            share = follow_fix(record, fixes, yaw, m.variance + self._wander.sigma**2)
+            follow_fix(record, gate.counts, float(predicted.values[s.YAW]))
             if not ekf.wanders:
                 now = point_on_robot(self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left)
                 moved = at, now.values.tolist(), ekf.x - x_before
                 self._scatter = follow_scatter(
-                    ekf, self._scatter, fixes, fix, *moved, admitted=used
+                    ekf, self._scatter, gate.counts, fix, *moved, admitted=used
                 )
-                share *= self._scatter.variance == 0.0
-            added = share * self._prior.gyro_bias_sigma**2
-            doubt(ekf, added, -added * DOUBTED_TIME, added * DOUBTED_TIME**2)
         if used and isinstance(m, PositionFix | PoseFix):
             self._rejected_fixes = ()
             self._scatter = Scatter() if isinstance(m, PoseFix) else self._scatter
@@ -495,11 +498,14 @@ class Reckoning:
         model: MeasurementModel,
         linearised: Linearised,
         stamp: int,
+        interval: float,
         recover: Callable[[], bool] | None = None,
     ) -> bool:
         """Gate, update and record a measurement at a stamp [ns]; True if it was used."""
-        gate = self._gates[model.name]
-        return update(self.ekf, model, gate, linearised, stamp, recover=recover)
+        gate, fastest = self._gates[model.name], self._record.settings.fastest
+        return update(
+            self.ekf, model, gate, linearised, stamp, interval, fastest=fastest, recover=recover
+        )
 
     def _relocate(self) -> bool:
         """Align the path with the rejected position fixes; False if they do not fit.

@@ -1,17 +1,21 @@
 """Chi-square gates with re-acquisition.
 
-A wrong measurement cannot capture the filter, and a right one cannot be rejected for ever.
+A wrong measurement cannot capture the filter, and a right one cannot be rejected for ever: after some
+time of rejections the next one is used. A position has to wait for longer, the further it is away: a
+robot that was carried, or that slid, has moved at some speed.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sized
+from typing import Any
 
 import msgspec
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import NEVER, assign
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.records import NEVER, Size, assign
 from icreckon.estimator.filter.health import (
     ADMITTED,
     REACQUIRED,
@@ -29,22 +33,25 @@ CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
 MOST = max(CHI_SQUARE_1E4)
 # Number of gated measurements that are recent.
 RECENT = 100
+# Most of `GateSettings.patience` that counts for samples of the IMU, which no other sensor replaces [s].
+IMU_PATIENCE = 0.1
+# Most that a rejected fix counts of the time since the fix before it [s].
+LONGEST_COUNTED = 1.0
+# Largest factor on the patience by the distance of a position.
+FAR = 6.0
 # Largest inflation, over the variance of the innovation: double precision would lose that beside more.
 LARGEST_INFLATION = 1e10
 
 
-def verdict(nis: float, threshold: float, rejected_in_a_row: int, patience: int) -> int:
-    """Verdict of a gate; plain Python, for numba too.
+def patience_for(square: Any, patience: Any, fastest: Any) -> Any:
+    """Time of rejections after which a position is re-acquired [s].
 
     Args:
-        nis: normalised innovation squared.
-        threshold: threshold of the gate.
-        rejected_in_a_row: rejections since the gate last let a measurement pass.
-        patience: rejections in a row after which the next measurement is re-acquired.
+        square: square of its distance from the predicted one [m²].
+        patience: that of the settings [s].
+        fastest: highest track speed of the robot [m/s].
     """
-    if nis <= threshold:
-        return ADMITTED
-    return REACQUIRED if rejected_in_a_row >= patience else REJECTED
+    return max(patience, min(FAR * patience, math.sqrt(square) / fastest))
 
 
 def inflation(square: float, expected: float) -> float:
@@ -61,11 +68,11 @@ class GateRecord(msgspec.Struct):
     """Counts of one gate, and the newest innovation that it tested.
 
     Attributes:
-        rejected_in_a_row: rejections since the gate last let a measurement pass.
+        rejected_for: time of the rejections since the gate last let a measurement pass [s].
         judged: number of measurements that it tested.
         used: number of measurements that it let pass.
         rejected: number of those that it did not.
-        reacquired: number of measurements that were used after too many rejections in a row.
+        reacquired: number of measurements that were used after too long a time of rejections.
         degrees: sum of the degrees of freedom of admitted measurements.
         nis_sum: sum of their normalised innovations squared (NIS).
         newest_nis: NIS of the newest measurement.
@@ -76,7 +83,7 @@ class GateRecord(msgspec.Struct):
         S: its innovation covariance (n, n) in rows; the rest is unused.
     """
 
-    rejected_in_a_row: int = 0
+    rejected_for: Size = 0.0
     judged: int = 0
     used: int = 0
     rejected: int = 0
@@ -91,7 +98,9 @@ class GateRecord(msgspec.Struct):
     S: list[float] = msgspec.field(default_factory=lambda: [0.0] * MOST**2)
 
 
-def count_verdict(counts: GateRecord, verdict: int, nis: float, degrees: int) -> None:
+def count_verdict(
+    counts: GateRecord, verdict: int, nis: float, degrees: int, interval: float
+) -> None:
     """Count a verdict; plain Python, for numba too.
 
     Args:
@@ -99,15 +108,16 @@ def count_verdict(counts: GateRecord, verdict: int, nis: float, degrees: int) ->
         verdict: the verdict.
         nis: normalised innovation squared.
         degrees: its degrees of freedom.
+        interval: time that it counts if it is rejected [s].
     """
     counts.judged += 1
     counts.newest_nis = nis
     counts.recent_nis += (nis / degrees - counts.recent_nis) / min(counts.judged, RECENT)
     if verdict == REJECTED:
-        counts.rejected_in_a_row += 1
+        counts.rejected_for += interval
         counts.rejected += 1
         return
-    counts.rejected_in_a_row = 0
+    counts.rejected_for = 0.0
     counts.used += 1
     if verdict == ADMITTED:
         counts.nis_sum += nis
@@ -121,28 +131,40 @@ class Gate:
 
     Args:
         degrees: number of components of the innovation.
-        settings: settings of all gates.
+        patience: time of rejections after which the next measurement is re-acquired [s].
         counts: its counts; None to begin anew.
 
     Attributes:
         threshold: threshold of the normalised innovation squared.
-        patience: rejections in a row after which the next measurement is re-acquired.
+        patience: see above.
         counts: its counts.
     """
 
-    def __init__(
-        self, degrees: int, settings: GateSettings, counts: GateRecord | None = None
-    ) -> None:
+    def __init__(self, degrees: int, patience: float, counts: GateRecord | None = None) -> None:
         self._degrees, self.threshold = degrees, CHI_SQUARE_1E4[degrees]
-        self.patience = settings.patience
+        self.patience = patience
         self.counts = GateRecord() if counts is None else counts
 
-    def judge(self, nis: float) -> int:
-        """Return the verdict on a normalised innovation squared, and count it."""
-        counts = self.counts
-        found = verdict(nis, self.threshold, counts.rejected_in_a_row, self.patience)
-        count_verdict(counts, found, nis, self._degrees)
+    def judge(self, nis: float, interval: float, patience: float | None = None) -> int:
+        """Return the verdict on a normalised innovation squared, and count it.
+
+        Args:
+            nis: normalised innovation squared.
+            interval: time that it counts if it is rejected [s].
+            patience: in place of that of the gate [s].
+        """
+        counts, found = self.counts, ADMITTED
+        if not nis <= self.threshold:
+            waits = self.patience if patience is None else patience
+            found = REACQUIRED if counts.rejected_for >= waits else REJECTED
+        count_verdict(counts, found, nis, self._degrees, interval)
         return found
+
+    def interval_to(self, stamp: int) -> float:
+        """Time that a measurement at a stamp [ns] counts if it is rejected [s]."""
+        if self.counts.stamp == NEVER:
+            return LONGEST_COUNTED
+        return min(LONGEST_COUNTED, (stamp - self.counts.stamp) * NANOSECOND)
 
     def keep(self, stamp: int, verdict: int, z: Floats, S: Floats) -> None:
         """Keep the newest innovation z (n,), and its covariance S (n, n)."""
@@ -176,14 +198,14 @@ class Gate:
             counts.reacquired,
         )
 
-    def restore(self, health: SensorHealth, rejected_in_a_row: int) -> None:
+    def restore(self, health: SensorHealth, rejected_for: float) -> None:
         """Restore the counts of a checkpoint.
 
         Raises:
             ValueError: its newest innovation is not of this gate.
         """
         counts = GateRecord(
-            rejected_in_a_row,
+            rejected_for,
             health.judged_count,
             health.used,
             health.rejected.get("gate", 0),
@@ -218,10 +240,19 @@ def gates_of(
     Args:
         components: names of the innovations' components, by sensor.
         settings: settings of the gates.
-        records: counts that exist already, by sensor.
+        records: counts that exist already, by sensor of the IMU.
         make_record: makes the others from new ones.
     """
     return {
-        name: Gate(len(found), settings, records.get(name) or make_record(GateRecord()))
+        name: Gate(
+            len(found),
+            imu_patience(settings) if name in records else settings.patience,
+            records.get(name) or make_record(GateRecord()),
+        )
         for name, found in components.items()
     }
+
+
+def imu_patience(settings: GateSettings) -> float:
+    """Patience with samples of the IMU [s]."""
+    return min(IMU_PATIENCE, settings.patience)

@@ -17,8 +17,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 
-# Least number of rejected fixes.
-FEWEST = 5
+# Least number of rejected fixes, and most that are kept.
+FEWEST, MOST = 5, 64
 # Largest standard deviation of the turn [rad], and least turn, in such standard deviations; otherwise a
 # shift is enough.
 KNOWN_TURN, CLEAR_TURN = 0.3, 4.0

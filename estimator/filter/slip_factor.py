@@ -1,4 +1,4 @@
-"""Factor on the slip, doubt of the gyro's bias, and scatter, by successive fixes.
+"""Factor on the slip, slip of both tracks, and scatter, by successive fixes.
 
 The innovations of a filter with the right slip are white: they do not know of each other. If the slip is
 larger than assumed, or the parameters are those of other ground, those of successive fixes point to the
@@ -9,12 +9,10 @@ Errors of fixes that wander point to one side, too. But their size is within wha
 innovations are then smaller than expected, while slip makes them larger. So a trend of small ones counts
 less.
 
-A gyro's bias that jumped turns the pose. Fixes then lie beside the path, more and more of them, while the
-filter is sure of yaw and bias. From a trend to one side on, and when fixes beside the path are rejected,
-both are made uncertain. They are so together, since the yaw is off by the bias times a time: what fixes
-teach of the yaw, they teach of the bias. Fixes that are rejected ahead or behind show nothing of it: on
-other ground the robot goes more or less far than estimated. These double the factor, until the gate
-admits fixes again. Fixes of plain GPS, whose errors wander, do neither.
+Both tracks may spin on one spot, or slide, and then all of their speed is slip. Precise fixes are
+rejected then, ahead or behind, by more and more, but by no more than the tracks have travelled meanwhile.
+After some of them position and slip are made uncertain together, by what these fixes show. Fixes that
+jump, or that are off to a side, are rejected as any others.
 
 Functions of plain numbers are written for plain Python and, traced, for lanes.
 """
@@ -22,18 +20,21 @@ Functions of plain numbers are written for plain Python and, traced, for lanes.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.choices import select
 from icreckon.estimator.faults.scattering_fixes import Scatter, scatter_after
 from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.filter_record import FilterRecord
-from icreckon.estimator.filter.gate import GateRecord
+from icreckon.estimator.filter.gate import Gate, GateRecord
 from icreckon.estimator.filter.health import ADMITTED
 from icreckon.estimator.filter.process_noise import travel_speed
+from icreckon.estimator.filter.update import normalised_square
+from icreckon.estimator.sensors.measurement_models import Linearised
 
 # Weight of a position fix in the trend, and in the size of the innovations.
 TREND_WEIGHT, SIZE_WEIGHT = 0.2, 0.1
@@ -52,11 +53,9 @@ ROUNDING = 1e-12
 EXPECTED_SQUARE = 1.25
 # Largest one that counts, and largest factor.
 LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
-# Normalised square of the trend to the left from which on the gyro's bias is doubted, and at which it is
-# doubted fully, as it is after so many rejected fixes. So is the yaw: by the bias for this time [s].
-DOUBT, FULL_DOUBT, REJECTED_FIXES, DOUBTED_TIME = 12.0, 24.0, 3, 5.0
-# Variances of fixes that may raise all of it, as those of RTK, and none [m²].
-PRECISE, COARSE = 0.1**2, 0.3**2
+# Time of rejected fixes that slip explains after which it does, and least number of them before [s]. What
+# it explains: this share of the tracks' way, and so many standard deviations.
+SLIP_TIME, SLIP_FIXES, SLIP_SHARE, SLIP_SIGMAS = 0.5, 2.0, 1.2, 3.0
 
 
 def normalised(
@@ -137,16 +136,6 @@ def slip_factor_after(factor: Any, present: Any, left: Any, right: Any) -> Any:
     return max(present, factor - forgotten * (factor - 1.0))
 
 
-def factor_after_rejection(factor: Any, share: Any) -> Any:
-    """Factor on the slip after another position fix that is rejected ahead or behind.
-
-    Args:
-        factor: the factor before.
-        share: share of a doubling, 0 to 1.
-    """
-    return min(LARGEST_FACTOR, factor * (1.0 + share))
-
-
 def is_moving(left: Any, right: Any) -> Any:
     """Return 1 for a moving robot and 0 for one at rest, and less than 1 between.
 
@@ -157,66 +146,96 @@ def is_moving(left: Any, right: Any) -> Any:
     return min(1.0, travel_speed(left, right) / MOVING)
 
 
-def bias_doubt(trend: tuple[Any, Any, Any], left: Any, right: Any) -> Any:
-    """Share of the gyro's initial variance of bias to be added after a position fix.
+class SlipShown(NamedTuple):
+    """Slip of both tracks that rejected fixes show.
 
-    A bias that jumped turns the pose, and fixes then lie beside the path, one after the other.
+    Attributes:
+        time: time of those that it explains so far [s]; 0 after another one.
+        is_found: it explains the newest, too, after enough of them.
+        position: standard deviation to add to the position along the robot [m].
+        speed: standard deviation to add to the slip of v_x, with the same error [m/s].
+    """
+
+    time: Any
+    is_found: Any
+    position: Any
+    speed: Any
+
+
+def slip_shown(
+    time: Any, z: tuple[Any, Any], S: tuple[Any, Any, Any], heading: Any, speed: Any, interval: Any
+) -> SlipShown:
+    """Slip of both tracks by a position fix that the gate would reject.
 
     Args:
-        trend: see `trend_after`, this fix included.
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
+        time: time of rejected fixes that slip has explained [s].
+        z: innovation in x and y [m].
+        S: its covariance, xx, xy and yy [m²].
+        heading: cosine and sine of the yaw.
+        speed: mean distance per second that the tracks travel [m/s].
+        interval: time since the fix before [s].
     """
-    size = min(1.0, trend[2] / FULL_SIZE)
-    square = size * size * trend[1] * trend[1] / OF_WHITE
-    share = max(0.0, min(1.0, (square - DOUBT) / (FULL_DOUBT - DOUBT)))
-    return share * is_moving(left, right)
+    cos, sin = heading
+    ahead, beside = normalised(z, S, heading)
+    along, after = cos * z[0] + sin * z[1], time + interval
+    sigma = math.sqrt(max(0.0, cos * cos * S[0] + 2.0 * cos * sin * S[1] + sin * sin * S[2]))
+    explains = abs(along) < SLIP_SHARE * speed * after + SLIP_SIGMAS * sigma
+    explains = explains & (beside * beside < ahead * ahead)
+    enough = time >= max(SLIP_TIME, SLIP_FIXES * interval)
+    return SlipShown(select(explains, after, 0.0), explains & enough, along, along / after)
 
 
-def is_beside(ahead: Any, beside: Any) -> Any:
-    """Return True if a normalised innovation is more to a side than ahead."""
-    return beside * beside > ahead * ahead
-
-
-def precision(variance: Any) -> Any:
-    """Share of the doubt that position fixes of a variance [m²] may raise.
-
-    Errors of plain GPS wander to a side as the errors of a bias do.
-    """
-    return max(0.0, min(1.0, (COARSE - variance) / (COARSE - PRECISE)))
-
-
-def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float, variance: float) -> float:
-    """Adapt the factor to the newest position fix.
+def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
+    """Adapt the factor to the newest position fix, if the gate admitted it.
 
     Args:
         record: record of the filter, changed in place.
         fixes: gate of the position fixes.
         yaw: yaw at the fix [rad].
-        variance: variance of each coordinate of the fix, wander included [m²].
-
-    Returns:
-        Share of the gyro's initial variance of bias to be added, see `bias_doubt`.
     """
+    if fixes.verdict != ADMITTED:
+        return
     ahead, beside = normalised(
         (fixes.z[0], fixes.z[1]),
         (fixes.S[0], fixes.S[1], fixes.S[3]),
         (math.cos(yaw), math.sin(yaw)),
     )
     speeds = record.tracks.smooth_left, record.tracks.smooth_right
-    if fixes.verdict != ADMITTED:
-        share = precision(variance) if fixes.rejected_in_a_row >= REJECTED_FIXES else 0.0
-        if is_beside(ahead, beside):
-            return float(share)
-        share *= is_moving(*speeds)
-        record.present_factor = factor_after_rejection(record.present_factor, share)
-        record.slip_factor = max(record.slip_factor, record.present_factor)
-        return 0.0
     trend = trend_after((record.trend_forward, record.trend_left, record.trend_size), ahead, beside)
     record.trend_forward, record.trend_left, record.trend_size = trend
     record.present_factor = present_factor_after(record.present_factor, trend, *speeds)
     record.slip_factor = slip_factor_after(record.slip_factor, record.present_factor, *speeds)
-    return float(precision(variance) * bias_doubt(trend, *speeds))
+
+
+def follow_slip(
+    ekf: IcrEkf, record: FilterRecord, gate: Gate, found: Linearised, yaw: float, interval: float
+) -> None:
+    """Make position and slip uncertain if rejected fixes show slip of both tracks.
+
+    Args:
+        ekf: the filter, changed in place.
+        record: its record, changed in place.
+        gate: gate of the position fixes.
+        found: the newest fix, before its gate.
+        yaw: yaw at the fix [rad].
+        interval: time since the fix before [s].
+    """
+    z, H, R = found
+    S = ekf.innovation_covariance(H, R)
+    time, record.slip_time = record.slip_time, 0.0
+    if normalised_square(z, S) <= gate.threshold:
+        return
+    heading = math.cos(yaw), math.sin(yaw)
+    of_z = (z.item(0), z.item(1)), (S.item(0, 0), S.item(0, 1), S.item(1, 1))
+    speed = travel_speed(record.tracks.smooth_left, record.tracks.smooth_right)
+    shown = slip_shown(time, *of_z, heading, speed, interval)
+    if not shown.is_found:
+        record.slip_time = shown.time
+        return
+    record.present_factor = record.slip_factor = LARGEST_FACTOR
+    ahead = shown.position
+    more = np.array([heading[0] * ahead, heading[1] * ahead, shown.speed])
+    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(more, more))
 
 
 def doubt(ekf: IcrEkf, bias: float, shared: float, yaw: float) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.filter.ekf import ROUNDING_SHARE, IcrEkf
-from icreckon.estimator.filter.gate import Gate, inflation
+from icreckon.estimator.filter.gate import Gate, inflation, patience_for
 from icreckon.estimator.filter.health import REACQUIRED, REJECTED
 from icreckon.estimator.sensors.measurement_models import Linearised, MeasurementModel
 from icreckon.estimator.sensors.sensor_models import shift
@@ -28,7 +28,9 @@ def update(
     gate: Gate,
     linearised: Linearised,
     stamp: int,
+    interval: float,
     *,
+    fastest: float,
     recover: Callable[[], bool] | None = None,
 ) -> bool:
     """Update with a measurement, all of its components or none.
@@ -39,6 +41,8 @@ def update(
         gate: gate of the sensor.
         linearised: the measurement at the present state.
         stamp: stamp of the measurement [ns].
+        interval: time that it counts if it is rejected [s].
+        fastest: highest track speed of the robot [m/s].
         recover: called in place of inflation and update when re-acquiring; False if it did nothing.
 
     Returns:
@@ -48,7 +52,8 @@ def update(
     z, H, R = linearised
     S = ekf.innovation_covariance(H, R)
     nis = normalised_square(z, S)
-    verdict = gate.judge(nis)
+    square = float(z[:2] @ z[:2]) if model.is_place else 0.0
+    verdict = gate.judge(nis, interval, patience_for(square, gate.patience, fastest))
     recovered = verdict == REACQUIRED and recover is not None and recover()
     if verdict == REACQUIRED and not recovered:
         R = _inflated(ekf, model, linearised, S)

@@ -13,7 +13,6 @@ from icreckon.estimator.base.checks import (
     WanderSigma,
     WanderTime,
     check_bounds,
-    is_whole,
     require_choice,
     require_flag,
     require_kind,
@@ -29,6 +28,7 @@ Engine = Literal["compiled", "plain"]
 LONGEST_HISTORY = 60.0
 # Largest valid time, thirty years [s].
 LONGEST_TIME = 1e9
+_PATIENCE = Bound("a time of 0 s or more", 0.0, LONGEST_TIME)
 _HISTORY = Bound(f"from 0 to {LONGEST_HISTORY:g} s", 0.0, LONGEST_HISTORY)
 _SOME_TIME = Bound(
     f"a time of more than 0 s, and no more than {LONGEST_TIME:g} s", 0.0, LONGEST_TIME, beyond=True
@@ -39,20 +39,18 @@ class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Settings of the chi-square gates.
 
     Attributes:
-        patience: number of consecutive rejections after which the next sample is accepted; at 0 none
-            is rejected.
+        patience: time of rejections in a row after which the next fix is used [s]; at 0 none is
+            rejected. A fix counts at most 1 s, and one that is far away must be confirmed for as long as
+            the robot would take to get there, or for six times this. Of the IMU, 0.1 s is enough.
 
     Raises:
-        EstimatorError: `patience` is not a whole number of at least 0.
+        EstimatorError: `patience` is not a time of at least 0 s.
     """
 
-    patience: int = 10
+    patience: float = 10.0
 
     def __post_init__(self) -> None:
-        if not is_whole(self.patience) or self.patience < 0:
-            raise SettingError(
-                f"GateSettings.patience must be a whole number, 0 or more, found {self.patience!r}"
-            )
+        _PATIENCE.require("GateSettings.patience", self.patience, SettingError)
 
 
 # A shorter time contains no readings, and the readings of a longer one are kept in vain [s].

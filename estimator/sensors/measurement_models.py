@@ -104,6 +104,7 @@ class MeasurementModel:
             own component.
         fixed: states that updates do not move; the covariance takes that into account.
         stand_in: state that updates move in place of the fixed ones, see `IcrEkf.update_scalar`.
+        is_place: the first two components are a position [m].
         correlated: updates use the correlations of R. If not, only the gate does.
     """
 
@@ -113,6 +114,7 @@ class MeasurementModel:
     inflated_jointly: ClassVar[bool] = False
     fixed: tuple[int, ...] = ()
     stand_in: int | None = None
+    is_place: ClassVar[bool] = False
     correlated: ClassVar[bool] = True
 
 
@@ -142,7 +144,7 @@ class Position(FixModel[PositionFix]):
 
     name, predicts = "position", "pose"
     components = ("position_x", "position_y")
-    inflated, inflated_jointly = (s.X, s.Y), True
+    inflated, inflated_jointly, is_place = (s.X, s.Y), True, True
     # Its noise is isotropic; only the motion ahead of the IMU correlates x and y, a little.
     correlated = False
 
@@ -190,7 +192,7 @@ class Pose(FixModel[PoseFix]):
 
     name, predicts = "pose", "pose"
     components = ("pose_x", "pose_y", "pose_yaw")
-    inflated = (s.X, s.Y, s.YAW)
+    inflated, is_place = (s.X, s.Y, s.YAW), True
 
     def linearise(self, measurement: PoseFix, predicted: Prediction) -> Linearised:
         """Compare the pose with its prediction."""
