@@ -71,7 +71,7 @@ class Subscription(NamedTuple):
 
 
 class _Arrived(NamedTuple):
-    """Row of a message whose clock is not chosen yet; times in ns, header or None."""
+    """Row of a message; times in ns, header None without a stamp or with a stamp of 0."""
 
     purpose: str
     msgtype: str
@@ -116,6 +116,7 @@ class LiveInputs:
     _counter: tuple[int, np.ndarray[Any, Any]] | None = None
     _newest_transform: int = -1
     _went_back: int | None = None
+    _ahead: int = 0
 
     def __post_init__(self) -> None:
         """Refuse a mapping without track speeds.
@@ -199,6 +200,7 @@ class LiveInputs:
         else:
             arrived = self._arrived(stream, msgtype, message, arrival)
         self.clock_step = 0
+        arrived = [self._stamped(one) for one in arrived]
         if subscription.purpose in WATCHED:
             passed = arrival if steady is None else steady
             arrived = [found for one in arrived for found in self._watched(one, passed)]
@@ -228,7 +230,7 @@ class LiveInputs:
         self.clocks.clear()
         self._watch.restart()
         self._waiting.clear()
-        self._begun, self._counter, self._newest_transform = None, None, -1
+        self._begun, self._counter, self._newest_transform, self._ahead = None, None, -1, 0
         for stream in self._streams.values():
             if isinstance(stream, TransformStream):
                 stream.forget_transforms()
@@ -248,7 +250,7 @@ class LiveInputs:
         header = getattr(message, "header", None)
         if header is not None and stream.purpose == "fixes":
             self.fix_frame = header.frame_id.removeprefix("/")
-        stamp = None if header is None else stamp_of(header)
+        stamp = None if header is None else stamp_of(header) or None
         if stamp is not None and self._is_left_over(stamp, arrival):
             return self._lose(stream.purpose, "from before the clock went back")
         return [_Arrived(stream.purpose, msgtype, stamp, arrival, row)]
@@ -267,14 +269,27 @@ class LiveInputs:
         if new.any():
             self._newest_transform = int(stamps[-1])
         return [
-            _Arrived(stream.purpose, msgtype, stamp, arrival, tuple(row))
+            _Arrived(stream.purpose, msgtype, stamp or None, arrival, tuple(row))
             for stamp, row in zip(stamps[new].tolist(), rows[new].tolist(), strict=True)
         ]
 
+    def _stamped(self, one: _Arrived) -> _Arrived:
+        """The message; without a stamp in a stream with header stamps, its arrival by their clock."""
+        if not self._by_header(one):
+            return one
+        if one.header is None:
+            return one._replace(header=one.arrival + self._ahead)
+        if one.purpose in WATCHED:
+            self._ahead = one.header - one.arrival
+        return one
+
+    def _by_header(self, one: _Arrived) -> bool:
+        choice = self.clocks.get(one.purpose)
+        return choice is not None and choice.clock == "header"
+
     def _watched(self, one: _Arrived, steady: int) -> list[_Arrived]:
         """Messages that are ready once it is known whether a clock was set forward."""
-        choice = self.clocks.get(one.purpose)
-        if not one.header or choice is None or choice.clock != "header":
+        if one.header is None or not self._by_header(one):
             return [one]
         found = self._watch.take(one.purpose, one.header, steady, one)
         for _ in range(found.lost):
@@ -336,7 +351,7 @@ class LiveInputs:
         evidence = {}
         for purpose, stream in self._streams.items():
             rows = [one for one in self._waiting if one.purpose == purpose]
-            offsets = [one.header - one.arrival for one in rows if one.header]
+            offsets = [one.header - one.arrival for one in rows if one.header is not None]
             if not rows:
                 continue
             headers = {one.header for one in rows}

@@ -211,6 +211,35 @@ def test_messages_left_over_from_before_the_clock_went_back_are_dropped(
     assert sum(live.inputs.lost.values()) == len(left_over)
 
 
+def without_stamp(one: Arrived) -> Arrived:
+    message = deepcopy(one.message)
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+    return one._replace(message=message)
+
+
+@pytest.mark.parametrize("offset", [0, 100 * 86_400 * 10**9])
+@pytest.mark.parametrize("streams", ["imu joint_states", "imu joint_states fix", "joint_states"])
+def test_messages_with_a_stamp_of_zero_go_by_their_arrival(
+    robot: Robot, messages: list[Arrived], offset: int, streams: str
+) -> None:
+    """A tenth of a second of them under way; the clock of the headers may be another."""
+    sent = [one._replace(arrival=one.arrival - offset) for one in messages]
+    sound = live_run(robot, sent)[-1]
+    begin = sent[0].arrival + 4 * 10**9
+    sent = [
+        without_stamp(one)
+        if one.topic.split("/")[1] in streams and 0 <= one.arrival - begin <= 10**8
+        else one
+        for one in sent
+    ]
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    last = list(through(live, sent))[-1]
+    assert live.odom.health.clock_steps == 0
+    assert last.stamp == sound.stamp
+    assert last.pose == pytest.approx(sound.pose, abs=1e-3)
+    assert last.pose_covariance == pytest.approx(sound.pose_covariance, rel=1e-3, abs=1e-9)
+
+
 def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path: Path) -> None:
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
     assert not live.warm
