@@ -139,6 +139,7 @@ class OdometryNode:
             base_offset=options.base,
             odom_frame=options.odom_frame,
         )
+        self._warn_of_state_file()
         self._statuses = LiveStatuses(self.live)
         self._missing = list(self.live.inputs.subscriptions())
         self._inbox = Inbox()
@@ -452,9 +453,14 @@ class OdometryNode:
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         self.live.restart()
+        self._warn_of_state_file()
         response.success = True
         response.message = "started anew at the origin, with the learnt parameters"
         return response
+
+    def _warn_of_state_file(self) -> None:
+        if self.live.set_aside:
+            self._warn(self.live.set_aside)
 
     def _save_learnt(self) -> str | None:
         """Write the state file; return the problem if it cannot be written."""

@@ -274,7 +274,7 @@ class LiveInputs:
         ]
 
     def _stamped(self, one: _Arrived) -> _Arrived:
-        """The message; without a stamp in a stream with header stamps, its arrival by their clock."""
+        """Stamp a message without one by its arrival, in a stream with header stamps."""
         if not self._by_header(one):
             return one
         if one.header is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -82,6 +82,17 @@ def through(live: LiveOdometry, messages: Iterable[Arrived]) -> Iterator[LiveEst
         if topic in topics:
             yield from live.take(topics[topic], msgtype, message, when)
     yield from live.flush(when)
+
+
+@pytest.fixture(scope="module")
+def state_file(
+    robot: Robot, messages: list[Arrived], tmp_path_factory: pytest.TempPathFactory
+) -> bytes:
+    path = tmp_path_factory.mktemp("state") / "state.json"
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    list(through(live, messages))
+    live.save(path)
+    return path.read_bytes()
 
 
 def live_run(robot: Robot, messages: Iterable[Arrived], **options: Any) -> list[LiveEstimate]:
@@ -251,11 +262,76 @@ def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path
     assert warm.warm
     assert warm.odom.stamp is None
     assert warm.odom.parameters == live.map.estimator.parameters
+
+
+def _truncated(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        _truncated,
+        lambda _: b"",
+        lambda _: b"\x00\xff{]",
+        lambda content: content.replace(b'"version": 5', b'"version": 4'),
+        lambda content: content.replace(b"constant-online", b"inertia-online"),
+        lambda content: content.replace(b"[", b"[" * 10_000),
+    ],
+    ids=["truncated", "empty", "garbage", "version", "by hand", "deep"],
+)
+def test_a_state_file_that_cannot_be_used_is_set_aside(
+    damage: Callable[[bytes], bytes], robot: Robot, state_file: bytes, tmp_path: Path
+) -> None:
+    path, earlier = tmp_path / "state.json", tmp_path / "state.json.unusable-1"
+    earlier.write_bytes(b"earlier")
+    path.write_bytes(damage(state_file))
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=path)
+    assert not live.warm
+    aside = tmp_path / "state.json.unusable-2"
+    assert f"{path} is set aside as {aside}" in live.set_aside
+    assert aside.read_bytes() == damage(state_file)
+    assert earlier.read_bytes() == b"earlier"
+    assert not path.exists()
+
+
+def test_a_state_file_of_another_robot_is_set_aside(
+    robot: Robot, state_file: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "state.json"
+    path.write_bytes(state_file)
+    with pytest.raises(EstimatorError, match="constant-onlin"):
+        LiveOdometry(robot, "constant-onlin", saved=path)
     wider = msgspec.structs.replace(
         robot, vehicle=msgspec.structs.replace(robot.vehicle, track_gauge=0.6)
     )
-    with pytest.raises(EstimatorError, match="track_gauge"):
-        LiveOdometry(wider, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
+    assert path.exists()
+    live = LiveOdometry(wider, VARIANT, settings=SETTINGS, saved=path)
+    assert "track_gauge" in live.set_aside
+    assert not live.warm
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("entry", [1e9, np.nan])
+def test_a_lost_filter_is_an_error_and_is_not_saved(
+    entry: float, robot: Robot, messages: list[Arrived], state_file: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "state.json"
+    path.write_bytes(state_file)
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=path, use_fixes=False)
+    list(through(live, messages[:300]))
+    live.odom._reckoning.ekf.P[0, 0] = entry
+    pose = {one.name: one for one in LiveStatuses(live).report()}["icreckon: pose in odom"]
+    assert pose.level == ERROR
+    assert "~/reset" in pose.message
+    with pytest.raises(EstimatorError, match="not written, the filter is lost"):
+        live.save(path)
+    assert path.read_bytes() == state_file
+    live.restart()
+    assert live.warm
+    last = list(through(live, messages))[-1]
+    assert np.sqrt(last.pose_covariance[0, 0]) < 1.0
+    live.save(path)
 
 
 def test_a_map_that_begins_elsewhere_is_taken_over(
