@@ -25,7 +25,13 @@ from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.mapping.track_units import differences
-from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks, clocks_agree
+from icreckon.replay.reading.clocks import (
+    CLOCKS_APART,
+    Choice,
+    Evidence,
+    choose_clocks,
+    clocks_agree,
+)
 from icreckon.replay.reading.conversions import (
     fill_variances,
     headings,
@@ -274,27 +280,29 @@ class LiveInputs:
         ]
 
     def _stamped(self, one: _Arrived) -> _Arrived:
-        """Stamp a message without one by its arrival, in a stream with header stamps."""
-        if not self._by_header(one):
+        """Stamp a message without a stamp by its arrival, in the headers' clock."""
+        if self._is_by_header(one):
+            return one if one.header is not None else one._replace(header=one.arrival + self._ahead)
+        if abs(self._ahead) * NANOSECOND <= CLOCKS_APART:
             return one
-        if one.header is None:
-            return one._replace(header=one.arrival + self._ahead)
-        if one.purpose in WATCHED:
-            self._ahead = one.header - one.arrival
-        return one
+        return one._replace(arrival=one.arrival + self._ahead)
 
-    def _by_header(self, one: _Arrived) -> bool:
+    def _is_by_header(self, one: _Arrived) -> bool:
         choice = self.clocks.get(one.purpose)
         return choice is not None and choice.clock == "header"
 
     def _watched(self, one: _Arrived, steady: int) -> list[_Arrived]:
         """Messages that are ready once it is known whether a clock was set forward."""
-        if one.header is None or not self._by_header(one):
+        if one.purpose not in self.clocks:
             return [one]
-        found = self._watch.take(one.purpose, one.header, steady, one)
+        stamp = one.header if self._is_by_header(one) and one.header is not None else one.arrival
+        found = self._watch.take(one.purpose, stamp, steady, one)
         for _ in range(found.lost):
             self._lose(one.purpose, "stamp far ahead")
         self.clock_step = found.step
+        for ready in found.ready:
+            if self._is_by_header(ready) and ready.header is not None:
+                self._ahead = ready.header - ready.arrival
         return found.ready
 
     def _reader(self, stream: Stream, msgtype: str) -> RowReader:
@@ -347,12 +355,16 @@ class LiveInputs:
         return True
 
     def _evidence(self) -> dict[str, Evidence]:
-        """Evidence about the clocks of the streams that wait."""
-        evidence = {}
+        """Evidence about the clocks of the streams, those that are chosen included."""
+        evidence = {
+            purpose: Evidence(stream.topic, stream.time, 0.0)
+            for purpose, stream in self._streams.items()
+            if purpose in self.clocks
+        }
         for purpose, stream in self._streams.items():
             rows = [one for one in self._waiting if one.purpose == purpose]
             offsets = [one.header - one.arrival for one in rows if one.header is not None]
-            if not rows:
+            if not rows or purpose in self.clocks:
                 continue
             headers = {one.header for one in rows}
             evidence[purpose] = Evidence(

@@ -251,6 +251,42 @@ def test_messages_with_a_stamp_of_zero_go_by_their_arrival(
     assert last.pose_covariance == pytest.approx(sound.pose_covariance, rel=1e-3, abs=1e-9)
 
 
+@pytest.mark.parametrize("late", ["imu", "fix"])
+@pytest.mark.parametrize("days", [-100, 100])
+def test_a_stream_that_starts_late_by_another_clock_goes_by_its_arrival(
+    robot: Robot, messages: list[Arrived], late: str, days: int
+) -> None:
+    start = messages[0].arrival + 4 * 10**9
+    sent = [one for one in messages if late not in one.topic or one.arrival > start]
+    sound = live_run(robot, sent)[-1]
+    moved = []
+    for one in sent:
+        message = deepcopy(one.message)
+        if late in one.topic:
+            message.header.stamp.sec += days * 86_400
+        moved.append(one._replace(message=message))
+    last = live_run(robot, moved)[-1]
+    assert last.pose == pytest.approx(sound.pose, abs=1e-6)
+    assert last.map_pose == pytest.approx(sound.map_pose, abs=1e-6)
+
+
+@pytest.mark.parametrize("by", [10.0, 3e8])
+def test_the_clock_of_messages_without_stamps_may_be_set(
+    robot: Robot, messages: list[Arrived], by: float
+) -> None:
+    """That of the system, which stamps their arrival; the steady one goes on."""
+    sound = live_run(robot, messages)[-1]
+    live, estimates = LiveOdometry(robot, VARIANT, settings=SETTINGS), []
+    for one in map(without_stamp, messages):
+        ahead = round(by * 1e9) if one.arrival - messages[0].arrival > 4 * 10**9 else 0
+        topic, steady = subscriptions(live)[one.topic], one.arrival
+        estimates += live.take(topic, one.msgtype, one.message, steady + ahead, steady)
+    last = estimates[-1]
+    assert live.odom.health.clock_steps == 1
+    assert last.pose == pytest.approx(sound.pose, abs=1e-3)
+    assert last.pose_covariance == pytest.approx(sound.pose_covariance, rel=1e-2, abs=1e-9)
+
+
 def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path: Path) -> None:
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
     assert not live.warm
