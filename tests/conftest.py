@@ -7,7 +7,6 @@ import shutil
 import subprocess
 import time
 import venv
-from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -63,15 +62,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the files of `LONG` first."""
     order = {name: place for place, name in enumerate(LONG)}
     items.sort(key=lambda item: order.get(item.path.name, len(LONG)))
-
-
-@pytest.fixture(autouse=True)
-def same_noise_in_any_order(request: pytest.FixtureRequest) -> None:
-    """Each test has the same noise of its module's `RNG`, whichever ran before it."""
-    rng = getattr(request.module, "RNG", None)
-    if isinstance(rng, np.random.Generator):
-        first = request.module.__dict__.setdefault("_first", deepcopy(rng.bit_generator.state))
-        rng.bit_generator.state = first
 
 
 def thorough(*values: object) -> Any:

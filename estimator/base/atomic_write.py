@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -22,13 +23,18 @@ ABANDONED = 60.0
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file beside its place, and move it there.
 
+    It has the mode of the file that it replaces. A symbolic link stays: what it points to is replaced.
+
     Raises:
         OSError: the file cannot be written; nothing is left beside its place.
     """
+    path = Path(os.path.realpath(path))
     beside = path.with_name(f"{path.name}.{uuid4().hex}{TEMPORARY}")
     try:
         with beside.open("wb") as file:
             hold(file)
+            if path.exists():
+                shutil.copymode(path, beside)
             file.write(content)
             file.flush()
             os.fsync(file.fileno())

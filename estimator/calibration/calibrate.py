@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.calibration.assembly import as_found, assembled, with_difference
 from icreckon.estimator.calibration.common_values import with_common
@@ -19,6 +19,7 @@ from icreckon.estimator.calibration.position_truth import with_headings
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Motion, Recording, motion_of, record
+from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.lag import NOWHERE
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
@@ -148,8 +149,8 @@ def _check_truths(logs: Sequence[Log]) -> None:
     for log in logs:
         if log.truth is None or len(log.tracks.stamps) < 2 or len(log.truth.poses.stamps) < 2:
             continue
-        seconds = (log.tracks.stamps - log.tracks.stamps[0]) * NANOSECOND
-        driven = float(np.trapezoid(np.abs(log.tracks.speeds.mean(axis=1)), seconds))
+        speeds = np.abs(log.tracks.speeds.mean(axis=1))
+        driven = float(running_integral(log.tracks.stamps, speeds)[-1])
         moved = float(path_length(log.truth.poses)[-1])
         if driven > 1.0 and moved < LEAST_MOVED * driven:
             raise EstimatorError(

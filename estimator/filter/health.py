@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -130,18 +130,7 @@ class SensorHealth:
 
     def copy(self) -> SensorHealth:
         """Copy the counts."""
-        return SensorHealth(
-            self.used,
-            self.rejected.copy(),
-            self.nis_sum,
-            self.degrees,
-            self.late,
-            self.judged_count,
-            self.newest_nis,
-            self.recent_nis,
-            self.newest_judged,
-            self.reacquired,
-        )
+        return replace(self, rejected=self.rejected.copy())
 
     def add(self, other: SensorHealth) -> None:
         """Add the counts of another."""
@@ -519,26 +508,19 @@ class Health:
     def copy(self) -> Health:
         """Copy the counts."""
         sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
-        return Health(
-            sensors,
-            self.standstill_updates,
-            self.track_gaps,
-            self.stuck_tracks,
-            self.clock_steps,
-            self.track_latency,
-            self.noise.copy(),
-            self.slip,
-        )
+        return replace(self, sensors=sensors, noise=self.noise.copy())
 
     def add(self, other: Health) -> None:
-        """Add the counts of another."""
+        """Add the counts of another, and take over its events and estimates."""
         for name, sensor in other.sensors.items():
             self.sensor(name).add(sensor)
-        self.standstill_updates += other.standstill_updates
-        self.track_gaps += other.track_gaps
-        self.stuck_tracks += other.stuck_tracks
-        self.clock_steps += other.clock_steps
         self.noise.update(other.noise)
+        for one in fields(self):
+            theirs, nothing = getattr(other, one.name), getattr(Health(), one.name)
+            if isinstance(theirs, int):
+                setattr(self, one.name, getattr(self, one.name) + theirs)
+            elif not isinstance(theirs, dict) and theirs != nothing:
+                setattr(self, one.name, theirs)
 
 
 def add_estimates(health: Health, x: Floats, P: Floats, imu: Imu) -> None:

@@ -41,10 +41,18 @@ from icreckon.ros2.messages import (
     odom_in_map,
     pose_of,
 )
-from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions, options_from, unknown_parameters
-from icreckon.ros2.topics import find_topic, input_qos, message_class
+from icreckon.ros2.parameters import (
+    DESCRIPTIONS,
+    OF_QOS,
+    NodeOptions,
+    check_qos,
+    options_from,
+    unknown_parameters,
+)
+from icreckon.ros2.topics import find_topic, input_qos, message_class, overridable
 
 NODE_NAME = "icreckon"
+OUTPUTS = ("odom", "pose_in_map", "/tf", "icrs", "/diagnostics")
 DISCOVERY_PERIOD = 0.1
 """Time between two looks for input topics that nobody published before [s]."""
 QUIET = 0.2
@@ -139,6 +147,7 @@ class OdometryNode:
             base_offset=options.base,
             odom_frame=options.odom_frame,
         )
+        self._warn_of_state_file()
         self._statuses = LiveStatuses(self.live)
         self._missing = list(self.live.inputs.subscriptions())
         self._inbox = Inbox()
@@ -146,6 +155,7 @@ class OdometryNode:
         self._last_message = self._started = time.monotonic()
         self._silent = list(self._missing)
         self._last_markers = 0
+        self._check_qos()
         self._make_publishers()
         self._check_topics()
         self._listen_for_pose()
@@ -171,7 +181,13 @@ class OdometryNode:
         from rcl_interfaces.msg import ParameterDescriptor
 
         # Declaring them all instead would refuse empty lists.
-        for text in unknown_parameters(getattr(self.node, "_parameter_overrides", {})):
+        overrides = getattr(self.node, "_parameter_overrides", {})
+        self._qos = {
+            name: one.value
+            for name, one in overrides.items()
+            if name.startswith(OF_QOS) and not self.node.has_parameter(name)
+        }
+        for text in unknown_parameters(name for name in overrides if not name.startswith(OF_QOS)):
             self._warn(text)
         defaults = {one.name: one.default for one in msgspec.structs.fields(NodeOptions)}
         given = {"robot": robot, "variant": variant}
@@ -186,6 +202,15 @@ class OdometryNode:
             value = default if parameter.value is None else parameter.value
             values[name] = value if given.get(name) is None else given[name]
         return options_from(values)
+
+    def _check_qos(self) -> None:
+        """Refuse an invalid override of a topic's QoS, and warn of one of no topic."""
+        resolve = self.node.resolve_topic_name
+        topics = [f"{resolve(one.topic)}.subscription" for one in self._missing]
+        topics += [f"{resolve('initialpose')}.subscription"]
+        topics += [f"{resolve(one)}.publisher" for one in OUTPUTS]
+        for text in check_qos(self._qos, topics):
+            self._warn(text)
 
     def _make_publishers(self) -> None:
         options, has_map = self.options, self.live.map is not None
@@ -231,7 +256,9 @@ class OdometryNode:
         """Make a publisher; keep the classes of its messages for `_new`."""
         for one in (msgtype, *parts):
             self._classes[one] = message_class(one)
-        return self.node.create_publisher(self._classes[msgtype], topic, depth)
+        return self.node.create_publisher(
+            self._classes[msgtype], topic, depth, qos_overriding_options=overridable()
+        )
 
     def _new(self, msgtype: str) -> Any:
         return self._classes[msgtype]()
@@ -289,7 +316,9 @@ class OdometryNode:
         if not hasattr(of_rclpy, "MessageInfo"):
             callback = partial(callback, info=NO_TIMES)
         kind = message_class(msgtype)
-        ros = self.node.create_subscription(kind, subscription.topic, callback, qos)
+        ros = self.node.create_subscription(
+            kind, subscription.topic, callback, qos, qos_overriding_options=overridable()
+        )
         self._inbox.add(Queue(subscription, msgtype, ros, options.input_depth))
         self._log.info(f"{subscription.purpose}: {subscription.topic} ({msgtype})")
 
@@ -298,7 +327,9 @@ class OdometryNode:
         if self.live.map is not None:
             callback = self._on_initial_pose
             kind = message_class(POSE_WITH_COVARIANCE)
-            self.node.create_subscription(kind, "initialpose", callback, 1)
+            self.node.create_subscription(
+                kind, "initialpose", callback, 1, qos_overriding_options=overridable()
+            )
 
     def _on_initial_pose(self, message: Any) -> None:
         frame, wanted = message.header.frame_id, self.options.map_frame
@@ -452,9 +483,14 @@ class OdometryNode:
 
     def _on_reset(self, _: Any, response: Any) -> Any:
         self.live.restart()
+        self._warn_of_state_file()
         response.success = True
         response.message = "started anew at the origin, with the learnt parameters"
         return response
+
+    def _warn_of_state_file(self) -> None:
+        if self.live.set_aside:
+            self._warn(self.live.set_aside)
 
     def _save_learnt(self) -> str | None:
         """Write the state file; return the problem if it cannot be written."""

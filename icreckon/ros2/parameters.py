@@ -133,20 +133,52 @@ OF_ROS = ("use_sim_time", "start_type_description_service")
 """Parameters that each node has."""
 OF_QOS = "qos_overrides."
 """Beginning of parameters that set the QoS of topics."""
+QOS_POLICIES: Mapping[str, tuple[str, ...]] = {
+    "history": ("keep_last", "keep_all", "system_default"),
+    "depth": (),
+    "reliability": ("reliable", "best_effort", "system_default"),
+    "durability": ("volatile", "transient_local", "system_default"),
+}
+"""Policies that can be set, and their values; a depth is a whole number."""
 
 
 def unknown_parameters(given: Iterable[str]) -> list[str]:
     """Text on each parameter that the node does not have.
 
     Args:
-        given: names of the parameters that are set.
+        given: names of the parameters that are set, without those of QoS.
     """
     known = list(DESCRIPTIONS)
-    return [
-        f"parameter {name!r} is unknown and has no effect{nearest_hint(name, known)}"
-        for name in sorted(given)
-        if name not in (*known, *OF_ROS) and not name.startswith(OF_QOS)
-    ]
+    return [_unknown(name, known) for name in sorted(given) if name not in (*known, *OF_ROS)]
+
+
+def check_qos(given: Mapping[str, Any], endpoints: Iterable[str]) -> list[str]:
+    """Check parameters that set the QoS of topics.
+
+    Args:
+        given: their values.
+        endpoints: topics of the node, as "/odom.publisher".
+
+    Returns:
+        Text on each parameter that the node does not have.
+
+    Raises:
+        EstimatorError: a value is invalid.
+    """
+    policies = {f"{OF_QOS}{one}.{policy}": policy for one in endpoints for policy in QOS_POLICIES}
+    for name, value in given.items():
+        policy = policies.get(name)
+        if policy == "depth" and (type(value) is not int or value < 0):
+            raise EstimatorError(f"parameter {name} must be a whole number, found {value!r}")
+        if (names := QOS_POLICIES.get(policy or "")) and value not in names:
+            raise EstimatorError(
+                f"parameter {name} {value!r}{nearest_hint(str(value), list(names))}"
+            )
+    return [_unknown(name, list(policies)) for name in sorted(given) if name not in policies]
+
+
+def _unknown(name: str, known: list[str]) -> str:
+    return f"parameter {name!r} is unknown and has no effect{nearest_hint(name, known)}"
 
 
 def options_from(values: Mapping[str, Any]) -> NodeOptions:

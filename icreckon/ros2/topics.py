@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.reading.stream import unreadable
-from icreckon.ros2.parameters import Reliability
+from icreckon.ros2.parameters import QOS_POLICIES, Reliability
 
 
 class Found(NamedTuple):
@@ -60,6 +60,14 @@ def message_class(msgtype: str) -> Any:
         raise ReplayError(
             f"messages of type {msgtype} cannot be read: install and source the ROS package {package}"
         ) from None
+
+
+def overridable() -> Any:
+    """Policies of a topic that the node's parameters can override."""
+    from rclpy.qos import QoSPolicyKind
+    from rclpy.qos_overriding_options import QoSOverridingOptions
+
+    return QoSOverridingOptions([QoSPolicyKind[one.upper()] for one in QOS_POLICIES])
 
 
 def input_qos(

@@ -33,8 +33,8 @@ Format = Literal["mcap", "sqlite3", "ros1"]
 PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
 
-MAGICS = (b"\x89MCAP0\r\n", b"SQLite format 3\0", b"#ROSBAG V2.0\n")
-"""First bytes of the files that a bag may replace."""
+MARK = "written_by_icreckon"
+"""Text in each bag, without which none is replaced."""
 
 UNSPECIFIED = QosTime(0, 0)
 LATCHED = Qos(
@@ -107,7 +107,7 @@ def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bo
         opened = partial(_ros2_writer, plugin=PLUGINS[kind], bare=path.suffix == SUFFIXES[kind])
     try:
         with (
-            written_beside(path, overwrite=overwrite, starts=MAGICS) as new,
+            written_beside(path, overwrite=overwrite, mark=MARK.encode()) as new,
             opened(new) as (writer, messages),
         ):
             _send(outboxes, writer, messages)
@@ -130,9 +130,9 @@ def _send(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
     def packed(outbox: Outbox) -> Iterator[tuple[int, Any, bytes]]:
         topic, msgtype = outbox.topic, outbox.msgtype
         if topic not in connections:
-            options: dict[str, Any] = {}
+            options: dict[str, Any] = {"callerid": f"/{MARK}"} if messages.ros1 else {}
             if outbox.latched:
-                options = {"latching": 1} if messages.ros1 else {"offered_qos_profiles": [LATCHED]}
+                options |= {"latching": 1} if messages.ros1 else {"offered_qos_profiles": [LATCHED]}
             connections[topic] = writer.add_connection(
                 topic, msgtype, typestore=messages.store, **options
             )
@@ -156,6 +156,7 @@ def _ros2_writer(path: Path, plugin: StoragePlugin, bare: bool) -> Iterator[tupl
     """Open a ROS 2 bag: a folder, or only its storage file."""
     folder = path.with_suffix("") if bare else path
     writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+    writer.set_custom_data(MARK, "true")
     if plugin is StoragePlugin.MCAP:
         # Covariances are mostly zeros: this makes odometry five times smaller.
         writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import re
 import shutil
 import tempfile
@@ -17,6 +18,8 @@ from icreckon.replay.base.errors import ReplayError
 MANIFEST = ".icreckon-files"
 # Suffixes of files beside the new output in its temporary folder: the lock, and what it replaces.
 OWNER, REPLACED = ".owner", ".replaced"
+# Length of the ends of a file that are searched for a mark [bytes].
+MARKED = 2**20
 # Errors of a file system that takes no more.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 
@@ -28,6 +31,7 @@ def written_beside(
     overwrite: bool = False,
     marker: str = "metadata.yaml",
     starts: tuple[bytes, ...] | None = None,
+    mark: bytes = b"",
     keeps_foreign: bool = False,
 ) -> Iterator[Path]:
     """Yield a temporary path and move it to `path` if the block succeeds.
@@ -43,6 +47,7 @@ def written_beside(
             cannot delete anything else.
         starts: accepted first bytes of a file that is replaced (an empty file may be, too); None
             for any file.
+        mark: bytes in the first or last `MARKED` of a file that is replaced, and of a folder's `marker`.
         keeps_foreign: whether a folder gets a list of its files, and files that a person has put into
             the one before it are kept.
 
@@ -53,7 +58,7 @@ def written_beside(
         ReplayError: something is there and may not be replaced, another process writes to `path`, or
             the file system refuses.
     """
-    check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts)
+    check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts, mark=mark)
     with ExitStack() as held:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -71,7 +76,7 @@ def written_beside(
         new = scratch / path.name
         with _named(new, path):
             yield new
-            check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts)
+            check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts, mark=mark)
             if keeps_foreign:
                 _copy_foreign(path, new)
             _move(new, path, scratch / f"{path.name}{REPLACED}")
@@ -164,6 +169,7 @@ def check_replaceable(
     overwrite: bool = False,
     marker: str = "metadata.yaml",
     starts: tuple[bytes, ...] | None = None,
+    mark: bytes = b"",
 ) -> None:
     """Refuse to replace a foreign output; arguments and errors as `written_beside`."""
     if not path.exists():
@@ -175,16 +181,31 @@ def check_replaceable(
             f"{path} is a folder without {marker}, so not one that icreckon wrote; "
             "it is not replaced, give another path"
         )
-    if path.is_file() and starts is not None and not _starts_so(path, starts):
+    own = path / marker if path.is_dir() else path
+    foreign = path.is_file() and starts is not None and not _starts_so(path, starts)
+    if foreign or (own.is_file() and not _is_marked(own, mark)):
+        kind = "folder" if path.is_dir() else "file"
         raise ReplayError(
-            f"{path} is a file that icreckon did not write; it is not replaced, give another path"
+            f"{path} is a {kind} that icreckon did not write; it is not replaced, give another path"
         )
 
 
 def _starts_so(path: Path, starts: tuple[bytes, ...]) -> bool:
+    begin, _ = _ends(path, max(map(len, starts), default=1))
+    return not begin or begin.startswith(starts)
+
+
+def _is_marked(path: Path, mark: bytes) -> bool:
+    begin, end = _ends(path, MARKED)
+    return not begin or mark in begin or mark in end
+
+
+def _ends(path: Path, length: int) -> tuple[bytes, bytes]:
+    """First and last bytes of a file."""
     try:
         with path.open("rb") as file:
-            begin = file.read(max(map(len, starts), default=1))
+            begin = file.read(length)
+            file.seek(max(0, file.seek(0, os.SEEK_END) - length))
+            return begin, file.read()
     except OSError as problem:
         raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
-    return not begin or begin.startswith(starts)

@@ -28,7 +28,7 @@ from icreckon.replay.bags.message_types import (
     TWIST,
 )
 from icreckon.replay.bags.messages import BASE_LINK, IMU_LINK, ODOM, UNUSED_VARIANCE, Messages
-from icreckon.replay.bags.writer import MAGICS, Outbox, bag_path, write_bag
+from icreckon.replay.bags.writer import MARK, Outbox, bag_path, write_bag
 from icreckon.replay.bags.writer import Format as Format
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import check_replaceable
@@ -94,7 +94,7 @@ def check_place(
         ReplayError: a bad mapping, or an existing output that may not be replaced.
     """
     topic_map(robot, f"robot {robot.name!r}")
-    check_replaceable(bag_path(path, format), overwrite=overwrite, starts=MAGICS)
+    check_replaceable(bag_path(path, format), overwrite=overwrite, mark=MARK.encode())
 
 
 def _with_antenna(topics: TopicMap, log: Log) -> TopicMap:

@@ -22,6 +22,10 @@ from icreckon.replay.reading.tables import Table
 TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
 TIME_WORDS = re.compile(r"time|stamp")
 SPEED_WORDS = re.compile(r"vel|speed|rate|omega|rpm|count|tick|enc")
+NO_SPEED_WORDS = re.compile(
+    r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|demand"
+    r"|(?<![a-z])(?:ref|amps?|amperes?)(?![a-z])"
+)
 GYRO = re.compile(
     r"^(?:imu_?)?(?:gyro(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega|w|g)?[_.]?([xyz])$"
 )
@@ -97,9 +101,10 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
 
 
 def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
-    left, right = sides([name for name in names if SPEED_WORDS.search(name.lower())])
+    likely = [name for name in names if not NO_SPEED_WORDS.search(name.lower())]
+    left, right = sides([name for name in likely if SPEED_WORDS.search(name.lower())])
     if not (left and right):
-        left, right = sides(list(names))
+        left, right = sides(likely)
     if not (left and right) or len(left) != len(right):
         return None
     column = left[0].lower()

@@ -29,10 +29,13 @@ class _Held(NamedTuple, Generic[T]):
 
 @dataclass
 class _Stream(Generic[T]):
-    """State of a stream: newest accepted stamp, and messages held back; times in ns."""
+    """State of a stream: newest accepted stamp, and messages held back; times in ns.
+
+    `ahead` is the largest stamp less arrival since the clock was set back: stamps may stand, not time.
+    """
 
     stamp: int
-    came: int
+    ahead: int
     behind: int = 0
     held: list[_Held[T]] = field(default_factory=list)
 
@@ -68,9 +71,9 @@ class ClockWatch(Generic[T]):
         """
         known = self._streams.get(stream)
         if known is None:
-            self._streams[stream] = _Stream(stamp, came)
+            self._streams[stream] = _Stream(stamp, stamp - came)
             return Watched([message])
-        if stamp - known.stamp - (came - known.came) <= LEAST_STEP:
+        if stamp - came - known.ahead <= LEAST_STEP:
             return self._as_usual(known, stamp, came, message)
         held, lost = known.held, 0
         if held and abs(stamp - held[0].stamp - (came - held[0].came)) > LEAST_STEP:
@@ -79,7 +82,7 @@ class ClockWatch(Generic[T]):
         held.append(_Held(stamp, came, message))
         if len(held) < WITNESSES:
             return Watched([], lost=lost)
-        step = held[0].stamp - known.stamp - (held[0].came - known.came)
+        step = held[0].stamp - held[0].came - known.ahead
         return Watched(self._stepped(step), step, lost)
 
     def _as_usual(self, known: _Stream[T], stamp: int, came: int, message: T) -> Watched[T]:
@@ -87,18 +90,20 @@ class ClockWatch(Generic[T]):
         known.held.clear()
         # What was sent before the clock was set may still come; a clock that was set back stays there.
         known.behind = known.behind + 1 if stamp < known.stamp - LEAST_STEP else 0
-        if known.behind in (0, WITNESSES):
-            known.stamp, known.came, known.behind = stamp, came, 0
+        if known.behind == WITNESSES:
+            known.stamp, known.ahead, known.behind = stamp, stamp - came, 0
+        elif not known.behind:
+            known.stamp, known.ahead = stamp, max(known.ahead, stamp - came)
         return Watched([message], lost=lost)
 
     def _stepped(self, step: int) -> list[T]:
         """Set all streams forward; return what they held back."""
         found: list[_Held[T]] = []
         for one in self._streams.values():
-            one.stamp += step
+            one.stamp, one.ahead = one.stamp + step, one.ahead + step
             found += one.held
             if one.held:
-                one.stamp, one.came = one.held[-1].stamp, one.held[-1].came
+                one.stamp = one.held[-1].stamp
                 one.held.clear()
         return [one.message for one in sorted(found, key=lambda one: one.came)]
 

@@ -25,7 +25,13 @@ from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.mapping.track_units import differences
-from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks, clocks_agree
+from icreckon.replay.reading.clocks import (
+    CLOCKS_APART,
+    Choice,
+    Evidence,
+    choose_clocks,
+    clocks_agree,
+)
 from icreckon.replay.reading.conversions import (
     fill_variances,
     headings,
@@ -71,7 +77,7 @@ class Subscription(NamedTuple):
 
 
 class _Arrived(NamedTuple):
-    """Row of a message whose clock is not chosen yet; times in ns, header or None."""
+    """Row of a message; times in ns, header None without a stamp or with a stamp of 0."""
 
     purpose: str
     msgtype: str
@@ -116,6 +122,7 @@ class LiveInputs:
     _counter: tuple[int, np.ndarray[Any, Any]] | None = None
     _newest_transform: int = -1
     _went_back: int | None = None
+    _ahead: int = 0
 
     def __post_init__(self) -> None:
         """Refuse a mapping without track speeds.
@@ -199,6 +206,7 @@ class LiveInputs:
         else:
             arrived = self._arrived(stream, msgtype, message, arrival)
         self.clock_step = 0
+        arrived = [self._stamped(one) for one in arrived]
         if subscription.purpose in WATCHED:
             passed = arrival if steady is None else steady
             arrived = [found for one in arrived for found in self._watched(one, passed)]
@@ -228,7 +236,7 @@ class LiveInputs:
         self.clocks.clear()
         self._watch.restart()
         self._waiting.clear()
-        self._begun, self._counter, self._newest_transform = None, None, -1
+        self._begun, self._counter, self._newest_transform, self._ahead = None, None, -1, 0
         for stream in self._streams.values():
             if isinstance(stream, TransformStream):
                 stream.forget_transforms()
@@ -248,7 +256,7 @@ class LiveInputs:
         header = getattr(message, "header", None)
         if header is not None and stream.purpose == "fixes":
             self.fix_frame = header.frame_id.removeprefix("/")
-        stamp = None if header is None else stamp_of(header)
+        stamp = None if header is None else stamp_of(header) or None
         if stamp is not None and self._is_left_over(stamp, arrival):
             return self._lose(stream.purpose, "from before the clock went back")
         return [_Arrived(stream.purpose, msgtype, stamp, arrival, row)]
@@ -267,19 +275,34 @@ class LiveInputs:
         if new.any():
             self._newest_transform = int(stamps[-1])
         return [
-            _Arrived(stream.purpose, msgtype, stamp, arrival, tuple(row))
+            _Arrived(stream.purpose, msgtype, stamp or None, arrival, tuple(row))
             for stamp, row in zip(stamps[new].tolist(), rows[new].tolist(), strict=True)
         ]
 
+    def _stamped(self, one: _Arrived) -> _Arrived:
+        """Stamp a message without a stamp by its arrival, in the headers' clock."""
+        if self._is_by_header(one):
+            return one if one.header is not None else one._replace(header=one.arrival + self._ahead)
+        if abs(self._ahead) * NANOSECOND <= CLOCKS_APART:
+            return one
+        return one._replace(arrival=one.arrival + self._ahead)
+
+    def _is_by_header(self, one: _Arrived) -> bool:
+        choice = self.clocks.get(one.purpose)
+        return choice is not None and choice.clock == "header"
+
     def _watched(self, one: _Arrived, steady: int) -> list[_Arrived]:
         """Messages that are ready once it is known whether a clock was set forward."""
-        choice = self.clocks.get(one.purpose)
-        if not one.header or choice is None or choice.clock != "header":
+        if one.purpose not in self.clocks:
             return [one]
-        found = self._watch.take(one.purpose, one.header, steady, one)
+        stamp = one.header if self._is_by_header(one) and one.header is not None else one.arrival
+        found = self._watch.take(one.purpose, stamp, steady, one)
         for _ in range(found.lost):
             self._lose(one.purpose, "stamp far ahead")
         self.clock_step = found.step
+        for ready in found.ready:
+            if self._is_by_header(ready) and ready.header is not None:
+                self._ahead = ready.header - ready.arrival
         return found.ready
 
     def _reader(self, stream: Stream, msgtype: str) -> RowReader:
@@ -332,12 +355,16 @@ class LiveInputs:
         return True
 
     def _evidence(self) -> dict[str, Evidence]:
-        """Evidence about the clocks of the streams that wait."""
-        evidence = {}
+        """Evidence about the clocks of the streams, those that are chosen included."""
+        evidence = {
+            purpose: Evidence(stream.topic, stream.time, 0.0)
+            for purpose, stream in self._streams.items()
+            if purpose in self.clocks
+        }
         for purpose, stream in self._streams.items():
             rows = [one for one in self._waiting if one.purpose == purpose]
-            offsets = [one.header - one.arrival for one in rows if one.header]
-            if not rows:
+            offsets = [one.header - one.arrival for one in rows if one.header is not None]
+            if not rows or purpose in self.clocks:
                 continue
             headers = {one.header for one in rows}
             evidence[purpose] = Evidence(

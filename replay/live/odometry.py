@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,6 +30,9 @@ from icreckon.replay.mapping.topics import TopicMap, topic_map, writable_topics
 FIXES = (PositionFix, HeadingFix)
 START_SIGMA = (0.5, 0.5, math.pi / 12.0)
 """Standard deviations of a start whose own are unknown [m, m, rad], those of AMCL."""
+
+LOST_SIGMA = 10_000.0
+"""Standard deviation of a position beyond which no filter recovers by itself [m]."""
 
 
 class LiveEstimate(NamedTuple):
@@ -70,7 +74,8 @@ class LiveOdometry:
             [s]; at 0 they are processed as they come, and late ones correct the estimate.
         use_fixes: whether fixes and headings feed an estimator of the pose in `map`.
         highest_rate: highest rate of estimates, 0 for one at each IMU sample [Hz].
-        saved: file of learnt parameters, from `save`, to start with if it exists.
+        saved: file of learnt parameters, from `save`, to start with if it exists; one that cannot be used
+            is set aside under another name.
         start_pose: pose of the base frame in map at the start: x, y [m], yaw [rad]; with it there is a
             map without fixes. None for that of the first fix.
         base_offset: place of the base frame: forward, left of the centre of the tracks' contact area [m],
@@ -84,12 +89,13 @@ class LiveOdometry:
         odom: estimator without fixes.
         map: map frame; None without fixes and start.
         warm: whether parameters were read from a file.
+        set_aside: warning of a file of learnt parameters that could not be used, or empty.
         base: the base frame.
         assumed_topics: whether the robot file maps no track speeds, and topics are those of
             `icreckon simulate`.
 
     Raises:
-        EstimatorError: an invalid setting, or a saved file for another robot.
+        EstimatorError: an invalid setting.
         ReplayError: no topic for the track speeds.
     """
 
@@ -116,16 +122,9 @@ class LiveOdometry:
         self.robot, self.base, self.odom_frame = robot, BaseFrame(base_offset), odom_frame
         self.assumed_topics = "tracks" not in robot.log
         self.inputs = LiveInputs(robot, mapping)
-        # `inputs` takes off the latencies of the robot file; that of the tracks is watched, and estimated
-        # where the file gives none.
-        given = "latency" in robot.log.get("tracks", {})
-        latencies = Latencies(estimate_tracks=not given)
-        self.warm = saved is not None and saved.exists()
-        self.odom = (
-            _warm(saved, robot, variant, settings, latencies)
-            if saved is not None and self.warm
-            else PoseEstimator(robot, variant, settings=settings, latencies=latencies)
-        )
+        self._saved, self._settings, self._variant = saved, settings, variant
+        self.warm, self.set_aside = False, ""
+        self.odom = self._begin()
         start = None if start_pose is None else Placed(self.base.centre(start_pose), START_SIGMA)
         self.map = MapFrame(start) if start or mapping.fixes is not None else None
         self._buffer = ReorderBuffer(reorder)
@@ -178,10 +177,12 @@ class LiveOdometry:
     def restart(self, now: int | None = None) -> None:
         """Start anew at the origin with the learnt parameters.
 
+        A lost filter starts with those of the file, see `loss_of`.
+
         Args:
             now: time to which the clock of arrivals went back [ns], None if it did not.
         """
-        self.odom = self.odom.restarted()
+        self.odom = self._begin() if loss_of(self.odom) else self.odom.restarted()
         self.inputs.restart(now)
         self._buffer.take_all()
         if self.map is not None:
@@ -221,10 +222,32 @@ class LiveOdometry:
             path: the file, which is replaced.
 
         Raises:
-            EstimatorError: it cannot be written.
+            EstimatorError: it cannot be written, or the filter is lost.
         """
-        learnt = self.map.estimator if self.map is not None else None
-        (learnt or self.odom).save(path, overwrite=True)
+        learnt = (self.map.estimator if self.map is not None else None) or self.odom
+        if loss := loss_of(learnt):
+            raise EstimatorError(f"{path}: not written, {loss}")
+        learnt.save(path, overwrite=True)
+
+    def _begin(self) -> PoseEstimator:
+        """Start an estimator: warm if there is a usable file, else by the robot file."""
+        robot, variant, settings, saved = self.robot, self._variant, self._settings, self._saved
+        # `inputs` takes off the latencies of the robot file; that of the tracks is watched, and estimated
+        # where the file gives none.
+        given = "latency" in robot.log.get("tracks", {})
+        latencies = Latencies(estimate_tracks=not given)
+        cold = PoseEstimator(robot, variant, settings=settings, latencies=latencies)
+        self.warm = saved is not None and saved.exists()
+        if saved is None or not self.warm:
+            return cold
+        off = max(0.0, time.time() - saved.stat().st_mtime)
+        try:
+            return PoseEstimator.warm_start(
+                saved, robot, variant, off=off, settings=settings, latencies=latencies
+            )
+        except EstimatorError as problem:
+            self.warm, self.set_aside = False, f"{problem}. {_set_aside(saved)}"
+        return cold
 
     def _process(self, measurements: list[Measurement]) -> list[LiveEstimate]:
         return list(self._estimates(self._buffer.put(measurements))) if measurements else []
@@ -278,15 +301,24 @@ def live_topics(robot: Robot) -> TopicMap:
     return mapping if mapping.tracks is not None else writable_topics(mapping)
 
 
-def _warm(
-    saved: Path, robot: Robot, variant: str, settings: Settings | None, latencies: Latencies
-) -> PoseEstimator:
-    off = max(0.0, time.time() - saved.stat().st_mtime)
+def loss_of(estimator: PoseEstimator) -> str:
+    """Reason for which a filter cannot recover by itself, empty if it can."""
+    state, covariance = estimator.state, estimator.covariance
+    if not (np.isfinite(state).all() and np.isfinite(covariance).all()):
+        return "the filter is lost: its estimate is not finite"
+    sigma = math.sqrt(max(covariance[s.X, s.X], covariance[s.Y, s.Y]))
+    return f"the filter is lost: sigma {sigma:.3g} m" if sigma > LOST_SIGMA else ""
+
+
+def _set_aside(saved: Path) -> str:
+    """Rename a file that cannot be used, and describe that."""
+    place = saved.resolve()
+    names = (place.with_name(f"{place.name}.unusable-{k}") for k in count(1))
+    aside = next(one for one in names if not one.exists())
+    if not place.is_file():
+        return f"{saved} is not a file: starting cold, and nothing is saved"
     try:
-        return PoseEstimator.warm_start(
-            saved, robot, variant, off=off, settings=settings, latencies=latencies
-        )
-    except EstimatorError as problem:
-        raise EstimatorError(
-            f"{problem}. Move {saved} away, or name another, to start with the robot file alone"
-        ) from None
+        place.rename(aside)
+    except OSError as problem:
+        return f"{saved} cannot be renamed to {aside}: {problem.strerror}; starting cold"
+    return f"{saved} is set aside as {aside}; starting cold"

@@ -24,7 +24,7 @@ from icreckon.replay.base.diagnostic_status import (
     DiagnosticStatus,
     estimate_status,
 )
-from icreckon.replay.live.odometry import LiveOdometry
+from icreckon.replay.live.odometry import LiveOdometry, loss_of
 
 CHANGED_LATENCY = 0.05
 """Difference of latencies from which a latency is reported as changed [s]."""
@@ -88,6 +88,9 @@ class LiveStatuses:
         if estimator.stamp is None:
             topics = ", ".join(one.topic for one in self._live.inputs.subscriptions())
             return DiagnosticStatus(ERROR, name, f"no estimate yet; listening to {topics}", {})
+        if loss := loss_of(estimator):
+            text = f"{loss}; call the service ~/reset, or restart the node. Until then nothing is saved"
+            return DiagnosticStatus(ERROR, name, text, {})
         health = estimator.health
         details = {
             "standing": str(estimator.stands).lower(),

@@ -118,7 +118,7 @@ def test_the_diagnostics_that_are_explained_are_those_that_are_sent() -> None:
 def test_the_messages_that_are_explained_are_those_of_the_log() -> None:
     said = literals(
         *(["icreckon/ros2/node.py", "icreckon/ros2/parameters.py", "icreckon/ros2/topics.py"]),
-        *("estimator/streaming/save.py", "replay/reading/stream.py", "replay/live/silence.py"),
+        *("replay/live/odometry.py", "replay/reading/stream.py", "replay/live/silence.py"),
     )
     (table,) = re.findall(
         r"^\| message \| what to do \|\n\| --- \| --- \|\n((?:\|.*\n)+)", page(), flags=re.MULTILINE

@@ -48,3 +48,19 @@ def test_only_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
         assert {one.name for one in tmp_path.iterdir()} == {
             one.name for one in (tmp_path / "there", young, busy, foreign)
         }
+
+
+def test_a_file_that_is_replaced_keeps_its_mode_and_its_links(tmp_path: Path) -> None:
+    place, link = tmp_path / "secret" / "state.json", tmp_path / "state.json"
+    place.parent.mkdir()
+    place.write_bytes(b"old")
+    place.chmod(0o600)
+    link.symlink_to(place)
+    write_whole(link, b"new")
+    assert link.is_symlink()
+    assert place.read_bytes() == b"new"
+    assert place.stat().st_mode & 0o777 == 0o600
+    place.unlink()
+    write_whole(link, b"again")
+    assert place.read_bytes() == b"again"
+    assert list(place.parent.iterdir()) == [place]

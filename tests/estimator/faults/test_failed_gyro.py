@@ -36,7 +36,10 @@ from icreckon.simulation.simulate import simulate
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 WIDTH = 1.5
-RNG = np.random.default_rng(3)
+
+
+def noise_of(seed: int, count: int) -> np.ndarray:
+    return np.random.default_rng(seed).standard_normal(count)
 
 
 def watched(
@@ -54,7 +57,7 @@ def watched(
     """
     gyro = gyro or GyroRecord()
     turning = WIDTH * (rates if true is None else true)
-    turning += 0.01 * RNG.standard_normal(len(rates)) * (turning != 0.0)
+    turning += 0.01 * noise_of(1, len(rates)) * (turning != 0.0)
     smooth = smoothed(turning, step)
     used = [
         watch_gyro(
@@ -77,7 +80,7 @@ def smoothed(values: np.ndarray, step: int) -> np.ndarray:
 def drive(seconds: float = 20.0, *, noise: float = 0.01, step: int = STEP) -> np.ndarray:
     """Yaw rates of bends of 0.6 rad/s."""
     times = np.arange(0.0, seconds, step * NANOSECOND)
-    return 0.6 * np.sin(times) + noise * RNG.standard_normal(len(times))
+    return 0.6 * np.sin(times) + noise * noise_of(3, len(times))
 
 
 @pytest.mark.parametrize("width", [WIDTH, 0.0])
@@ -86,7 +89,7 @@ def test_a_reading_that_jumps_is_not_used_until_it_jumps_back(value: float, widt
     """Without bends so far, `width` 0, the tracks do not help."""
     true = drive()
     rates = true.copy()
-    rates[1000:1100] = value + 0.01 * RNG.standard_normal(100)
+    rates[1000:1100] = value + 0.01 * noise_of(5, 100)
     used, gyro = watched(rates, true, width=width)
     assert np.isnan(used[1000:1100]).all()
     assert np.array_equal(used[:1000], true[:1000])
@@ -176,8 +179,8 @@ def test_a_world_without_noise_is_no_fault() -> None:
 
 
 def test_readings_beyond_the_range_are_not_used() -> None:
-    rates = 5.0 * np.sin(np.arange(0.0, 10.0, 0.01)) + 0.01 * RNG.standard_normal(1000)
-    clipped = rates.clip(-4.36, 4.36) + 0.004 * RNG.standard_normal(1000)
+    rates = 5.0 * np.sin(np.arange(0.0, 10.0, 0.01)) + 0.01 * noise_of(5, 1000)
+    clipped = rates.clip(-4.36, 4.36) + 0.004 * noise_of(6, 1000)
     used, gyro = watched(clipped, rates, most=4.36)
     assert np.isnan(used[np.abs(rates) > 4.4]).all()
     assert np.isfinite(used[np.abs(rates) < 4.3]).all()
@@ -196,7 +199,7 @@ def test_after_a_gap_nothing_is_a_jump() -> None:
 # --- gyro against tracks -------------------------------------------------------------------------
 
 READS = {
-    "noise": lambda true: 0.003 * RNG.standard_normal(len(true)),
+    "noise": lambda true: 0.003 * noise_of(7, len(true)),
     "the other side": np.negative,
 }
 
@@ -255,8 +258,8 @@ def test_one_side_or_a_share_of_the_turning_is_slip() -> None:
 
 def test_encoder_noise_on_a_straight_is_no_bend() -> None:
     """Ten minutes whose bends would add up to many radians."""
-    rates = 0.003 * RNG.standard_normal(60_000)
-    turning = 0.1 * RNG.standard_normal(60_000)
+    rates = 0.003 * noise_of(3, 60_000)
+    turning = 0.1 * noise_of(4, 60_000)
     used, gyro = watched(rates, rates + turning / WIDTH)
     assert np.isfinite(used).all()
     assert gyro.bends_left.turned < LEAST_TURNING
@@ -267,7 +270,7 @@ def test_late_tracks_do_not_contradict_the_gyro(late: float) -> None:
     """Weaving by 0.6 rad/s with a period of 3 s."""
     times = np.arange(0.0, 60.0, 0.01)
     rates, tracks = (0.6 * np.sin(2.0 * np.pi / 3.0 * (times - lag)) for lag in (0.0, late))
-    used, _ = watched(rates + 0.01 * RNG.standard_normal(len(times)), tracks)
+    used, _ = watched(rates + 0.01 * noise_of(3, len(times)), tracks)
     assert np.isfinite(used).all()
 
 

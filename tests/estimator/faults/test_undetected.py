@@ -34,7 +34,6 @@ from icreckon.estimator.streaming.run import run
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 SETTINGS = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("gyro"))
-RNG = np.random.default_rng(4)
 
 
 def rested(rates: np.ndarray, still: StandstillRecord | None = None) -> list[float]:
@@ -50,7 +49,7 @@ def rested(rates: np.ndarray, still: StandstillRecord | None = None) -> list[flo
 
 
 def calm(seconds: float) -> np.ndarray:
-    return 0.002 * RNG.standard_normal(round(100 * seconds))
+    return 0.002 * np.random.default_rng(4).standard_normal(round(100 * seconds))
 
 
 def test_a_robot_that_rocks_as_it_stops_is_not_carried() -> None:

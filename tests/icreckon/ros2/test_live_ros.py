@@ -433,11 +433,35 @@ def test_whole_numbers_are_real_numbers(ros: dict[str, str], tmp_path: Path) -> 
         ),
         ("use_sim_time:=1", "parameters of the node: Trying to set parameter 'use_sim_time'"),
         ("reorder:=20", "parameter reorder must be from 0 to 10, found 20.0"),
+        (
+            "qos_overrides./odom.publisher.reliability:=best",
+            "parameter qos_overrides./odom.publisher.reliability 'best'; did you mean 'best_effort'?",
+        ),
         ("odom_frame:=", "arguments for ROS: Couldn't parse parameter override rule"),
     ],
 )
 def test_a_wrong_value_is_one_clear_line(given: str, message: str, ros: dict[str, str]) -> None:
     assert f"icreckon: {message}" in refused(ros, "--robot", ROBOT, "--ros-args", "-p", given)
+
+
+def test_qos_overrides_act(ros: dict[str, str], bag: Path, tmp_path: Path) -> None:
+    """Of a publisher and of a subscription, by what other nodes see of them."""
+    names = ("/odom.publisher", "/joint_states.subscription")
+    options = {f"qos_overrides.{one}.reliability": "best_effort" for one in names}
+    look = (
+        "import rclpy, time; rclpy.init(); n = rclpy.create_node('look'); time.sleep(2.0); "
+        "print(n.get_publishers_info_by_topic('/odom')[0].qos_profile.reliability.name, "
+        "n.get_subscriptions_info_by_topic('/joint_states')[0].qos_profile.reliability.name)"
+    )
+    with node(ros, tmp_path / "node.log", **options) as running:
+        until(lambda: "ready:" in running.text(), running)
+        play(ros, bag, topics=INPUTS[:2])
+        done = subprocess.run(
+            [sys.executable, "-c", look], env=ros, capture_output=True, text=True, check=True
+        )
+        assert running.stop() == 0, running.text()
+    assert done.stdout.split() == ["BEST_EFFORT", "BEST_EFFORT"]
+    assert "unknown" not in running.text()
 
 
 def test_its_own_odometry_is_no_input(ros: dict[str, str], tmp_path: Path) -> None:

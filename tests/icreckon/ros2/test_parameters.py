@@ -10,14 +10,36 @@ import pytest
 from bag_messages import pose_with_covariance
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.ros2.messages import pose_of
-from icreckon.ros2.parameters import options_from, unknown_parameters
+from icreckon.ros2.parameters import check_qos, options_from, unknown_parameters
 
 
 def test_unknown_parameters_come_with_the_nearest() -> None:
-    known = ["robot", "base_offset", "use_sim_time", "qos_overrides./tf.publisher.depth"]
+    known = ["robot", "base_offset", "use_sim_time"]
     assert unknown_parameters(known) == []
     (text,) = unknown_parameters([*known, "robot_fle"])
     assert text == "parameter 'robot_fle' is unknown and has no effect; did you mean 'robot'?"
+
+
+def test_qos_is_that_of_a_topic_of_the_node() -> None:
+    given = {"qos_overrides./tf.publisher.depth": 5, "qos_overrides./imu.subscription.depth": 5}
+    assert check_qos(given, ["/tf.publisher", "/imu.subscription"]) == []
+    (text,) = check_qos(given, ["/tf.publisher", "/imus.subscription"])
+    assert text.startswith("parameter 'qos_overrides./imu.subscription.depth' is unknown")
+    assert "did you mean 'qos_overrides./imus.subscription.depth'?" in text
+
+
+@pytest.mark.parametrize(
+    ("policy", "value", "match"),
+    [
+        ("depth", "ten", "must be a whole number, found 'ten'"),
+        ("depth", -1, "must be a whole number, found -1"),
+        ("reliability", "best_efort", "did you mean 'best_effort'"),
+        ("history", 3, "there is .keep_all., .keep_last."),
+    ],
+)
+def test_an_invalid_qos_is_refused(policy: str, value: object, match: str) -> None:
+    with pytest.raises(EstimatorError, match=match):
+        check_qos({f"qos_overrides./tf.publisher.{policy}": value}, ["/tf.publisher"])
 
 
 @pytest.mark.parametrize("values", [[1, 2, 0], array("d", [1.0, 2.0, 0.0]), array("q", [1, 2, 0])])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as with_values
 from ruamel.yaml import YAML
+from scipy.integrate import trapezoid
 
 from command_line import icreckon
 from icreckon.estimator.log.log import Log
@@ -62,10 +63,10 @@ def test_odometry_with_them_turns_as_the_robot(log: Log):
     settings = controller(log, with_track_of_the_log(log))
     speed, rate = odometry(log, settings)
     seconds = (log.tracks.stamps - log.start) * 1e-9
-    turned = np.trapezoid(np.abs(rate), seconds)
+    turned = trapezoid(np.abs(rate), seconds)
     gyro = (log.imu.stamps - log.start) * 1e-9
     bias = log.imu.angular_velocity[:50, 2].mean()
-    truly = np.trapezoid(np.abs(log.imu.angular_velocity[:, 2] - bias), gyro)
+    truly = trapezoid(np.abs(log.imu.angular_velocity[:, 2] - bias), gyro)
     assert turned == pytest.approx(truly, rel=0.03)
     truth = log.truth.twists.twists
     true_speed = np.interp(log.tracks.stamps, log.truth.twists.stamps, truth[:, 0])

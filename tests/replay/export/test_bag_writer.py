@@ -204,7 +204,7 @@ def test_a_file_that_is_no_bag_is_never_replaced(tmp_path: Path, robot: Robot) -
     precious = tmp_path / "afile"
     precious.write_text("a\n")
     for write in (check_place, partial(write_log, make_log(1.0))):
-        with pytest.raises(ReplayError, match="that icreckon did not write; it is not replaced"):
+        with pytest.raises(ReplayError, match="that icreckon did not write"):
             write(precious, "mcap", robot, overwrite=True)
     assert precious.read_text() == "a\n"
     for form, name in (("mcap", "one.mcap"), ("sqlite3", "one.db3"), ("ros1", "one.bag")):
@@ -213,6 +213,22 @@ def test_a_file_that_is_no_bag_is_never_replaced(tmp_path: Path, robot: Robot) -
         for seconds in (1.0, 2.0):
             write_log(make_log(seconds), path, form, robot, overwrite=True)
             assert len(read_log(path, robot).tracks.stamps) == 50 * seconds
+
+
+@pytest.mark.parametrize("name", ["bag", "bag.mcap", "bag.db3", "bag.bag"])
+def test_only_own_bags_are_replaced(name: str, tmp_path: Path, robot: Robot) -> None:
+    """A recording of somebody else's is refused, a bag of ten thousand messages is known again."""
+    path = tmp_path / name
+    kinds = {".db3": "sqlite3", ".bag": "ros1"}
+    kind = kinds.get(path.suffix, "mcap")
+    write_log(make_log(50.0), path, kind, robot)
+    check_place(path, kind, robot, overwrite=True)
+    for file in path.iterdir() if path.is_dir() else [path]:
+        file.write_bytes(file.read_bytes().replace(b"written_by_icreckon", b"x" * 19))
+    for write in (check_place, partial(write_log, make_log(1.0))):
+        with pytest.raises(ReplayError, match="that icreckon did not write"):
+            write(path, kind, robot, overwrite=True)
+    assert path.exists()
 
 
 def test_what_cannot_be_written_is_refused_beforehand(tmp_path: Path, robot: Robot) -> None:

@@ -47,6 +47,30 @@ def test_what_was_filled_in_is_kept(tmp_path: Path):
     assert tomllib.loads(again)["vehicle"]["mass"] == 30
 
 
+def test_values_survive_a_log_that_shows_them(tmp_path: Path):
+    """Filled in with the mark beside, without it, added, and uncommented; not what was untouched."""
+    path = tmp_path / "robot.toml"
+    first = PROPOSED.replace("[imu]", "sprocket_radius = nan    # not in the log: fill in\n\n[imu]")
+    first += '[log.tracks]\ntopic = "/o"\n# gauge = 0.5    # not in the log: fill in (m)\n'
+    filled = first.replace("sprocket_radius = nan ", "sprocket_radius = 0.21 ")
+    filled = filled.replace("[imu]", "[imu]\ngyro_range = true").replace("# gauge", "gauge")
+    shown = first.replace(
+        "2.0    # not in the log: fill in", "1.3    # m/s; the fastest in the log"
+    )
+    shown = shown.replace("nan    # not in the log: fill in", "0.15    # m, by the fixes")
+    for former in (filled, filled.replace("    # not in the log: fill in\n", "\n")):
+        path.write_text(former, encoding="utf-8")
+        for _ in range(2):
+            text, taken = with_filled_in(shown, path)
+            assert taken == ["vehicle.sprocket_radius", "imu.gyro_range", "log.tracks.gauge"]
+            found = tomllib.loads(text)
+            assert found["vehicle"]["sprocket_radius"] == 0.21
+            assert found["vehicle"]["max_track_speed"] == 1.3
+            assert found["imu"]["gyro_range"] is True
+            assert found["log"]["tracks"] == {"topic": "/o", "gauge": 0.5}
+            path.write_text(text, encoding="utf-8")
+
+
 def test_a_unit_that_a_person_changed_is_kept(tmp_path: Path):
     path = tmp_path / "robot.toml"
     proposed = PROPOSED + '[log.columns.imu]\nrate_unit = "rad/s"    # check it\n'

@@ -200,6 +200,23 @@ def test_counters_need_their_counts(tmp_path: Path) -> None:
     assert "counts_per_turn = nan    # not in the log: fill in" in text
 
 
+@pytest.mark.parametrize(
+    "other", ["current_{}_a", "{}_cmd_m_s", "v_battery_{}_volt", "temp_{}_speed", "{}_torque_enc"]
+)
+def test_columns_beside_the_speeds_are_none(other: str, tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    sides = ("left", "right")
+    names = [*map(other.format, sides), *map("{}_m_s".format, sides)]
+    path.write_text(f"t,{','.join(names)}\n0.0,1,2,3,4\n0.1,2,3,4,5\n", encoding="utf-8")
+    columns = inspect(path).mapping.columns
+    assert columns is not None
+    assert columns.tracks is not None
+    assert (columns.tracks.left, columns.tracks.right) == (("left_m_s",), ("right_m_s",))
+    alone = tmp_path / "alone.csv"
+    alone.write_text(f"t,{','.join(names[:2])}\n0.0,1,2\n0.1,2,3\n", encoding="utf-8")
+    assert inspect(alone).mapping.columns.tracks is None
+
+
 def test_several_files(tmp_path: Path, robot: Robot) -> None:
     log = driven_log((0.0, 0.0, 0.0))
     bag = write_log(replace(log, imu=None), tmp_path / "bag", "mcap", robot)

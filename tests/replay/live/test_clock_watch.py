@@ -116,6 +116,13 @@ def test_a_clock_that_is_set_back_and_forward_again_steps_forward_once() -> None
     assert len(used) == len(messages)
 
 
+def test_time_passes_while_a_clock_that_was_set_back_stands() -> None:
+    """The step is that from the beginning: three seconds are a hole."""
+    used, steps, _ = through(drive(lambda at: 100.0 - at if 3.0 <= at < 6.0 else 1000.0))
+    assert steps == [pytest.approx(1000.0 + 3.0 - 100.0, abs=0.3)]
+    assert len(used) == len(drive(usual))
+
+
 def test_the_least_step_is_longer_than_a_node_settles() -> None:
     assert LEAST_STEP > 2 * SECOND
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
@@ -82,6 +82,17 @@ def through(live: LiveOdometry, messages: Iterable[Arrived]) -> Iterator[LiveEst
         if topic in topics:
             yield from live.take(topics[topic], msgtype, message, when)
     yield from live.flush(when)
+
+
+@pytest.fixture(scope="module")
+def state_file(
+    robot: Robot, messages: list[Arrived], tmp_path_factory: pytest.TempPathFactory
+) -> bytes:
+    path = tmp_path_factory.mktemp("state") / "state.json"
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    list(through(live, messages))
+    live.save(path)
+    return path.read_bytes()
 
 
 def live_run(robot: Robot, messages: Iterable[Arrived], **options: Any) -> list[LiveEstimate]:
@@ -211,6 +222,71 @@ def test_messages_left_over_from_before_the_clock_went_back_are_dropped(
     assert sum(live.inputs.lost.values()) == len(left_over)
 
 
+def without_stamp(one: Arrived) -> Arrived:
+    message = deepcopy(one.message)
+    message.header.stamp.sec = message.header.stamp.nanosec = 0
+    return one._replace(message=message)
+
+
+@pytest.mark.parametrize("offset", [0, 100 * 86_400 * 10**9])
+@pytest.mark.parametrize("streams", ["imu joint_states", "imu joint_states fix", "joint_states"])
+def test_messages_with_a_stamp_of_zero_go_by_their_arrival(
+    robot: Robot, messages: list[Arrived], offset: int, streams: str
+) -> None:
+    """A tenth of a second of them under way; the clock of the headers may be another."""
+    sent = [one._replace(arrival=one.arrival - offset) for one in messages]
+    sound = live_run(robot, sent)[-1]
+    begin = sent[0].arrival + 4 * 10**9
+    sent = [
+        without_stamp(one)
+        if one.topic.split("/")[1] in streams and 0 <= one.arrival - begin <= 10**8
+        else one
+        for one in sent
+    ]
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+    last = list(through(live, sent))[-1]
+    assert live.odom.health.clock_steps == 0
+    assert last.stamp == sound.stamp
+    assert last.pose == pytest.approx(sound.pose, abs=1e-3)
+    assert last.pose_covariance == pytest.approx(sound.pose_covariance, rel=1e-3, abs=1e-9)
+
+
+@pytest.mark.parametrize("late", ["imu", "fix"])
+@pytest.mark.parametrize("days", [-100, 100])
+def test_a_stream_that_starts_late_by_another_clock_goes_by_its_arrival(
+    robot: Robot, messages: list[Arrived], late: str, days: int
+) -> None:
+    start = messages[0].arrival + 4 * 10**9
+    sent = [one for one in messages if late not in one.topic or one.arrival > start]
+    sound = live_run(robot, sent)[-1]
+    moved = []
+    for one in sent:
+        message = deepcopy(one.message)
+        if late in one.topic:
+            message.header.stamp.sec += days * 86_400
+        moved.append(one._replace(message=message))
+    last = live_run(robot, moved)[-1]
+    assert last.pose == pytest.approx(sound.pose, abs=1e-6)
+    assert last.map_pose == pytest.approx(sound.map_pose, abs=1e-6)
+
+
+@pytest.mark.parametrize("by", [10.0, 3e8])
+def test_the_clock_of_messages_without_stamps_may_be_set(
+    robot: Robot, messages: list[Arrived], by: float
+) -> None:
+    """That of the system, which stamps their arrival; the steady one goes on."""
+    sound = live_run(robot, messages)[-1]
+    live, estimates = LiveOdometry(robot, VARIANT, settings=SETTINGS), []
+    for one in map(without_stamp, messages):
+        ahead = round(by * 1e9) if one.arrival - messages[0].arrival > 4 * 10**9 else 0
+        topic, steady = subscriptions(live)[one.topic], one.arrival
+        estimates += live.take(topic, one.msgtype, one.message, steady + ahead, steady)
+    last = estimates[-1]
+    assert live.odom.health.clock_steps == 1
+    assert last.pose == pytest.approx(sound.pose, abs=1e-3)
+    assert last.pose_covariance == pytest.approx(sound.pose_covariance, rel=1e-2, abs=1e-9)
+
+
 def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path: Path) -> None:
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
     assert not live.warm
@@ -222,11 +298,76 @@ def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path
     assert warm.warm
     assert warm.odom.stamp is None
     assert warm.odom.parameters == live.map.estimator.parameters
+
+
+def _truncated(content: bytes) -> bytes:
+    return content[: len(content) // 2]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        _truncated,
+        lambda _: b"",
+        lambda _: b"\x00\xff{]",
+        lambda content: content.replace(b'"version": 5', b'"version": 4'),
+        lambda content: content.replace(b"constant-online", b"inertia-online"),
+        lambda content: content.replace(b"[", b"[" * 10_000),
+    ],
+    ids=["truncated", "empty", "garbage", "version", "by hand", "deep"],
+)
+def test_a_state_file_that_cannot_be_used_is_set_aside(
+    damage: Callable[[bytes], bytes], robot: Robot, state_file: bytes, tmp_path: Path
+) -> None:
+    path, earlier = tmp_path / "state.json", tmp_path / "state.json.unusable-1"
+    earlier.write_bytes(b"earlier")
+    path.write_bytes(damage(state_file))
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=path)
+    assert not live.warm
+    aside = tmp_path / "state.json.unusable-2"
+    assert f"{path} is set aside as {aside}" in live.set_aside
+    assert aside.read_bytes() == damage(state_file)
+    assert earlier.read_bytes() == b"earlier"
+    assert not path.exists()
+
+
+def test_a_state_file_of_another_robot_is_set_aside(
+    robot: Robot, state_file: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "state.json"
+    path.write_bytes(state_file)
+    with pytest.raises(EstimatorError, match="constant-onlin"):
+        LiveOdometry(robot, "constant-onlin", saved=path)
     wider = msgspec.structs.replace(
         robot, vehicle=msgspec.structs.replace(robot.vehicle, track_gauge=0.6)
     )
-    with pytest.raises(EstimatorError, match="track_gauge"):
-        LiveOdometry(wider, VARIANT, settings=SETTINGS, saved=tmp_path / "state.json")
+    assert path.exists()
+    live = LiveOdometry(wider, VARIANT, settings=SETTINGS, saved=path)
+    assert "track_gauge" in live.set_aside
+    assert not live.warm
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("entry", [1e9, np.nan])
+def test_a_lost_filter_is_an_error_and_is_not_saved(
+    entry: float, robot: Robot, messages: list[Arrived], state_file: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "state.json"
+    path.write_bytes(state_file)
+    live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=path, use_fixes=False)
+    list(through(live, messages[:300]))
+    live.odom._reckoning.ekf.P[0, 0] = entry
+    pose = {one.name: one for one in LiveStatuses(live).report()}["icreckon: pose in odom"]
+    assert pose.level == ERROR
+    assert "~/reset" in pose.message
+    with pytest.raises(EstimatorError, match="not written, the filter is lost"):
+        live.save(path)
+    assert path.read_bytes() == state_file
+    live.restart()
+    assert live.warm
+    last = list(through(live, messages))[-1]
+    assert np.sqrt(last.pose_covariance[0, 0]) < 1.0
+    live.save(path)
 
 
 def test_a_map_that_begins_elsewhere_is_taken_over(
