@@ -1,0 +1,76 @@
+"""Cells of the scoreboard that are worse than in a file, beyond their noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+LARGER = 1.1
+"""Drift that counts as worse, if it also exceeds the interval of the file [-]."""
+RULES_POINTS, GATES_POINTS = 0.1, 0.5
+"""Further exclusions that count as worse [% of the IMU samples]."""
+NEES_BOUND, NEES_LARGER = 2.0, 1.5
+ALL_LARGER = 0.01
+"""Drift over all cells that counts as worse, beyond its interval [-]."""
+
+
+def worse(results: dict[str, Any], baseline: dict[str, Any]) -> list[str]:
+    """Cells that are worse than in the baseline, a line each."""
+    found: list[str] = []
+    for part, cells in results.items():
+        before = baseline.get(part, {}).get("cells", {})
+        shared = {name: (cells[name], before[name]) for name in cells if name in before}
+        if not shared:
+            found.append(f"{part}: the file has none of these cells")
+        for name, (now, then) in shared.items():
+            found += [f"{part}: {name}: {what}" for what in COMPARISONS[part](now, then)]
+        if part == "healthy":
+            found += [f"{part}: {line}" for line in _over_all(shared)]
+    return found
+
+
+def worse_drive(now: dict[str, Any], then: dict[str, Any]) -> Iterator[str]:
+    """What is worse in a healthy cell."""
+    for variant in sorted(now.keys() & then.keys()):
+        new, old = now[variant], then[variant]
+        if new["drift"] > max(old["drift_high"], LARGER * old["drift"]):
+            yield f"{variant}: drift {old['drift']:.2f} -> {new['drift']:.2f} %"
+        for key, points in (("rules_percent", RULES_POINTS), ("gates_percent", GATES_POINTS)):
+            if new[key] > old[key] + points:
+                names = f" ({', '.join(new['rules'])})" if key == "rules_percent" else ""
+                what = f"excluded by {key.partition('_')[0]}"
+                yield f"{variant}: {what} {old[key]:.2f} -> {new[key]:.2f} %{names}"
+        if new["nees"] > max(NEES_BOUND, NEES_LARGER * old["nees"]):
+            yield f"{variant}: NEES {old['nees']:.1f} -> {new['nees']:.1f}"
+        yield from (f"{variant}: {line}" for line in more_flags(new["flags"], old["flags"]))
+
+
+def more_flags(new: dict[str, float], old: dict[str, float]) -> Iterator[str]:
+    """Flags in health that are more than chance gives: two standard deviations of a count."""
+    for flag, count in new.items():
+        before = old.get(flag, 0.0)
+        if count > before + 2.0 * math.sqrt(before + 1.0):
+            yield f"{flag} {before:.0f} -> {count:.0f} times"
+
+
+def _over_all(shared: dict[str, tuple[dict[str, Any], dict[str, Any]]]) -> Iterator[str]:
+    """Variants whose drift over all cells is larger, beyond the interval over the cells."""
+    variants = {name for now, then in shared.values() for name in now.keys() & then.keys()}
+    for variant in sorted(variants):
+        logs = np.log(
+            [
+                now[variant]["drift"] / then[variant]["drift"]
+                for now, then in shared.values()
+                if variant in now and variant in then
+            ]
+        )
+        half = 2.0 * float(np.std(logs)) / math.sqrt(len(logs))
+        if float(logs.mean()) - half > ALL_LARGER:
+            percent = 100.0 * math.expm1(float(logs.mean()))
+            yield f"all cells, {variant}: drift {percent:.1f} % larger in the mean"
+
+
+COMPARISONS = {"healthy": worse_drive}

