@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-from _digests import FILTER, digest
+from _digests import FILTER, ROOT, digest
 from _study import PROGRESS_EVERY
 
 from icreckon.estimator.base.array_types import Floats
@@ -129,13 +129,20 @@ class Cache:
             file.write(json.dumps([key, value]) + "\n")
 
 
+def data_folder() -> str:
+    """Folder of the sample logs, empty if there is none."""
+    folder = os.environ.get("ICRECKON_DATA", str(ROOT.parent / "shared" / "data"))
+    return folder if Path(folder).is_dir() else ""
+
+
 def depends_on(part: str) -> tuple[str, ...]:
     """Sources that the figures of a part depend on."""
     own = ("benchmarks/_scoreboard_cells.py", "benchmarks/_scoreboard_drives.py")
     if part == "healthy":
         return (*FILTER, *own)
     if part == "faults":
-        return (*FILTER, "replay", *own, "benchmarks/_scoreboard_faults.py")
+        put = "benchmarks/_scoreboard_put.py"
+        return (*FILTER, "replay", *own, put, "benchmarks/_scoreboard_faults.py")
     return (*FILTER, "replay", *own, "benchmarks/_scoreboard_real.py", "benchmarks/accuracy.py")
 
 

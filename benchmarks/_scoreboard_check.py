@@ -16,6 +16,11 @@ NEES_BOUND, NEES_LARGER = 2.0, 1.5
 ALL_LARGER = 0.01
 """Drift over all cells that counts as worse, beyond its interval [-]."""
 
+FAULT_LARGER, FLOOR_M, FLOOR_DEG = 1.25, 0.05, 0.5
+"""Error with a fault that counts as worse, if it also exceeds that of each run in the file."""
+SIGMA_LARGER = 2.0
+"""Own standard deviation with a fault that counts as worse: caution has a price [-]."""
+
 
 def worse(results: dict[str, Any], baseline: dict[str, Any]) -> list[str]:
     """Cells that are worse than in the baseline, a line each."""
@@ -73,4 +78,22 @@ def _over_all(shared: dict[str, tuple[dict[str, Any], dict[str, Any]]]) -> Itera
             yield f"all cells, {variant}: drift {percent:.1f} % larger in the mean"
 
 
-COMPARISONS = {"healthy": worse_drive}
+def worse_fault(now: dict[str, Any], then: dict[str, Any]) -> Iterator[str]:
+    """What is worse in a cell of a fault."""
+    for variant in sorted(now.keys() & then.keys()):
+        new, old = now[variant], then[variant]
+        if new["neither"] > old["neither"]:
+            yield f"{variant}: {old['neither']} -> {new['neither']} of {new['runs']} runs not covered"
+        for at in ("end", "later"):
+            for key, floor in (("position", FLOOR_M), ("yaw_deg", FLOOR_DEG)):
+                sigma, before = new[at][f"{key}_sigma"], old[at][f"{key}_sigma"]
+                if sigma > SIGMA_LARGER * before + floor:
+                    yield f"{variant}: own sigma of {key} at its {at} {before:.2f} -> {sigma:.2f}"
+                most = max(FAULT_LARGER * old[at][key], old[at][key] + floor)
+                if new[at][key] > most and new[at][key] > old[at][f"{key}_most"]:
+                    unit = "m" if key == "position" else "deg"
+                    what = f"{old[at][key]:.2f} -> {new[at][key]:.2f} {unit}"
+                    yield f"{variant}: {key.partition('_')[0]} at its {at} {what}"
+
+
+COMPARISONS = {"healthy": worse_drive, "faults": worse_fault}

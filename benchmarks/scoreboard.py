@@ -31,17 +31,16 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import _scoreboard_drives as drives
+import _scoreboard_faults as faults
 from _scoreboard_cells import (
     FRICTION,
     RULES,
     VARIANTS,
     Cache,
-    Job,
     depends_on,
     rounded,
     work_off,
@@ -51,7 +50,7 @@ from _scoreboard_check import worse
 HERE = Path(__file__).resolve().parent
 RESULT = HERE / "scoreboard.json"
 CACHE = HERE / "scoreboard.cache.jsonl"
-PARTS = ("healthy",)
+PARTS = ("healthy", "faults")
 
 
 def main() -> None:
@@ -89,15 +88,18 @@ def run_part(part: str, given: argparse.Namespace) -> dict[str, Any]:
     """Figures of the cells of a part, by name."""
     variants = (*VARIANTS, FRICTION) if given.friction else VARIANTS
     without = tuple(sorted(given.without))
-    jobs: list[Job] = []
-    score: Callable[[Job], Any] = drives.score
-    picked = drives.quick_cells() if given.quick else drives.cells()
-    jobs = list(drives.jobs(picked, variants, without))
-    found = work_off(jobs, score, Cache(given.cache, depends_on(part)), given.workers)
-    by_cell: dict[str, list[Any]] = {}
-    for job in jobs:
-        by_cell.setdefault(job.cell, []).append(found[job])
-    return {cell: drives.summary(runs) for cell, runs in by_cell.items()}
+    results = Cache(given.cache, depends_on(part))
+    if part == "healthy":
+        picked = drives.quick_cells() if given.quick else drives.cells()
+        jobs = list(drives.jobs(picked, variants, without))
+        found = work_off(jobs, drives.score, results, given.workers)
+        by_cell: dict[str, list[Any]] = {}
+        for job in jobs:
+            by_cell.setdefault(job.cell, []).append(found[job])
+        return {cell: drives.summary(runs) for cell, runs in by_cell.items()}
+    jobs = list(faults.jobs(quick=given.quick, variants=variants, without=without))
+    found = work_off(jobs, faults.score, results, given.workers)
+    return faults.summary([(job.cell, found[job]) for job in jobs])
 
 
 def write(path: Path, results: dict[str, Any]) -> None:
