@@ -38,7 +38,17 @@ FLAGS = {
 """Counts of `Health` that indicate a fault; one that a later version lacks counts as zero."""
 GATE = "gate"
 # Rejections of a measurement for what it holds or for its stamp, which no rule for faults decides.
-OF_MESSAGES = ("stamp", "finite", "older", "full", "absurd", "variance", "far ahead", "not a")
+OF_MESSAGES = (
+    "stamp",
+    "finite",
+    "older",
+    "full",
+    "absurd",
+    "variance",
+    "far ahead",
+    "not a",
+    "before",
+)
 RULES: dict[str, tuple[str, Callable[..., Any]]] = {
     "gyro contradicts": ("failed_gyro.contradicts", lambda *_: False),
     "gyro repeats": ("failed_gyro.is_frozen", lambda *_: False),
@@ -143,6 +153,8 @@ def depends_on(part: str) -> tuple[str, ...]:
     if part == "faults":
         put = "benchmarks/_scoreboard_put.py"
         return (*FILTER, "replay", *own, put, "benchmarks/_scoreboard_faults.py")
+    if part == "cost":
+        return (*FILTER, "replay", "icreckon", "benchmarks/_scoreboard_cost.py")
     return (*FILTER, "replay", *own, "benchmarks/_scoreboard_real.py", "benchmarks/accuracy.py")
 
 
@@ -165,6 +177,8 @@ def work_off(
         with ProcessPoolExecutor(workers or os.cpu_count()) as pool:
             waiting = {pool.submit(score, job): job for job in missing}
             for count, done in enumerate(as_completed(waiting), 1):
+                if done.exception() is not None:
+                    print(f"{waiting[done]} failed", file=sys.stderr)
                 cache.add(waiting[done], done.result())
                 now = time.monotonic()
                 if now - told > PROGRESS_EVERY or count == len(missing):

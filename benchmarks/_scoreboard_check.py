@@ -18,6 +18,8 @@ ALL_LARGER = 0.01
 
 FAULT_LARGER, FLOOR_M, FLOOR_DEG = 1.25, 0.05, 0.5
 """Error with a fault that counts as worse, if it also exceeds that of each run in the file."""
+REAL_LARGER, SLOWER = 1.05, 1.25
+"""Drift on real logs, and time of a step, that count as worse [-]."""
 SIGMA_LARGER = 2.0
 """Own standard deviation with a fault that counts as worse: caution has a price [-]."""
 
@@ -28,7 +30,7 @@ def worse(results: dict[str, Any], baseline: dict[str, Any]) -> list[str]:
     for part, cells in results.items():
         before = baseline.get(part, {}).get("cells", {})
         shared = {name: (cells[name], before[name]) for name in cells if name in before}
-        if not shared:
+        if cells and not shared:
             found.append(f"{part}: the file has none of these cells")
         for name, (now, then) in shared.items():
             found += [f"{part}: {name}: {what}" for what in COMPARISONS[part](now, then)]
@@ -43,14 +45,18 @@ def worse_drive(now: dict[str, Any], then: dict[str, Any]) -> Iterator[str]:
         new, old = now[variant], then[variant]
         if new["drift"] > max(old["drift_high"], LARGER * old["drift"]):
             yield f"{variant}: drift {old['drift']:.2f} -> {new['drift']:.2f} %"
-        for key, points in (("rules_percent", RULES_POINTS), ("gates_percent", GATES_POINTS)):
-            if new[key] > old[key] + points:
-                names = f" ({', '.join(new['rules'])})" if key == "rules_percent" else ""
-                what = f"excluded by {key.partition('_')[0]}"
-                yield f"{variant}: {what} {old[key]:.2f} -> {new[key]:.2f} %{names}"
+        yield from (f"{variant}: {line}" for line in _more_excluded(new, old))
         if new["nees"] > max(NEES_BOUND, NEES_LARGER * old["nees"]):
             yield f"{variant}: NEES {old['nees']:.1f} -> {new['nees']:.1f}"
         yield from (f"{variant}: {line}" for line in more_flags(new["flags"], old["flags"]))
+
+
+def _more_excluded(new: dict[str, Any], old: dict[str, Any]) -> Iterator[str]:
+    for key, points in (("rules_percent", RULES_POINTS), ("gates_percent", GATES_POINTS)):
+        if new[key] > old[key] + points:
+            names = f" ({', '.join(new['rules'])})" if key == "rules_percent" else ""
+            what = f"excluded by {key.partition('_')[0]}"
+            yield f"{what} {old[key]:.2f} -> {new[key]:.2f} %{names}"
 
 
 def more_flags(new: dict[str, float], old: dict[str, float]) -> Iterator[str]:
@@ -96,4 +102,33 @@ def worse_fault(now: dict[str, Any], then: dict[str, Any]) -> Iterator[str]:
                     yield f"{variant}: {key.partition('_')[0]} at its {at} {what}"
 
 
-COMPARISONS = {"healthy": worse_drive, "faults": worse_fault}
+def worse_log(now: dict[str, Any], then: dict[str, Any]) -> Iterator[str]:
+    """What is worse in real logs: drift, or health of sensors that are taken to be healthy."""
+    for variant in sorted(now.keys() & then.keys()):
+        new, old = now[variant], then[variant]
+        if "drift" in old and new["drift"] > max(old["drift_high"], REAL_LARGER * old["drift"]):
+            yield f"{variant}: drift {old['drift']:.2f} -> {new['drift']:.2f} %"
+        if "turn_error" in old and new["turn_error"] > max(
+            old["turn_error_high"], REAL_LARGER * old["turn_error"]
+        ):
+            change = f"{old['turn_error']:.2f} -> {new['turn_error']:.2f} deg/s"
+            yield f"{variant}: turning predicted by the tracks {change}"
+        if "flags" in old:
+            yield from (f"{variant}: {line}" for line in _more_excluded(new, old))
+            yield from (f"{variant}: {line}" for line in more_flags(new["flags"], old["flags"]))
+
+
+def worse_cost(now: dict[str, Any], then: dict[str, Any]) -> Iterator[str]:
+    """What takes longer than in the file, against filterpy in the same run."""
+    for name in sorted(now.keys() & then.keys()):
+        new, old = now[name].get("of_filterpy"), then[name].get("of_filterpy")
+        if new and old and new > SLOWER * old:
+            yield f"{name}: {old:.2f} -> {new:.2f} times filterpy's step"
+
+
+COMPARISONS = {
+    "healthy": worse_drive,
+    "faults": worse_fault,
+    "real": worse_log,
+    "cost": worse_cost,
+}

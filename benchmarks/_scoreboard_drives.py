@@ -152,13 +152,6 @@ def cells() -> list[Cell]:
     return found
 
 
-def quick_cells() -> list[Cell]:
-    """A subset of 24 cells: each robot three times, each ground once or twice."""
-    every, grounds = cells(), list(GROUNDS)
-    place = {(one.robot, one.ground, k % 2): one for k, one in enumerate(every)}
-    return [place[ROBOTS[(k + k // 8) % 8], grounds[(k * 4) % 15], (k // 4) % 2] for k in range(24)]
-
-
 @cache
 def robot_of(name: str, *, sloped: bool) -> Robot:
     """Robot as simulated and as in the filter's file: its effective track is that of its contact."""

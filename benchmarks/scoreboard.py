@@ -36,6 +36,7 @@ from typing import Any
 
 import _scoreboard_drives as drives
 import _scoreboard_faults as faults
+import _scoreboard_real as real
 from _scoreboard_cells import (
     FRICTION,
     RULES,
@@ -46,11 +47,12 @@ from _scoreboard_cells import (
     work_off,
 )
 from _scoreboard_check import worse
+from _scoreboard_cost import cost
 
 HERE = Path(__file__).resolve().parent
 RESULT = HERE / "scoreboard.json"
 CACHE = HERE / "scoreboard.cache.jsonl"
-PARTS = ("healthy", "faults")
+PARTS = ("healthy", "faults", "real", "cost")
 
 
 def main() -> None:
@@ -90,16 +92,32 @@ def run_part(part: str, given: argparse.Namespace) -> dict[str, Any]:
     without = tuple(sorted(given.without))
     results = Cache(given.cache, depends_on(part))
     if part == "healthy":
-        picked = drives.quick_cells() if given.quick else drives.cells()
+        picked = quick_cells() if given.quick else drives.cells()
         jobs = list(drives.jobs(picked, variants, without))
         found = work_off(jobs, drives.score, results, given.workers)
         by_cell: dict[str, list[Any]] = {}
         for job in jobs:
             by_cell.setdefault(job.cell, []).append(found[job])
         return {cell: drives.summary(runs) for cell, runs in by_cell.items()}
+    if part == "cost":
+        return cost(quick=given.quick)
+    if part == "real":
+        jobs = [] if given.quick else list(real.jobs(variants, without))
+        found = work_off(jobs, real.score, results, given.workers)
+        return real.summary([(job, found[job]) for job in jobs])
     jobs = list(faults.jobs(quick=given.quick, variants=variants, without=without))
     found = work_off(jobs, faults.score, results, given.workers)
     return faults.summary([(job.cell, found[job]) for job in jobs])
+
+
+def quick_cells() -> list[drives.Cell]:
+    """A subset of 24 cells: each robot three times, each ground once or twice."""
+    every, grounds = drives.cells(), list(drives.GROUNDS)
+    place = {(one.robot, one.ground, k % 2): one for k, one in enumerate(every)}
+    return [
+        place[drives.ROBOTS[(k + k // 8) % 8], grounds[(k * 4) % 15], (k // 4) % 2]
+        for k in range(24)
+    ]
 
 
 def write(path: Path, results: dict[str, Any]) -> None:
