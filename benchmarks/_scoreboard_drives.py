@@ -98,7 +98,8 @@ DATA_SHEETS: dict[str, dict[str, float]] = {
         "accelerometer_bias_walk": 1e-4,
     },
 }
-ICE, SOFT = {"friction": 0.25}, {"rolling_resistance": 0.15}
+ICE, SOFT = 0.25, 0.15
+"""Friction, and rolling resistance, of ground that begins on the way [-]."""
 # Grass, gravel and a slippery stretch in turn.
 CHANGING = tuple(
     Patch(time=(20.0 * k, 20.0 * (k + 1)), friction=friction, rolling_resistance=rolling)
@@ -115,10 +116,10 @@ GROUNDS: dict[str, tuple[Terrain, tuple[Patch, ...]]] = {
     "rolling 5°": (Terrain(rolling_deg=5.0), ()),
     "rolling 10°": (Terrain(rolling_deg=10.0), ()),
     "kerbs": (Terrain(kerb_height=KERB), ()),
-    "ice under fixes": (Terrain(), (Patch(time=UNDER, **ICE),)),
-    "ice after fixes": (Terrain(), (Patch(time=AFTER, **ICE),)),
-    "soft under fixes": (Terrain(), (Patch(time=UNDER, **SOFT),)),
-    "soft after fixes": (Terrain(), (Patch(time=AFTER, **SOFT),)),
+    "ice under fixes": (Terrain(), (Patch(time=UNDER, friction=ICE),)),
+    "ice after fixes": (Terrain(), (Patch(time=AFTER, friction=ICE),)),
+    "soft under fixes": (Terrain(), (Patch(time=UNDER, rolling_resistance=SOFT),)),
+    "soft after fixes": (Terrain(), (Patch(time=AFTER, rolling_resistance=SOFT),)),
     "changes every 20 s": (Terrain(), CHANGING),
 }
 
@@ -292,7 +293,7 @@ def motions(stamps: Stamps, poses: Floats, truth: PoseSeries) -> tuple[list[floa
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Figures of a cell by variant, of its runs."""
     found = {}
-    of_gyro = blocks([one["gyro"] for one in runs]) if "gyro" in runs[0] else None
+    of_gyro = blocks([one["gyro"] for one in runs])
     for name in runs[0]:
         own = [one[name] for one in runs]
         errors, distances = blocks(own)
@@ -300,9 +301,7 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
         readings = sum(one["readings"] for one in own)
         hours = sum(one["hours"] for one in own)
         counted = {key: sum(one["flags"][key] for one in own) for key in own[0]["flags"]}
-        ratio = (None, None, None)
-        if of_gyro is not None:
-            ratio = interval_of_ratio(errors, of_gyro[0])
+        ratio = interval_of_ratio(errors, of_gyro[0])
         found[name] = {
             "drift": 100.0 * drift,
             "drift_low": 100.0 * low,

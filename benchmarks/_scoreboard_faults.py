@@ -293,7 +293,7 @@ def onsets(log: Log, truth: PoseSeries) -> list[int]:
     found: list[int] = []
     lasts = round((30.0 + LATER + 5.0) * SECOND)
     grid = np.arange(log.start + round(BEGINS * SECOND), log.end - lasts, 5 * SECOND)
-    driven = np.array([_driven(log, one) for one in grid])
+    driven = np.array([_driven(log, one) for one in grid.tolist()])
     for place in np.argsort(-driven, kind="stable"):
         one = int(grid[place])
         inside = (truth.stamps > one - round(BEGINS * SECOND)) & (truth.stamps < one + lasts)

@@ -42,8 +42,6 @@ EVERY, SILENT = 10.0, 2.0
 """The IMU is silent for the last seconds of each such span [s]."""
 LEAST_SPEED = 0.1
 """Speed of a track below which a span is left out [m/s]."""
-NOISE = {"gyro_noise_density": 0.002, "accelerometer_noise_density": 0.15}
-"""Of the BorealTC Husky while driving, those of the shipped husky; its IMU is mounted square."""
 
 
 def jobs(variants: tuple[str, ...], without: tuple[str, ...]) -> Iterator[Job]:
@@ -109,7 +107,9 @@ def tables(ground: str) -> list[Path]:
 def boreal_robot() -> Robot:
     """The Husky of BorealTC: the shipped one with an IMU that is mounted square."""
     robot = load_robot("husky")
-    return msgspec.structs.replace(robot, name=BOREAL, imu=Imu(**NOISE))
+    noise = robot.imu.gyro_noise_density, robot.imu.accelerometer_noise_density
+    imu = Imu(gyro_noise_density=noise[0], accelerometer_noise_density=noise[1])
+    return msgspec.structs.replace(robot, name=BOREAL, imu=imu)
 
 
 def boreal(path: Path) -> tuple[Log, Robot]:
