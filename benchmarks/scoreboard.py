@@ -1,6 +1,7 @@
 """Scoreboard of the filter: healthy drives, faults, real logs, cost.
 
-    python benchmarks/scoreboard.py [--quick] [--write FILE] [--check FILE] [--page]
+    python benchmarks/scoreboard.py [--quick] [--write FILE] [--check FILE]
+    python benchmarks/scoreboard.py --page benchmarks/scoreboard.json
 
 Every change of the filter must pass it. Each part is a set of cells with fixed seeds that no tuning uses:
 
@@ -48,6 +49,7 @@ from _scoreboard_cells import (
 )
 from _scoreboard_check import worse
 from _scoreboard_cost import cost
+from _scoreboard_page import write_page
 
 HERE = Path(__file__).resolve().parent
 RESULT = HERE / "scoreboard.json"
@@ -70,7 +72,11 @@ def main() -> None:
     parser.add_argument("--check", type=Path, help="compare with a file of results")
     parser.add_argument("--cache", type=Path, default=CACHE)
     parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--page", type=Path, help="make the page from a file; run nothing")
     given = parser.parse_args()
+    if given.page:
+        write_page(json.loads(given.page.read_text(encoding="utf-8")))
+        return
     begin = time.monotonic()
     results: dict[str, Any] = {}
     for part in given.parts:
