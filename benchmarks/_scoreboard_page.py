@@ -192,7 +192,7 @@ def faults_table(cells: dict[str, Any]) -> str:
         def most(at: str, key: str, own: list[dict[str, Any]] = own) -> str:
             return f"{rms(at, key):.2f} ({max(one[at][f'{key}_most'] for one in own):.2f})"
 
-        delays = [one["delay"] for one in own if one["delay"] is not None]
+        delays = [one["delay"] for one in own if one.get("delay") is not None]
         row = [fault, str(_runs(own))]
         for at in ("end", "later"):
             row += [most(at, "position")]

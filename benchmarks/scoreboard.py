@@ -28,7 +28,6 @@ its noise:
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import sys
 import time
@@ -49,11 +48,19 @@ from _scoreboard_cells import (
 )
 from _scoreboard_check import worse
 from _scoreboard_cost import cost
+from _scoreboard_file import read_results, write_results
 from _scoreboard_page import write_page
 
 HERE = Path(__file__).resolve().parent
 RESULT = HERE / "scoreboard.json"
 CACHE = HERE / "scoreboard.cache.jsonl"
+SENTINELS = (
+    "auriga-alpha | plane 10° to 30° | on the spot | tactical",
+    "marmotte | plane 10° to 30° | gentle | consumer",
+    "marmotte | ice after fixes | gentle | consumer",
+)
+"""Cells of the quick subset in which a version of the filter excluded a healthy gyro, or drifted most."""
+DIGITS = 3
 PARTS = ("healthy", "faults", "real", "cost")
 
 
@@ -75,19 +82,19 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="make the page from a file; run nothing")
     given = parser.parse_args()
     if given.page:
-        write_page(json.loads(given.page.read_text(encoding="utf-8")))
+        write_page(read_results(given.page))
         return
     begin = time.monotonic()
     results: dict[str, Any] = {}
     for part in given.parts:
         started = time.monotonic()
-        results[part] = rounded(run_part(part, given))
+        results[part] = rounded(run_part(part, given), DIGITS)
         print(f"{part}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
     if given.write:
-        write(given.write, results)
+        write_results(given.write, results)
     print(f"{time.monotonic() - begin:.0f} s in all", file=sys.stderr)
     if given.check:
-        found = worse(results, json.loads(given.check.read_text(encoding="utf-8")))
+        found = worse(results, read_results(given.check))
         print("\n".join(found) or f"no cell is worse than in {given.check}")
         sys.exit(bool(found))
 
@@ -117,27 +124,14 @@ def run_part(part: str, given: argparse.Namespace) -> dict[str, Any]:
 
 
 def quick_cells() -> list[drives.Cell]:
-    """A subset of 24 cells: each robot three times, each ground once or twice."""
+    """A subset: each robot three times, each ground once or twice, and `SENTINELS`."""
     every, grounds = drives.cells(), list(drives.GROUNDS)
     place = {(one.robot, one.ground, k % 2): one for k, one in enumerate(every)}
-    return [
+    balanced = [
         place[drives.ROBOTS[(k + k // 8) % 8], grounds[(k * 4) % 15], (k // 4) % 2]
         for k in range(24)
     ]
-
-
-def write(path: Path, results: dict[str, Any]) -> None:
-    """Write results to a file; cells that it has and that were not run stay if nothing changed."""
-    whole: dict[str, Any] = {}
-    if path.is_file():
-        whole = json.loads(path.read_text(encoding="utf-8"))
-    for part, cells in results.items():
-        now = Cache(path.with_suffix(".none"), depends_on(part)).digest
-        before = whole.get(part, {})
-        kept = before.get("cells", {}) if before.get("of") == now else {}
-        whole[part] = {"of": now, "cells": {**kept, **cells}}
-    text = json.dumps(whole, sort_keys=True, ensure_ascii=False, indent=0, separators=(",", ":"))
-    path.write_text(f"{text}\n", encoding="utf-8")
+    return balanced + [drives.Cell(*name.split(" | ")) for name in SENTINELS]
 
 
 if __name__ == "__main__":
