@@ -278,7 +278,7 @@ def draw_healthy(cells: dict[str, Any], path: Path) -> None:
                 if some:
                     ratios[row, column] = ratio_of(some, variant)[0]
                     text = f"{ratios[row, column]:.2f}"
-                    dark = not math.log(0.35) < math.log(ratios[row, column]) < math.log(1.6)
+                    dark = not math.log(0.45) < math.log(ratios[row, column]) < math.log(1.6)
                     color = "white" if dark else "black"
                     axes.text(column, row, text, ha="center", va="center", fontsize=10, color=color)
         picture = axes.imshow(np.log(ratios), cmap="RdBu_r", norm=norm, aspect="auto")
