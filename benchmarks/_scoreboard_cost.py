@@ -59,8 +59,9 @@ def streamed() -> dict[str, Any]:
 def paired(plain: Callable[[], float], ours: Callable[[], float]) -> tuple[float, float]:
     """Best time of ours, and its best ratio to filterpy's, taken in turn.
 
-    Each time is compared with the shorter of filterpy's just before and after it. Other work on the
-    machine makes single times longer, so the best of several ratios is one with little of it.
+    Each time is compared with the shorter of filterpy's just before and after it. These are processor
+    times, so other work on the machine changes them by a few per cent (caches, clock), and the best of
+    several ratios less.
 
     Args:
         plain: function that returns filterpy's time.
