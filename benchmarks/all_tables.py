@@ -26,31 +26,31 @@ KEPT = ROOT / "build" / "tables"
 RESULTS = "benchmarks/scoreboard.json"
 CHEAPEST_FIRST = (
     "broken_input",
-    "step_size",
     "observability",
+    "step_size",
     "fix_phase",
     "wander",
-    "study_table",
     "faults",
     "consistency_friction",
-    "track_gap",
     "spinning_track",
     "odd_wheel",
-    "sick_sensors",
+    "study_table",
+    "cramer_rao",
     "adaptation",
     "drift_summary",
-    "scatter",
-    "vibration",
     "demo_runs",
+    "vibration",
+    "track_gap",
+    "sick_sensors",
+    "consistency",
+    "scatter",
     "peers",
     "accuracy",
-    "consistency",
-    "cramer_rao",
     "drift_ratios",
     "scoreboard",
     "long_run",
 )
-"""Scripts by the time that their commands take, from a minute to half an hour on two cores."""
+"""Scripts by the time that their commands take, from 20 seconds to half an hour on two cores."""
 
 
 class CommandError(Exception):
