@@ -13,11 +13,14 @@ holds it at 1.
 
     python benchmarks/consistency.py                     # all terms of the filter are true
     python benchmarks/consistency.py --without lateness  # one of the careful ones is not
+    python benchmarks/consistency.py --each-without      # a row for each of them, and one for all
     python benchmarks/consistency.py --steady-slip       # the factor on the slip stays at 1
 """
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
 from unittest.mock import patch
@@ -47,6 +50,14 @@ BEGIN = 5.0
 SETTINGS = Settings(standstill=StandstillSettings(track_speed=0.0))
 FIXES = Fixes(heading_sigma=0.02, velocity_sigma=0.05)
 QUANTITIES = ("pose", "velocity", "parameters", "all states")
+CAREFUL = {
+    "white_slip": "white noise of the yaw rate (`Slip.white_time`): what is learnt is to be what lasts",
+    "lateness": "track speeds are averages of the time before (`TrackChange`, a fifth of the "
+    "kinematics' acceleration)",
+    "slip_change": "the slip changes within a sample of the accelerometers",
+    "track_noise": "noise of the track speeds",
+}
+"""What the filter allows for by each careful term."""
 
 
 @dataclass(frozen=True)
@@ -190,6 +201,46 @@ def nis_row(variant: str, sensor: str, scores: list[Score]) -> list[str]:
     ]
 
 
+def careful_rows(arguments: argparse.Namespace) -> Iterator[list[str]]:
+    """Rows of the table of careful terms, for the first variant."""
+    cases = {"(nothing)": (), **{f"`{name}`": (name,) for name in CAREFUL}, "all four": (*CAREFUL,)}
+    for label, without in cases.items():
+        terms = replace(Terms(), **dict.fromkeys(without, 0.0))
+        jobs = jobs_of(arguments, arguments.variants[:1], terms)
+        scores = spread(score, jobs, arguments.workers)
+        nis = [
+            np.array([one.nis[sensor][0] / one.nis[sensor][1] for one in scores])
+            for sensor in ("gyro", "accelerometer_x", "accelerometer_y")
+        ]
+        nees = [
+            np.array([one.nees[:, QUANTITIES.index(name)].mean() for one in scores])
+            for name in ("pose", "parameters")
+        ]
+        yield [
+            label,
+            CAREFUL[without[0]] if len(without) == 1 else "",
+            *(told(*mean_interval(one)) for one in nis),
+            *(told(*mean_interval(one), ".1f") for one in nees),
+        ]
+
+
+def jobs_of(arguments: argparse.Namespace, variants: Sequence[str], terms: Terms) -> list[Job]:
+    """Jobs of some variants."""
+    return [
+        Job(
+            name,
+            index,
+            arguments.duration,
+            arguments.trajectory,
+            terms,
+            arguments.share,
+            arguments.steady_slip,
+        )
+        for name in variants
+        for index in range(arguments.runs)
+    ]
+
+
 def main() -> None:
     """Print the tables."""
     parser = study_parser(__doc__, 200, ("constant-online", "inertia-online", "friction-online"))
@@ -206,24 +257,19 @@ def main() -> None:
         help="careful terms that are not in the truth",
     )
     parser.add_argument(
+        "--each-without", action="store_true", help="a row for each careful term, one variant"
+    )
+    parser.add_argument(
         "--steady-slip", action="store_true", help="hold the factor on the slip at 1"
     )
     arguments = parser.parse_args()
+    if arguments.each_without:
+        head = ("not in the truth (`TERM`)", "what it allows for", "NIS of the gyro")
+        head = (*head, "of accelerometer_x", "of accelerometer_y", "NEES of the pose (3)")
+        table((*head, "of the parameters (8)"), careful_rows(arguments))
+        return
     terms = replace(Terms(), **dict.fromkeys(arguments.without, 0.0))
-    jobs = [
-        Job(
-            name,
-            index,
-            arguments.duration,
-            arguments.trajectory,
-            terms,
-            arguments.share,
-            arguments.steady_slip,
-        )
-        for name in arguments.variants
-        for index in range(arguments.runs)
-    ]
-    scores = spread(score, jobs, arguments.workers)
+    scores = spread(score, jobs_of(arguments, arguments.variants, terms), arguments.workers)
     by_variant = {
         name: scores[row * arguments.runs : (row + 1) * arguments.runs]
         for row, name in enumerate(arguments.variants)

@@ -1,9 +1,10 @@
 """The demo's scenario over many seeds: drift of each variant, and paired ratios, with intervals.
 
     python benchmarks/demo_runs.py [--runs 20] [--trajectory random] [--rolling-resistance 0]
+    python benchmarks/demo_runs.py --conditions
 
-Prints a table in Markdown. Intervals are 95 % percentile bootstrap intervals over runs; a ratio is that
-of the means over the same runs.
+Prints a table in Markdown, with `--conditions` that of ratios under other conditions. Intervals are 95 %
+percentile bootstrap intervals over runs; a ratio is that of the means over the same runs.
 """
 
 from __future__ import annotations
@@ -24,6 +25,12 @@ from icreckon.simulation.simulate import simulate
 
 SCORING_SEED = 1
 BASELINE = "constant-online"
+CONDITIONS = {
+    "everyday driving, above": ("random", None),
+    "everyday, without rolling resistance (`--rolling-resistance 0`)": ("random", 0.0),
+    "full speed range (`--trajectory aggressive`)": ("aggressive", None),
+}
+COMPARED = ("gyro", BASELINE, "inertia-online", "friction-online")
 
 
 def score(job: tuple[str, float | None, str, int]) -> tuple[float, float]:
@@ -47,13 +54,30 @@ def cells(value: float, low: float, high: float) -> list[str]:
     return [f"{value:.2f}", f"{low:.2f} to {high:.2f}"]
 
 
+def conditions_row(name: str, runs: int) -> list[str]:
+    """Ratios of drift under a condition; that of `gyro` without its interval."""
+    jobs = [(*CONDITIONS[name], variant, index) for variant in COMPARED for index in range(runs)]
+    scores = np.array(spread(score, jobs, os.cpu_count() or 1))
+    gyro, baseline, *others = scores[:, 0].reshape(len(COMPARED), runs)
+    ratios = [
+        cells(*bootstrap(ratio_of_sums, np.stack([one, baseline], axis=-1)))
+        for one in (gyro, *others)
+    ]
+    return [name, ratios[0][0], *ratios[1], *ratios[2]]
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--trajectory", default="random")
     parser.add_argument("--rolling-resistance", type=float, help="the robot file's where left out")
+    parser.add_argument("--conditions", action="store_true", help="a row for each condition")
     arguments = parser.parse_args()
+    if arguments.conditions:
+        head = ("conditions", "`gyro`", "`inertia-online`", "95 %", "`friction-online`", "95 %")
+        table(head, (conditions_row(name, arguments.runs) for name in CONDITIONS))
+        return
     jobs = [
         (arguments.trajectory, arguments.rolling_resistance, variant, index)
         for variant in VARIANTS

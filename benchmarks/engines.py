@@ -90,11 +90,11 @@ class Drive:
         self.filters.work_through(self.lanes, self.inputs[part], steps, self.table[part], self.room)
 
     def seconds(self) -> float:
-        """Time of one step of one filter [s]."""
+        """Processor time of one step of one filter [s]."""
         self.lanes.workspace[:] = self.begun
-        begin = time.perf_counter()
+        begin = time.process_time()
         self._go(BEGIN, BEGIN + STEPS)
-        return (time.perf_counter() - begin) / STEPS / self.filters.width
+        return (time.process_time() - begin) / STEPS / self.filters.width
 
     def copy(self) -> Lanes:
         """Other lanes at the same point."""

@@ -7,7 +7,7 @@ at two or three wheels: each has an error of its own of 3 % of the speed, and th
 After 30 s, or after 2 s, when no bend has shown yet how the robot turns, the foremost left wheel reads
 0.8 m/s more than it drives the ground for 3 s, or stands still. The error is that of the motion from the
 start of the fault to 1 s after its end, root mean square over the runs, beside the filter's own standard
-deviation of it; `means` has the means of the sides alone. `in 3 sigma` counts runs.
+deviation of it; `means` has the means of the sides alone. `within 3 sigma` counts runs.
 
 LOGS is the folder of the sample logs. None of them has more than one joint a side; so each side is read
 at two and at three wheels as above, and the times that they are found to disagree are counted.
@@ -16,13 +16,14 @@ at two and at three wheels as above, and the times that they are found to disagr
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from _logs import WITH_TRUTH
 from _motion import Motion, motion_between
+from _study import table
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.log import Log
@@ -104,6 +105,31 @@ def _rms(values: list[float]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
+def case_rows(
+    robot: Robot, count: int, begins: float, blocked: bool, runs: int
+) -> Iterator[list[str]]:
+    """Rows of a number of wheels and a fault."""
+    drives = [drive(robot, seed, count, begins + 6.0) for seed in range(runs)]
+    faulty = [with_odd_wheel(log, begins, blocked=blocked) for log in drives]
+    for variant in VARIANTS:
+        plain = [motion_over_fault(log, robot, variant, begins).error for log in drives]
+        found = [motion_over_fault(log, robot, variant, begins) for log in faulty]
+        means = [
+            motion_over_fault(without_wheels(log), robot, variant, begins).error for log in faulty
+        ]
+        yield [
+            f"{count}, {'blocked' if blocked else 'spins'} after {begins:g} s",
+            f"`{variant}`",
+            f"{_rms(plain):.2f}",
+            f"{_rms(means):.2f}",
+            f"{_rms([one.error for one in found]):.2f}",
+            f"{max(one.error for one in found):.2f}",
+            f"{_rms([one.sigma for one in found]):.2f}",
+            f"{sum(one.error < 3.0 * one.sigma for one in found)} of {len(found)}",
+            f"{max(one.delay for one in found):.2f}",
+        ]
+
+
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser()
@@ -111,28 +137,10 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=8)
     given = parser.parse_args()
     robot = load_robot("auriga-alpha")
-    print(
-        "wheels a side, fault | variant | no fault [m] | means: error [m] | error [m] | worst [m] | "
-        "own sigma [m] | in 3 sigma | longest delay [s]"
-    )
+    head = ("wheels a side, fault", "variant", "without the fault, m", "means, m", "wheels, m")
+    head = (*head, "worst, m", "own sigma, m", "within 3 sigma", "named after, s")
     cases = [(2, LATER, False), (3, LATER, False), (2, LATER, True), (2, SOON, False)]
-    for count, begins, blocked in cases:
-        drives = [drive(robot, seed, count, begins + 6.0) for seed in range(given.runs)]
-        faulty = [with_odd_wheel(log, begins, blocked=blocked) for log in drives]
-        for variant in VARIANTS:
-            plain = [motion_over_fault(log, robot, variant, begins).error for log in drives]
-            found = [motion_over_fault(log, robot, variant, begins) for log in faulty]
-            means = [
-                motion_over_fault(without_wheels(log), robot, variant, begins).error
-                for log in faulty
-            ]
-            inside = sum(one.error < 3.0 * one.sigma for one in found)
-            print(
-                f"{count}, {'blocked' if blocked else 'spins'} after {begins:g} s | {variant} | "
-                f"{_rms(plain):.2f} | {_rms(means):.2f} | {_rms([one.error for one in found]):.2f} | "
-                f"{max(one.error for one in found):.2f} | {_rms([one.sigma for one in found]):.2f} | "
-                f"{inside} of {len(found)} | {max(one.delay for one in found):.2f}"
-            )
+    table(head, (row for case in cases for row in case_rows(robot, *case, given.runs)))
     if given.logs is None:
         return
     for name, robot_name in WITH_TRUTH.items():

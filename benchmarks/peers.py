@@ -101,7 +101,7 @@ def _silent(m: Measurement) -> Measurement | None:
 
 FAULTS = {
     "gyro reads 2 rad/s for 1 s": Fault(1.0, _stuck_gyro),
-    "left track spins, +0.8 m/s, 3 s": Fault(3.0, _spinning),
+    "left track +0.8 m/s for 3 s": Fault(3.0, _spinning),
     "no track speeds for 3 s": Fault(3.0, _silent),
 }
 
@@ -276,7 +276,7 @@ def show(results: list[dict[str, Result]]) -> None:
                 own,
             ]
         rows.append(row)
-    heads = [f"{what}: {head}" for what in FAULTS for head in ("RMS m", "survived %", "covered %")]
+    heads = [head for what in FAULTS for head in (f"{what}: RMS m", "survived %", "covered %")]
     table(["estimator", *heads], rows)
     counts = {what: sum(len(one[names[0]].faults[what]) for one in results) for what in FAULTS}
     print("\nfaults: " + ", ".join(f"{count} x {what}" for what, count in counts.items()))

@@ -39,6 +39,7 @@ from unittest.mock import patch
 import msgspec
 import numpy as np
 from _logs import logs_without
+from _study import table
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import relative, rpy_to_matrix, wrap_angle
@@ -240,7 +241,22 @@ def drives(robot: Robot, runs: int) -> list[Log]:
     ]
 
 
-def failed_for_good(robot: Robot, variant: str, runs: int, name: str) -> str:
+def fault_row(drives: list[Log], robot: Robot, name: str, variant: str) -> list[str]:
+    """Row of the table of faults."""
+    found = [motion_over_fault(log, FAULTS[name], robot, variant) for log in drives]
+    return [
+        name,
+        f"`{variant}`",
+        f"{rms([one.error for one in found]):.2f}",
+        f"{rms([one.sigma for one in found]):.2f}",
+        f"{rms([one.yaw for one in found]):.1f}",
+        f"{rms([one.yaw_sigma for one in found]):.1f}",
+        f"{np.mean([one.nees for one in found]):.1f}",
+        f"{sum(one.shown for one in found)} of {len(found)}",
+    ]
+
+
+def failed_for_good(robot: Robot, variant: str, runs: int, name: str) -> list[str]:
     """Row of the table of gyros that fail for good."""
     times, errors = [], []
     for seed in range(runs):
@@ -255,12 +271,13 @@ def failed_for_good(robot: Robot, variant: str, runs: int, name: str) -> str:
         off, sigma = one.trajectory.poses[-1] - true, one.state_sigmas[-1]
         yaw = np.degrees([wrap_angle(off[2]), sigma[YAW]])
         errors.append((*yaw, np.hypot(*off[:2]), np.hypot(*sigma[:2])))
-    cells = " | ".join(f"{rms(np.array(column)):.1f}" for column in zip(*errors, strict=True))
-    return f"{len(times)} of {runs} | {np.median(times) if times else np.nan:.0f} | {cells}"
+    cells = [f"{rms(np.array(column)):.1f}" for column in zip(*errors, strict=True)]
+    after = f"{np.median(times):.0f}" if times else ""
+    return [name, f"`{variant}`", f"{len(times)} of {runs}", after, *cells]
 
 
 def bias_jumps(robot: Robot, variant: str, runs: int) -> list[str]:
-    """Cells of the table of biases that jump, and number of refused fixes."""
+    """Row of the table of biases that jump: error, own sigma and share learnt; refused fixes."""
     found, refused = [], 0
     for seed in range(runs):
         log = simulate(Scenario(duration=90.0, seed=seed, trajectory="random"), robot)
@@ -279,22 +296,22 @@ def bias_jumps(robot: Robot, variant: str, runs: int) -> list[str]:
         refused += one.health.sensors["position"].rejected.get("gate", 0)
     off, sigmas, learnt = np.array(found).transpose(1, 0, 2)
     cells = [
-        f"{np.degrees(rms(off[:, k])):.1f} | {np.degrees(rms(sigmas[:, k])):.1f} | "
+        f"{np.degrees(rms(off[:, k])):.1f}, {np.degrees(rms(sigmas[:, k])):.1f}; "
         f"{learnt[:, k].mean():.0%}"
         for k in range(1, len(LATER) + 1)
     ]
-    return [*cells, f"{refused / runs:.1f}"]
+    return [f"`{variant}`", *cells, f"{refused / runs:.1f}"]
 
 
-def stuck_receiver(robot: Robot, variant: str, runs: int, rate: float) -> str:
+def stuck_receiver(robot: Robot, variant: str, runs: int, rate: float) -> list[str]:
     """Row of the table of receivers that repeat a position: not used, and used."""
     refused = _stuck_receiver(robot, variant, runs, rate)
     with patch.object(repeating_fixes, "most_driven", return_value=math.inf):
         used = _stuck_receiver(robot, variant, runs, rate)
-    return f"{refused} | {used.rpartition(' | ')[0]}"
+    return [f"{rate:g}", f"`{variant}`", *refused, *used[:2]]
 
 
-def _stuck_receiver(robot: Robot, variant: str, runs: int, rate: float) -> str:
+def _stuck_receiver(robot: Robot, variant: str, runs: int, rate: float) -> list[str]:
     """Largest error, own sigma then, and runs in which `health` shows it."""
     found, refused = [], 0
     for seed in range(runs):
@@ -312,10 +329,10 @@ def _stuck_receiver(robot: Robot, variant: str, runs: int, rate: float) -> str:
         found.append((off[worst], np.hypot(*one.state_sigmas[after][worst, :2])))
         refused += "repeats itself" in one.health.sensors["position"].rejected
     off, sigma = np.array(found).T
-    return f"{rms(off):.2f} | {rms(sigma):.2f} | {refused} of {runs}"
+    return [f"{rms(off):.2f}", f"{rms(sigma):.2f}", f"{refused} of {runs}"]
 
 
-def tilt_found(robot: Robot, variant: str, runs: int, mount: tuple[float, float]) -> str:
+def tilt_found(robot: Robot, variant: str, runs: int, mount: tuple[float, float]) -> list[str]:
     """Row of the table of tilted IMUs."""
     R, found = rpy_to_matrix(np.radians(mount[0]), np.radians(mount[1]), 0.0), []
     for log in drives(robot, runs):
@@ -328,7 +345,9 @@ def tilt_found(robot: Robot, variant: str, runs: int, mount: tuple[float, float]
         if tilt is not None:
             found.append((tilt.roll_deg, tilt.pitch_deg, tilt.is_wrong))
     roll, pitch, wrong = np.array(found).T
-    return f"{roll.mean():.1f} | {pitch.mean():.1f} | {round(wrong.sum())} of {runs}"
+    shown = f"{round(wrong.sum())} of {runs}"
+    tilted = f"{mount[0]:g}, {mount[1]:g}"
+    return [tilted, f"`{variant}`", f"{roll.mean():.1f}", f"{pitch.mean():.1f}", shown]
 
 
 def false_alarms(folder: Path) -> None:
@@ -359,39 +378,28 @@ def main() -> None:
     given = parser.parse_args()
     robot = load_robot("auriga-alpha")
     healthy = drives(robot, given.runs)
-    print("fault | variant | error [m] | own sigma | yaw error [deg] | own sigma | NEES | shown")
-    for name in given.faults:
-        for variant in given.variants:
-            found = [motion_over_fault(log, FAULTS[name], robot, variant) for log in healthy]
-            shown = sum(one.shown for one in found)
-            print(
-                f"{name} | `{variant}` | {rms([one.error for one in found]):.2f} | "
-                f"{rms([one.sigma for one in found]):.2f} | {rms([one.yaw for one in found]):.1f} | "
-                f"{rms([one.yaw_sigma for one in found]):.1f} | "
-                f"{np.mean([one.nees for one in found]):.1f} | {shown} of {len(found)}",
-                flush=True,
-            )
-    print("fails for good | variant | found | after [s] | yaw [deg] | own | position [m] | own")
-    for name in FOR_GOOD:
-        for variant in given.variants:
-            row = failed_for_good(robot, variant, given.runs, name)
-            print(f"{name} | `{variant}` | {row}", flush=True)
-    columns = " | ".join(f"{k} s: yaw error [deg] | own sigma | learnt" for k in LATER)
-    print(f"bias jumps | {columns} | refused fixes")
-    for variant in given.variants:
-        print(f"`{variant}` | {' | '.join(bias_jumps(robot, variant, given.runs))}", flush=True)
-    print(
-        "fixes a second | variant | largest error [m] | own sigma | shown | used: error | own sigma"
+    variants, runs = given.variants, given.runs
+    sigmas = ("error, m", "own sigma, m", "yaw error, deg", "own sigma, deg")
+    table(
+        ("fault", "variant", *sigmas, "NEES", "shown"),
+        (fault_row(healthy, robot, name, one) for name in given.faults for one in variants),
     )
-    for rate in FIX_RATES:
-        for variant in given.variants:
-            row = stuck_receiver(robot, variant, given.runs, rate)
-            print(f"{rate:g} | `{variant}` | {row}", flush=True)
-    print("IMU tilted by [deg] | variant | found roll | pitch | reported")
-    for mount in MOUNTS:
-        for variant in [one for one in given.variants if one != "gyro"]:
-            row = tilt_found(robot, variant, given.runs, mount)
-            print(f"{mount[0]:g}, {mount[1]:g} | `{variant}` | {row}", flush=True)
+    print()
+    head = ("fault", "variant", "found", "after, s", *sigmas[2:], *sigmas[:2])
+    table(head, (failed_for_good(robot, one, runs, name) for name in FOR_GOOD for one in variants))
+    print()
+    head = ("variant", *(f"{k} s" for k in LATER), "refused fixes")
+    table(head, (bias_jumps(robot, one, runs) for one in variants))
+    print()
+    head = ("fixes a second", "variant", *sigmas[:2], "shown", "if used: error, m", "own sigma, m")
+    table(head, (stuck_receiver(robot, one, runs, rate) for rate in FIX_RATES for one in variants))
+    print()
+    inertial = [one for one in variants if one != "gyro"]
+    table(
+        ("IMU tilted by, deg", "variant", "found roll", "pitch", "reported"),
+        (tilt_found(robot, one, runs, mount) for mount in MOUNTS for one in inertial),
+    )
+    print()
     if given.logs is not None:
         false_alarms(given.logs)
 

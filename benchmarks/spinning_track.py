@@ -9,8 +9,7 @@ the same motion (`relative_motion`), and with the same drive without the fault. 
 time from the start of the fault until `health.slip` names the track.
 
 In the second table both tracks spin, as at a wall: both read more than they drive the ground. `found` is
-the share of drives in which `health.slip.forward` shows it; the error of the others is in their own
-columns, as no sensor shows it.
+the share of drives in which `health.slip.forward` shows it; error and sigma are those of all drives.
 
 On the demo's rolling ground the tall robot stands on its lower track alone at times, and the upper one
 slides. The third table has the error of v_x while a track is found spinning, of the mean of the track
@@ -28,6 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from _logs import logs_without
 from _motion import Motion, motion_between
+from _study import table
 
 from icreckon.cli.demo import DURATION, demo_scenario
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -110,25 +110,36 @@ def rolling_ground(robot: Robot, index: int) -> Sliding:
     return Sliding(estimator.health.slip.times, log.duration, of_tracks, of_filter)
 
 
-def print_both(robot: Robot, runs: int) -> None:
-    """Print the table of both tracks."""
-    drives = [drive(robot, seed, 43.0) for seed in range(runs)]
-    print(
-        "both spin | found | longest delay [s] | error [m] | own sigma [m] | error, own sigma [m]"
-    )
-    for excess, seconds in BOTH_SPIN:
-        lasts = seconds * SECOND
-        moved = []
-        for log in drives:
-            faulty = with_free_track(log, excess, lasts=lasts, both=True)
-            moved.append(motion_over_fault(faulty, robot, "inertia-online", lasts))
-        seen = [one for one in moved if one.delay == one.delay and one.delay < seconds]
-        hidden = [one for one in moved if one not in seen]
-        cells = [f"{rms([one.error for one in part]):.2f} | {rms([one.sigma for one in part]):.2f}"
-                 if part else "- | -" for part in (seen, hidden)]  # fmt: skip
-        delay = f"{max(one.delay for one in seen):.2f}" if seen else "-"
-        share = f"{len(seen)} of {len(moved)}"
-        print(f"{excess} m/s, {seconds} s | {share} | {delay} | {' | '.join(cells)}")
+def both_row(drives: list[Log], robot: Robot, excess: float, seconds: int) -> list[str]:
+    """Row of the table of both tracks."""
+    lasts = seconds * SECOND
+    moved = []
+    for log in drives:
+        faulty = with_free_track(log, excess, lasts=lasts, both=True)
+        moved.append(motion_over_fault(faulty, robot, "inertia-online", lasts))
+    seen = [one.delay for one in moved if one.delay == one.delay and one.delay < seconds]
+    return [
+        f"{excess} m/s, {seconds} s",
+        f"{len(seen)} of {len(moved)}",
+        f"{max(seen):.2f}" if seen else "",
+        f"{rms([one.error for one in moved]):.2f}",
+        f"{rms([one.sigma for one in moved]):.2f}",
+    ]
+
+
+def one_row(drives: list[Log], robot: Robot, variant: str) -> list[str]:
+    """Row of the table of the left track."""
+    plain = [motion_over_fault(log, robot, variant) for log in drives]
+    faulty = [motion_over_fault(with_free_track(log), robot, variant) for log in drives]
+    delays = [one.delay for one in faulty]
+    return [
+        f"`{variant}`",
+        f"{rms([one.error for one in plain]):.2f}",
+        f"{rms([one.error for one in faulty]):.2f}",
+        f"{max(one.error for one in faulty):.2f}",
+        f"{rms([one.sigma for one in faulty]):.2f}",
+        f"{np.nanmax(delays):.2f}" if np.isfinite(delays).all() else "not always",
+    ]
 
 
 def rms(values: list[float]) -> float:
@@ -144,21 +155,13 @@ def main() -> None:
     given = parser.parse_args()
     robot = load_robot("auriga-alpha")
     drives = [drive(robot, seed) for seed in range(given.runs)]
-    print(
-        "variant | without the fault: error [m] | error [m] | worst [m] | own sigma [m] | delay [s]"
-    )
-    for variant in VARIANTS:
-        plain = [motion_over_fault(log, robot, variant) for log in drives]
-        faulty = [motion_over_fault(with_free_track(log), robot, variant) for log in drives]
-
-        delays = [one.delay for one in faulty]
-        noticed = f"{np.nanmax(delays):.2f}" if np.isfinite(delays).all() else "not always"
-        print(
-            f"{variant} | {rms([one.error for one in plain]):.2f} | "
-            f"{rms([one.error for one in faulty]):.2f} | {max(one.error for one in faulty):.2f} | "
-            f"{rms([one.sigma for one in faulty]):.2f} | {noticed}"
-        )
-    print_both(robot, given.runs)
+    head = ("variant", "without the fault, m", "with it, m", "worst, m", "own sigma, m", "delay, s")
+    table(head, (one_row(drives, robot, variant) for variant in VARIANTS))
+    print()
+    drives = [drive(robot, seed, 43.0) for seed in range(given.runs)]
+    head = ("both read too much", "found", "after, s", "error, m", "own sigma, m")
+    table(head, (both_row(drives, robot, *case) for case in BOTH_SPIN))
+    print()
     slid = [rolling_ground(robot, index) for index in range(given.runs)]
     minutes = sum(one.duration for one in slid) / 60.0
     of_tracks = [error for one in slid for error in one.of_tracks]

@@ -6,8 +6,9 @@ depends on the length of the drive, which is ten minutes.
 
 The plain EKF does the same algebra (a prediction and two scalar updates with as many states) without any
 motion model, gate or bookkeeping. It and both engines of the filter are timed in turn, and the best of
-several runs counts: what else the machine does makes a run longer, never shorter. With --cold, it also
-tells how long the compiled engine takes when it is used for the first time, and in a later process.
+several runs counts, in processor time: what else the machine does makes a run longer, never shorter. With
+--cold, it also tells how long the compiled engine takes when it is used for the first time, and in a
+later process.
 """
 
 from __future__ import annotations
@@ -58,10 +59,10 @@ def filter_microseconds(
     """Mean time of a step [µs] over a log whose track speeds and IMU are in step."""
     estimator = PoseEstimator(robot, variant, settings=settings)
     measurements = list(log.measurements())
-    begin = time.perf_counter()
+    begin = time.process_time()
     for measurement in measurements:
         estimator.feed(measurement)
-    return 1e6 * (time.perf_counter() - begin) / (len(measurements) / 2)
+    return 1e6 * (time.process_time() - begin) / (len(measurements) / 2)
 
 
 def array_microseconds(log: Log, robot: Robot, variant: str) -> float:
@@ -69,9 +70,9 @@ def array_microseconds(log: Log, robot: Robot, variant: str) -> float:
     if log.imu is None:
         raise ValueError("the log has no IMU")
     estimator = PoseEstimator(robot, variant)
-    begin = time.perf_counter()
+    begin = time.process_time()
     feed_arrays(estimator, log.tracks, log.imu)
-    return 1e6 * (time.perf_counter() - begin) / len(log.imu.stamps)
+    return 1e6 * (time.process_time() - begin) / len(log.imu.stamps)
 
 
 def plain_microseconds(steps: int) -> float:
@@ -81,12 +82,12 @@ def plain_microseconds(steps: int) -> float:
     row = np.zeros((1, s.SIZE))
     row[0, :3] = 1.0
     zero = np.zeros(1)
-    begin = time.perf_counter()
+    begin = time.process_time()
     for _ in range(steps):
         ekf.predict()
         for _ in range(2):
             ekf.update(zero, lambda _: row, lambda x: row @ x)
-    return 1e6 * (time.perf_counter() - begin) / steps
+    return 1e6 * (time.process_time() - begin) / steps
 
 
 def first_seconds(cache: str) -> float:

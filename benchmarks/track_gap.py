@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from _logs import WITH_TRUTH
+from _study import table
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
@@ -98,6 +99,27 @@ def gaps_of(log: Log, robot: Robot, variant: str, length: float) -> list[Gap]:
     return found
 
 
+def gap_row(logs: dict[str, tuple[Robot, Log]], variant: str, length: float) -> list[str]:
+    """A row of the table."""
+    found, shares = [], []
+    for robot, log in logs.values():
+        of_log = gaps_of(log, robot, variant, length)
+        found += of_log
+        shares += [one.fastest / robot.vehicle.max_track_speed for one in of_log]
+    errors = np.array([one.error for one in found])
+    inside = sum(one.square < 11.83 for one in found)
+    return [
+        f"{length:g}",
+        f"`{variant}`",
+        f"{np.sqrt(np.mean(errors**2)):.2f}",
+        f"{np.median(errors):.2f}",
+        f"{np.median([one.sigma for one in found]):.2f}",
+        f"{np.mean([one.square for one in found]):.1f}",
+        f"{inside} of {len(found)}",
+        f"{max(shares):.2f}",
+    ]
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser()
@@ -107,25 +129,9 @@ def main() -> None:
         name: (load_robot(robot), read_log(given.logs / name, load_robot(robot)))
         for name, robot in WITH_TRUTH.items()
     }
-    print(
-        "gap [s] | variant | gaps | error, RMS [m] | median [m] | own sigma, median [m] | NEES | "
-        "in 3 sigma | fastest"
-    )
-    for length in LENGTHS:
-        for variant in VARIANTS:
-            found, shares = [], []
-            for robot, log in logs.values():
-                of_log = gaps_of(log, robot, variant, length)
-                found += of_log
-                shares += [one.fastest / robot.vehicle.max_track_speed for one in of_log]
-            errors = np.array([one.error for one in found])
-            inside = sum(one.square < 11.83 for one in found)
-            print(
-                f"{length:g} | {variant} | {len(found)} | {np.sqrt(np.mean(errors**2)):.2f} | "
-                f"{np.median(errors):.2f} | {np.median([one.sigma for one in found]):.2f} | "
-                f"{np.mean([one.square for one in found]):.2f} | {inside} | {max(shares):.2f}",
-                flush=True,
-            )
+    head = ("gap, s", "variant", "error, RMS, m", "median, m", "own sigma, median, m", "NEES (2)")
+    rows = (gap_row(logs, variant, length) for length in LENGTHS for variant in VARIANTS)
+    table((*head, "in 3 sigma", "fastest"), rows)
 
 
 if __name__ == "__main__":
