@@ -50,7 +50,6 @@ OF_MESSAGES = (
     "before",
 )
 RULES: dict[str, tuple[str, Callable[..., Any]]] = {
-    "gyro contradicts": ("failed_gyro.contradicts", lambda *_: False),
     "gyro repeats": ("failed_gyro.is_frozen", lambda *_: False),
     "gyro jumps": ("failed_gyro.least_jump", lambda *_: math.inf),
     "fixes repeat": ("repeating_fixes.most_driven", lambda *_: math.inf),

@@ -9,6 +9,7 @@ attributes, for numba an array on its memory (`array_on`).
 from __future__ import annotations
 
 import ctypes
+from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, cast, get_type_hints
 
 import msgspec
@@ -79,7 +80,7 @@ def record_array(record: Any, count: int) -> NDArray[Any]:
 def record_of(kind: type[Record], element: Any) -> Record:
     """Record of a type from an element of a structured array."""
     values = {}
-    for name, of in get_type_hints(kind).items():
+    for name, of in _types(kind).items():
         value = element[name]
         values[name] = record_of(of, value) if _names(of) else value.tolist()
     return kind(**values)
@@ -113,6 +114,11 @@ def assign(record: Any, source: Any) -> None:
             getattr(record, name)[:] = value
         else:
             setattr(record, name, value)
+
+
+@cache
+def _types(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind)
 
 
 def _names(record: Any) -> tuple[str, ...]:

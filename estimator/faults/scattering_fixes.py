@@ -290,10 +290,10 @@ def _measured_anew(before: Scatter, stated: float) -> Scatter:
 def parts_scatter(
     fixes: Any, path: Any, yaws: Floats, seconds: Floats, stated: float, least: float
 ) -> bool:
-    """Return True if the fixes before two jumps scatter, or those between them or after them.
+    """Return True if fixes scatter apart from a jump, and apart from a burst of wrong ones.
 
-    A jump of the estimate's heading, or of the fixes to another place and back, is no scatter: no part
-    shows any.
+    A jump of the estimate's heading, or of the fixes, is no scatter: neither the fixes before it show any,
+    nor those after it. Nor is a burst of wrong fixes: neither they show any, nor the others.
 
     Args:
         fixes: (n,) measured places x + iy [m].
@@ -304,13 +304,17 @@ def parts_scatter(
         least: see `Spread.is_beyond`.
     """
     jumps = np.abs(np.abs(np.diff(fixes)) - np.abs(np.diff(path)))
+    places, jump = np.arange(len(fixes)), 1 + int(jumps.argmax())
     first, second = sorted((1 + np.argsort(jumps)[-2:]).tolist())
-    split = slice(first), slice(first, second), slice(second, None)
-    parts = [part for part in split if len(path[part]) >= FEWEST]
-    return any(
-        spread_of(fixes[part], path[part], yaws[part], seconds[part]).is_beyond(stated, least)
-        for part in parts
-    )
+    apart_from = places < jump, (first <= places) & (places < second)
+
+    def scatter(part: Any) -> bool:
+        if part.sum() < FEWEST:
+            return False
+        found = spread_of(fixes[part], path[part], yaws[part], seconds[part])
+        return bool(found.is_beyond(stated, least))
+
+    return all(scatter(part) or scatter(~part) for part in apart_from)
 
 
 class Expected(NamedTuple):

@@ -28,7 +28,7 @@ OF_FILE, OF_MEASURED = 5.0, 8.0
 # Standard deviations beyond which their mean shows that the bias has changed.
 OF_MEAN = 4.0
 # A slow turn is this share of a bias that changed, at one standard deviation.
-SLOW_TURN = 1.0 / 3.0
+SLOW_TURN = 0.5
 # Time without quiet readings after which a robot with its tracks at rest is carried: a robot rocks for a
 # moment when it stops [s]. Its speed then, as a standard deviation [m/s].
 ROCKING, CARRIED_SPEED = 1.0, 0.5

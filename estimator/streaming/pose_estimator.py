@@ -285,7 +285,7 @@ class PoseEstimator:
             EstimatorError: the object is no measurement, holds what is no number, or is of a kind that
                 was registered later.
         """
-        return self.feed_corrected(self._stamps.corrected(as_plain(measurement)))
+        return self._feed_plain(self._stamps.corrected(as_plain(measurement)))
 
     @property
     def latencies(self) -> Latencies:
@@ -298,7 +298,9 @@ class PoseEstimator:
 
     def feed_corrected(self, measurement: Measurement) -> bool:
         """Update with one measurement whose stamp is its time of measurement; see `feed`."""
-        measurement = as_plain(measurement)
+        return self._feed_plain(as_plain(measurement))
+
+    def _feed_plain(self, measurement: Measurement) -> bool:
         stream, key = self._streams.get(type(measurement)), key_of(measurement)
         if stream is None:
             name = type(measurement).__name__

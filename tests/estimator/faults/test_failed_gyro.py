@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -18,10 +19,7 @@ from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.failed_gyro import (
     LEARNT,
     LEAST_REPEATS,
-    LEAST_TURNING,
-    OF_BENDS_BEFORE,
     GyroRecord,
-    contradiction_density,
     watch_gyro,
 )
 from icreckon.estimator.log.log import Log
@@ -31,8 +29,6 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import SMOOTHING
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 WIDTH = 1.5
@@ -49,6 +45,7 @@ def watched(
     width: float = WIDTH,
     most: float = 0.0,
     step: int = STEP,
+    acceleration: float = 60.0,
     gyro: GyroRecord | None = None,
 ) -> tuple[np.ndarray, GyroRecord]:
     """Readings that are used, NaN for the others, and the record.
@@ -61,7 +58,7 @@ def watched(
     smooth = smoothed(turning, step)
     used = [
         watch_gyro(
-            gyro, k * step, float(rate), float(turning[k]), width, 0.05, smooth[k], 0.5, most
+            gyro, k * step, float(rate), float(turning[k]), width, smooth[k], most, acceleration
         )
         for k, rate in enumerate(rates)
     ]
@@ -83,14 +80,12 @@ def drive(seconds: float = 20.0, *, noise: float = 0.01, step: int = STEP) -> np
     return 0.6 * np.sin(times) + noise * noise_of(3, len(times))
 
 
-@pytest.mark.parametrize("width", [WIDTH, 0.0])
 @pytest.mark.parametrize("value", [2.0, -2.0])
-def test_a_reading_that_jumps_is_not_used_until_it_jumps_back(value: float, width: float) -> None:
-    """Without bends so far, `width` 0, the tracks do not help."""
+def test_a_reading_that_jumps_is_not_used_until_it_jumps_back(value: float) -> None:
     true = drive()
     rates = true.copy()
     rates[1000:1100] = value + 0.01 * noise_of(5, 100)
-    used, gyro = watched(rates, true, width=width)
+    used, gyro = watched(rates, true)
     assert np.isnan(used[1000:1100]).all()
     assert np.array_equal(used[:1000], true[:1000])
     assert np.array_equal(used[1100:], true[1100:])
@@ -103,7 +98,8 @@ def test_a_jump_that_ends_slowly_is_over_when_the_tracks_agree() -> None:
     rates[1000:1400] += np.linspace(1.5, 0.0, 400)
     used, _ = watched(rates, true)
     over = 1000 + int(np.flatnonzero(np.isfinite(used[1000:]))[0])
-    assert 1350 < over < 1470
+    # Two fifths of the jump are left after 2.4 s, and half a second is agreement.
+    assert over == pytest.approx(1290, abs=10)
     assert np.isfinite(used[over:]).all()
 
 
@@ -174,7 +170,7 @@ def test_a_world_without_noise_is_no_fault() -> None:
     smooth, gyro = smoothed(WIDTH * rates, STEP), GyroRecord()
     for k, rate in enumerate(rates.tolist()):
         turning = WIDTH * rate
-        assert watch_gyro(gyro, k * STEP, rate, turning, WIDTH, 0.0, smooth[k], 0.5, 0.0) == rate
+        assert watch_gyro(gyro, k * STEP, rate, turning, WIDTH, smooth[k], 0.0, 60.0) == rate
     assert gyro.times == 0
 
 
@@ -190,106 +186,59 @@ def test_readings_beyond_the_range_are_not_used() -> None:
 def test_after_a_gap_nothing_is_a_jump() -> None:
     gyro = GyroRecord()
     for stamp, rate in ((0, 0.0), (SECOND, 2.0), (2 * SECOND, -2.0)):
-        assert watch_gyro(gyro, stamp, rate, 0.0, WIDTH, 0.05, 0.0, 0.0, 0.0) == rate
+        assert watch_gyro(gyro, stamp, rate, 0.0, WIDTH, 0.0, 0.0, 60.0) == rate
     assert gyro.times == 0
     assert gyro.shifted(SECOND).stamp == 3 * SECOND
     assert GyroRecord().shifted(SECOND) == GyroRecord()
 
 
-# --- gyro against tracks -------------------------------------------------------------------------
-
-READS = {
-    "noise": lambda true: 0.003 * noise_of(7, len(true)),
-    "the other side": np.negative,
-}
+# --- disagreement with the tracks is no fault -------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", READS)
-def test_bends_to_both_sides_show_that_the_gyro_fails(name: str) -> None:
-    """Bends of 1.2 rad; it is used again within a bend. The fault begins and ends straight ahead."""
-    true = drive(60.0)
-    rates = true.copy()
-    begin, end = 1571, 4084
-    rates[begin:end] = READS[name](rates[begin:end])
-    used, gyro = watched(rates, true)
-    found = int(np.flatnonzero(np.isnan(used))[0])
-    over = int(np.flatnonzero(np.isnan(used))[-1])
-    turned = np.cumsum(np.abs(true)) * 0.01
-    assert turned[begin] < turned[found] < turned[begin] + 2.6
-    assert turned[over] < turned[end] + 1.2
-    assert np.isnan(used[found : over + 1]).all()
-    assert gyro.times == 1
-    assert gyro.contradicted == over + 1 - found
-    assert np.isfinite(used[over + 1 :]).all()
+@pytest.mark.parametrize("share", [0.0, -1.0, 0.45])
+def test_a_gyro_that_shows_other_bends_than_the_tracks_is_used(share: float) -> None:
+    """Tracks that slip, spin or are measured wrongly: the gyro is healthy."""
+    rates = drive(60.0)
+    used, gyro = watched(share * rates + 0.003 * noise_of(7, len(rates)), rates)
+    assert np.isfinite(used).all()
+    assert gyro.times == 0
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_yaw_is_uncertain_by_what_was_not_shown(sign: float) -> None:
-    true = sign * drive(60.0)
-    rates = true.copy()
-    rates[1500:] = READS["noise"](rates[1500:])
-    gyro = GyroRecord()
-    smooth = smoothed(WIDTH * true, STEP)
-    for k in range(len(rates)):
-        turning = WIDTH * float(true[k])
-        used = watch_gyro(
-            gyro, k * STEP, float(rates[k]), turning, WIDTH, 0.05, smooth[k], 0.5, 0.0
-        )
-        if np.isnan(used):
-            break
-    off = float((true - rates)[: k + 1].sum()) * 0.01
-    of_turn, of_way = contradiction_density(gyro, (k - 1) * STEP, k * STEP)
-    assert np.sqrt(of_turn * 0.01 - OF_BENDS_BEFORE**2) == pytest.approx(
-        abs(off), rel=0.4, abs=0.05
+@pytest.mark.parametrize("sharing", [False, True])
+def test_a_small_robot_that_turns_about_at_once_is_no_fault(sharing: bool) -> None:
+    """1.6 rad/s in 20 ms, 80 rad/s², is within what friction can do on a gauge of 0.4 m.
+
+    On a robot that cannot it is a jump, until the tracks' turning shows it.
+    """
+    true = 0.8 * np.sign(np.sin(0.5 * np.arange(0.0, 60.0, 0.02)))
+    rates = true + 0.003 * noise_of(5, len(true))
+    tracks = true if sharing else np.full_like(true, 0.8)
+    acceleration = 60.0 if sharing else 200.0
+    used, gyro = watched(rates, tracks, step=2 * STEP, acceleration=acceleration)
+    assert np.isfinite(used).all()
+    assert gyro.times == 0
+
+
+def test_an_impossible_step_that_no_track_shares_is_a_jump() -> None:
+    true = np.where(np.arange(3000) < 1500, 0.0, 1.6) + 0.003 * noise_of(5, 3000)
+    used, gyro = watched(true, np.zeros(3000), step=2 * STEP, acceleration=60.0)
+    assert np.isnan(used[1500:]).all()
+    assert (gyro.times, gyro.jumped) == (1, 1500)
+
+
+def test_a_frozen_encoder_does_not_exclude_the_gyro(robot: Robot, healthy: Log) -> None:
+    """The left track reads one speed for the rest of the drive; the yaw is that of the gyro."""
+    speeds = healthy.tracks.speeds.copy()
+    frozen = len(speeds) // 2
+    speeds[frozen:, 0] = speeds[frozen, 0]
+    one = run(
+        replace(healthy, tracks=replace(healthy.tracks, speeds=speeds)), robot, "constant-online"
     )
-    assert of_way == pytest.approx(of_turn * gyro.way**2)
-    assert contradiction_density(gyro, k * STEP, (k + 1) * STEP) == (0.0, 0.0)
-
-
-def test_one_side_or_a_share_of_the_turning_is_slip() -> None:
-    """A track that spins, on straights and in bends; tracks that turn twice as far as the robot."""
-    true = drive(60.0)
-    spins = np.where(np.arange(6000) > 2000, -0.7, 0.0)
-    for rates, tracks in ((true, true + spins), (0.0 * true, spins), (0.45 * true, true)):
-        used, gyro = watched(rates, tracks)
-        assert np.isfinite(used).all()
-        assert gyro.times == 0
-
-
-def test_encoder_noise_on_a_straight_is_no_bend() -> None:
-    """Ten minutes whose bends would add up to many radians."""
-    rates = 0.003 * noise_of(3, 60_000)
-    turning = 0.1 * noise_of(4, 60_000)
-    used, gyro = watched(rates, rates + turning / WIDTH)
-    assert np.isfinite(used).all()
-    assert gyro.bends_left.turned < LEAST_TURNING
-
-
-@pytest.mark.parametrize("late", [-0.2, 0.2])
-def test_late_tracks_do_not_contradict_the_gyro(late: float) -> None:
-    """Weaving by 0.6 rad/s with a period of 3 s."""
-    times = np.arange(0.0, 60.0, 0.01)
-    rates, tracks = (0.6 * np.sin(2.0 * np.pi / 3.0 * (times - lag)) for lag in (0.0, late))
-    used, _ = watched(rates + 0.01 * noise_of(3, len(times)), tracks)
-    assert np.isfinite(used).all()
-
-
-@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
-def test_a_gyro_that_reads_noise_is_found_and_the_uncertainty_covers_it(
-    variant: str, robot: Robot
-) -> None:
-    log = simulate(Scenario(duration=60.0, trajectory="random", fix_rate=0.0), robot)
-    log = benchmark.with_rate(log, 30.0, lambda rates: benchmark.with_noise(0.0 * rates))
-    one = run(log, robot, variant)
-    assert one.health.gyro.fault == "contradicts the tracks"
-    assert one.health.sensors["gyro"].rejected["contradicts the tracks"] > 1000
-    off = one.trajectory.poses - interpolate_poses(log.truth.poses, one.stamps)
-    since = one.stamps > one.health.gyro.since + SECOND // 2
-    assert (np.abs(wrap_angle(off[since, 2])) < 3.0 * one.state_sigmas[since, 2]).all()
-    assert (np.hypot(*off[since, :2].T) < 3.0 * np.hypot(*one.state_sigmas[since, :2].T)).all()
-    (side,) = run_side_by_side(log, robot, [variant]).values()
-    assert side.states == pytest.approx(one.states, rel=1e-7, abs=1e-8)
-    assert side.health.gyro == one.health.gyro
+    assert not set(one.health.sensors["gyro"].rejected) - {"gate"}
+    off = (
+        one.trajectory.poses[-1, 2] - interpolate_poses(healthy.truth.poses, one.stamps[-1:])[0, 2]
+    )
+    assert abs(wrap_angle(off)) < np.radians(10.0)
 
 
 @pytest.fixture(scope="module")

@@ -70,10 +70,10 @@ def after_bends(width: float = WIDTH, seconds: float = 20.0, spread: float = 0.2
         rate = 0.8 * np.sin(0.01 * k)
         turning = width * (1.0 + spread * (-1) ** k) * rate
         spin.left, spin.right = 0.4 - 0.5 * turning, 0.4 + 0.5 * turning
-        watch_spin(spin, k * STEP, rate, math.nan, 0.0, 0.0, FASTEST, True)
+        watch_spin(spin, k * STEP, rate, math.nan, 0.0, 0.0, FASTEST)
         assert not is_found(spin)
     spin.left = spin.right = 0.4
-    watch_spin(spin, (k + 1) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST, True)
+    watch_spin(spin, (k + 1) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST)
     return spin
 
 
@@ -127,7 +127,7 @@ def watched(
     begin = spin.stamp // STEP + 1
     spin.left, spin.right, spin.force = left, right, 0.0 if math.isnan(force) else force
     for k in range(begin, begin + round(seconds / (STEP * NANOSECOND))):
-        watch_spin(spin, k * STEP, rate, force, left - was[0], right - was[1], FASTEST, True)
+        watch_spin(spin, k * STEP, rate, force, left - was[0], right - was[1], FASTEST)
     return spin
 
 
@@ -158,7 +158,7 @@ def test_the_side_may_be_found_later() -> None:
     spin = watched(0.3, 0.7, 0.0, 0.5, was=(0.3, 0.7))
     assert spin.side == UNKNOWN
     for k in range(spin.stamp // STEP + 1, spin.stamp // STEP + 100):
-        watch_spin(spin, k * STEP, 0.0, -0.5, 0.0, 0.0, FASTEST, True)
+        watch_spin(spin, k * STEP, 0.0, -0.5, 0.0, 0.0, FASTEST)
     assert spin.side == RIGHT
 
 
@@ -275,10 +275,10 @@ def test_a_gyro_that_jumps_is_no_track_that_spins() -> None:
     spin = after_bends()
     begin = spin.stamp // STEP + 1
     for k in range(begin, begin + 100):
-        watch_spin(spin, k * STEP, 2.0, math.nan, 0.0, 0.0, FASTEST, True)
+        watch_spin(spin, k * STEP, 2.0, math.nan, 0.0, 0.0, FASTEST)
         assert (is_found(spin), spin.gyro_jumped) == (False, 1)
     assert assumed_speeds(spin, spin.stamp, 0.4, 0.4, False) == (0.4, 0.4)
-    watch_spin(spin, (begin + 100) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST, True)
+    watch_spin(spin, (begin + 100) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST)
     assert not spin.gyro_jumped
     # Its readings are no bends of the robot.
     assert width_of_bends(spin) == width_of_bends(after_bends())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -27,6 +28,7 @@ from icreckon.estimator.sensors.standstill import (
     carried_density,
     is_carried,
     stopped_after,
+    turn_density,
 )
 from icreckon.estimator.sensors.step_inputs import hidden_density
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -62,13 +64,26 @@ def test_a_robot_that_rocks_as_it_stops_is_not_carried() -> None:
 @pytest.mark.parametrize("shake", ["by hand", "turntable"])
 def test_a_robot_that_is_shaken_or_turned_is_carried_from_then_on(shake: str) -> None:
     times = np.arange(0.0, 5.0, 0.01)
-    moved = 0.2 * np.sin(9.0 * times) if shake == "by hand" else np.full(500, 0.2)
+    moved = 0.2 * np.sin(9.0 * times) if shake == "by hand" else np.full(500, 0.5)
     still = StandstillRecord()
     found = rested(np.concatenate([calm(3), moved, calm(3)]), still)
     assert 3.0 + ROCKING < found[0] < 3.6 + ROCKING
     assert 7.9 < found[-1] < 8.6
     assert still.carries == 1
     assert not is_carried(still)
+
+
+def test_a_slow_turntable_is_a_bias_and_the_yaw_is_uncertain_by_its_turning() -> None:
+    """Nothing tells 0.2 rad/s from a bias that jumped; the yaw's own sigma is half of the turning."""
+    still = StandstillRecord()
+    assert rested(np.concatenate([calm(3), 0.2 + calm(5)]), still) == []
+    assert still.quiet_mean == pytest.approx(0.2, abs=0.01)
+    of_yaw = sum(
+        turn_density(still, k * STEP, (k + 1) * STEP) * STEP * NANOSECOND for k in range(300, 800)
+    )
+    assert math.sqrt(of_yaw) == pytest.approx(0.2 * 5.0 / 2.0, rel=0.25)
+    stopped_after(still, 9 * SECOND, 0.5, 0.5, SETTINGS.track_speed)
+    assert turn_density(still, 9 * SECOND, 10 * SECOND) == 0.0
 
 
 def test_tracks_that_move_end_it() -> None:
