@@ -80,7 +80,7 @@ def record_array(record: Any, count: int) -> NDArray[Any]:
 def record_of(kind: type[Record], element: Any) -> Record:
     """Record of a type from an element of a structured array."""
     values = {}
-    for name, of in _types(kind).items():
+    for name, of in _types(cast(Any, kind)).items():
         value = element[name]
         values[name] = record_of(of, value) if _names(of) else value.tolist()
     return kind(**values)

@@ -292,7 +292,7 @@ def parts_scatter(
 ) -> bool:
     """Return True if fixes scatter apart from a jump, and apart from a burst of wrong ones.
 
-    A jump of the estimate's heading, or of the fixes, is no scatter: neither the fixes before it show any,
+    A jump of the estimate's heading, or of the fixes, is no scatter: neither those before it show any,
     nor those after it. Nor is a burst of wrong fixes: neither they show any, nor the others.
 
     Args:
