@@ -212,7 +212,7 @@ class BatchFilter:
         workspace[rows["stood"]] = checkpoint.stands
         workspace[rows["slip_factor"]] = checkpoint.slip_factor
         workspace[rows["present_factor"]] = checkpoint.present_factor
-        workspace[rows["slip_time"]] = checkpoint.slip_time
+        workspace[rows["departed_for"]] = checkpoint.departed_for
         for name, value in zip(TREND, checkpoint.fix_trend, strict=True):
             workspace[rows[name]] = value
         for gate in GATES:

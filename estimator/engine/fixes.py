@@ -8,16 +8,15 @@ from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.engine.covariance import Vector, dot
+from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.lane import FilterShape, Lane
 from icreckon.estimator.engine.layout import FACTORS, PLACE, TREND
 from icreckon.estimator.engine.model import (
+    departure_after,
     normalised,
     patience_for,
     present_factor_after,
     slip_factor_after,
-    slip_shown,
-    travel_speed,
     trend_after,
     turn,
 )
@@ -77,16 +76,21 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
 
     *S, nis = spread()
     judged = (mode > 0.5) & (mode < 1.5)
-    slips = judged & ~(nis <= lane.constant("position_threshold"))
-    time = lane.row("slip_time")
-    shown = slip_shown(time, z, tuple(S), heading, travel_speed(*smooth), interval)
-    found = slips & shown.is_found
-    lane.stores["slip_time"] = select(judged, select(slips & ~found, shown.time, 0.0), time)
-    ahead = select(found, shown.position, 0.0)
-    more = {s.X: heading[0] * ahead, s.Y: heading[1] * ahead}
-    more[s.SLIP_X] = select(found, shown.speed, 0.0)
-    for i, j in combinations_with_replacement(more, 2):
-        P.add(i, j, more[i] * more[j])
+    departs = judged & ~(nis <= lane.constant("position_threshold"))
+    time = lane.row("departed_for")
+    shown = departure_after(time, z, tuple(S), heading, smooth, interval)
+    found = departs & shown.is_clear
+    lane.stores["departed_for"] = select(judged, select(departs & ~found, shown.time, 0.0), time)
+    ahead, left, slip, yaw, bias = (
+        select(found, one, 0.0)
+        for one in (shown.ahead, shown.left, shown.slip, shown.yaw, shown.bias)
+    )
+    cos, sin = heading
+    _inflate_along(P, {s.X: cos * ahead, s.Y: sin * ahead, s.SLIP_X: slip})
+    by_turn = {s.X: -sin * left, s.Y: cos * left, s.YAW: yaw, s.GYRO_BIAS: bias}
+    if s.GYRO_BIAS in shape.considered:
+        del by_turn[s.GYRO_BIAS]
+    _inflate_along(P, by_turn)
     xx, xy, yy, nis = spread()
     admitted = nis <= lane.constant("position_threshold")
     square = z[0] * z[0] + z[1] * z[1]
@@ -179,6 +183,12 @@ def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     ]
     at = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
     return PredictedPose(at, rows, spread)
+
+
+def _inflate_along(P: Covariance, direction: Vector) -> None:
+    """Inflate a covariance by one error of several states."""
+    for i, j in combinations_with_replacement(direction, 2):
+        P.add(i, j, direction[i] * direction[j])
 
 
 def _sum(row: Vector, factor: Any, more: Vector) -> Vector:

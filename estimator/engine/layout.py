@@ -89,7 +89,7 @@ FACTORS = ("slip_factor", "present_factor")
 TREND = ("trend_forward", "trend_left", "trend_size")
 PLACE = ("x", "y", "yaw")
 PLACES = tuple(f"{when}_{axis}" for when in ("predicted", "updated") for axis in PLACE)
-BEFORE = ("stood", *FACTORS, "slip_time", *TREND, *PLACES)
+BEFORE = ("stood", *FACTORS, "departed_for", *TREND, *PLACES)
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 # Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had

@@ -82,7 +82,7 @@ class FilterCheckpoint(
         present_factor: that of the newest fixes alone.
         fix_trend: mean of the normalised innovations of position fixes, to the front and to the left,
             and of their squares.
-        slip_time: time of rejected position fixes that slip of both tracks explains [s].
+        departed_for: time of rejected position fixes that depart from the path [s].
         noise: record of the noise of the IMU.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or None.
         positions: newest place of the position fixes.
@@ -108,7 +108,7 @@ class FilterCheckpoint(
     slip_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
     present_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
     fix_trend: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    slip_time: Size = 0.0
+    departed_for: Size = 0.0
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
     wander_stamp: int | None = None
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
@@ -131,7 +131,7 @@ class FilterCheckpoint(
         record.step_under_way, record.stands = self.step_under_way, self.stands
         record.slip_factor, record.present_factor = self.slip_factor, self.present_factor
         record.trend_forward, record.trend_left, record.trend_size = self.fix_trend
-        record.slip_time = self.slip_time
+        record.departed_for = self.departed_for
         record.wander_stamp = NEVER if self.wander_stamp is None else self.wander_stamp
         assign(record.positions, self.positions)
         assign(record.poses, self.poses)
@@ -172,7 +172,7 @@ def of_record(record: FilterRecord) -> dict[str, Any]:
         "fix_trend": tuple(
             map(float, (record.trend_forward, record.trend_left, record.trend_size))
         ),
-        "slip_time": float(record.slip_time),
+        "departed_for": float(record.departed_for),
         "wander_stamp": or_none(record.wander_stamp),
         "positions": plain_copy(PlaceRecord, record.positions),
         "poses": plain_copy(PlaceRecord, record.poses),

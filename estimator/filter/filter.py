@@ -33,7 +33,12 @@ from icreckon.estimator.filter.health import (
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
-from icreckon.estimator.filter.slip_factor import doubt, follow_fix, follow_scatter, follow_slip
+from icreckon.estimator.filter.slip_factor import (
+    doubt,
+    follow_departure,
+    follow_fix,
+    follow_scatter,
+)
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
@@ -456,13 +461,14 @@ class Reckoning:
         interval, recover = gate.interval_to(m.stamp), None
         if isinstance(m, PositionFix):
             recover = self._relocate
-            follow_slip(ekf, record, gate, found, float(predicted.values[s.YAW]), interval)
+            yaw = float(predicted.values[s.YAW])
+            follow_departure(ekf, record, gate, found, yaw, interval)
         used = self._update(model, found, m.stamp, interval, recover)
         if used:
             ekf.keep_inside_bounds()
 
         if isinstance(m, PositionFix):
-            follow_fix(record, gate.counts, float(predicted.values[s.YAW]))
+            follow_fix(record, gate.counts, yaw)
             if not ekf.wanders:
                 now = point_on_robot(self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left)
                 moved = at, now.values.tolist(), ekf.x - x_before

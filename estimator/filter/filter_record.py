@@ -31,7 +31,7 @@ class FilterRecord(msgspec.Struct):
         trend_forward: mean of the normalised innovations of position fixes, to the front of the robot.
         trend_left: to its left.
         trend_size: mean of their squares; 1 if they are as large as expected.
-        slip_time: time of rejected position fixes that slip of both tracks explains [s].
+        departed_for: time of rejected position fixes that depart from the path [s].
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
         positions: newest place of the position fixes.
         poses: newest place of the pose fixes.
@@ -54,7 +54,7 @@ class FilterRecord(msgspec.Struct):
     trend_forward: float = 0.0
     trend_left: float = 0.0
     trend_size: float = 1.0
-    slip_time: float = 0.0
+    departed_for: float = 0.0
     wander_stamp: int = NEVER
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)

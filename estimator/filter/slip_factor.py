@@ -1,4 +1,4 @@
-"""Factor on the slip, slip of both tracks, and scatter, by successive fixes.
+"""Factor on the slip, departure from the path, and scatter, by successive fixes.
 
 The innovations of a filter with the right slip are white: they do not know of each other. If the slip is
 larger than assumed, or the parameters are those of other ground, those of successive fixes point to the
@@ -9,10 +9,10 @@ Errors of fixes that wander point to one side, too. But their size is within wha
 innovations are then smaller than expected, while slip makes them larger. So a trend of small ones counts
 less.
 
-Both tracks may spin on one spot, or slide, and then all of their speed is slip. Precise fixes are
-rejected then, ahead or behind, by more and more, but by no more than the tracks have travelled meanwhile.
-After some of them position and slip are made uncertain together, by what these fixes show. Fixes that
-jump, or that are off to a side, are rejected as any others.
+Both tracks may spin on one spot, or slide: all of their speed is slip. The bias of the gyro may jump: the
+path turns. Precise fixes then depart from it, by more and more, but by no more than the robot drives
+meanwhile. After a time of such rejected fixes the states are made uncertain by what these show: position
+and slip together, and position, yaw and bias. Fixes that jump are rejected as any others.
 
 Functions of plain numbers are written for plain Python and, traced, for lanes.
 """
@@ -53,9 +53,13 @@ ROUNDING = 1e-12
 EXPECTED_SQUARE = 1.25
 # Largest one that counts, and largest factor.
 LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
-# Time of rejected fixes that slip explains after which it does, and least number of them before [s]. What
-# it explains: this share of the tracks' way, and so many standard deviations.
-SLIP_TIME, SLIP_FIXES, SLIP_SHARE, SLIP_SIGMAS = 0.5, 2.0, 1.2, 3.0
+# Time of rejected fixes that depart from the path after which they are followed, and least number of
+# them before [s].
+DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
+# Fastest departure ahead and to a side, over the speed of the tracks, and standard deviations beside it.
+AHEAD_SHARE, BESIDE_SHARE, DEPARTURE_SIGMAS = 1.2, 0.5, 3.0
+# Least speed of the tracks that counts [m/s].
+LEAST_SPEED = 0.01
 
 
 def normalised(
@@ -146,43 +150,71 @@ def is_moving(left: Any, right: Any) -> Any:
     return min(1.0, travel_speed(left, right) / MOVING)
 
 
-class SlipShown(NamedTuple):
-    """Slip of both tracks that rejected fixes show.
+class Departure(NamedTuple):
+    """Departure of rejected fixes from the path; standard deviations with the sign of the error.
 
     Attributes:
-        time: time of those that it explains so far [s]; 0 after another one.
-        is_found: it explains the newest, too, after enough of them.
-        position: standard deviation to add to the position along the robot [m].
-        speed: standard deviation to add to the slip of v_x, with the same error [m/s].
+        time: time of those that depart so far [s]; 0 after another one.
+        is_clear: the newest departs, too, after enough of them.
+        ahead: what to add to the position along the robot [m].
+        slip: with the same error, to the slip of v_x [m/s].
+        left: to the position to the left [m].
+        yaw: with the same error, to the yaw [rad].
+        bias: and to the gyro's bias [rad/s].
     """
 
     time: Any
-    is_found: Any
-    position: Any
-    speed: Any
+    is_clear: Any
+    ahead: Any
+    slip: Any
+    left: Any
+    yaw: Any
+    bias: Any
 
 
-def slip_shown(
-    time: Any, z: tuple[Any, Any], S: tuple[Any, Any, Any], heading: Any, speed: Any, interval: Any
-) -> SlipShown:
-    """Slip of both tracks by a position fix that the gate would reject.
+def departure_after(
+    time: Any,
+    z: tuple[Any, Any],
+    S: tuple[Any, Any, Any],
+    heading: tuple[Any, Any],
+    speeds: tuple[Any, Any],
+    interval: Any,
+) -> Departure:
+    """Departure from the path, with a position fix that the gate would reject.
 
     Args:
-        time: time of rejected fixes that slip has explained [s].
+        time: time of rejected fixes that departed before it [s].
         z: innovation in x and y [m].
         S: its covariance, xx, xy and yy [m²].
         heading: cosine and sine of the yaw.
-        speed: mean distance per second that the tracks travel [m/s].
+        speeds: of the left and the right track [m/s].
         interval: time since the fix before [s].
     """
     cos, sin = heading
-    ahead, beside = normalised(z, S, heading)
-    along, after = cos * z[0] + sin * z[1], time + interval
-    sigma = math.sqrt(max(0.0, cos * cos * S[0] + 2.0 * cos * sin * S[1] + sin * sin * S[2]))
-    explains = abs(along) < SLIP_SHARE * speed * after + SLIP_SIGMAS * sigma
-    explains = explains & (beside * beside < ahead * ahead)
-    enough = time >= max(SLIP_TIME, SLIP_FIXES * interval)
-    return SlipShown(select(explains, after, 0.0), explains & enough, along, along / after)
+    ahead, left, after = cos * z[0] + sin * z[1], cos * z[1] - sin * z[0], time + interval
+    shared = 2.0 * cos * sin * S[1]
+    variances = (
+        max(0.0, cos * cos * S[0] + shared + sin * sin * S[2]),
+        max(0.0, sin * sin * S[0] - shared + cos * cos * S[2]),
+    )
+    speed = max(LEAST_SPEED, travel_speed(*speeds))
+    way = speed * after
+    departs = (abs(ahead) < AHEAD_SHARE * way + DEPARTURE_SIGMAS * math.sqrt(variances[0])) & (
+        abs(left) < BESIDE_SHARE * way + DEPARTURE_SIGMAS * math.sqrt(variances[1])
+    )
+    enough = time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval)
+    ahead, left = beyond(ahead, variances[0]), beyond(left, variances[1])
+    # The path to the front turns; that of a turn on the spot shows no yaw.
+    yaw = left / way * (0.5 * (speeds[0] + speeds[1]) / speed)
+    return Departure(
+        select(departs, after, 0.0), departs & enough, ahead, ahead / after, left, yaw, -yaw / after
+    )
+
+
+def beyond(innovation: Any, variance: Any) -> Any:
+    """Standard deviation that an innovation shows beside its variance, with its sign."""
+    more = max(0.0, innovation * innovation - variance)
+    return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(more)
 
 
 def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
@@ -207,10 +239,10 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
     record.slip_factor = slip_factor_after(record.slip_factor, record.present_factor, *speeds)
 
 
-def follow_slip(
+def follow_departure(
     ekf: IcrEkf, record: FilterRecord, gate: Gate, found: Linearised, yaw: float, interval: float
 ) -> None:
-    """Make position and slip uncertain if rejected fixes show slip of both tracks.
+    """Inflate the states by what rejected fixes show that depart from the path.
 
     Args:
         ekf: the filter, changed in place.
@@ -222,20 +254,22 @@ def follow_slip(
     """
     z, H, R = found
     S = ekf.innovation_covariance(H, R)
-    time, record.slip_time = record.slip_time, 0.0
+    time, record.departed_for = record.departed_for, 0.0
+    speeds = record.tracks.smooth_left, record.tracks.smooth_right
     if normalised_square(z, S) <= gate.threshold:
         return
-    heading = math.cos(yaw), math.sin(yaw)
+    cos, sin = heading = math.cos(yaw), math.sin(yaw)
     of_z = (z.item(0), z.item(1)), (S.item(0, 0), S.item(0, 1), S.item(1, 1))
-    speed = travel_speed(record.tracks.smooth_left, record.tracks.smooth_right)
-    shown = slip_shown(time, *of_z, heading, speed, interval)
-    if not shown.is_found:
-        record.slip_time = shown.time
+    shown = departure_after(time, *of_z, heading, speeds, interval)
+    if not shown.is_clear:
+        record.departed_for = shown.time
         return
     record.present_factor = record.slip_factor = LARGEST_FACTOR
-    ahead = shown.position
-    more = np.array([heading[0] * ahead, heading[1] * ahead, shown.speed])
-    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(more, more))
+    by_slip = np.array([cos * shown.ahead, sin * shown.ahead, shown.slip])
+    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(by_slip, by_slip))
+    by_turn = np.array([-sin * shown.left, cos * shown.left, shown.yaw, shown.bias])
+    turned = (s.X, s.Y, s.YAW, s.GYRO_BIAS)[: 3 if s.GYRO_BIAS in ekf.considered else 4]
+    ekf.inflate_jointly(turned, np.outer(by_turn, by_turn)[: len(turned), : len(turned)])
 
 
 def doubt(ekf: IcrEkf, bias: float, shared: float, yaw: float) -> None:
