@@ -47,6 +47,7 @@ from icreckon.estimator.engine.work import (
     lane_worker,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
+from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, imu_patience
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.process_noise import Disturbances
@@ -212,8 +213,8 @@ class BatchFilter:
         workspace[rows["stood"]] = checkpoint.stands
         workspace[rows["slip_factor"]] = checkpoint.slip_factor
         workspace[rows["present_factor"]] = checkpoint.present_factor
-        workspace[rows["departed_for"]] = checkpoint.departed_for
-        for name, value in zip(TREND, checkpoint.fix_trend, strict=True):
+        values = (*checkpoint.departure, *checkpoint.fix_trend)
+        for name, value in zip((*DEPARTURE, *TREND), values, strict=True):
             workspace[rows[name]] = value
         for gate in GATES:
             workspace[rows[f"{gate}_rejected_for"]] = checkpoint.rejected_for[gate]

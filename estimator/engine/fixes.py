@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.engine.covariance import Covariance, Vector, dot
+from icreckon.estimator.engine.covariance import Vector, dot
 from icreckon.estimator.engine.lane import FilterShape, Lane
 from icreckon.estimator.engine.layout import FACTORS, PLACE, TREND
 from icreckon.estimator.engine.model import (
@@ -21,8 +21,9 @@ from icreckon.estimator.engine.model import (
     turn,
 )
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
+from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
-from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
+from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR, Departure, errors_of
 from icreckon.estimator.filter.update import LEAST_VARIANCE
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel
@@ -77,30 +78,33 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     *S, nis = spread()
     judged = (mode > 0.5) & (mode < 1.5)
     departs = judged & ~(nis <= lane.constant("position_threshold"))
-    time = lane.row("departed_for")
-    shown = departure_after(time, z, tuple(S), heading, smooth, interval)
-    found = departs & shown.is_clear
-    lane.stores["departed_for"] = select(judged, select(departs & ~found, shown.time, 0.0), time)
-    ahead, left, slip, yaw, bias = (
-        select(found, one, 0.0)
-        for one in (shown.ahead, shown.left, shown.slip, shown.yaw, shown.bias)
+    earlier = Departure(*(lane.row(name) for name in DEPARTURE))
+    fix = lane.input("fix_x"), lane.input("fix_y")
+    fastest = lane.constant("fastest")
+    departure, is_clear, shown = departure_after(
+        earlier, fix, z, tuple(S), heading, fastest, interval
     )
-    cos, sin = heading
-    _inflate_along(P, {s.X: cos * ahead, s.Y: sin * ahead, s.SLIP_X: slip})
-    by_turn = {s.X: -sin * left, s.Y: cos * left, s.YAW: yaw, s.GYRO_BIAS: bias}
-    if s.GYRO_BIAS in shape.considered:
-        del by_turn[s.GYRO_BIAS]
-    _inflate_along(P, by_turn)
+    found = departs & is_clear
+    for states, error in errors_of(shown):
+        n = len(states) - (states[-1] in shape.considered)
+        more = [select(found, one, 0.0) for one in error[:n]]
+        for i, j in combinations_with_replacement(range(n), 2):
+            P.add(states[i], states[j], more[i] * more[j])
     xx, xy, yy, nis = spread()
     admitted = nis <= lane.constant("position_threshold")
     square = z[0] * z[0] + z[1] * z[1]
-    waits = patience_for(square, lane.constant("patience"), lane.constant("fastest"))
+    waits = patience_for(square, lane.constant("patience"), fastest)
     patience_ends = lane.row("position_rejected_for") >= waits
     reacquires = ~admitted & patience_ends
     lost = (mode > 0.5) & reacquires & (mode < 1.5)
     reacquired = reacquires & (mode > 1.5)
     tested = (mode > 0.5) & ~lost
     used = tested & (admitted | reacquired)
+    at_fix, at_path = Departure(0.0, *fix, *z), Departure(0.0, values[s.X], values[s.Y], *z)
+    afters = zip(DEPARTURE, at_fix, departure, at_path, earlier, strict=True)
+    for row, if_used, if_departs, otherwise, old in afters:
+        after = select(used | lost, if_used, select(departs, if_departs, otherwise))
+        lane.stores[row] = select(judged | used, after, old)
     added = select(reacquired, minimum(square, LARGEST_INFLATION * minimum(xx, yy)), 0.0)
     P.add(s.X, s.X, added)
     P.add(s.Y, s.Y, added)
@@ -183,12 +187,6 @@ def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     ]
     at = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
     return PredictedPose(at, rows, spread)
-
-
-def _inflate_along(P: Covariance, direction: Vector) -> None:
-    """Inflate a covariance by one error of several states."""
-    for i, j in combinations_with_replacement(direction, 2):
-        P.add(i, j, direction[i] * direction[j])
 
 
 def _sum(row: Vector, factor: Any, more: Vector) -> Vector:

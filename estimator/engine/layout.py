@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.model import TracedModel
+from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.friction.layout import (
     BODY_CONSTANTS,
     CARRIED,
@@ -82,14 +83,14 @@ COUNTS = (
     ),
     "standstill",
 )
-# Values from the step before: 1 if the robot stood, the factors on the slip, the time of rejected fixes
-# that slip explains, the trend of the innovations of position fixes, and the place of the antenna and the
-# yaw before and after the newest one.
+# Values from the step before: 1 if the robot stood, the factors on the slip, the departure of fixes from
+# the path, the trend of their innovations, and the place of the antenna and the yaw before and after the
+# newest one.
 FACTORS = ("slip_factor", "present_factor")
 TREND = ("trend_forward", "trend_left", "trend_size")
 PLACE = ("x", "y", "yaw")
 PLACES = tuple(f"{when}_{axis}" for when in ("predicted", "updated") for axis in PLACE)
-BEFORE = ("stood", *FACTORS, "departed_for", *TREND, *PLACES)
+BEFORE = ("stood", *FACTORS, *DEPARTURE, *TREND, *PLACES)
 TWIST = ("v_x", "v_y", "w", "vv_xx", "vv_xy", "vv_xw", "vv_yy", "vv_yw", "vv_ww")
 
 # Innovation z and innovation covariance S of each gate, if the kernel stores them; S is 0 if the gate had

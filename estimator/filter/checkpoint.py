@@ -14,7 +14,7 @@ from icreckon.estimator.base.records import NEVER, Size, assign, or_none, plain_
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter.clones import Clones
-from icreckon.estimator.filter.filter_record import FilterRecord
+from icreckon.estimator.filter.filter_record import DEPARTURE, FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.filter.reacquisition import RejectedFix
@@ -82,7 +82,8 @@ class FilterCheckpoint(
         present_factor: that of the newest fixes alone.
         fix_trend: mean of the normalised innovations of position fixes, to the front and to the left,
             and of their squares.
-        departed_for: time of rejected position fixes that depart from the path [s].
+        departure: departure of position fixes from the path, see
+            `icreckon.estimator.filter.slip_factor.Departure`.
         noise: record of the noise of the IMU.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or None.
         positions: newest place of the position fixes.
@@ -108,7 +109,7 @@ class FilterCheckpoint(
     slip_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
     present_factor: Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)] = 1.0
     fix_trend: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    departed_for: Size = 0.0
+    departure: tuple[Size, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
     wander_stamp: int | None = None
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
@@ -131,7 +132,8 @@ class FilterCheckpoint(
         record.step_under_way, record.stands = self.step_under_way, self.stands
         record.slip_factor, record.present_factor = self.slip_factor, self.present_factor
         record.trend_forward, record.trend_left, record.trend_size = self.fix_trend
-        record.departed_for = self.departed_for
+        for name, value in zip(DEPARTURE, self.departure, strict=True):
+            setattr(record, name, value)
         record.wander_stamp = NEVER if self.wander_stamp is None else self.wander_stamp
         assign(record.positions, self.positions)
         assign(record.poses, self.poses)
@@ -172,7 +174,7 @@ def of_record(record: FilterRecord) -> dict[str, Any]:
         "fix_trend": tuple(
             map(float, (record.trend_forward, record.trend_left, record.trend_size))
         ),
-        "departed_for": float(record.departed_for),
+        "departure": tuple(float(getattr(record, name)) for name in DEPARTURE),
         "wander_stamp": or_none(record.wander_stamp),
         "positions": plain_copy(PlaceRecord, record.positions),
         "poses": plain_copy(PlaceRecord, record.poses),

@@ -462,13 +462,13 @@ class Reckoning:
         if isinstance(m, PositionFix):
             recover = self._relocate
             yaw = float(predicted.values[s.YAW])
-            follow_departure(ekf, record, gate, found, yaw, interval)
+            follow_departure(ekf, record, gate, (m.x, m.y), found, yaw, interval)
         used = self._update(model, found, m.stamp, interval, recover)
         if used:
             ekf.keep_inside_bounds()
 
         if isinstance(m, PositionFix):
-            follow_fix(record, gate.counts, yaw)
+            follow_fix(record, gate.counts, (m.x, m.y), yaw)
             if not ekf.wanders:
                 now = point_on_robot(self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left)
                 moved = at, now.values.tolist(), ekf.x - x_before

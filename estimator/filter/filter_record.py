@@ -16,6 +16,9 @@ from icreckon.estimator.sensors.imu_noise import NoiseRecord
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_after
 
+# Fields of the departure of position fixes from the path, see `filter.slip_factor.Departure`.
+DEPARTURE = ("departed_for", *(f"departed_{part}" for part in ("from_x", "from_y", "by_x", "by_y")))
+
 
 class FilterRecord(msgspec.Struct):
     """Record of the inputs of one streaming filter.
@@ -32,6 +35,10 @@ class FilterRecord(msgspec.Struct):
         trend_left: to its left.
         trend_size: mean of their squares; 1 if they are as large as expected.
         departed_for: time of rejected position fixes that depart from the path [s].
+        departed_from_x: place on the path of the newest fix that does not [m].
+        departed_from_y: see above.
+        departed_by_x: innovation of the newest fix [m].
+        departed_by_y: see above.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
         positions: newest place of the position fixes.
         poses: newest place of the pose fixes.
@@ -55,6 +62,10 @@ class FilterRecord(msgspec.Struct):
     trend_left: float = 0.0
     trend_size: float = 1.0
     departed_for: float = 0.0
+    departed_from_x: float = 0.0
+    departed_from_y: float = 0.0
+    departed_by_x: float = 0.0
+    departed_by_y: float = 0.0
     wander_stamp: int = NEVER
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)

@@ -25,7 +25,7 @@ PUSHED_W = 0.3
 # Least difference of track speeds at which parameters walk at their full rate [m/s].
 FULL_TURNING = 0.1
 # Correlation time of what other ground adds to the slip [s].
-GROUND_TIME = 10.0
+GROUND_TIME = 1.0
 # Sideways motion that may begin in a gap, as a share of forward motion.
 SIDEWAYS_IN_GAP = 0.1
 

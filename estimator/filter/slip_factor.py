@@ -29,9 +29,9 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.choices import select
 from icreckon.estimator.faults.scattering_fixes import Scatter, scatter_after
 from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.filter_record import FilterRecord
+from icreckon.estimator.filter.filter_record import DEPARTURE, FilterRecord
 from icreckon.estimator.filter.gate import Gate, GateRecord
-from icreckon.estimator.filter.health import ADMITTED
+from icreckon.estimator.filter.health import ADMITTED, REJECTED
 from icreckon.estimator.filter.process_noise import travel_speed
 from icreckon.estimator.filter.update import normalised_square
 from icreckon.estimator.sensors.measurement_models import Linearised
@@ -56,10 +56,12 @@ LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
 # Time of rejected fixes that depart from the path after which they are followed, and least number of
 # them before [s].
 DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
-# Fastest departure ahead and to a side, over the speed of the tracks, and standard deviations beside it.
+# Farthest departure along the way and to a side, over the way, and standard deviations beside it.
 AHEAD_SHARE, BESIDE_SHARE, DEPARTURE_SIGMAS = 1.2, 0.5, 3.0
-# Least speed of the tracks that counts [m/s].
-LEAST_SPEED = 0.01
+# Least cosine between successive departures, and least ratio of them.
+SAME_SIDE = 0.8
+# Least way that has a direction [m].
+LEAST_WAY = 1e-3
 
 
 def normalised(
@@ -151,64 +153,95 @@ def is_moving(left: Any, right: Any) -> Any:
 
 
 class Departure(NamedTuple):
-    """Departure of rejected fixes from the path; standard deviations with the sign of the error.
+    """Departure of position fixes from the path.
 
     Attributes:
-        time: time of those that depart so far [s]; 0 after another one.
-        is_clear: the newest departs, too, after enough of them.
-        ahead: what to add to the position along the robot [m].
-        slip: with the same error, to the slip of v_x [m/s].
-        left: to the position to the left [m].
-        yaw: with the same error, to the yaw [rad].
-        bias: and to the gyro's bias [rad/s].
+        time: time of rejected fixes that depart [s]; 0 at another one.
+        from_x: place on the path of the newest fix that does not [m].
+        from_y: see above.
+        by_x: innovation of the newest fix [m].
+        by_y: see above.
     """
 
-    time: Any
-    is_clear: Any
-    ahead: Any
+    time: Any = 0.0
+    from_x: Any = 0.0
+    from_y: Any = 0.0
+    by_x: Any = 0.0
+    by_y: Any = 0.0
+
+
+class Shown(NamedTuple):
+    """Errors that a departure shows: standard deviations, with the signs of the errors.
+
+    Attributes:
+        along: error of the position along the way, in x and y [m].
+        slip: with it, that of the slip of v_x [m/s].
+        beside: error of the position to a side, in x and y [m].
+        yaw: with it, that of a yaw that was off from the begin on [rad].
+        bias: or that of the gyro's bias, which has turned the yaw by twice as much until now [rad/s].
+    """
+
+    along: tuple[Any, Any]
     slip: Any
-    left: Any
+    beside: tuple[Any, Any]
     yaw: Any
     bias: Any
 
 
 def departure_after(
-    time: Any,
+    before: Departure,
+    fix: tuple[Any, Any],
     z: tuple[Any, Any],
     S: tuple[Any, Any, Any],
     heading: tuple[Any, Any],
-    speeds: tuple[Any, Any],
+    fastest: Any,
     interval: Any,
-) -> Departure:
+) -> tuple[Departure, Any, Shown]:
     """Departure from the path, with a position fix that the gate would reject.
 
     Args:
-        time: time of rejected fixes that departed before it [s].
-        z: innovation in x and y [m].
-        S: its covariance, xx, xy and yy [m²].
+        before: departure before it.
+        fix: the fix, x and y [m].
+        z: its innovation [m].
+        S: covariance of that, xx, xy and yy [m²].
         heading: cosine and sine of the yaw.
-        speeds: of the left and the right track [m/s].
+        fastest: highest speed of a track [m/s].
         interval: time since the fix before [s].
+
+    Returns:
+        The departure; True if it is clear; what it shows.
     """
-    cos, sin = heading
-    ahead, left, after = cos * z[0] + sin * z[1], cos * z[1] - sin * z[0], time + interval
+    time = before.time + interval
+    at = fix[0] - z[0], fix[1] - z[1]
+    cos, sin = at[0] - before.from_x, at[1] - before.from_y
+    way = max(LEAST_WAY, math.sqrt(cos * cos + sin * sin))
+    cos, sin = cos / way, sin / way
+    way = min(way, max(LEAST_WAY, fastest * time))
+    ahead, left = cos * z[0] + sin * z[1], cos * z[1] - sin * z[0]
     shared = 2.0 * cos * sin * S[1]
-    variances = (
-        max(0.0, cos * cos * S[0] + shared + sin * sin * S[2]),
-        max(0.0, sin * sin * S[0] - shared + cos * cos * S[2]),
+    of_ahead = max(0.0, cos * cos * S[0] + shared + sin * sin * S[2])
+    of_left = max(0.0, sin * sin * S[0] - shared + cos * cos * S[2])
+    departs = (abs(ahead) < AHEAD_SHARE * way + DEPARTURE_SIGMAS * math.sqrt(of_ahead)) & (
+        abs(left) < BESIDE_SHARE * way + DEPARTURE_SIGMAS * math.sqrt(of_left)
     )
-    speed = max(LEAST_SPEED, travel_speed(*speeds))
-    way = speed * after
-    departs = (abs(ahead) < AHEAD_SHARE * way + DEPARTURE_SIGMAS * math.sqrt(variances[0])) & (
-        abs(left) < BESIDE_SHARE * way + DEPARTURE_SIGMAS * math.sqrt(variances[1])
+    # It goes on, to the side of the fix before.
+    least = SAME_SIDE * math.sqrt(before.by_x * before.by_x + before.by_y * before.by_y)
+    size = math.sqrt(z[0] * z[0] + z[1] * z[1])
+    goes_on = (z[0] * before.by_x + z[1] * before.by_y >= least * size) & (size >= least)
+    departs = departs & ((before.time <= 0.0) | goes_on)
+    is_clear = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))
+    after = Departure(
+        select(departs, time, 0.0),
+        select(departs, before.from_x, at[0]),
+        select(departs, before.from_y, at[1]),
+        *z,
     )
-    enough = time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval)
-    ahead, left = beyond(ahead, variances[0]), beyond(left, variances[1])
-    # The path to the front turns; that of a turn on the spot shows no yaw.
-    yaw = left / way * (0.5 * (speeds[0] + speeds[1]) / speed)
-    return Departure(
-        select(departs, after, 0.0), departs & enough, ahead, ahead / after, left, yaw, -yaw / after
-    )
+    ahead, left = beyond(ahead, of_ahead), beyond(left, of_left)
+    # A yaw that grows with time moves the path by half of what it would from the begin on.
+    yaw = left / way
+    slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
+    along, beside = (cos * ahead, sin * ahead), (-sin * left, cos * left)
+    return after, is_clear, Shown(along, slip, beside, yaw, -2.0 * yaw / time)
 
 
 def beyond(innovation: Any, variance: Any) -> Any:
@@ -217,14 +250,20 @@ def beyond(innovation: Any, variance: Any) -> Any:
     return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(more)
 
 
-def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
-    """Adapt the factor to the newest position fix, if the gate admitted it.
+def follow_fix(
+    record: FilterRecord, fixes: GateRecord, fix: tuple[float, float], yaw: float
+) -> None:
+    """Adapt to the newest position fix, if it was used.
 
     Args:
         record: record of the filter, changed in place.
         fixes: gate of the position fixes.
+        fix: the fix, x and y [m].
         yaw: yaw at the fix [rad].
     """
+    if fixes.verdict != REJECTED:
+        record.departed_for = 0.0
+        record.departed_from_x, record.departed_from_y = fix
     if fixes.verdict != ADMITTED:
         return
     ahead, beside = normalised(
@@ -240,7 +279,13 @@ def follow_fix(record: FilterRecord, fixes: GateRecord, yaw: float) -> None:
 
 
 def follow_departure(
-    ekf: IcrEkf, record: FilterRecord, gate: Gate, found: Linearised, yaw: float, interval: float
+    ekf: IcrEkf,
+    record: FilterRecord,
+    gate: Gate,
+    fix: tuple[float, float],
+    found: Linearised,
+    yaw: float,
+    interval: float,
 ) -> None:
     """Inflate the states by what rejected fixes show that depart from the path.
 
@@ -248,28 +293,39 @@ def follow_departure(
         ekf: the filter, changed in place.
         record: its record, changed in place.
         gate: gate of the position fixes.
-        found: the newest fix, before its gate.
+        fix: the newest fix, x and y, before its gate [m].
+        found: its linearised measurement.
         yaw: yaw at the fix [rad].
         interval: time since the fix before [s].
     """
-    z, H, R = found
+    innovation, H, R = found
     S = ekf.innovation_covariance(H, R)
-    time, record.departed_for = record.departed_for, 0.0
-    speeds = record.tracks.smooth_left, record.tracks.smooth_right
-    if normalised_square(z, S) <= gate.threshold:
-        return
-    cos, sin = heading = math.cos(yaw), math.sin(yaw)
-    of_z = (z.item(0), z.item(1)), (S.item(0, 0), S.item(0, 1), S.item(1, 1))
-    shown = departure_after(time, *of_z, heading, speeds, interval)
-    if not shown.is_clear:
-        record.departed_for = shown.time
+    z = innovation.item(0), innovation.item(1)
+    is_clear = False
+    if normalised_square(innovation, S) > gate.threshold:
+        before = Departure(*(getattr(record, name) for name in DEPARTURE))
+        of_z = z, (S.item(0, 0), S.item(0, 1), S.item(1, 1)), (math.cos(yaw), math.sin(yaw))
+        departure = departure_after(before, fix, *of_z, record.settings.fastest, interval)
+        after, is_clear, shown = departure
+    else:
+        after = Departure(0.0, fix[0] - z[0], fix[1] - z[1], *z)
+    for name, value in zip(DEPARTURE, after, strict=True):
+        setattr(record, name, value)
+    if not is_clear:
         return
     record.present_factor = record.slip_factor = LARGEST_FACTOR
-    by_slip = np.array([cos * shown.ahead, sin * shown.ahead, shown.slip])
-    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(by_slip, by_slip))
-    by_turn = np.array([-sin * shown.left, cos * shown.left, shown.yaw, shown.bias])
-    turned = (s.X, s.Y, s.YAW, s.GYRO_BIAS)[: 3 if s.GYRO_BIAS in ekf.considered else 4]
-    ekf.inflate_jointly(turned, np.outer(by_turn, by_turn)[: len(turned), : len(turned)])
+    for states, error in errors_of(shown):
+        n = len(states) - (states[-1] in ekf.considered)
+        ekf.inflate_jointly(states[:n], np.outer(error, error)[:n, :n])
+
+
+def errors_of(shown: Shown) -> tuple[tuple[tuple[int, ...], tuple[Any, ...]], ...]:
+    """States and errors that a departure shows, each with those that have the same cause."""
+    return (
+        ((s.X, s.Y, s.SLIP_X), (*shown.along, shown.slip)),
+        ((s.X, s.Y, s.YAW), (*shown.beside, shown.yaw)),
+        ((s.X, s.Y, s.YAW, s.GYRO_BIAS), (*shown.beside, 2.0 * shown.yaw, shown.bias)),
+    )
 
 
 def doubt(ekf: IcrEkf, bias: float, shared: float, yaw: float) -> None:
