@@ -245,9 +245,9 @@ def departure_after(
 
 
 def beyond(innovation: Any, variance: Any) -> Any:
-    """Standard deviation that an innovation shows beside its variance, with its sign."""
-    more = max(0.0, innovation * innovation - variance)
-    return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(more)
+    """Part of an innovation that its noise does not explain, with its sign."""
+    more = innovation * innovation - DEPARTURE_SIGMAS * DEPARTURE_SIGMAS * variance
+    return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(max(0.0, more))
 
 
 def follow_fix(
