@@ -301,7 +301,7 @@ class Step:
         """Propagate to the end of the step, see `IcrEkf.predict_motion`."""
         lane = self.lane
         x, P, constant = lane.x, lane.P, lane.constant
-        dt, sigma = constant("dt"), model.lasting(self._sigma(), x[s.SLIP_X])
+        dt, sigma = constant("dt"), self._sigma()
         times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
         fades = [model.gauss_markov(dt, tau) for tau in times]
         turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)

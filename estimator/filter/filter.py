@@ -32,7 +32,6 @@ from icreckon.estimator.filter.health import (
     slip_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.process_noise import lasting
 from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
 from icreckon.estimator.filter.slip_factor import (
     doubt,
@@ -584,7 +583,7 @@ class Reckoning:
         self._begin_step(stamp)
         if record.stamp >= stamp:
             return
-        sigma, factor = lasting(self.slip_sigma(), self.ekf.x.item(s.SLIP_X)), record.slip_factor
+        sigma, factor = self.slip_sigma(), record.slip_factor
         turn = self._inputs(stamp).turn_density
         noise = self._disturbances.of_step(self._tracks, sigma, factor=factor, turn_density=turn)
         self.ekf.predict_motion(*self._mean_motion(stamp), noise)

@@ -169,19 +169,6 @@ def slip_at(
     return factor * forward, factor * sideways, select(pushed, PUSHED_W, factor * turning)
 
 
-def lasting(sigma: Vector3, slip: float) -> Vector3:
-    """Standard deviation that the slip fades to.
-
-    A slip along the tracks that is larger than expected may fade or last, as that of a robot that spins
-    on one spot.
-
-    Args:
-        sigma: see `slip_at`.
-        slip: present slip of v_x [m/s].
-    """
-    return math.sqrt(sigma[0] * sigma[0] + slip * slip), sigma[1], sigma[2]
-
-
 def slip_times(time_constant: float, factor: float) -> Vector3:
     """Correlation times of the slip of v_x, v_y and w [s].
 
