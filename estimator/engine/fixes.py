@@ -13,6 +13,7 @@ from icreckon.estimator.engine.lane import FilterShape, Lane
 from icreckon.estimator.engine.layout import FACTORS, PLACE, TREND
 from icreckon.estimator.engine.model import (
     departure_after,
+    lasting_slip,
     normalised,
     patience_for,
     present_factor_after,
@@ -75,8 +76,16 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
         return xx, xy, yy, (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
 
-    *S, nis = spread()
     judged = (mode > 0.5) & (mode < 1.5)
+
+    def inflate(states: Sequence[int], error: Sequence[Any], only: Any) -> None:
+        """Inflate by an error that moves several states, in some lanes."""
+        more = [select(only, one, 0.0) for one in error]
+        for i, j in combinations_with_replacement(range(len(states)), 2):
+            P.add(states[i], states[j], more[i] * more[j])
+
+    inflate((s.X, s.Y, s.SLIP_X), lasting_slip(x[s.SLIP_X], heading, interval), judged)
+    *S, nis = spread()
     departs = judged & ~(nis <= lane.constant("position_threshold"))
     earlier = Departure(*(lane.row(name) for name in DEPARTURE))
     fix = lane.input("fix_x"), lane.input("fix_y")
@@ -86,10 +95,7 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     )
     found = departs & is_clear
     for states, error in errors_of(shown):
-        n = len(states) - (states[-1] in shape.considered)
-        more = [select(found, one, 0.0) for one in error[:n]]
-        for i, j in combinations_with_replacement(range(n), 2):
-            P.add(states[i], states[j], more[i] * more[j])
+        inflate(states[: len(states) - (states[-1] in shape.considered)], error, found)
     xx, xy, yy, nis = spread()
     admitted = nis <= lane.constant("position_threshold")
     square = z[0] * z[0] + z[1] * z[1]

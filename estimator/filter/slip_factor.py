@@ -10,9 +10,10 @@ innovations are then smaller than expected, while slip makes them larger. So a t
 less.
 
 Both tracks may spin on one spot, or slide: all of their speed is slip. The bias of the gyro may jump: the
-path turns. Precise fixes then depart from it, by more and more, but by no more than the robot drives
-meanwhile. After a time of such rejected fixes the states are made uncertain by what these show: position
-and slip together, and position, yaw and bias. Fixes that jump are rejected as any others.
+path turns. Precise fixes then depart from it to one side, by more and more, but by no more than the robot
+drives meanwhile. After a time of such rejected fixes the states are made uncertain by what these show:
+position and slip together, position and yaw, and position, yaw and bias. Fixes that jump, or scatter, are
+rejected as any others.
 
 Functions of plain numbers are written for plain Python and, traced, for lanes.
 """
@@ -32,7 +33,7 @@ from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.filter_record import DEPARTURE, FilterRecord
 from icreckon.estimator.filter.gate import Gate, GateRecord
 from icreckon.estimator.filter.health import ADMITTED, REJECTED
-from icreckon.estimator.filter.process_noise import travel_speed
+from icreckon.estimator.filter.process_noise import GROUND_TIME, travel_speed
 from icreckon.estimator.filter.update import normalised_square
 from icreckon.estimator.sensors.measurement_models import Linearised
 
@@ -250,6 +251,19 @@ def beyond(innovation: Any, variance: Any) -> Any:
     return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(max(0.0, more))
 
 
+def lasting_slip(slip: Any, heading: tuple[Any, Any], interval: Any) -> tuple[Any, Any, Any]:
+    """Errors of x, y and the slip of v_x if the slip has lasted, rather than faded, since the last fix.
+
+    Args:
+        slip: the slip of v_x at the fix [m/s].
+        heading: cosine and sine of the yaw.
+        interval: time since the fix before [s].
+    """
+    faded = slip * min(1.0, interval / GROUND_TIME)
+    way = 0.5 * interval * faded
+    return heading[0] * way, heading[1] * way, faded
+
+
 def follow_fix(
     record: FilterRecord, fixes: GateRecord, fix: tuple[float, float], yaw: float
 ) -> None:
@@ -299,12 +313,15 @@ def follow_departure(
         interval: time since the fix before [s].
     """
     innovation, H, R = found
+    heading = math.cos(yaw), math.sin(yaw)
+    lasts = lasting_slip(ekf.x.item(s.SLIP_X), heading, interval)
+    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(lasts, lasts))
     S = ekf.innovation_covariance(H, R)
     z = innovation.item(0), innovation.item(1)
     is_clear = False
     if normalised_square(innovation, S) > gate.threshold:
         before = Departure(*(getattr(record, name) for name in DEPARTURE))
-        of_z = z, (S.item(0, 0), S.item(0, 1), S.item(1, 1)), (math.cos(yaw), math.sin(yaw))
+        of_z = z, (S.item(0, 0), S.item(0, 1), S.item(1, 1)), heading
         departure = departure_after(before, fix, *of_z, record.settings.fastest, interval)
         after, is_clear, shown = departure
     else:
