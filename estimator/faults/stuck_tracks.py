@@ -1,8 +1,9 @@
-"""Stuck track sensors: one repeats a reading while the other track's changes.
+"""Stuck track sensors: one repeats a reading while the other track's changes, or both repeat theirs.
 
 Many sensors repeat readings: those sampled less often than they are published, and those of coarse
-resolution at a steady speed. So repetition counts only if the other track has read many different values
-meanwhile, and if it lasts much longer than this track's earlier repetitions.
+resolution at a steady speed. So repetition counts only if it lasts much longer than this track's earlier
+repetitions, and if the other track has read many different values meanwhile. If both tracks repeat
+themselves, it has to last for longer still: then a driver, or a bus, repeats its last message.
 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
@@ -22,6 +23,8 @@ OTHERS, OWN = 10, 20
 SUSPICIOUS = 5
 # Repetition is unusual from this multiple of the longest before.
 UNUSUAL = 3.0
+# Least time of a repetition of both [s]; and change at its end that shows a steady speed [m/s].
+BOTH, STEADY = 1.0, 0.1
 
 
 class Repeating(msgspec.Struct):
@@ -64,8 +67,10 @@ def repeating_after(
     if after_gap or reading != track.reading:
         if not after_gap:
             repeated = track.since != track.newest and track.reading != 0.0
-            if repeated and stuck_from(track, hold) == NEVER:
-                track.longest = max(track.longest, (track.newest - track.since) * NANOSECOND)
+            time = (track.newest - track.since) * NANOSECOND
+            is_usual = time < BOTH or abs(reading - track.reading) < STEADY
+            if repeated and is_usual and stuck_from(track, hold) == NEVER:
+                track.longest = max(track.longest, time)
             if track.changes < OWN:
                 track.changes += 1
         track.reading = reading
@@ -101,3 +106,15 @@ def stuck_from(track: Repeating, hold: float) -> int:
         return NEVER
     start = track.since + int(max(hold, UNUSUAL * track.longest) / NANOSECOND)
     return start if track.newest > start and track.reading != 0.0 else NEVER
+
+
+def frozen_from(left: Repeating, right: Repeating) -> int:
+    """Stamp from which both readings repeat for unusually long [ns]; NEVER if they do not."""
+    moves = left.reading != 0.0 or right.reading != 0.0
+    if not moves or left.since == left.newest or right.since == right.newest:
+        return NEVER
+    if min(left.changes, right.changes) < OWN:
+        return NEVER
+    longest = max(BOTH, UNUSUAL * max(left.longest, right.longest))
+    start = max(left.since, right.since) + int(longest / NANOSECOND)
+    return start if left.newest > start else NEVER

@@ -25,6 +25,7 @@ from icreckon.estimator.faults.spinning_tracks import (
 )
 from icreckon.estimator.faults.stuck_tracks import (
     Repeating,
+    frozen_from,
     may_stick,
     repeating_after,
     stuck_from,
@@ -153,8 +154,11 @@ def take_tracks(
         right: speed of the right track [m/s].
         settings: settings of the filter.
     """
-    left_found = repeating_after(held.repeating_left, stamp, left, right, settings.hold)
-    right_found = repeating_after(held.repeating_right, stamp, right, left, settings.hold)
+    repeating = held.repeating_left, held.repeating_right
+    was_frozen = frozen_from(*repeating) != NEVER
+    left_found = repeating_after(repeating[0], stamp, left, right, settings.hold)
+    right_found = repeating_after(repeating[1], stamp, right, left, settings.hold)
+    newly_frozen = not was_frozen and frozen_from(*repeating) != NEVER
     spin = held.spin
     spin.left, spin.right = left, right
     left, right = assumed_speeds(spin, stamp, left, right, settings.weighs_tracks)
@@ -173,7 +177,7 @@ def take_tracks(
     held.smooth_left += weight * (left - held.smooth_left)
     held.smooth_right += weight * (right - held.smooth_right)
     held.stamp, held.left, held.right = stamp, left, right
-    return left_found + right_found
+    return left_found + right_found + 2 * newly_frozen
 
 
 def take_motion(
@@ -214,8 +218,10 @@ def take_motion(
     watch_slide(held.forward, stamp, force_x, mean, 0.0)
     watch_slide(held.sideways, stamp, force_y, 0.0, rate * mean)
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
-    # A sensor that repeats itself while the other track changes may be stuck: that is no spin.
-    if not is_found(spin) and (may_stick(held.repeating_left) or may_stick(held.repeating_right)):
+    # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
+    repeating = held.repeating_left, held.repeating_right
+    sticks = may_stick(repeating[0]) or may_stick(repeating[1]) or frozen_from(*repeating) != NEVER
+    if sticks and not is_found(spin):
         forget_mismatch(spin)
         remember_jump(spin, stamp, left, right, settings.fastest)
         spin.stamp = stamp
@@ -257,10 +263,13 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> tuple[
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
-    """Error density of stale speeds over a step between two stamps [ns] [m²/s]."""
-    if end - held.stamp <= settings.hold_ns or held.stamp == NEVER:
-        return 0.0
-    return unknown_density(held.stamp + settings.hold_ns, start, end, settings)
+    """Error density of stale or frozen speeds over a step between two stamps [ns] [m²/s]."""
+    since = frozen_from(held.repeating_left, held.repeating_right)
+    if since == NEVER:
+        if end - held.stamp <= settings.hold_ns or held.stamp == NEVER:
+            return 0.0
+        since = held.stamp + settings.hold_ns
+    return unknown_density(since, start, end, settings)
 
 
 def stuck_density(track: Repeating, start: int, end: int, settings: InputSettings) -> float:
