@@ -108,10 +108,16 @@ def stuck_from(track: Repeating, hold: float) -> int:
     return start if track.newest > start and track.reading != 0.0 else NEVER
 
 
-def frozen_from(left: Repeating, right: Repeating) -> int:
-    """Stamp from which both readings repeat for unusually long [ns]; NEVER if they do not."""
-    moves = left.reading != 0.0 or right.reading != 0.0
-    if not moves or left.since == left.newest or right.since == right.newest:
+def frozen_from(left: Repeating, right: Repeating, least: float) -> int:
+    """Stamp from which both readings repeat for unusually long [ns]; NEVER if they do not.
+
+    Args:
+        left: record of the left track.
+        right: record of the right track.
+        least: slower tracks rest [m/s].
+    """
+    rest = max(abs(left.reading), abs(right.reading)) < least
+    if rest or left.since == left.newest or right.since == right.newest:
         return NEVER
     if min(left.changes, right.changes) < OWN:
         return NEVER

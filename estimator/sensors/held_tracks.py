@@ -155,10 +155,10 @@ def take_tracks(
         settings: settings of the filter.
     """
     repeating = held.repeating_left, held.repeating_right
-    was_frozen = frozen_from(*repeating) != NEVER
+    was_frozen = frozen_from(*repeating, settings.track_speed) != NEVER
     left_found = repeating_after(repeating[0], stamp, left, right, settings.hold)
     right_found = repeating_after(repeating[1], stamp, right, left, settings.hold)
-    newly_frozen = not was_frozen and frozen_from(*repeating) != NEVER
+    newly_frozen = not was_frozen and frozen_from(*repeating, settings.track_speed) != NEVER
     spin = held.spin
     spin.left, spin.right = left, right
     left, right = assumed_speeds(spin, stamp, left, right, settings.weighs_tracks)
@@ -220,7 +220,8 @@ def take_motion(
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
-    sticks = may_stick(repeating[0]) or may_stick(repeating[1]) or frozen_from(*repeating) != NEVER
+    sticks = may_stick(repeating[0]) or may_stick(repeating[1])
+    sticks = sticks or frozen_from(*repeating, settings.track_speed) != NEVER
     if sticks and not is_found(spin):
         forget_mismatch(spin)
         remember_jump(spin, stamp, left, right, settings.fastest)
@@ -264,7 +265,7 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> tuple[
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
     """Error density of stale or frozen speeds over a step between two stamps [ns] [m²/s]."""
-    since = frozen_from(held.repeating_left, held.repeating_right)
+    since = frozen_from(held.repeating_left, held.repeating_right, settings.track_speed)
     if since == NEVER:
         if end - held.stamp <= settings.hold_ns or held.stamp == NEVER:
             return 0.0
