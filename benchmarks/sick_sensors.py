@@ -353,7 +353,7 @@ def tilt_found(robot: Robot, variant: str, runs: int, mount: tuple[float, float]
 def false_alarms(folder: Path) -> None:
     """Print what is found in the sample logs."""
     hours, faults, carries = 0.0, 0, 0
-    for name, robot_name in logs_without("jackal", "wetexplorer").items():
+    for name, robot_name in logs_without("wetexplorer").items():
         robot = load_robot(robot_name)
         log = read_log(folder / name, robot)
         health = run_side_by_side(log, robot, ["gyro"])["gyro"].health

@@ -393,6 +393,16 @@ def test_no_false_alarm_on_real_logs(name: str, data_dir: Path) -> None:
     assert gyro.health.slip.times == gyro.health.slip.slides == 0
 
 
+def test_the_jackals_tracks_spin_by_its_accelerometer(data_dir: Path) -> None:
+    """The force to the left is that of the turning by the gyro, and none of that by the tracks."""
+    robot = load_robot("jackal")
+    log = read_log(sample_log(data_dir, "jackal_test2.bag"), robot)
+    share, ((by_gyro, by_tracks), lows, highs) = benchmark.shares_of_force(log, robot)
+    assert 0.3 < share < 0.45
+    assert lows[0] > 0.2 and highs[0] > 1.0 and highs[1] < 0.3
+    assert by_gyro > 0.5 and abs(by_tracks) < 0.1
+
+
 @pytest.mark.parametrize(
     ("variant", "name"), [("constant-online", "eta0"), ("inertia-online", "eta0")]
 )
