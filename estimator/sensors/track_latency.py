@@ -9,6 +9,7 @@ from leaving out one block at a time. A batch version that looks at a whole log 
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Any, NamedTuple
 
@@ -20,6 +21,8 @@ from icreckon.estimator.base.lag_search import beside_lowest, jackknife_sigma
 
 SHIFTS = np.arange(-0.3, 0.8, 0.02)
 """Grid of candidate latencies [s]."""
+LATEST = float(SHIFTS[-1])
+"""Largest of them [s]."""
 WINDOW, WINDOW_STEP = 1.0, 0.1
 """Length and spacing of the windows [s]."""
 BLOCK = 1.25
@@ -108,24 +111,23 @@ class _Angle:
     def __init__(self, *, held: bool) -> None:
         self.seconds = np.zeros(CAPACITY)
         self.values = np.zeros(CAPACITY)
-        self.count = 0
-        self._held, self._rate = held, 0.0
+        self.count, self.newest = 0, -math.inf
+        self._value, self._held, self._rate = 0.0, held, 0.0
 
     def take(self, second: float, rate: float) -> bool:
         """Add a sample; return False, and do not, if there is a hole before it."""
-        value = 0.0
         if self.count:
-            step = second - self.seconds[self.count - 1]
+            step = second - self.newest
             if abs(step) > LARGEST_HOLE:
                 return False
             if step <= 0.0:
                 return True
             mean = self._rate if self._held else 0.5 * (self._rate + rate)
-            value = self.values[self.count - 1] + step * mean
+            self._value += step * mean
         if self.count == CAPACITY:
             self._keep(self.seconds[CAPACITY // 2 :], self.values[CAPACITY // 2 :])
-        self.seconds[self.count], self.values[self.count] = second, value
-        self.count, self._rate = self.count + 1, rate
+        self.seconds[self.count], self.values[self.count] = second, self._value
+        self.count, self.newest, self._rate = self.count + 1, second, rate
         return True
 
     def at(self, seconds: Floats) -> Floats:
@@ -151,6 +153,8 @@ class _Angle:
     def _keep(self, seconds: Floats, values: Floats) -> None:
         self.count = len(seconds)
         self.seconds[: self.count], self.values[: self.count] = seconds.copy(), values.copy()
+        if self.count:
+            self.newest, self._value = float(seconds[-1]), float(values[-1])
 
 
 class TrackLatencyEstimator:
@@ -229,8 +233,7 @@ class TrackLatencyEstimator:
         self._tracks.recall(memory.tracks)
         if self._next is not None and self._tracks.count:
             # No window of long ago is used any more, and stepping there would take hours.
-            newest = float(self._tracks.seconds[self._tracks.count - 1])
-            self._next = max(self._next, newest - LONGEST_BEHIND)
+            self._next = max(self._next, self._tracks.newest - LONGEST_BEHIND)
 
     def _second(self, stamp: int) -> float:
         if self._origin is None:
@@ -250,9 +253,10 @@ class TrackLatencyEstimator:
         if self._next is None:
             first = max(gyro.seconds[0], tracks.seconds[0] - SHIFTS[0])
             self._next = float(np.ceil(first / WINDOW_STEP) * WINDOW_STEP)
-        completed = False
-        gyro_end = gyro.seconds[gyro.count - 1]
-        while self._next + WINDOW + SHIFTS[-1] <= newest and self._next + WINDOW <= gyro_end:
+        completed, end = False, min(newest - LATEST, gyro.newest)
+        if self._next + WINDOW > end:
+            return False
+        while self._next + WINDOW <= end:
             completed |= self._use_window(self._next)
             self._next += WINDOW_STEP
         for angle in (gyro, tracks):

@@ -149,6 +149,7 @@ class StampCorrection:
         watch: TrackLatencyMemory | None = None,
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
+        self._estimated_ns = _nanoseconds(estimated)
         self._imu = SensorModels(robot)
         self._watch = TrackLatencyEstimator()
         if watch is not None:
@@ -168,7 +169,7 @@ class StampCorrection:
     def watch(self, measurement: Measurement) -> None:
         """Watch the track speeds' latency by a plausible, corrected measurement."""
         if isinstance(measurement, TrackSpeeds):
-            stamp = measurement.stamp + _nanoseconds(self.estimated)
+            stamp = measurement.stamp + self._estimated_ns
             if self._watch.take_tracks(stamp, measurement.left, measurement.right):
                 self._use_estimate()
         elif isinstance(measurement, ImuSample):
@@ -193,7 +194,7 @@ class StampCorrection:
         clear = abs(found.seconds) > max(LEAST, BEYOND * found.sigma)
         seconds = found.seconds if clear else 0.0
         if abs(seconds - self.estimated) > max(LEAST_CHANGE, found.sigma):
-            self.estimated = seconds
+            self.estimated, self._estimated_ns = seconds, _nanoseconds(seconds)
             self._late[TrackSpeeds] = _nanoseconds(self.latencies.tracks + seconds)
 
 
