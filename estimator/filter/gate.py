@@ -164,7 +164,8 @@ class Gate:
         """Time that a measurement at a stamp [ns] counts if it is rejected [s]."""
         if self.counts.stamp == NEVER:
             return LONGEST_COUNTED
-        return min(LONGEST_COUNTED, (stamp - self.counts.stamp) * NANOSECOND)
+        # A clock that was set back has left a later stamp.
+        return max(0.0, min(LONGEST_COUNTED, (stamp - self.counts.stamp) * NANOSECOND))
 
     def keep(self, stamp: int, verdict: int, z: Floats, S: Floats) -> None:
         """Keep the newest innovation z (n,), and its covariance S (n, n)."""

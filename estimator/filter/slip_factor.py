@@ -61,8 +61,8 @@ DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
 AHEAD_SHARE, BESIDE_SHARE, DEPARTURE_SIGMAS = 1.2, 0.5, 3.0
 # Least cosine between successive departures, and least ratio of them.
 SAME_SIDE = 0.8
-# Least way that has a direction [m].
-LEAST_WAY = 1e-3
+# Least way that has a direction [m], and least time that has a speed [s].
+LEAST_WAY, LEAST_TIME = 1e-3, 1e-6
 
 
 def normalised(
@@ -212,7 +212,7 @@ def departure_after(
     Returns:
         The departure; True if it is clear; what it shows.
     """
-    time = before.time + interval
+    time = max(LEAST_TIME, before.time + interval)
     at = fix[0] - z[0], fix[1] - z[1]
     cos, sin = at[0] - before.from_x, at[1] - before.from_y
     way = max(LEAST_WAY, math.sqrt(cos * cos + sin * sin))
