@@ -57,8 +57,8 @@ LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
 # Time of rejected fixes that depart from the path after which they are followed, and least number of
 # them before [s].
 DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
-# Farthest departure along the way and to a side, over the way, and standard deviations beside it.
-AHEAD_SHARE, BESIDE_SHARE, DEPARTURE_SIGMAS = 1.2, 0.5, 3.0
+# Farthest departure over the way, and standard deviations beside it.
+DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
 # Least cosine between successive departures, and least ratio of them.
 SAME_SIDE = 0.8
 # Least way that has a direction [m], and least time that has a speed [s].
@@ -222,12 +222,11 @@ def departure_after(
     shared = 2.0 * cos * sin * S[1]
     of_ahead = max(0.0, cos * cos * S[0] + shared + sin * sin * S[2])
     of_left = max(0.0, sin * sin * S[0] - shared + cos * cos * S[2])
-    departs = (abs(ahead) < AHEAD_SHARE * way + DEPARTURE_SIGMAS * math.sqrt(of_ahead)) & (
-        abs(left) < BESIDE_SHARE * way + DEPARTURE_SIGMAS * math.sqrt(of_left)
-    )
+    size = math.sqrt(z[0] * z[0] + z[1] * z[1])
+    noise = DEPARTURE_SIGMAS * math.sqrt(max(of_ahead, of_left))
+    departs = size < DEPARTURE_SHARE * way + noise
     # It goes on, to the side of the fix before.
     least = SAME_SIDE * math.sqrt(before.by_x * before.by_x + before.by_y * before.by_y)
-    size = math.sqrt(z[0] * z[0] + z[1] * z[1])
     goes_on = (z[0] * before.by_x + z[1] * before.by_y >= least * size) & (size >= least)
     departs = departs & ((before.time <= 0.0) | goes_on)
     is_clear = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))
