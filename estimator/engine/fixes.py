@@ -22,9 +22,10 @@ from icreckon.estimator.engine.model import (
     turn,
 )
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
+from icreckon.estimator.filter.departure import Departure, errors_of
 from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
-from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR, Departure, errors_of
+from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.filter.update import LEAST_VARIANCE
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.emit import Kernel

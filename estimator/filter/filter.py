@@ -19,6 +19,7 @@ from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory, of_record
 from icreckon.estimator.filter.clones import Clones
+from icreckon.estimator.filter.departure import follow_departure
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
 from icreckon.estimator.filter.gate import GateRecord, gates_of
 from icreckon.estimator.filter.health import (
@@ -35,7 +36,6 @@ from icreckon.estimator.filter.initial_state import assumptions, considered_stat
 from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
 from icreckon.estimator.filter.slip_factor import (
     doubt,
-    follow_departure,
     follow_fix,
     follow_scatter,
 )

@@ -1,0 +1,200 @@
+"""Departure of position fixes from the path: slip of both tracks, or a path that turns.
+
+Both tracks may spin on one spot, or slide: all of their speed is slip. The bias of the gyro may jump: the
+path turns. Precise fixes then depart from it to one side, by more and more, but by no more than the robot
+drives meanwhile. After a time of such rejected fixes the states are made uncertain by what these show:
+position and slip together, position and yaw, and position, yaw and bias. Fixes that jump, or scatter, are
+rejected as any others.
+
+Functions of plain numbers are written for plain Python and, traced, for lanes.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.choices import select
+from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.filter_record import DEPARTURE, FilterRecord
+from icreckon.estimator.filter.gate import Gate
+from icreckon.estimator.filter.process_noise import GROUND_TIME
+from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
+from icreckon.estimator.filter.update import normalised_square
+from icreckon.estimator.sensors.measurement_models import Linearised
+
+# Time of rejected fixes that depart from the path after which they are followed, and least number of
+# them before [s].
+DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
+# Farthest departure over the way, and standard deviations beside it.
+DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
+# Least cosine between successive departures, and least ratio of them.
+SAME_SIDE = 0.8
+# Least way that has a direction [m], and least time that has a speed [s].
+LEAST_WAY, LEAST_TIME = 1e-3, 1e-6
+
+
+class Departure(NamedTuple):
+    """Departure of position fixes from the path.
+
+    Attributes:
+        time: time of rejected fixes that depart [s]; 0 at another one.
+        from_x: place on the path of the newest fix that does not [m].
+        from_y: see above.
+        by_x: innovation of the newest fix [m].
+        by_y: see above.
+    """
+
+    time: Any = 0.0
+    from_x: Any = 0.0
+    from_y: Any = 0.0
+    by_x: Any = 0.0
+    by_y: Any = 0.0
+
+
+class Shown(NamedTuple):
+    """Errors that a departure shows: standard deviations, with the signs of the errors.
+
+    Attributes:
+        along: error of the position along the way, in x and y [m].
+        slip: with it, that of the slip of v_x [m/s].
+        beside: error of the position to a side, in x and y [m].
+        yaw: with it, that of a yaw that was off from the begin on [rad].
+        bias: or that of the gyro's bias, which has turned the yaw by twice as much until now [rad/s].
+    """
+
+    along: tuple[Any, Any]
+    slip: Any
+    beside: tuple[Any, Any]
+    yaw: Any
+    bias: Any
+
+
+def departure_after(
+    before: Departure,
+    fix: tuple[Any, Any],
+    z: tuple[Any, Any],
+    S: tuple[Any, Any, Any],
+    heading: tuple[Any, Any],
+    fastest: Any,
+    interval: Any,
+) -> tuple[Departure, Any, Shown]:
+    """Departure from the path, with a position fix that the gate would reject.
+
+    Args:
+        before: departure before it.
+        fix: the fix, x and y [m].
+        z: its innovation [m].
+        S: covariance of that, xx, xy and yy [m²].
+        heading: cosine and sine of the yaw.
+        fastest: highest speed of a track [m/s].
+        interval: time since the fix before [s].
+
+    Returns:
+        The departure; True if it is clear; what it shows.
+    """
+    time = max(LEAST_TIME, before.time + interval)
+    at = fix[0] - z[0], fix[1] - z[1]
+    cos, sin = at[0] - before.from_x, at[1] - before.from_y
+    way = max(LEAST_WAY, math.sqrt(cos * cos + sin * sin))
+    cos, sin = cos / way, sin / way
+    way = min(way, max(LEAST_WAY, fastest * time))
+    ahead, left = cos * z[0] + sin * z[1], cos * z[1] - sin * z[0]
+    shared = 2.0 * cos * sin * S[1]
+    of_ahead = max(0.0, cos * cos * S[0] + shared + sin * sin * S[2])
+    of_left = max(0.0, sin * sin * S[0] - shared + cos * cos * S[2])
+    size = math.sqrt(z[0] * z[0] + z[1] * z[1])
+    noise = DEPARTURE_SIGMAS * math.sqrt(max(of_ahead, of_left))
+    departs = size < DEPARTURE_SHARE * way + noise
+    # It goes on, to the side of the fix before.
+    least = SAME_SIDE * math.sqrt(before.by_x * before.by_x + before.by_y * before.by_y)
+    goes_on = (z[0] * before.by_x + z[1] * before.by_y >= least * size) & (size >= least)
+    departs = departs & ((before.time <= 0.0) | goes_on)
+    is_clear = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))
+    after = Departure(
+        select(departs, time, 0.0),
+        select(departs, before.from_x, at[0]),
+        select(departs, before.from_y, at[1]),
+        *z,
+    )
+    ahead, left = beyond(ahead, of_ahead), beyond(left, of_left)
+    # A yaw that grows with time moves the path by half of what it would from the begin on.
+    yaw = left / way
+    slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
+    along, beside = (cos * ahead, sin * ahead), (-sin * left, cos * left)
+    return after, is_clear, Shown(along, slip, beside, yaw, -2.0 * yaw / time)
+
+
+def beyond(innovation: Any, variance: Any) -> Any:
+    """Part of an innovation that its noise does not explain, with its sign."""
+    more = innovation * innovation - DEPARTURE_SIGMAS * DEPARTURE_SIGMAS * variance
+    return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(max(0.0, more))
+
+
+def lasting_slip(slip: Any, heading: tuple[Any, Any], interval: Any) -> tuple[Any, Any, Any]:
+    """Errors of x, y and the slip of v_x if the slip has lasted, rather than faded, since the last fix.
+
+    Args:
+        slip: the slip of v_x at the fix [m/s].
+        heading: cosine and sine of the yaw.
+        interval: time since the fix before [s].
+    """
+    faded = slip * min(1.0, interval / GROUND_TIME)
+    way = 0.5 * interval * faded
+    return heading[0] * way, heading[1] * way, faded
+
+
+def follow_departure(
+    ekf: IcrEkf,
+    record: FilterRecord,
+    gate: Gate,
+    fix: tuple[float, float],
+    found: Linearised,
+    yaw: float,
+    interval: float,
+) -> None:
+    """Inflate the states by what rejected fixes show that depart from the path.
+
+    Args:
+        ekf: the filter, changed in place.
+        record: its record, changed in place.
+        gate: gate of the position fixes.
+        fix: the newest fix, x and y, before its gate [m].
+        found: its linearised measurement.
+        yaw: yaw at the fix [rad].
+        interval: time since the fix before [s].
+    """
+    innovation, H, R = found
+    heading = math.cos(yaw), math.sin(yaw)
+    lasts = lasting_slip(ekf.x.item(s.SLIP_X), heading, interval)
+    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(lasts, lasts))
+    S = ekf.innovation_covariance(H, R)
+    z = innovation.item(0), innovation.item(1)
+    is_clear = False
+    if normalised_square(innovation, S) > gate.threshold:
+        before = Departure(*(getattr(record, name) for name in DEPARTURE))
+        of_z = z, (S.item(0, 0), S.item(0, 1), S.item(1, 1)), heading
+        departure = departure_after(before, fix, *of_z, record.settings.fastest, interval)
+        after, is_clear, shown = departure
+    else:
+        after = Departure(0.0, fix[0] - z[0], fix[1] - z[1], *z)
+    for name, value in zip(DEPARTURE, after, strict=True):
+        setattr(record, name, value)
+    if not is_clear:
+        return
+    record.present_factor = record.slip_factor = LARGEST_FACTOR
+    for states, error in errors_of(shown):
+        n = len(states) - (states[-1] in ekf.considered)
+        ekf.inflate_jointly(states[:n], np.outer(error, error)[:n, :n])
+
+
+def errors_of(shown: Shown) -> tuple[tuple[tuple[int, ...], tuple[Any, ...]], ...]:
+    """States and errors that a departure shows, each with those that have the same cause."""
+    return (
+        ((s.X, s.Y, s.SLIP_X), (*shown.along, shown.slip)),
+        ((s.X, s.Y, s.YAW), (*shown.beside, shown.yaw)),
+        ((s.X, s.Y, s.YAW, s.GYRO_BIAS), (*shown.beside, 2.0 * shown.yaw, shown.bias)),
+    )
