@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,32 +11,22 @@ from hypothesis import strategies as st
 
 from conftest import thorough
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.base.state import GYRO_BIAS, YAW
 from icreckon.estimator.batch.replay import run_side_by_side
-from icreckon.estimator.filter.filter_record import FilterRecord
-from icreckon.estimator.filter.gate import GateRecord
-from icreckon.estimator.filter.health import REJECTED
 from icreckon.estimator.filter.process_noise import GROUND_TIME, slip_times
 from icreckon.estimator.filter.slip_factor import (
     FACTOR_WEIGHT,
     LARGEST_FACTOR,
     MEMORY,
-    REJECTED_FIXES,
     TREND_WEIGHT,
-    bias_doubt,
-    follow_fix,
     normalised,
     present_factor_after,
     slip_factor_after,
     trend_after,
 )
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import FixWander, Settings
-from icreckon.estimator.robot.variants import find_variant
-from icreckon.estimator.sensors.input_settings import input_settings
+from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
@@ -137,110 +126,6 @@ def test_what_other_ground_adds_to_the_slip_lasts_longer() -> None:
     assert slip_times(0.5, 2.0) == pytest.approx((longer, 0.5, 0.5))
 
 
-def test_only_a_clear_trend_to_one_side_makes_the_bias_doubtful() -> None:
-    """Not one ahead, not one at rest, and not one of errors that are smaller than the fixes say."""
-    moving = 0.5, 0.5
-    assert bias_doubt((0.0, 3.0, 2.0), *moving) == 1.0
-    assert bias_doubt((0.0, -3.0, 2.0), *moving) == 1.0
-    assert 0.0 < bias_doubt((0.0, 1.4, 1.0), *moving) < 1.0
-    assert bias_doubt((3.0, 0.5, 2.0), *moving) == 0.0
-    assert bias_doubt((0.0, 3.0, 2.0), 0.0, 0.0) == 0.0
-    assert bias_doubt((0.0, 1.4, 0.3), *moving) == 0.0
-    rng, trend, doubts = np.random.default_rng(2), NEW, 0.0
-    for z in rng.standard_normal((5000, 2)).tolist():
-        trend = trend_after(trend, *normalised(tuple(z), (1.0, 0.0, 1.0), (1.0, 0.0)))
-        doubts += bias_doubt(trend, *moving)
-    assert doubts < 5000 * 0.001
-
-
-def test_fixes_that_are_rejected_ahead_leave_the_bias_alone(robot: Robot) -> None:
-    """On other ground the robot goes more or less far; a bias turns it away."""
-    settings = input_settings(robot, Settings(), find_variant("constant-online"))
-    record, fixes = FilterRecord(settings), GateRecord()
-    fixes.verdict, fixes.rejected_in_a_row = REJECTED, REJECTED_FIXES
-    fixes.S[0] = fixes.S[3] = 0.01
-    for yaw in (0.0, 2.0):
-        for ahead, left in ((1.0, 0.5), (-1.0, 0.5), (0.5, 1.0), (0.5, -1.0)):
-            fixes.z[0] = ahead * math.cos(yaw) - left * math.sin(yaw)
-            fixes.z[1] = ahead * math.sin(yaw) + left * math.cos(yaw)
-            assert follow_fix(record, fixes, yaw, 0.0025) == (abs(left) > abs(ahead))
-    # The last one is to the side; fixes of plain GPS do not count.
-    assert follow_fix(record, fixes, yaw, 1.0) == 0.0
-    fixes.rejected_in_a_row = REJECTED_FIXES - 1
-    assert follow_fix(record, fixes, yaw, 0.0025) == 0.0
-
-
-def test_fixes_that_are_rejected_ahead_double_the_factor(robot: Robot) -> None:
-    """The gate admits no fixes on ground that is slippery for a filter sure of its slip."""
-
-    def factors(ahead: float, left: float, speed: float, variance: float) -> list[float]:
-        settings = input_settings(robot, Settings(), find_variant("constant-online"))
-        record, fixes = FilterRecord(settings), GateRecord()
-        record.tracks.smooth_left = record.tracks.smooth_right = speed
-        fixes.verdict, fixes.S[0], fixes.S[3] = REJECTED, 0.01, 0.01
-        fixes.z[0], fixes.z[1], found = ahead, left, []
-        for fixes.rejected_in_a_row in range(1, REJECTED_FIXES + 5):
-            follow_fix(record, fixes, 0.0, variance)
-            found.append(record.slip_factor)
-        assert record.present_factor == found[-1]
-        return found
-
-    for ahead in (1.0, -1.0):
-        assert factors(ahead, 0.5, 0.5, 0.0025) == [1.0, 1.0, 2.0, 4.0, *[LARGEST_FACTOR] * 3]
-    none = [1.0] * (REJECTED_FIXES + 4)
-    # To a side, at rest, and of plain GPS.
-    assert factors(0.5, 1.0, 0.5, 0.0025) == none
-    assert factors(1.0, 0.5, 0.0, 0.0025) == none
-    assert factors(1.0, 0.5, 0.5, 0.1) == none
-
-
-BIAS, JUMPS_AT = 0.02, 30
-
-
-@pytest.fixture(scope="module")
-def biased() -> Log:
-    """A drive under fixes of 5 cm each second, whose gyro's bias jumps."""
-    scenario = Scenario(duration=75.0, seed=3, trajectory="random")
-    log = simulate(scenario, load_robot("auriga-alpha"))
-    assert log.imu is not None
-    rates = log.imu.angular_velocity.copy()
-    rates[log.imu.stamps > log.start + JUMPS_AT * 1_000_000_000, 2] += BIAS
-    return replace(log, imu=replace(log.imu, angular_velocity=rates))
-
-
-@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
-def test_a_bias_that_jumps_is_learnt_from_fixes(variant: str, biased: Log, robot: Robot) -> None:
-    """Without doubt it took minutes, and a third of the fixes were refused."""
-    one = run(biased, robot, variant)
-    seconds = (one.stamps - biased.start) * 1e-9
-    biases = one.states[:, GYRO_BIAS]
-    jump = biases[seconds > JUMPS_AT + 20.0] - biases[seconds < JUMPS_AT][-1]
-    assert jump == pytest.approx(BIAS, abs=0.008)
-    assert biased.truth is not None
-    true = interpolate_poses(biased.truth.poses, one.stamps)
-    off = np.abs(wrap_angle(one.trajectory.poses[:, 2] - true[:, 2]))
-    later = seconds > JUMPS_AT + 20.0
-    assert (off[later] < 3.0 * one.state_sigmas[later, YAW] + 0.01).mean() > 0.95
-    assert one.health.sensors["position"].rejected.get("gate", 0) < 15
-
-
-@pytest.mark.parametrize("variant", ["constant-online", thorough("friction-online")])
-def test_engines_agree_on_a_bias_that_jumps(variant: str, biased: Log, robot: Robot) -> None:
-    compiled = run(biased, robot, variant)
-    plain = run(biased, robot, variant, settings=Settings(engine="plain"))
-    (side,) = run_side_by_side(biased, robot, [variant]).values()
-    for other in (plain, side):
-        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-8)
-        assert other.state_sigmas == pytest.approx(compiled.state_sigmas, rel=1e-7, abs=1e-9)
-
-
-def test_a_bias_that_is_considered_keeps_its_uncertainty(biased: Log, robot: Robot) -> None:
-    kept = Settings(considered=("gyro_bias",))
-    one = run(biased, robot, "constant-online", settings=kept)
-    sigmas = one.state_sigmas[1:, GYRO_BIAS]
-    assert sigmas == pytest.approx(sigmas[0], rel=0.02)
-
-
 # Ice and mud in turn, 20 s each: fixes are rejected at each change.
 EXTREME = tuple(
     Patch(time=(20.0 * k, 20.0 * (k + 1)), friction=friction, rolling_resistance=rolling)
@@ -250,7 +135,7 @@ EXTREME = tuple(
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
 def test_ground_that_changes_is_not_taken_for_a_bias(variant: str, robot: Robot) -> None:
-    """With any rejected fixes as a reason for doubt, yaw was 6 and 26 degrees off."""
+    """Yaw was 6 and 26 degrees off when any rejected fixes made the bias uncertain."""
     off = []
     for seed in range(4):
         log = simulate(Scenario(duration=150.0, seed=seed, patches=EXTREME), robot)
@@ -271,28 +156,8 @@ def test_slippery_ground_raises_it_also_if_the_gate_admits_no_fix(robot: Robot) 
     scenario = Scenario(duration=60.0, seed=31_337, trajectory="random", patches=ground)
     log = simulate(scenario, robot, run_index=7)
     one = run(log, robot, "friction-online")
-    assert REJECTED_FIXES < one.health.sensors["position"].rejected["gate"] < 10
-    assert one.health.slip.factor > 4.0
-
-
-def test_a_wander_that_is_estimated_is_no_sign_of_a_bias(robot: Robot) -> None:
-    """Rejected fixes with little white noise, whose slow error the robot file states."""
-    sigmas = []
-    for wander in (None, FixWander(sigma=2.5, time=120.0)):
-        one = PoseEstimator(
-            robot,
-            variant="constant-online",
-            settings=Settings(wander=wander),
-        )
-        for k in range(1, 1501):
-            stamp = 10_000_000 * k
-            one.feed(TrackSpeeds(stamp, 0.5, 0.5))
-            one.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
-            if k % 100 == 0:
-                one.feed(PositionFix(stamp, 0.005 * k, 0.0 if k < 1000 else 60.0, 0.0025))
-        assert one.health.sensors["position"].rejected["gate"] > REJECTED_FIXES
-        sigmas.append(one.covariance[GYRO_BIAS, GYRO_BIAS] ** 0.5)
-    assert sigmas[1] < 0.5 * sigmas[0]
+    assert one.health.sensors["position"].rejected.get("gate", 0) < 5
+    assert one.health.slip.factor > 2.5
 
 
 def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:

@@ -1,0 +1,260 @@
+"""Fixes that depart from the path show slip of both tracks, or a path that turns."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from conftest import thorough
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.filter.departure import (
+    DEPARTURE_SIGMAS,
+    Departure,
+    Shown,
+    beyond,
+    departure_after,
+    errors_of,
+    lasting_slip,
+)
+from icreckon.estimator.filter.process_noise import GROUND_TIME
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.streaming.run import Run, run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+SECOND = 1_000_000_000
+SPEED, FASTEST, SIGMA = 0.5, 1.5, 0.05
+VALUES = st.floats(-10.0, 10.0)
+
+
+def departed(
+    innovations: list[tuple[float, float]],
+    interval: float = 1.0,
+    yaw: float = 0.0,
+    origin: tuple[float, float] = (0.0, 0.0),
+) -> tuple[list[bool], Departure, Shown]:
+    """Departure of a robot that drives straight on, by innovations ahead and to the left [m]."""
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    departure, found = Departure(0.0, *origin), []
+    S = (SIGMA**2, 0.0, SIGMA**2)
+    for k, (ahead, left) in enumerate(innovations, start=1):
+        z = cos * ahead - sin * left, sin * ahead + cos * left
+        way = k * interval * SPEED
+        fix = origin[0] + cos * way + z[0], origin[1] + sin * way + z[1]
+        departure, is_clear, shown = departure_after(
+            departure, fix, z, S, (cos, sin), FASTEST, interval
+        )
+        found.append(bool(is_clear))
+    return found, departure, shown
+
+
+@pytest.mark.parametrize(("interval", "needed"), [(0.1, 6), (0.2, 4), (1.0, 3)])
+def test_a_departure_that_grows_is_clear_after_half_a_second_and_three_fixes(
+    interval: float, needed: int
+) -> None:
+    found, _, _ = departed([(0.0, 0.2 + 0.1 * k * interval) for k in range(10)], interval)
+    assert found.index(True) + 1 == needed
+    assert all(found[needed:])
+
+
+@pytest.mark.parametrize(
+    "innovations",
+    [
+        # A jump: further than the robot drove.
+        [(0.0, 2.0)] * 3,
+        # Scatter, and a fix between that is near.
+        [(0.0, 0.4), (0.0, -0.4)] * 3,
+        [(0.3, 0.3), (-0.3, 0.4), (0.4, -0.3)],
+        [(0.0, 0.6), (0.0, 0.3), (0.0, 0.6), (0.0, 0.3)],
+    ],
+)
+def test_jumps_and_scatter_are_no_departure(innovations: list[tuple[float, float]]) -> None:
+    found, _, _ = departed(innovations)
+    assert not any(found)
+
+
+@given(yaw=VALUES, x=VALUES, y=VALUES, ahead=st.floats(-0.5, 0.5), left=st.floats(-0.5, 0.5))
+def test_it_turns_and_moves_with_all(
+    yaw: float, x: float, y: float, ahead: float, left: float
+) -> None:
+    growing = [(k * ahead, k * left) for k in (1, 2, 3)]
+    plain, departure, shown = departed(growing)
+    moved, other, same = departed(growing, 1.0, yaw, (x, y))
+    assert moved == plain
+    assert other.time == departure.time
+    assert (same.slip, same.yaw, same.bias) == pytest.approx(
+        (shown.slip, shown.yaw, shown.bias), abs=1e-9
+    )
+    for before, after in ((shown.along, same.along), (shown.beside, same.beside)):
+        assert np.hypot(*after) == pytest.approx(np.hypot(*before), abs=1e-9)
+
+
+def test_a_path_that_turns_too_far_left_shows_a_larger_bias() -> None:
+    """The fixes lie to its right: the yaw is smaller, and the bias of the gyro larger."""
+    _, _, shown = departed([(0.0, -0.2), (0.0, -0.5), (0.0, -0.9)])
+    assert shown.slip == 0.0
+    left = math.sqrt(0.9**2 - (DEPARTURE_SIGMAS * SIGMA) ** 2)
+    assert shown.yaw == pytest.approx(-left / 1.5)
+    assert shown.bias == pytest.approx(2.0 * left / 1.5 / 3.0)
+    by_slip, by_yaw, by_bias = errors_of(shown)
+    assert by_yaw == ((s.X, s.Y, s.YAW), (0.0, pytest.approx(-left), shown.yaw))
+    assert by_bias[0] == (s.X, s.Y, s.YAW, s.GYRO_BIAS)
+    assert by_bias[1][2:] == (2.0 * shown.yaw, shown.bias)
+    assert by_slip == ((s.X, s.Y, s.SLIP_X), (0.0, 0.0, 0.0))
+
+
+def test_a_robot_that_stays_behind_shows_slip() -> None:
+    _, _, shown = departed([(-0.5, 0.0), (-1.0, 0.0), (-1.5, 0.0)])
+    behind = math.sqrt(1.5**2 - (DEPARTURE_SIGMAS * SIGMA) ** 2)
+    assert shown.along == (pytest.approx(-behind), 0.0)
+    assert shown.slip == pytest.approx(-behind / 3.0)
+    assert shown.yaw == shown.bias == 0.0
+
+
+def test_what_noise_explains_shows_nothing() -> None:
+    assert beyond(-0.1, 0.04) == 0.0
+    assert beyond(-5.0, 1.0) == pytest.approx(-4.0)
+
+
+def test_slip_may_have_lasted_since_the_last_fix() -> None:
+    assert lasting_slip(-0.4, (0.0, 1.0), 0.25 * GROUND_TIME) == pytest.approx(
+        (0.0, -0.0125 * GROUND_TIME, -0.1)
+    )
+    assert lasting_slip(-0.4, (1.0, 0.0), 5.0)[2] == -0.4
+
+
+# --- drives ----------------------------------------------------------------------------------------
+
+
+def driven(fix_rate: float, sigma: float, duration: float, seed: int) -> Log:
+    scenario = Scenario(
+        duration=duration,
+        seed=seed,
+        trajectory="random",
+        fix_rate=fix_rate,
+        fixes=FixSpec(sigma=sigma),
+    )
+    return simulate(scenario, load_robot("auriga-alpha"))
+
+
+def errors(one: Run, log: Log) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Seconds, and errors of position [m] and yaw [rad]."""
+    assert log.truth is not None
+    off = one.states[:, :3] - interpolate_poses(log.truth.poses, one.stamps)
+    seconds = (one.stamps - log.start) * 1e-9
+    return seconds, np.hypot(off[:, 0], off[:, 1]), np.abs(wrap_angle(off[:, 2]))
+
+
+JUMPS_AT = 40.0
+
+
+@pytest.fixture(scope="module")
+def biased() -> Log:
+    """A drive under fixes of 5 cm each second, whose gyro's bias jumps by 0.05 rad/s."""
+    log = driven(1.0, 0.05, 80.0, 3)
+    assert log.imu is not None
+    rates = log.imu.angular_velocity.copy()
+    rates[log.imu.stamps > log.start + round(JUMPS_AT * SECOND), 2] += 0.05
+    return replace(log, imu=replace(log.imu, angular_velocity=rates))
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+def test_fixes_correct_a_bias_that_jumps(variant: str, biased: Log, robot: Robot) -> None:
+    one = run(biased, robot, variant)
+    seconds, position, yaw = errors(one, biased)
+    later = seconds > JUMPS_AT + 25.0
+    assert (yaw[later] < 3.0 * one.state_sigmas[later, s.YAW] + 0.01).mean() > 0.95
+    assert yaw[later].max() < math.radians(15.0)
+    assert position[later].max() < 0.3
+    biases = one.states[:, s.GYRO_BIAS]
+    before = biases[seconds < JUMPS_AT][-1]
+    assert biases[-1] - before == pytest.approx(0.05, abs=0.01)
+    assert one.health.sensors["position"].rejected.get("gate", 0) < 10
+
+
+@pytest.mark.parametrize("variant", ["constant-online", thorough("friction-online")])
+def test_engines_agree_on_a_departure(variant: str, biased: Log, robot: Robot) -> None:
+    compiled = run(biased, robot, variant)
+    plain = run(biased, robot, variant, settings=Settings(engine="plain"))
+    (side,) = run_side_by_side(biased, robot, [variant]).values()
+    assert compiled.health.slip.factor > 2.0
+    for other in (plain, side):
+        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-8)
+        assert other.state_sigmas == pytest.approx(compiled.state_sigmas, rel=1e-7, abs=1e-9)
+
+
+def test_a_bias_that_is_considered_keeps_its_uncertainty(biased: Log, robot: Robot) -> None:
+    kept = Settings(considered=("gyro_bias",))
+    one = run(biased, robot, "constant-online", settings=kept)
+    sigmas = one.state_sigmas[1:, s.GYRO_BIAS]
+    assert sigmas == pytest.approx(sigmas[0], rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def spinning() -> Log:
+    """A robot that stands from 30 s on while both tracks spin, with RTK."""
+    log = driven(5.0, 0.02, 60.0, 4)
+    assert log.truth is not None
+    assert log.imu is not None
+    assert log.fixes is not None
+    assert log.imu.linear_acceleration is not None
+    stop, rng = log.start + 30 * SECOND, np.random.default_rng(2)
+    true, places = log.truth.poses.poses.copy(), log.fixes.poses.copy()
+    stopped = int(np.searchsorted(log.truth.poses.stamps, stop))
+    true[stopped:] = true[stopped]
+    after = log.fixes.stamps > stop
+    places[after, :2] = true[stopped, :2] + 0.02 * rng.standard_normal((after.sum(), 2))
+    speeds = log.tracks.speeds.copy()
+    late = log.tracks.stamps > stop
+    speeds[late] = 0.4 + 0.002 * rng.standard_normal((late.sum(), 2))
+    rates, forces = log.imu.angular_velocity.copy(), log.imu.linear_acceleration.copy()
+    rests, at_rest = log.imu.stamps > stop, log.imu.stamps < log.start + SECOND
+    rates[rests] = rng.choice(rates[at_rest], rests.sum())
+    forces[rests] = rng.choice(forces[at_rest], rests.sum())
+    return replace(
+        log,
+        tracks=TrackSpeedSeries(log.tracks.stamps, speeds),
+        imu=replace(log.imu, angular_velocity=rates, linear_acceleration=forces),
+        fixes=FixSeries(log.fixes.stamps, places, log.fixes.variances),
+        truth=replace(log.truth, poses=replace(log.truth.poses, poses=true)),
+    )
+
+
+@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+def test_a_robot_that_spins_on_the_spot_stays_where_rtk_is(
+    variant: str, spinning: Log, robot: Robot
+) -> None:
+    """It was 0.5 m off, root mean square, and sure of 2 cm."""
+    one = run(spinning, robot, variant)
+    seconds, position, _ = errors(one, spinning)
+    assert np.sqrt(np.mean(position[seconds > 32.0] ** 2)) < 0.1
+    assert one.health.sensors["position"].rejected["gate"] < 15
+
+
+@pytest.mark.parametrize("streamed", [True, False])
+def test_a_burst_of_wrong_fixes_does_not_move_the_pose(streamed: bool, robot: Robot) -> None:
+    """12 fixes in 1.2 s that are 54 m off: by 53.8 m and back, when ten in a row were enough."""
+    log = driven(10.0, 0.05, 40.0, 5)
+    assert log.fixes is not None
+    at = (log.fixes.stamps - log.start) * 1e-9
+    places = log.fixes.poses.copy()
+    places[(at > 30.0) & (at < 31.2), 0] += 54.0
+    wrong = replace(log, fixes=FixSeries(log.fixes.stamps, places, log.fixes.variances))
+    if streamed:
+        one = run(wrong, robot, "inertia-online")
+    else:
+        (one,) = run_side_by_side(wrong, robot, ["inertia-online"]).values()
+    _, position, _ = errors(one, log)
+    assert position.max() < 0.3
