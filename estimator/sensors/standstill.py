@@ -192,12 +192,20 @@ def quiet_mean(
         keep_restless(still, stamp)
         return math.nan
     settle(still)
-    keep_quiet(still, stamp, mean, settings)
+    of_mean = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
+    keep_quiet(still, stamp, mean, settings.usual_change + OF_MEAN * math.sqrt(2.0) * of_mean)
     return mean
 
 
-def keep_quiet(still: StandstillRecord, stamp: int, mean: float, settings: InputSettings) -> None:
-    """Add a sample [ns] at which the robot stands, and the mean of its quiet readings [rad/s]."""
+def keep_quiet(still: StandstillRecord, stamp: int, mean: float, usual: float) -> None:
+    """Add a sample at which the robot stands.
+
+    Args:
+        still: record, changed in place.
+        stamp: stamp of the sample [ns].
+        mean: mean of its quiet readings [rad/s].
+        usual: change of the mean that noise and the walk of the bias explain [rad/s].
+    """
     before = still.quiet_at
     since = max(still.stopped_since, before)
     still.rest_time = (stamp - since) * NANOSECOND
@@ -205,7 +213,10 @@ def keep_quiet(still: StandstillRecord, stamp: int, mean: float, settings: Input
     still.quiet_at, still.quiet_mean = stamp, mean
     if before == NEVER:
         still.mean_before = mean
-    if still.changed_at == NEVER and abs(mean - still.mean_before) > settings.usual_change:
+    change = abs(mean - still.mean_before)
+    if change < 0.5 * usual:
+        still.changed_at = NEVER
+    elif change > usual and still.changed_at == NEVER:
         still.changed_at = stamp
 
 

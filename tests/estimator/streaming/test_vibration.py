@@ -99,6 +99,18 @@ def test_the_first_reading_does_not_set_the_bias(factor, seed):
 
 @pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0])
 @pytest.mark.parametrize("turn", [0.06, -0.3])
+def test_a_slow_turn_with_resting_tracks_is_a_bias_and_the_covariance_covers_it(turn, factor):
+    estimator = fed(shaken(100, 120.0, turn=turn), robot_with(factor * DENSITY))
+    yaw, sigma = yaw_of(estimator)
+    turned = abs(np.degrees(60.0 * turn))
+    assert abs(yaw) < 10.0
+    assert 0.3 * turned < sigma < 0.7 * turned
+    assert estimator.biases["gyro_bias"] - BIAS == pytest.approx(turn, abs=0.01)
+    assert estimator.stands
+
+
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0])
+@pytest.mark.parametrize("turn", [0.5, -0.45])
 def test_a_turn_with_resting_tracks_is_noticed(turn, factor):
     estimator = fed(shaken(100, 120.0, turn=turn), robot_with(factor * DENSITY))
     yaw, sigma = yaw_of(estimator)
@@ -112,7 +124,7 @@ def test_a_turn_with_resting_tracks_is_noticed(turn, factor):
 
 def test_a_robot_that_is_pushed_back_and_forth_is_followed():
     """By half a radian in each direction, once in four seconds."""
-    log = shaken(100, 60.0)
+    log = shaken(100, 60.0, share=0.1)
     t = log.imu.stamps * 1e-9
     rates = log.imu.angular_velocity.copy()
     pushed = t >= 30.0
@@ -122,7 +134,7 @@ def test_a_robot_that_is_pushed_back_and_forth_is_followed():
         part = ImuSeries(log.imu.stamps[until], rates[until], log.imu.linear_acceleration[until])
         tracks = log.tracks.stamps < end * 1e9
         series = TrackSpeedSeries(log.tracks.stamps[tracks], log.tracks.speeds[tracks])
-        estimator = fed(Log("pushed", series, part), robot_with(0.32 * DENSITY))
+        estimator = fed(Log("pushed", series, part), robot_with(0.1 * DENSITY))
         assert estimator.pose[2] == pytest.approx(expected, abs=0.04)
 
 
