@@ -270,7 +270,7 @@ def fill_lane(
             for part in range(FIX_VALUES):
                 inputs[k, ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
             inputs[k, ROW_FIX + FIX_VALUES, lane] = GATED
-            inputs[k, ROW_INTERVAL, lane] = LONGEST_COUNTED
+            inputs[k, ROW_INTERVAL, lane] = 0.0
             if fix > 0:
                 interval = measured.fix_stamps[fix] - measured.fix_stamps[fix - 1]
                 inputs[k, ROW_INTERVAL, lane] = min(LONGEST_COUNTED, interval * NANOSECOND)

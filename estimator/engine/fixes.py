@@ -22,7 +22,7 @@ from icreckon.estimator.engine.model import (
     turn,
 )
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
-from icreckon.estimator.filter.departure import Departure, errors_of
+from icreckon.estimator.faults.departing_fixes import Departure, errors_of
 from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR

@@ -285,7 +285,7 @@ class Lane:
             self.stores[f"{sensor}_{name}"] = self.row(f"{sensor}_{name}") + more
 
     def add_doubt(self, bias: Any, shared: Any, yaw: Any) -> None:
-        """Inflate the gyro's bias and the yaw, see `icreckon.estimator.filter.slip_factor.doubt`."""
+        """Inflate the gyro's bias and the yaw, see `filter.slip_factor.doubt`."""
         if s.GYRO_BIAS in self.P.states and s.GYRO_BIAS not in self.shape.considered:
             self.P.add(s.GYRO_BIAS, s.GYRO_BIAS, bias)
             self.P.add(s.YAW, s.GYRO_BIAS, shared)

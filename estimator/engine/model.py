@@ -14,7 +14,8 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector
-from icreckon.estimator.filter import departure, gate, process_noise, slip_factor
+from icreckon.estimator.faults import departing_fixes
+from icreckon.estimator.filter import gate, process_noise, slip_factor
 from icreckon.estimator.friction import model as friction_model
 from icreckon.estimator.friction.layout import PARAMETERS as FRICTION_PARAMETERS
 from icreckon.estimator.friction.model import FrictionMotion
@@ -252,8 +253,8 @@ gauss_markov = traced(propagation.gauss_markov)
 present_factor_after = traced(slip_factor.present_factor_after)
 slip_factor_after = traced(slip_factor.slip_factor_after)
 trend_after = traced(slip_factor.trend_after)
-departure_after = traced(departure.departure_after)
-lasting_slip = traced(departure.lasting_slip)
+departure_after = traced(departing_fixes.departure_after)
+lasting_slip = traced(process_noise.lasting_slip)
 patience_for = traced(gate.patience_for)
 normalised = traced(slip_factor.normalised)
 fast_slip_density = traced(process_noise.fast_slip_density)

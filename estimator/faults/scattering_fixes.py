@@ -290,7 +290,7 @@ def _measured_anew(before: Scatter, stated: float) -> Scatter:
 def parts_scatter(
     fixes: Any, path: Any, yaws: Floats, seconds: Floats, stated: float, least: float
 ) -> bool:
-    """Return True if fixes scatter apart from a jump, and apart from a burst of wrong ones.
+    """Return True if fixes scatter apart from a jump, and apart from a burst.
 
     A jump of the estimate's heading, or of the fixes, is no scatter: neither those before it show any,
     nor those after it. Nor is a burst of wrong fixes: neither they show any, nor the others.

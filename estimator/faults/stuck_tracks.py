@@ -1,4 +1,4 @@
-"""Stuck track sensors: one repeats a reading while the other track's changes, or both repeat theirs.
+"""Stuck track sensors: one repeats a reading while the other's changes, or both.
 
 Many sensors repeat readings: those sampled less often than they are published, and those of coarse
 resolution at a steady speed. So repetition counts only if it lasts much longer than this track's earlier
@@ -109,7 +109,7 @@ def stuck_from(track: Repeating, hold: float) -> int:
 
 
 def frozen_from(left: Repeating, right: Repeating, least: float) -> int:
-    """Stamp from which both readings repeat for unusually long [ns]; NEVER if they do not.
+    """Stamp from which both readings repeat for unusually long [ns], or NEVER.
 
     Args:
         left: record of the left track.

@@ -83,7 +83,7 @@ class FilterCheckpoint(
         fix_trend: mean of the normalised innovations of position fixes, to the front and to the left,
             and of their squares.
         departure: departure of position fixes from the path, see
-            `icreckon.estimator.filter.departure.Departure`.
+            `icreckon.estimator.faults.departing_fixes.Departure`.
         noise: record of the noise of the IMU.
         wander_stamp: time up to which the wander of the fixes is propagated [ns], or None.
         positions: newest place of the position fixes.

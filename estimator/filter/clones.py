@@ -157,6 +157,23 @@ class Clones(msgspec.Struct, frozen=True):
         cross[:, states] *= factor
         return Clones(self.stamps, self.poses, cross, self.covariance)
 
+    def inflated(self, yaw: float, states: tuple[int, ...], covariance: Floats) -> Clones:
+        """Inflate by an error of the motion, which moves all poses alike.
+
+        Args:
+            yaw: yaw of the filter's pose [rad].
+            states: n states of the filter that it moves.
+            covariance: (n, n) covariance that is added to theirs.
+        """
+        size = self.cross.shape[1]
+        added = np.zeros((size, size))
+        added[np.ix_(states, states)] = covariance
+        turns = _turns(self.poses[:, 2] - yaw).reshape(-1, 3)
+        cross = turns @ added[s.POSE]
+        of_pose = (turns @ added[s.POSE, s.POSE]).reshape(-1, 3)
+        own = np.block([[of_pose @ turn.T for turn in turns.reshape(-1, 3, 3)]])
+        return Clones(self.stamps, self.poses, self.cross + cross, self.covariance + own)
+
     def updated(
         self,
         z: float,

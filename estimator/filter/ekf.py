@@ -366,6 +366,12 @@ class IcrEkf:
         if self.observer is not None:
             self.observer.inflated(states, covariance)
 
+    def inflate_motion(self, states: tuple[int, ...], covariance: Floats) -> None:
+        """Inflate n states by the covariance (n, n) of an error of the motion."""
+        self.inflate_jointly(states, covariance)
+        if self.clones is not None:
+            self.clones = self.clones.inflated(self.x.item(s.YAW), states, covariance)
+
     def innovation_covariance(self, H: Floats, R: Floats) -> Floats:
         """S (n, n) of a measurement with Jacobian H (n, SIZE) and noise R (n, n)."""
         return np.asarray(H.dot(self.P).dot(H.T) + R)

@@ -17,9 +17,9 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, assign, copied, or_none
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import Scatter
+from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory, of_record
 from icreckon.estimator.filter.clones import Clones
-from icreckon.estimator.filter.departure import follow_departure
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
 from icreckon.estimator.filter.gate import GateRecord, gates_of
 from icreckon.estimator.filter.health import (
@@ -34,11 +34,6 @@ from icreckon.estimator.filter.health import (
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
-from icreckon.estimator.filter.slip_factor import (
-    doubt,
-    follow_fix,
-    follow_scatter,
-)
 from icreckon.estimator.filter.step_engine import StepEngine
 from icreckon.estimator.filter.update import correct, update
 from icreckon.estimator.log.input_checks import Event
@@ -56,17 +51,12 @@ from icreckon.estimator.motion.propagation import step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
+from icreckon.estimator.sensors import imu_clock, predictions
 from icreckon.estimator.sensors.held_tracks import (
     is_hole,
     mean_speeds,
     speeds_at,
     take_motion,
-)
-from icreckon.estimator.sensors.imu_clock import (
-    interval_start,
-    is_alive,
-    is_due_after,
-    take_stamp,
 )
 from icreckon.estimator.sensors.imu_noise import (
     measure_noise,
@@ -85,15 +75,7 @@ from icreckon.estimator.sensors.measurement_models import (
     StepTwist,
     innovation_components,
 )
-from icreckon.estimator.sensors.predictions import (
-    Prediction,
-    point_on_robot,
-    pose_ahead,
-    pose_now,
-    twist_ahead,
-    twist_now,
-    with_wander,
-)
+from icreckon.estimator.sensors.predictions import Prediction
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, SensorModels
 from icreckon.estimator.sensors.standstill import QuietReadings, bias_change, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
@@ -337,7 +319,7 @@ class Reckoning:
         else:
             # The old speeds hold up to their own stamp, over a gap to the start of the new interval.
             hole = is_hole(tracks, m.stamp, hold)
-            self._advance(interval_start(tracks, m.stamp) if hole else tracks.stamp)
+            self._advance(imu_clock.interval_start(tracks, m.stamp) if hole else tracks.stamp)
             self._counts.track_gaps += hole
         m = by_wheels(tracks, m, record.settings.fastest)
         if step is None:
@@ -349,7 +331,7 @@ class Reckoning:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
                 self.ekf.inflate(s.SLIP_X + axis, variance=sigma * sigma)
-        if not is_alive(self._imu, m.stamp, hold):
+        if not imu_clock.is_alive(self._imu, m.stamp, hold):
             self._advance(m.stamp)
         self._counts.sensor("tracks").used += 1
         return True
@@ -366,13 +348,13 @@ class Reckoning:
         along = (math.nan, math.nan) if force is None else self._sensors.along_ground(force)
         if (m.stamp - record.stamp) * NANOSECOND > hold:
             # The sample measures the present yaw rate, not that in the gap.
-            take_stamp(imu, m.stamp, hold)
-            self._advance(interval_start(imu, m.stamp))
+            imu_clock.take_stamp(imu, m.stamp, hold)
+            self._advance(imu_clock.interval_start(imu, m.stamp))
         if step is not None and self._can_step_at_once(m.stamp):
             used = step.take_imu(m.stamp, rate, *along, uses_force=self._uses_force)
             self._counts.standstill_updates += record.stands
             return used
-        take_stamp(imu, m.stamp, hold)
+        imu_clock.take_stamp(imu, m.stamp, hold)
         ekf = self.ekf
         rate = take_motion(record.tracks, m.stamp, rate, *along, record.settings)
         measure_noise(record.noise, m.stamp, rate, *along, hold)
@@ -411,7 +393,7 @@ class Reckoning:
         return is_whole and not (self.by_parts or ekf.clones or ekf.observer)
 
     def _update_standstill(self, mean: float, density: float) -> None:
-        """Update with the zero twist of a standing robot, after a change of the gyro's bias.
+        """Update with the zero twist of a standing robot, and a changed bias.
 
         Args:
             mean: mean of the quiet yaw rates [rad/s].
@@ -422,7 +404,7 @@ class Reckoning:
         variance = ekf.P.item(s.GYRO_BIAS, s.GYRO_BIAS)
         variance += density / self._settings.standstill.duration
         change = mean - ekf.x.item(s.GYRO_BIAS)
-        doubt(ekf, *bias_change(change, variance, still.rest_time, still.drive_time))
+        slip_factor.doubt(ekf, *bias_change(change, variance, still.rest_time, still.drive_time))
         model, R = self.model(), np.diag(STANDSTILL_VARIANCE)
         fixed = self.ekf.fixed_for_gyro
         correct(self.ekf, -model.twist, model.jacobian, R, fixed=fixed, correlated=False)
@@ -449,30 +431,34 @@ class Reckoning:
         # Gate, update and record; relocate after rejected position fixes.
         if isinstance(m, PositionFix):
             fix, x_before = (m.stamp, m.x, m.y, m.variance), ekf.x.copy()
-            x, y, _ = at = point_on_robot(predicted, m.forward, m.left).values.tolist()
+            x, y, _ = at = predictions.point_on_robot(predicted, m.forward, m.left).values.tolist()
             if not ekf.wanders:
                 m = replace(m, variance=self._scatter.of_fix(m.variance))
             before = self._rejected_fixes[-1].variance + wandered if self._rejected_fixes else 0.0
             self._rejected_fixes += (RejectedFix(m.x, m.y, max(m.variance, before), x, y),)
             self._rejected_fixes = self._rejected_fixes[-MOST:]
             if ekf.wanders:
-                predicted = with_wander(predicted, ekf.x)
+                predicted = predictions.with_wander(predicted, ekf.x)
         gate, found = self._gates[model.name], model.linearise(m, predicted)
         interval, recover = gate.interval_to(m.stamp), None
+        yaw = predicted.values.item(s.YAW) if model.is_place else 0.0
+        if model.is_place:
+            slip_factor.let_slip_last(ekf, yaw, interval)
         if isinstance(m, PositionFix):
             recover = self._relocate
-            yaw = float(predicted.values[s.YAW])
-            follow_departure(ekf, record, gate, (m.x, m.y), found, yaw, interval)
+            slip_factor.follow_departure(ekf, record, gate, (m.x, m.y), found, yaw, interval)
         used = self._update(model, found, m.stamp, interval, recover)
         if used:
             ekf.keep_inside_bounds()
 
         if isinstance(m, PositionFix):
-            follow_fix(record, gate.counts, (m.x, m.y), yaw)
+            slip_factor.follow_fix(record, gate.counts, (m.x, m.y), yaw)
             if not ekf.wanders:
-                now = point_on_robot(self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left)
+                now = predictions.point_on_robot(
+                    self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left
+                )
                 moved = at, now.values.tolist(), ekf.x - x_before
-                self._scatter = follow_scatter(
+                self._scatter = slip_factor.follow_scatter(
                     ekf, self._scatter, gate.counts, fix, *moved, admitted=used
                 )
         if used and isinstance(m, PositionFix | PoseFix):
@@ -539,20 +525,20 @@ class Reckoning:
         """Return True if a stamp [ns] lies in a step that the next IMU sample will end."""
         record = self._record
         began = record.stamp != NEVER and self._tracks.stamp != NEVER
-        return began and stamp > record.stamp and is_due_after(self._imu, stamp)
+        return began and stamp > record.stamp and imu_clock.is_due_after(self._imu, stamp)
 
     def _predict(self, quantity: Quantity, stamp: int, *, ahead: bool) -> Prediction:
         """Predict the pose or the twist, now or ahead at a stamp [ns]."""
         x = self.ekf.x
         if quantity == "pose" and not ahead:
-            return pose_now(x)
+            return predictions.pose_now(x)
         model = self.model()
         if not ahead:
-            return twist_now(model)
+            return predictions.twist_now(model)
         density = self._fast_slip_density(stamp, model)
         if quantity == "twist":
-            return twist_ahead(x, model, density, self.imu_interval)
-        return pose_ahead(x, model, density, (stamp - self._start(stamp)) * NANOSECOND)
+            return predictions.twist_ahead(x, model, density, self.imu_interval)
+        return predictions.pose_ahead(x, model, density, (stamp - self._start(stamp)) * NANOSECOND)
 
     def pose_ahead(self, stamp: int) -> Prediction:
         """Predict the pose at a later stamp [ns]."""

@@ -16,7 +16,7 @@ from icreckon.estimator.sensors.imu_noise import NoiseRecord
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_after
 
-# Fields of the departure of position fixes from the path, see `filter.departure.Departure`.
+# Fields of the departure of position fixes from the path, see `faults.departing_fixes.Departure`.
 DEPARTURE = ("departed_for", *(f"departed_{part}" for part in ("from_x", "from_y", "by_x", "by_y")))
 
 

@@ -161,9 +161,9 @@ class Gate:
         return found
 
     def interval_to(self, stamp: int) -> float:
-        """Time that a measurement at a stamp [ns] counts if it is rejected [s]."""
+        """Time since the measurement before one at a stamp [ns], as far as it counts [s]."""
         if self.counts.stamp == NEVER:
-            return LONGEST_COUNTED
+            return 0.0
         # A clock that was set back has left a later stamp.
         return max(0.0, min(LONGEST_COUNTED, (stamp - self.counts.stamp) * NANOSECOND))
 

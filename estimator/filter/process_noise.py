@@ -130,7 +130,7 @@ class Disturbances:
     def of_step(
         self, tracks: TrackRecord, sigma: Vector3, *, factor: float = 1.0, turn_density: float = 0.0
     ) -> ProcessNoise:
-        """Process noise of a step at a `slip_sigma`, the factor in that, and a density of the yaw.
+        """Process noise of a step at a `slip_sigma`, its factor, and a yaw density.
 
         The random walk of the parameters has its full rate in turns, where they are observable, and none
         when driving straight or standing. The slope changes with the distance that the tracks travel.
@@ -184,6 +184,19 @@ def slip_times(time_constant: float, factor: float) -> Vector3:
     own = 1.0 / (factor * factor)
     mean = own * time_constant + (1.0 - own) * GROUND_TIME
     return mean, time_constant, time_constant
+
+
+def lasting_slip(slip: Any, heading: tuple[Any, Any], interval: Any) -> tuple[Any, Any, Any]:
+    """Errors of x, y and slip of v_x if the slip has lasted since the last fix.
+
+    Args:
+        slip: the slip of v_x at the fix [m/s].
+        heading: cosine and sine of the yaw.
+        interval: time since the fix before [s].
+    """
+    faded = slip * min(1.0, interval / GROUND_TIME)
+    way = 0.5 * interval * faded
+    return heading[0] * way, heading[1] * way, faded
 
 
 def change_density(sigma: float, time_constant: float) -> float:

@@ -21,12 +21,15 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.faults.departing_fixes import Departure, departure_after, errors_of
 from icreckon.estimator.faults.scattering_fixes import Scatter, scatter_after
 from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.filter_record import FilterRecord
-from icreckon.estimator.filter.gate import GateRecord
+from icreckon.estimator.filter.filter_record import DEPARTURE, FilterRecord
+from icreckon.estimator.filter.gate import Gate, GateRecord
 from icreckon.estimator.filter.health import ADMITTED, REJECTED
-from icreckon.estimator.filter.process_noise import travel_speed
+from icreckon.estimator.filter.process_noise import lasting_slip, travel_speed
+from icreckon.estimator.filter.update import normalised_square
+from icreckon.estimator.sensors.measurement_models import Linearised
 
 # Weight of a position fix in the trend, and in the size of the innovations.
 TREND_WEIGHT, SIZE_WEIGHT = 0.2, 0.1
@@ -163,6 +166,60 @@ def follow_fix(
     record.slip_factor = slip_factor_after(record.slip_factor, record.present_factor, *speeds)
 
 
+def let_slip_last(ekf: IcrEkf, yaw: float, interval: float) -> None:
+    """Inflate slip and position by the slip that has faded since the last fix.
+
+    Args:
+        ekf: the filter, changed in place.
+        yaw: yaw at the fix [rad].
+        interval: time since the fix before [s].
+    """
+    faded = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
+    ekf.inflate_motion((s.X, s.Y, s.SLIP_X), np.outer(faded, faded))
+
+
+def follow_departure(
+    ekf: IcrEkf,
+    record: FilterRecord,
+    gate: Gate,
+    fix: tuple[float, float],
+    found: Linearised,
+    yaw: float,
+    interval: float,
+) -> None:
+    """Inflate the states by what rejected fixes show that depart from the path.
+
+    Args:
+        ekf: the filter, changed in place.
+        record: its record, changed in place.
+        gate: gate of the position fixes.
+        fix: the newest fix, x and y, before its gate [m].
+        found: its linearised measurement.
+        yaw: yaw at the fix [rad].
+        interval: time since the fix before [s].
+    """
+    innovation, H, R = found
+    heading = math.cos(yaw), math.sin(yaw)
+    S = ekf.innovation_covariance(H, R)
+    z = innovation.item(0), innovation.item(1)
+    is_clear = False
+    if normalised_square(innovation, S) > gate.threshold:
+        before = Departure(*(getattr(record, name) for name in DEPARTURE))
+        of_z = z, (S.item(0, 0), S.item(0, 1), S.item(1, 1)), heading
+        departure = departure_after(before, fix, *of_z, record.settings.fastest, interval)
+        after, is_clear, shown = departure
+    else:
+        after = Departure(0.0, fix[0] - z[0], fix[1] - z[1], *z)
+    for name, value in zip(DEPARTURE, after, strict=True):
+        setattr(record, name, value)
+    if not is_clear:
+        return
+    record.present_factor = record.slip_factor = LARGEST_FACTOR
+    for states, error in errors_of(shown):
+        n = len(states) - (states[-1] in ekf.considered)
+        ekf.inflate_motion(states[:n], np.outer(error, error)[:n, :n])
+
+
 def doubt(ekf: IcrEkf, bias: float, shared: float, yaw: float) -> None:
     """Inflate the gyro's bias, and the yaw by what that turns.
 
@@ -180,7 +237,7 @@ def doubt(ekf: IcrEkf, bias: float, shared: float, yaw: float) -> None:
         ekf.inflate(s.YAW, variance=yaw)
     else:
         covariance = np.array([[yaw, shared], [shared, bias]])
-        ekf.inflate_jointly((s.YAW, s.GYRO_BIAS), covariance)
+        ekf.inflate_motion((s.YAW, s.GYRO_BIAS), covariance)
 
 
 def follow_scatter(

@@ -264,7 +264,7 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> tuple[
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
-    """Error density of stale or frozen speeds over a step between two stamps [ns] [m²/s]."""
+    """Error density of stale or frozen speeds over a step, from and to [ns] [m²/s]."""
     since = frozen_from(held.repeating_left, held.repeating_right, settings.track_speed)
     if since == NEVER:
         if end - held.stamp <= settings.hold_ns or held.stamp == NEVER:

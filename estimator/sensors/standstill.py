@@ -1,4 +1,4 @@
-"""Standstill detection: both tracks stopped, and a quiet gyro, whose mean is its bias.
+"""Standstill detection: both tracks stopped, a quiet gyro; its mean is the bias.
 
 A bias that differs from the estimate jumped, or walked, since the robot last stood. A robot that is
 turned slowly and steadily with its tracks at rest looks the same; the uncertainty of the yaw covers that.
@@ -258,7 +258,7 @@ def carried_density(still: StandstillRecord, start: int, end: int) -> float:
 
 
 def turn_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of the yaw over a step of a robot that may turn slowly while it rests [rad²/s].
+    """Error density of the yaw of a robot that may turn while it rests [rad²/s].
 
     Args:
         still: record.
@@ -272,7 +272,7 @@ def turn_density(still: StandstillRecord, start: int, end: int) -> float:
 
 
 class BiasChange(NamedTuple):
-    """Variances to add when the mean of quiet readings shows that the gyro's bias has changed.
+    """Variances to add when the mean of quiet readings, the gyro's bias, changes.
 
     Attributes:
         bias: of the bias [rad²/s²].

@@ -1,4 +1,4 @@
-"""Departure of position fixes from the path: slip of both tracks, or a path that turns.
+"""Position fixes that depart from the path: both tracks slip, or the path turns.
 
 Both tracks may spin on one spot, or slide: all of their speed is slip. The bias of the gyro may jump: the
 path turns. Precise fixes then depart from it to one side, by more and more, but by no more than the robot
@@ -14,17 +14,8 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.choices import select
-from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.filter_record import DEPARTURE, FilterRecord
-from icreckon.estimator.filter.gate import Gate
-from icreckon.estimator.filter.process_noise import GROUND_TIME
-from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
-from icreckon.estimator.filter.update import normalised_square
-from icreckon.estimator.sensors.measurement_models import Linearised
 
 # Time of rejected fixes that depart from the path after which they are followed, and least number of
 # them before [s].
@@ -56,7 +47,7 @@ class Departure(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """Errors that a departure shows: standard deviations, with the signs of the errors.
+    """Standard deviations of the errors that a departure indicates, with signs.
 
     Attributes:
         along: error of the position along the way, in x and y [m].
@@ -134,65 +125,8 @@ def beyond(innovation: Any, variance: Any) -> Any:
     return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(max(0.0, more))
 
 
-def lasting_slip(slip: Any, heading: tuple[Any, Any], interval: Any) -> tuple[Any, Any, Any]:
-    """Errors of x, y and the slip of v_x if the slip has lasted, rather than faded, since the last fix.
-
-    Args:
-        slip: the slip of v_x at the fix [m/s].
-        heading: cosine and sine of the yaw.
-        interval: time since the fix before [s].
-    """
-    faded = slip * min(1.0, interval / GROUND_TIME)
-    way = 0.5 * interval * faded
-    return heading[0] * way, heading[1] * way, faded
-
-
-def follow_departure(
-    ekf: IcrEkf,
-    record: FilterRecord,
-    gate: Gate,
-    fix: tuple[float, float],
-    found: Linearised,
-    yaw: float,
-    interval: float,
-) -> None:
-    """Inflate the states by what rejected fixes show that depart from the path.
-
-    Args:
-        ekf: the filter, changed in place.
-        record: its record, changed in place.
-        gate: gate of the position fixes.
-        fix: the newest fix, x and y, before its gate [m].
-        found: its linearised measurement.
-        yaw: yaw at the fix [rad].
-        interval: time since the fix before [s].
-    """
-    innovation, H, R = found
-    heading = math.cos(yaw), math.sin(yaw)
-    lasts = lasting_slip(ekf.x.item(s.SLIP_X), heading, interval)
-    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(lasts, lasts))
-    S = ekf.innovation_covariance(H, R)
-    z = innovation.item(0), innovation.item(1)
-    is_clear = False
-    if normalised_square(innovation, S) > gate.threshold:
-        before = Departure(*(getattr(record, name) for name in DEPARTURE))
-        of_z = z, (S.item(0, 0), S.item(0, 1), S.item(1, 1)), heading
-        departure = departure_after(before, fix, *of_z, record.settings.fastest, interval)
-        after, is_clear, shown = departure
-    else:
-        after = Departure(0.0, fix[0] - z[0], fix[1] - z[1], *z)
-    for name, value in zip(DEPARTURE, after, strict=True):
-        setattr(record, name, value)
-    if not is_clear:
-        return
-    record.present_factor = record.slip_factor = LARGEST_FACTOR
-    for states, error in errors_of(shown):
-        n = len(states) - (states[-1] in ekf.considered)
-        ekf.inflate_jointly(states[:n], np.outer(error, error)[:n, :n])
-
-
 def errors_of(shown: Shown) -> tuple[tuple[tuple[int, ...], tuple[Any, ...]], ...]:
-    """States and errors that a departure shows, each with those that have the same cause."""
+    """States and errors that a departure indicates, by cause."""
     return (
         ((s.X, s.Y, s.SLIP_X), (*shown.along, shown.slip)),
         ((s.X, s.Y, s.YAW), (*shown.beside, shown.yaw)),

@@ -14,16 +14,15 @@ from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.batch.replay import run_side_by_side
-from icreckon.estimator.filter.departure import (
+from icreckon.estimator.faults.departing_fixes import (
     DEPARTURE_SIGMAS,
     Departure,
     Shown,
     beyond,
     departure_after,
     errors_of,
-    lasting_slip,
 )
-from icreckon.estimator.filter.process_noise import GROUND_TIME
+from icreckon.estimator.filter.process_noise import GROUND_TIME, lasting_slip
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
