@@ -301,10 +301,12 @@ class PoseEstimator:
         return self._feed_plain(as_plain(measurement))
 
     def _feed_plain(self, measurement: Measurement) -> bool:
-        stream, key = self._streams.get(type(measurement)), key_of(measurement)
+        kind, key = type(measurement), key_of(measurement)
+        stream = self._streams.get(kind)
         if stream is None:
-            name = type(measurement).__name__
-            raise EstimatorError(f"{name} was registered after this estimator: make a new one")
+            raise EstimatorError(
+                f"{kind.__name__} was registered after this estimator: make a new one"
+            )
         admission, history = self._admission, self._history
         in_order = history.is_newest(key)
         reason = (
@@ -312,7 +314,7 @@ class PoseEstimator:
             or (None if in_order else history.objection(key))
             or admission.objection_to_stamp(stream, measurement.stamp, self._reckoning.stamp)
         )
-        if reason is not None:
+        if reason:
             self._arrivals.sensor(stream).reject(reason)
             return reason == TOO_OLD and self._set_clock_back(admission.too_old(measurement))
         admission.in_time()

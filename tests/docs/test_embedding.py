@@ -156,4 +156,5 @@ def test_position_fixes_tell_a_heading_that_is_not_far_off_if_it_is_not_said_to_
             estimator.feed(names["in_map"](measurement) if is_fix else measurement)
     assert abs(unsure.pose[2] - in_the_map(names)[2]) < 0.1
     assert unsure.health.rejections() == {}
-    assert sure.health.rejections()["position: gate"] >= 5
+    # The path is turned by what the fixes show once they depart from it.
+    assert sure.health.slip.factor > 2.0

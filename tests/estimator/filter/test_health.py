@@ -170,13 +170,13 @@ def test_counts_add_up():
 
 
 def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
-    gate = Gate(2, GateSettings(patience=1000))
+    gate = Gate(2, 1000.0)
     for _ in range(5000):
-        gate.judge(2.0)
+        gate.judge(2.0, 1.0)
     assert gate.health().recent_nis == pytest.approx(1.0)
     residual, covariance = (3.0, 4.0), ((1.0, 0.5), (0.5, 2.0))
     for _ in range(300):
-        gate.keep(7, gate.judge(60.0), np.array(residual), np.array(covariance))
+        gate.keep(7, gate.judge(60.0, 1.0), np.array(residual), np.array(covariance))
     health = gate.health()
     assert health.newest == JudgedInnovation(7, "rejected", residual, covariance)
     assert health.newest_nis == 60.0
@@ -186,10 +186,10 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
     both = SensorHealth()
     both.add(health)
     assert both == health
-    other = Gate(2, GateSettings())
-    other.restore(health, 3)
+    other = Gate(2, 10.0)
+    other.restore(health, 3.0)
     assert other.health() == health
-    assert other.counts.rejected_in_a_row == 3
+    assert other.counts.rejected_for == 3.0
 
 
 # --- innovations ------------------------------------------------------------------------------------
@@ -197,7 +197,7 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
 
 def one_of_each(engine):
     """An estimator that was fed each kind of measurement, and what each was, by its sensor."""
-    settings = Settings(engine=engine, gates=GateSettings(patience=2))
+    settings = Settings(engine=engine, gates=GateSettings(patience=0.3e-9))
     estimator = PoseEstimator(ALPHA, settings=settings, start_sigma=(0.1, 0.2, 0.3))
     scenario = Scenario(duration=8.0, seed=3, trajectory="slalom", fix_rate=0.0, imu_rate=50.0)
     for measurement in simulate(scenario, ALPHA).measurements():

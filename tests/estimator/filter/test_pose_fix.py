@@ -146,14 +146,17 @@ def test_a_refused_fix_changes_nothing():
 
 @pytest.mark.parametrize("away", [(40.0, -30.0, 2.5), (0.0, 0.0, 2.5), (0.0, 25.0, 0.0)])
 def test_a_robot_that_was_carried_away_is_found_again(away):
-    estimator = driven(gates=GateSettings(patience=4))
+    estimator = driven(gates=GateSettings(patience=1.0))
     there = estimator.pose + away
     stamp, used = estimator.stamp, []
-    for k in range(1, 8):
+    for k in range(1, 60):
         stamp += 20 * STEP
         estimator.feed(TrackSpeeds(stamp, 0.0, 0.0))
         used.append(estimator.feed(PoseFix(stamp + k, *there.tolist(), SMALL)))
-    assert used == [False] * 4 + [True] * 3
+    # The first has no interval; what is far away has to wait for six times as long.
+    waits = 1.0 if away[:2] == (0.0, 0.0) else 6.0
+    rejected = round(waits / (20 * STEP * 1e-9)) + 1
+    assert used == [False] * rejected + [True] * (59 - rejected)
     wrong = estimator.pose - there
     wrong[2] = wrap_angle(wrong[2])
     assert np.abs(wrong).max() < 0.1

@@ -390,16 +390,17 @@ def test_heading_fix_works_across_the_turn_of_the_angle():
 
 
 def test_robot_that_was_carried_away_is_found_again():
-    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=5)))
+    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=5.0)))
     stamp = stop(estimator, stamp + STEP, 0.3, 0.6)
     x, y, _ = estimator.pose
     used = []
-    for _ in range(12):
+    for _ in range(40):
         stamp = drive(estimator, stamp + STEP, 1.0, 0.0, 0.0)
         used.append(estimator.feed(PositionFix(stamp, x + 40.0, y - 30.0, 0.01)))
-    assert used == [False] * 5 + [True] * 7
+    # 50 m: six times the patience, and the first has no interval.
+    assert used == [False] * 31 + [True] * 9
     assert estimator.pose[:2] == pytest.approx([x + 40.0, y - 30.0], abs=0.1)
-    assert estimator.health.rejections() == {"position: gate": 5}
+    assert estimator.health.rejections() == {"position: gate": 31}
 
 
 def test_robot_that_was_turned_by_hand_is_found_again():
@@ -409,7 +410,7 @@ def test_robot_that_was_turned_by_hand_is_found_again():
     for _ in range(8):
         stamp = drive(estimator, stamp + STEP, 1.0, 0.0, 0.0)
         used.append(estimator.feed(HeadingFix(stamp, yaw, 1e-4)))
-    assert used == [False] * 5 + [True] * 3
+    assert used == [False] * 6 + [True] * 2
     assert wrap_angle(estimator.pose[2] - yaw) == pytest.approx(0.0, abs=0.01)
 
 
@@ -444,14 +445,15 @@ def test_after_coming_back_the_next_stray_fix_is_gated_again():
     estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=3)))
     yaw = estimator.pose[2]
     used = []
-    for turned in [2.0] * 4 + [-1.0] * 4:
+    for turned in [2.0] * 5 + [-1.0] * 4:
         stamp = drive(estimator, stamp + STEP, 1.0, 0.0, 0.0)
         used.append(estimator.feed(HeadingFix(stamp, yaw + turned, 1e-4)))
-    assert used == [False, False, False, True] * 2
+    # The first has no interval.
+    assert used == [False] + [False, False, False, True] * 2
 
 
 def test_one_wrong_axis_of_the_body_velocity_is_not_locked_out_by_the_right_one():
-    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=5)))
+    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=0.035)))
     forward, left, _ = estimator.twist
     used = []
     for _ in range(10):
@@ -553,8 +555,8 @@ def test_a_robot_that_is_pushed_with_resting_tracks_turns_and_keeps_its_bias():
     for k in range(1, 1001):
         if k % 2 == 0:
             estimator.feed(TrackSpeeds(stamp + k * STEP, 0.0, 0.0))
-        estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, 0.27), (0.0, 0.0, GRAVITY)))
-    assert estimator.pose[2] == pytest.approx(2.7, abs=0.1)
+        estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, 0.4), (0.0, 0.0, GRAVITY)))
+    assert estimator.pose[2] == pytest.approx(4.0, abs=0.1)
     assert estimator.biases["gyro_bias"] == pytest.approx(bias, abs=0.005)
     assert not estimator.stands
 
