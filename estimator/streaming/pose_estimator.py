@@ -282,8 +282,7 @@ class PoseEstimator:
             True if the measurement was used; otherwise `health.rejections()` counts the reason.
 
         Raises:
-            EstimatorError: the object is no measurement, holds what is no number, or is of a kind that
-                was registered later.
+            EstimatorError: not a measurement, not a number, or its type was registered afterwards.
         """
         return self._feed_plain(self._stamps.corrected(as_plain(measurement)))
 
@@ -301,12 +300,10 @@ class PoseEstimator:
         return self._feed_plain(as_plain(measurement))
 
     def _feed_plain(self, measurement: Measurement) -> bool:
-        kind, key = type(measurement), key_of(measurement)
-        stream = self._streams.get(kind)
+        stream, key = self._streams.get(type(measurement)), key_of(measurement)
         if stream is None:
-            raise EstimatorError(
-                f"{kind.__name__} was registered after this estimator: make a new one"
-            )
+            name = type(measurement).__name__
+            raise EstimatorError(f"{name} was registered after this estimator: make a new one")
         admission, history = self._admission, self._history
         in_order = history.is_newest(key)
         reason = (
