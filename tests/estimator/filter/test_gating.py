@@ -8,9 +8,9 @@ from scipy.stats import chi2
 
 from icreckon.estimator.filter.gate import (
     CHI_SQUARE_1E4,
-    FAR,
     LONGEST_COUNTED,
     Gate,
+    imu_patience,
     inflation,
     patience_for,
 )
@@ -22,7 +22,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
 )
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
@@ -65,9 +65,14 @@ def test_one_admitted_sample_starts_the_time_again():
         assert gate.judge(nis, 1.0) != REACQUIRED
 
 
-def test_a_position_waits_for_the_time_that_a_robot_would_take_to_it():
-    for distance, expected in ((0.0, 10.0), (14.0, 10.0), (30.0, 20.0), (1e4, FAR * 10.0)):
-        assert patience_for(distance**2, 10.0, 1.5) == pytest.approx(expected)
+@pytest.mark.parametrize(
+    ("distance", "expected"),
+    [(0.0, 10.0), (14.0, 10.0), (30.0, 20.0), (89.0, 178.0 / 3.0), (1e4, 60.0)],
+)
+def test_a_position_waits_for_the_time_that_a_robot_would_take_to_it(distance, expected):
+    """It is never shorter than the patience, and never longer than six times that."""
+    assert patience_for(distance**2, 10.0, 1.5) == pytest.approx(expected)
+    assert patience_for(distance**2, 0.0, 1.5) == 0.0
 
 
 def test_a_pause_of_the_sensor_and_a_clock_that_was_set_back_count_little():
@@ -80,18 +85,39 @@ def test_a_pause_of_the_sensor_and_a_clock_that_was_set_back_count_little():
 
 
 @pytest.mark.parametrize("hertz", [1, 10])
-def test_wrong_fixes_are_used_after_the_same_time_at_any_rate(hertz):
-    """12 m away at 1 m/s: ten rejections in a row were enough, a second at 10 Hz."""
-    estimator, used = PoseEstimator(load_robot("auriga-alpha"), "constant-online"), []
-    for k in range(400):
-        stamp = k * 100_000_000
+@pytest.mark.parametrize(("distance", "expected"), [(4.0, 10.0), (12.0, 12.0), (20.0, 20.0)])
+def test_wrong_fixes_are_used_after_the_same_time_at_any_rate(hertz, distance, expected):
+    """At 1 m/s. Ten rejections in a row were enough, a second at 10 Hz."""
+    estimator, wrong = PoseEstimator(load_robot("auriga-alpha"), "constant-online"), []
+    for k in range(350):
+        stamp = second(0.1 * k)
         estimator.feed(TrackSpeeds(stamp, 0.2, 0.2))
         estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
         if k % (10 // hertz) == 0:
-            y = 12.0 if k > 100 else 0.0
-            used.append((0.1 * k, estimator.feed(PositionFix(stamp, 0.02 * k, y, 0.0025))))
-    again = [time for time, taken in used if time > 10.0 and taken]
-    assert again[0] - 10.0 == pytest.approx(12.0, abs=2.5)
+            y = distance if k > 100 else 0.0
+            used = estimator.feed(PositionFix(stamp, 0.02 * k, y, 0.0025))
+            assert used or y
+            wrong += [used] if y else []
+    assert wrong.index(True) / hertz == pytest.approx(expected, abs=0.15)
+    assert estimator.pose[1] == pytest.approx(distance, abs=0.1)
+
+
+@pytest.mark.parametrize("hertz", [50, 100, 200])
+def test_samples_of_the_imu_are_used_again_after_a_tenth_of_a_second(hertz):
+    """No other sensor replaces them, and ten of them came in 0.05 s at 200 Hz."""
+    estimator = PoseEstimator(load_robot("auriga-alpha"), "inertia-online")
+    for k in range(4 * hertz):
+        stamp, force = second(k / hertz), 20.0 if k >= 3 * hertz else 0.0
+        estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (force, 0.0, 9.81)))
+    ahead = estimator.health.sensors["accelerometer_x"]
+    assert ahead.reacquired > 0
+    assert ahead.rejected["gate"] / hertz == pytest.approx(0.1, abs=1.5 / hertz)
+
+
+@pytest.mark.parametrize(("patience", "expected"), [(10.0, 0.1), (0.02, 0.02)])
+def test_the_imu_waits_for_no_longer_than_other_sensors(patience, expected):
+    assert imu_patience(GateSettings(patience=patience)) == expected
 
 
 def test_a_state_is_made_as_uncertain_as_the_residual_is_large_but_not_beyond_all_bounds():
