@@ -355,3 +355,24 @@ def test_a_burst_of_wrong_fixes_does_not_move_the_pose(robot: Robot) -> None:
         moved = one.states[:, :2] - right.states[:, :2]
         assert np.hypot(*moved.T).max() < 0.2
         assert one.health.sensors["position"].rejected["gate"] == burst.sum()
+
+
+@pytest.mark.parametrize(("name", "jump"), [("biased", JUMPS_AT), ("spinning", 30.0)])
+def test_motion_since_a_mark_follows_a_departure(
+    name: str, jump: float, robot: Robot, request: pytest.FixtureRequest
+) -> None:
+    """It was 4 m and 1 m off when fixes that depart moved the pose alone."""
+    log: Log = request.getfixturevalue(name)
+    estimator = PoseEstimator(robot, "constant-online")
+    for m in log.measurements():
+        if not estimator.marks and m.stamp > log.start + (jump - 5.0) * SECOND:
+            estimator.mark()
+        estimator.feed(m)
+    motion = estimator.relative_motion(estimator.marks[0])
+    assert log.truth is not None
+    stamps = np.array([motion.from_stamp, motion.to_stamp])
+    begin, end = interpolate_poses(log.truth.poses, stamps)
+    true = rotated(-begin[2]) @ (end - begin)[:2]
+    assert np.hypot(*(motion.pose[:2] - true)) < 0.4
+    turned = wrap_angle(motion.pose[2] - (end[2] - begin[2]))
+    assert abs(turned) < 3.0 * math.sqrt(motion.covariance[2, 2]) + 0.02
