@@ -18,6 +18,7 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import GATED
 from icreckon.estimator.engine.layout import FIX_INPUTS, INPUTS
 from icreckon.estimator.engine.schedule import (
+    HEADING,
     MOVE_AND_UPDATE,
     POSITION,
     SILENT,
@@ -50,7 +51,9 @@ ROW_RATE, ROW_NOISE = INPUTS["rate"], INPUTS["gyro_density"]
 ROW_FORCE_X, ROW_FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
 ROW_NOW_LEFT, ROW_NOW_RIGHT = INPUTS["now_left"], INPUTS["now_right"]
 ROW_FIX, ROW_INTERVAL = INPUTS[FIX_INPUTS[0]], INPUTS["fix_interval"]
-ROWS, FIX_VALUES, TRACK_ROWS = len(INPUTS), len(FIX_INPUTS) - 2, len(StepInputs._fields)
+ROW_HEADING_INTERVAL = INPUTS["heading_interval"]
+ROWS, FIX_VALUES, TRACK_ROWS = len(INPUTS), len(FIX_INPUTS) - 3, len(StepInputs._fields)
+YAW_OF_FIX = 2
 
 
 class Measured(NamedTuple):
@@ -270,10 +273,20 @@ def fill_lane(
             for part in range(FIX_VALUES):
                 inputs[k, ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
             inputs[k, ROW_FIX + FIX_VALUES, lane] = GATED
-            inputs[k, ROW_INTERVAL, lane] = 0.0
-            if fix > 0:
-                interval = measured.fix_stamps[fix] - measured.fix_stamps[fix - 1]
-                inputs[k, ROW_INTERVAL, lane] = min(LONGEST_COUNTED, interval * NANOSECOND)
+            inputs[k, ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, fix - 1)
+            if steps.extras[k] & HEADING:
+                headed = fix - 1
+                while headed >= 0 and not np.isfinite(measured.fixes[lane, headed, YAW_OF_FIX]):
+                    headed -= 1
+                interval = counted_interval(measured.fix_stamps, fix, headed)
+                inputs[k, ROW_HEADING_INTERVAL, lane] = interval
+
+
+def counted_interval(stamps: Stamps, fix: int, before: int) -> float:
+    """Time between two fixes, as far as gates count it [s]; 0 without one before."""
+    if before < 0:
+        return 0.0
+    return min(LONGEST_COUNTED, float(stamps[fix] - stamps[before]) * NANOSECOND)
 
 
 def check_sizes(

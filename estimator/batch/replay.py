@@ -231,8 +231,8 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
         )
     values = np.zeros((0, FIX_VALUES)) if fixes is None else fix_rows(fixes)
     headings = np.isfinite(values[:, 2])
-    values[~headings, 2], values[~headings, 4] = 0.0, 1.0
-    if not (np.isfinite(values).all() and (values[:, 3:5] > 0.0).all()):
+    values[~headings, 4] = 1.0
+    if not (np.isfinite(np.delete(values, 2, axis=1)).all() and (values[:, 3:5] > 0.0).all()):
         raise BatchError(f"the log {log.name!r} holds fixes that are no numbers")
     sensors, force = SensorModels(robot), imu.linear_acceleration
     rates = sensors.yaw_rates(imu.angular_velocity)

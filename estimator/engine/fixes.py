@@ -161,7 +161,7 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         fixed=shape.considered,
         only=lane.input("fix_mode") > 0.5,
         patience=lane.constant("patience"),
-        interval=lane.input("fix_interval"),
+        interval=lane.input("heading_interval"),
     )
     lane.cover_rounding()
     lane.keep_inside_bounds()

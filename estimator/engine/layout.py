@@ -39,6 +39,7 @@ FIX_INPUTS = (
     "fix_left",
     "fix_mode",
     "fix_interval",
+    "heading_interval",
 )
 STEP_CONSTANTS = ("dt", "smoothing")
 SLIP_SHARES = ("share_x", "share_y", "share_w")

@@ -172,7 +172,8 @@ class Clones(msgspec.Struct, frozen=True):
         cross = turns @ added[s.POSE]
         of_pose = (turns @ added[s.POSE, s.POSE]).reshape(-1, 3)
         own = np.block([[of_pose @ turn.T for turn in turns.reshape(-1, 3, 3)]])
-        return Clones(self.stamps, self.poses, self.cross + cross, self.covariance + own)
+        total = self.covariance + 0.5 * (own + own.T)
+        return Clones(self.stamps, self.poses, self.cross + cross, total)
 
     def updated(
         self,

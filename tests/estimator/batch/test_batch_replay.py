@@ -252,9 +252,6 @@ def test_fixes_of_all_kinds() -> None:
     )
 
 
-@pytest.mark.xfail(
-    reason="side by side, a rejected heading counts the time since the newest fix, not the newest heading"
-)
 def test_wrong_headings_of_some_fixes_are_used_after_the_same_time() -> None:
     """Every third fix has a heading; those of 12 s are 0.6 rad off."""
     scenario = Scenario(duration=40.0, seed=3, trajectory="random", fix_rate=5.0)
