@@ -22,6 +22,8 @@ from icreckon.estimator.base.choices import select
 DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
 # Farthest departure over the way, and standard deviations beside it.
 DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
+# Fastest turn of the path that a wrong gyro explains [rad/s].
+FASTEST_TURN = 0.2
 # Least cosine between successive departures, and least ratio of them.
 SAME_SIDE = 0.8
 # Least way that has a direction [m], and least time that has a speed [s].
@@ -112,8 +114,10 @@ def departure_after(
         *z,
     )
     ahead, left = beyond(ahead, of_ahead), beyond(left, of_left)
-    # A yaw that grows with time moves the path by half of what it would from the begin on.
+    # A yaw that grows with time moves the path by half of what it would from the begin on. A robot that
+    # has slipped and turns on the spot departs by as much, but no gyro turns away so fast.
     yaw = left / way
+    yaw = select(yaw * yaw < (FASTEST_TURN * time) * (FASTEST_TURN * time), yaw, 0.0)
     slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
     along, beside = (cos * ahead, sin * ahead), (-sin * left, cos * left)
     return after, is_clear, Shown(along, slip, beside, yaw, -2.0 * yaw / time)

@@ -160,6 +160,12 @@ def test_a_path_that_turns_too_far_left_shows_a_larger_bias() -> None:
     assert by_slip == ((s.X, s.Y, s.SLIP_X), (0.0, 0.0, 0.0))
 
 
+def test_no_gyro_turns_as_fast_as_a_robot_that_departs_on_the_spot() -> None:
+    _, _, shown = departed([(0.0, 0.1), (0.0, 0.2), (0.0, 0.3)], interval=0.4, speed=0.4)
+    assert shown.yaw == shown.bias == 0.0
+    assert shown.beside[1] > 0.25
+
+
 def test_a_robot_that_stays_behind_shows_slip() -> None:
     _, _, shown = departed([(-0.5, 0.0), (-1.0, 0.0), (-1.5, 0.0)])
     behind = math.sqrt(1.5**2 - (DEPARTURE_SIGMAS * AHEAD) ** 2)
@@ -338,6 +344,43 @@ def test_a_robot_that_spins_on_the_spot_stays_where_rtk_is(
     seconds, position, _ = errors(one, spinning)
     assert np.sqrt(np.mean(position[seconds > 32.0] ** 2)) < 0.1
     assert one.health.sensors["position"].rejected["gate"] < 15
+
+
+def braking_and_turning(name: str, seed: int, speed: float, spin: float, to_both: bool) -> Log:
+    """A healthy robot under RTK brakes, turns on the spot, and drives on, again and again."""
+    times, speeds, side = [0.0, 4.0], [(0.0, 0.0), (0.0, 0.0)], 1.0
+    while times[-1] < 100.0:
+        begin = times[-1]
+        times += [begin + 0.35, begin + 4.0, begin + 4.35, begin + 6.0]
+        speeds += 2 * [(speed, speed)] + 2 * [(-side * spin, side * spin)]
+        side = -side if to_both else side
+    stamps = np.round(np.array(times) * SECOND).astype(np.int64)
+    scenario = Scenario(
+        duration=100.0,
+        seed=seed,
+        trajectory="recorded",
+        fix_rate=10.0,
+        fixes=FixSpec(sigma=0.01),
+    )
+    return simulate(
+        scenario, load_robot(name), recording=TrackSpeedSeries(stamps, np.array(speeds))
+    )
+
+
+@pytest.mark.parametrize(
+    ("variant", "drive"),
+    [
+        ("inertia-online", ("auriga-alpha", 2, 1.0, 0.7, True)),
+        thorough("gyro", ("warthog", 2, 2.2, 1.2, False)),
+    ],
+)
+def test_a_robot_that_slips_and_turns_on_the_spot_keeps_its_yaw(
+    variant: str, drive: tuple[str, int, float, float, bool]
+) -> None:
+    """It was 133 and 75 degrees off: slip of centimetres on a way of centimetres was a turn."""
+    log = braking_and_turning(*drive)
+    _, _, yaw = errors(run(log, load_robot(drive[0]), variant), log)
+    assert yaw.max() < math.radians(8.0)
 
 
 def test_a_burst_of_wrong_fixes_does_not_move_the_pose(robot: Robot) -> None:
