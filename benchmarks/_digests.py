@@ -1,8 +1,14 @@
-"""Digests of the sources that a figure depends on, as short hexadecimal words."""
+"""Digests of the sources that a figure depends on, as short hexadecimal words.
+
+Comments, docstrings and empty lines of Python count for nothing.
+"""
 
 from __future__ import annotations
 
+import ast
 import hashlib
+import io
+import tokenize
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -26,11 +32,28 @@ def sources(names: Iterable[str]) -> list[Path]:
     return sorted(found)
 
 
+def code_of(source: str) -> str:
+    """Python without comments, docstrings and empty lines."""
+    lines = source.splitlines()
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            line, column = token.start
+            lines[line - 1] = lines[line - 1][:column].rstrip()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
+            node
+        ):
+            begin, end = node.body[0].lineno - 1, node.body[0].end_lineno
+            lines[begin:end] = [""] * len(lines[begin:end])
+    return "\n".join(line for line in lines if line.strip())
+
+
 @cache
 def digest(*names: str) -> str:
     """Digest of all sources of some folders and files, named from the root of the repository."""
     hashed = hashlib.sha256()
     for path in sources(names):
         hashed.update(f"{path.relative_to(ROOT)}\0".encode())
-        hashed.update(path.read_bytes())
+        text = path.read_text(encoding="utf-8")
+        hashed.update((code_of(text) if path.suffix == ".py" else text).encode())
     return hashed.hexdigest()[:LENGTH]
