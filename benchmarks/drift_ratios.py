@@ -9,8 +9,7 @@ with 95 % bootstrap intervals.
 
 The friction variants integrate forces of the same kind as those of the truth. So in the last scenarios
 the truth is of another kind than the filter's: other contact points, friction that is weaker along the
-track, friction that builds up with shear, loads that follow faster or slower. Then the ground is not
-level, under a robot with a lower centre of mass.
+track, friction that builds up with shear, loads that follow faster or slower.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from icreckon.estimator.robot.robot_file import Robot, Slope, load_robot
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Patch, Terrain
+from icreckon.simulation.truth.terrain import Patch
 
 SEED = 31_337
 DURATION, FIXES_END = 300.0, 100.0
@@ -43,12 +42,6 @@ TERRAIN = tuple(
 )
 
 
-LEVEL = Terrain()
-# A robot whose centre of mass is 0.3 m high: with 0.754 m Alpha's lower track alone carries it on steep
-# slopes, and kerbs tip it over.
-LOW = {"centre_of_mass": (0.04, 0.015, 0.3)}
-
-
 @dataclass(frozen=True)
 class Conditions:
     """What is driven, and what differs from the robot file in soil, vehicle and terrain.
@@ -58,7 +51,6 @@ class Conditions:
         soil: what replaces figures of `[soil]`.
         vehicle: what replaces figures of `[vehicle]`.
         patches: terrain along the way.
-        terrain: shape of the ground.
         in_file: whether the filter's robot file has these figures, too.
         level: whether the filter's robot file says that the ground is level (`[slope] sigma = 0`).
     """
@@ -67,7 +59,6 @@ class Conditions:
     soil: dict[str, Any] = field(default_factory=dict)
     vehicle: dict[str, Any] = field(default_factory=dict)
     patches: tuple[Patch, ...] = ()
-    terrain: Terrain = LEVEL
     in_file: bool = False
     level: bool = False
 
@@ -90,17 +81,6 @@ SCENARIOS = {
     "unlike: shear modulus 2 mm": Conditions(soil={"shear_modulus": 0.002}),
     "unlike: load lag 0.15 s, aggressive": Conditions("aggressive", vehicle={"load_lag": 0.15}),
     "unlike: load lag 0.4 s, aggressive": Conditions("aggressive", vehicle={"load_lag": 0.4}),
-    **{
-        f"low, {name}": Conditions(vehicle=LOW, terrain=terrain, in_file=True)
-        for name, terrain in {
-            "level": LEVEL,
-            **{
-                f"plane of {deg}°": Terrain(slope_deg=deg, uphill_deg=30.0) for deg in (1, 3, 6, 10)
-            },
-            "rolling ±8° over 20 m": Terrain(rolling_deg=8.0, wavelength=20.0),
-            "kerbs of 0.1 m": Terrain(kerb_height=0.1),
-        }.items()
-    },
 }
 Job = tuple[str, str, int]
 
@@ -126,7 +106,6 @@ def score(job: Job) -> Floats:
         seed=SEED,
         outages=((FIXES_END, DURATION),),
         patches=conditions.patches,
-        terrain=conditions.terrain,
     )
     log = simulate(scenario, true, run_index=index)
     own = true if conditions.in_file else robot

@@ -53,7 +53,6 @@ LONG = (
     "test_considered.py",
     "test_first_looks.py",
     "test_broken_input.py",
-    "test_vibration.py",
 )
 """Files that take longest. They begin first, so that no worker is left with one at the end."""
 

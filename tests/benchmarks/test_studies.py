@@ -1,8 +1,7 @@
-"""What the studies in benchmarks/ are made of: faults, intervals, recovery, noise at several rates."""
+"""What the studies in benchmarks/ are made of: intervals, recovery, noise at several rates."""
 
 import adaptation
 import consistency
-import faults
 import long_run
 import numpy as np
 import pytest
@@ -61,36 +60,6 @@ def test_a_curve_is_back_when_it_stays_down():
     assert seconds_to_return(curve, 1.0) == 9.0
     assert seconds_to_return(curve[:15], 1.0) == np.inf
     assert seconds_to_return(np.zeros(20), 1.0) == 0.0
-
-
-def test_faults_are_what_they_say(log):
-    outlying = faults.with_outliers(log, 0)
-    moved = np.hypot(*(outlying.fixes.poses - log.fixes.poses)[:, :2].T)
-    hit = moved > 0.0
-    assert moved[hit] == pytest.approx(np.full(hit.sum(), 10.0))
-    assert 1 <= hit.sum() <= 15
-    stuck = faults.with_stuck_encoder(log, 0)
-    changed = (stuck.tracks.speeds != log.tracks.speeds).any(axis=1)
-    seconds = (log.tracks.stamps[changed] - log.start) * 1e-9
-    assert 60.0 < seconds.min() <= seconds.max() < 63.0
-    assert (stuck.tracks.speeds[:, 1] == log.tracks.speeds[:, 1]).all()
-    silent = faults.with_drop_out(log, 0)
-    assert np.diff(silent.imu.stamps).max() * 1e-9 == pytest.approx(5.05)
-    assert len(log.imu.stamps) - len(silent.imu.stamps) == 100
-    biased = faults.with_bias(log, 0)
-    assert biased.imu.angular_velocity[:, 2] - log.imu.angular_velocity[:, 2] == pytest.approx(
-        np.full(len(log.imu.stamps), 0.05)
-    )
-    wrong = faults.with_wrong_parameters(ALPHA)
-    assert wrong.indices.eta0 == pytest.approx(1.5 * ALPHA.indices.eta0)
-    assert wrong.constant_indices.eta0 == pytest.approx(1.5 * ALPHA.constant_indices.eta0)
-
-
-def test_a_log_can_begin_later(log):
-    later = faults.since(log, log.start + 20 * faults.SECOND)
-    assert later.start == log.start + 20 * faults.SECOND
-    assert later.end == log.end
-    assert later.truth is log.truth
 
 
 @pytest.mark.parametrize("name", adaptation.CHANGES)

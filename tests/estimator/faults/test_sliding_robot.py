@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import spinning_track as benchmark
 from hypothesis import given
 from hypothesis import strategies as st
 
+import faulty_drives
 from conftest import thorough
+from faulty_drives import BEGINS, motion_over, with_free_tracks
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.sliding_robot import (
@@ -35,7 +36,7 @@ from icreckon.estimator.streaming.run import run
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 CALM = SlideRecord(square=1e-3, averaged=20.0)
-SPINNING = benchmark.BEGINS + 2 * SECOND
+SPINNING = round(BEGINS * SECOND) + 2 * SECOND
 
 
 def watched(
@@ -159,15 +160,14 @@ def test_a_slide_forward_makes_the_forward_speed_uncertain_alone() -> None:
 
 @pytest.fixture(scope="module")
 def drive(robot: Robot) -> Log:
-    log = benchmark.drive(robot, 1)
-    return benchmark.with_free_track(log, 1.2, both=True)
+    return with_free_tracks(faulty_drives.drive(robot, 1), 1.2)
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
 def test_the_uncertainty_covers_both_tracks_spinning(
     variant: str, robot: Robot, drive: Log
 ) -> None:
-    found = benchmark.motion_over_fault(drive, robot, variant)
+    found = motion_over(drive, robot, variant, lambda health: health.slip.forward is not None)
     assert found.delay < 0.3
     assert found.error < 3.0 * found.sigma
     assert found.sigma < 2.0 * 1.2 * 3.0
@@ -185,7 +185,7 @@ def test_engines_agree_on_a_slide(variant: str, robot: Robot, drive: Log) -> Non
         assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
         assert other.health.slip.forward == pytest.approx(slide, rel=1e-9)
     assert compiled.health.slip.slides == 1
-    assert (slide.since - drive.start - benchmark.BEGINS) * NANOSECOND < 0.3
+    assert (slide.since - drive.start) * NANOSECOND - BEGINS < 0.3
 
 
 def test_a_restored_estimator_knows_of_the_slide(robot: Robot, drive: Log, tmp_path: Path) -> None:

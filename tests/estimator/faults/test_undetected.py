@@ -8,11 +8,13 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-import sick_sensors as benchmark
 
+import faulty_drives
+from faulty_drives import RESTS, motion_over, with_tracks
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip, load_robot
 from icreckon.estimator.robot.settings import Settings
@@ -120,24 +122,43 @@ def test_expected_slip_is_a_share_of_the_distance_and_none_at_rest() -> None:
         UndetectedSlip(share=0.5, time=0.0)
 
 
+def carried(log: Log) -> Log:
+    return with_tracks(log, 10.0, np.zeros_like, RESTS)
+
+
+def slides(health: Health) -> bool:
+    return health.slip.slides > 0 or health.slip.carries > 0
+
+
 @pytest.fixture(scope="module")
 def healthy(robot: Robot) -> Log:
-    return benchmark.drives(robot, 1)[0]
+    return faulty_drives.drive(robot, 0)
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
-@pytest.mark.parametrize("name", ["carried", "both tracks spin, +0.5 m/s, expected"])
-def test_the_uncertainty_covers_it(name: str, variant: str, robot: Robot, healthy: Log) -> None:
-    fault = benchmark.FAULTS[name]
-    found = benchmark.motion_over_fault(healthy, fault, robot, variant)
+def test_the_uncertainty_covers_a_robot_that_is_carried(
+    variant: str, robot: Robot, healthy: Log
+) -> None:
+    found = motion_over(carried(healthy), robot, variant, slides, 10.0, RESTS)
     assert found.error < 3.0 * found.sigma < 30.0
-    assert found.shown == (name == "carried")
+    assert found.delay < 10.0
+
+
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+def test_expected_slip_covers_tracks_that_spin_slowly(
+    variant: str, robot: Robot, healthy: Log
+) -> None:
+    expecting = msgspec.structs.replace(robot, undetected_slip=UndetectedSlip(share=0.5))
+    spinning = with_tracks(healthy, 10.0, lambda speeds: speeds + 0.5)
+    found = motion_over(spinning, expecting, variant, slides, 10.0)
+    assert found.error < 3.0 * found.sigma < 30.0
+    assert math.isnan(found.delay)
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
 def test_engines_agree_on_a_robot_that_is_carried(variant: str, robot: Robot, healthy: Log) -> None:
     slipping = msgspec.structs.replace(robot, undetected_slip=UndetectedSlip(share=0.1))
-    faulty = benchmark.FAULTS["carried"].put(healthy)
+    faulty = carried(healthy)
     part = faulty.between(faulty.start, faulty.start + 8 * SECOND)
     compiled = run(part, slipping, variant)
     plain = run(part, slipping, variant, settings=Settings(engine="plain"))
@@ -153,7 +174,7 @@ def test_a_restored_estimator_knows_that_it_is_carried(
     robot: Robot, healthy: Log, tmp_path: Path
 ) -> None:
     estimator = PoseEstimator(robot, "gyro")
-    faulty = benchmark.FAULTS["carried"].put(healthy)
+    faulty = carried(healthy)
     measurements = list(faulty.between(faulty.start, faulty.start + 9 * SECOND).measurements())
     for measurement in measurements:
         if measurement.stamp <= faulty.start + 7 * SECOND:
