@@ -90,9 +90,9 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     departs = judged & ~(nis <= lane.constant("position_threshold"))
     earlier = Departure(*(lane.row(name) for name in DEPARTURE))
     fix = lane.input("fix_x"), lane.input("fix_y")
-    fastest = lane.constant("fastest")
+    fastest, gauge = lane.constant("fastest"), lane.constant("gauge")
     departure, is_clear, shown = departure_after(
-        earlier, fix, z, tuple(S), heading, fastest, interval
+        earlier, fix, z, tuple(S), heading, fastest, gauge, interval
     )
     found = departs & is_clear
     for states, error in errors_of(shown):

@@ -73,6 +73,7 @@ def departure_after(
     S: tuple[Any, Any, Any],
     heading: tuple[Any, Any],
     fastest: Any,
+    gauge: Any,
     interval: Any,
 ) -> tuple[Departure, Any, Shown]:
     """Departure from the path, with a position fix that the gate would reject.
@@ -84,6 +85,7 @@ def departure_after(
         S: covariance of that, xx, xy and yy [m²].
         heading: cosine and sine of the yaw.
         fastest: highest speed of a track [m/s].
+        gauge: distance between the tracks [m].
         interval: time since the fix before [s].
 
     Returns:
@@ -115,9 +117,10 @@ def departure_after(
     )
     ahead, left = beyond(ahead, of_ahead), beyond(left, of_left)
     # A yaw that grows with time moves the path by half of what it would from the begin on. A robot that
-    # has slipped and turns on the spot departs by as much, but no gyro turns away so fast.
+    # has slipped and turns on the spot departs by as much: a short way shows only what a gyro explains.
     yaw = left / way
-    yaw = select(yaw * yaw < (FASTEST_TURN * time) * (FASTEST_TURN * time), yaw, 0.0)
+    is_slow = yaw * yaw < (FASTEST_TURN * time) * (FASTEST_TURN * time)
+    yaw = select(is_slow | (way > gauge), yaw, 0.0)
     slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
     along, beside = (cos * ahead, sin * ahead), (-sin * left, cos * left)
     return after, is_clear, Shown(along, slip, beside, yaw, -2.0 * yaw / time)

@@ -206,8 +206,8 @@ def follow_departure(
     if normalised_square(innovation, S) > gate.threshold:
         before = Departure(*(getattr(record, name) for name in DEPARTURE))
         of_z = z, (S.item(0, 0), S.item(0, 1), S.item(1, 1)), heading
-        departure = departure_after(before, fix, *of_z, record.settings.fastest, interval)
-        after, is_clear, shown = departure
+        robot = record.settings.fastest, ekf.model.vehicle.gauge
+        after, is_clear, shown = departure_after(before, fix, *of_z, *robot, interval)
     else:
         after = Departure(0.0, fix[0] - z[0], fix[1] - z[1], *z)
     for name, value in zip(DEPARTURE, after, strict=True):

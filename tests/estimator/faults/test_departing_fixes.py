@@ -37,7 +37,7 @@ from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 
 SECOND = 1_000_000_000
-SPEED, FASTEST = 0.5, 1.5
+SPEED, FASTEST, GAUGE = 0.5, 1.5, 1.2
 # Standard deviations of an innovation, ahead and to the left [m].
 AHEAD, LEFT = 0.05, 0.03
 VALUES = st.floats(-10.0, 10.0)
@@ -71,6 +71,7 @@ def departed(
             (S.item(0, 0), S.item(0, 1), S.item(1, 1)),
             tuple(heading.tolist()),
             FASTEST,
+            GAUGE,
             interval,
         )
         found.append(bool(is_clear))
