@@ -13,7 +13,7 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, PoseSeries
 from icreckon.estimator.streaming.outputs import Run
 
-ONLINE = ("constant-online", "inertia-online", "friction-online")
+ONLINE = ("constant-online", "inertia-online")
 # The goal for pose NEES (3 is ideal): between half and twice that.
 NEES_GOAL = (1.5, 6.0)
 # Smoothing of a curve, and how long it must stay down to count as recovered [s].

@@ -24,7 +24,6 @@ from icreckon.estimator.base.array_types import Floats
 SEED = 77_013
 """Of all simulated runs of the scoreboard; no tuning and no other study uses it."""
 VARIANTS = ("gyro", "constant-online", "inertia-online")
-FRICTION = "friction-online"
 FLAGS = {
     "spins": "slip.times",
     "slides": "slip.slides",

@@ -20,11 +20,11 @@ from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries
-from icreckon.estimator.motion.contact import Soil
-from icreckon.estimator.robot.nominal_contact import slow_turns
 from icreckon.estimator.robot.robot_file import Imu, Indices, Robot, Vehicle, load_robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.contact.of_robot import contact_of, slow_turns
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Patch, Terrain
@@ -171,7 +171,7 @@ def robot_of(name: str, *, sloped: bool) -> Robot:
     robot = msgspec.structs.replace(
         robot, vehicle=vehicle, soil=robot.soil or USUAL, indices=Indices(), constant_icr=None
     )
-    eta = float(np.mean(slow_turns(robot.contact).eta))
+    eta = float(np.mean(slow_turns(contact_of(robot)).eta))
     return msgspec.structs.replace(robot, indices=Indices(eta0=round(max(eta, 1.0), 3)))
 
 

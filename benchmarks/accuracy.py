@@ -64,7 +64,7 @@ DRAWS = 5000
 # Motions whose covariance is looked at begin so often [s], and the truth's noise shows in such [s].
 MARK_EVERY, NOISE_HORIZON = 10.0, 0.5
 REFERENCES = ("gyro", "constant-online")
-ONLINE = ("constant-online", "inertia-online", "friction-online")
+ONLINE = ("constant-online", "inertia-online")
 # The makers' wheel (sprocket) radius and track [m], from the README beside the logs.
 MAKERS = {
     "warthog": (0.3, 1.1652),

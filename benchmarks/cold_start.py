@@ -1,6 +1,6 @@
 """How long a live node waits for the compiler: the constructor and the longest feed, cold and warm.
 
-    python benchmarks/cold_start.py [--variants inertia-online friction-online] [--seconds 20]
+    python benchmarks/cold_start.py [--variants inertia-online] [--seconds 20]
 
 Each variant runs in two processes: one begins with an empty compile cache, the next finds it filled. The
 drive moves, stands, loses its tracks for a second, and has every kind of measurement, some of them late.
@@ -76,7 +76,7 @@ def measured(variant: str, seconds: float) -> dict[str, float]:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--variants", nargs="+", default=["inertia-online", "friction-online"])
+    parser.add_argument("--variants", nargs="+", default=["inertia-online"])
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--here", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()

@@ -243,7 +243,7 @@ def jobs_of(arguments: argparse.Namespace, variants: Sequence[str], terms: Terms
 
 def main() -> None:
     """Print the tables."""
-    parser = study_parser(__doc__, 200, ("constant-online", "inertia-online", "friction-online"))
+    parser = study_parser(__doc__, 200, ("constant-online", "inertia-online"))
     parser.add_argument("--duration", type=float, default=60.0, help="s")
     parser.add_argument("--trajectory", default="random")
     parser.add_argument(

@@ -18,6 +18,7 @@ from _study import mean_interval, spread, study_parser, table, told
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.run import run
+from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import noise_preset
 from icreckon.simulation.simulate import simulate
@@ -51,7 +52,7 @@ def robot_of(condition: Condition) -> Robot:
     robot = load_robot("auriga-alpha")
     if condition.rolling_resistance is not None:
         soil = msgspec.structs.replace(
-            robot.contact.soil, rolling_resistance=condition.rolling_resistance
+            contact_of(robot).soil, rolling_resistance=condition.rolling_resistance
         )
         robot = msgspec.structs.replace(robot, soil=soil)
     preset = noise_preset(condition.noise)

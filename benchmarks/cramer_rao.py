@@ -138,7 +138,7 @@ def score(job: Job) -> Score:
 
 def main() -> None:
     """Print the table."""
-    parser = study_parser(__doc__, 200, ("constant-online", "inertia-online", "friction-online"))
+    parser = study_parser(__doc__, 200, ("constant-online", "inertia-online"))
     parser.add_argument("--duration", type=float, default=40.0, help="s")
     parser.add_argument("--trajectory", default="random")
     parser.add_argument("--share", type=float, default=1.0, help="of the initial spread")

@@ -16,7 +16,7 @@ from _study import spread, table
 from accuracy import Job, folds, results_of, score
 
 VARIANTS = {"gyro": "`gyro`: wheels and gyro"} | {
-    name: f"`{name}`" for name in ("constant-online", "inertia-online", "friction-online")
+    name: f"`{name}`" for name in ("constant-online", "inertia-online")
 }
 ROWS = {
     "Warthog, grass": "Warthog, grass, 3 logs",

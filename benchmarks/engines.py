@@ -42,7 +42,6 @@ from icreckon.simulation.simulate import simulate
 
 FULL = "inertia-online"
 VARIANT_NAMES = ("differential", "constant-fixed", "constant-online", "inertia-fixed", FULL)
-FRICTION_NAMES = ("friction-fixed", "friction-online")
 # Steps before those that are timed, which begin with three seconds of standstill.
 BEGIN, STEPS, RATE = 1000, 256, 100.0
 NUMPY_RUNS = 1024
@@ -70,9 +69,7 @@ class Drive:
         self.steps: Steps = steps_of(
             measured.track_stamps, measured.imu_stamps, none, none, heading=False
         )
-        front = FrontEnd(
-            measured, self.steps, input_settings(robot, Settings(), self.filters.variant)
-        )
+        front = FrontEnd(measured, self.steps, input_settings(robot, Settings()))
         count = BEGIN + STEPS
         shape = (count, len(INPUTS), self.filters.width)
         self.inputs = aligned(int(np.prod(shape)), self.filters.number).reshape(shape)
@@ -151,7 +148,7 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=5, help="best of so many")
     arguments = parser.parse_args()
     repeat = arguments.repeat
-    drives = {name: Drive(name) for name in (*VARIANT_NAMES, *FRICTION_NAMES)}
+    drives = {name: Drive(name) for name in VARIANT_NAMES}
     full = drives[FULL]
     size = len(full.filters.shape.states) + 3
     filterpy = best(lambda: 1e-6 * plain_microseconds(2000), repeat)

@@ -1,12 +1,11 @@
-"""How well three index models explain the velocity of a robot that friction moves.
+"""How well two index models explain the velocity of a robot that friction moves.
 
 Each robot is drawn anew: friction, rolling resistance, contact length and centre of mass differ from the
-robot file. Constant ICRs, the inertia-based parameters and the contact of the friction model are fitted
-to a training run of the transient truth, and scored on another run of the same kind of driving, both
-without noise, at 50 Hz. The friction model's contact is fitted as if the robot were always in stationary
-motion; the model then goes by forces in time. RMSE as in Table II of the paper: mean over the robots, and
-the ratio to constant ICRs with its 95 % bootstrap interval. Drift is the mean position error after 30 s
-from the errors of v_x and v_y alone, % of the distance.
+robot file. Constant ICRs and the inertia-based parameters are fitted to a training run of the transient
+truth, and scored on another run of the same kind of driving, both without noise, at 50 Hz. RMSE as in
+Table II of the paper: mean over the robots, and the ratio to constant ICRs with its 95 % bootstrap
+interval. Drift is the mean position error after 30 s from the errors of v_x and v_y alone, % of the
+distance.
 """
 
 from __future__ import annotations
@@ -17,15 +16,16 @@ from dataclasses import dataclass
 
 import msgspec
 import numpy as np
-from analysis.fitting import KnownMotion, fit_constant, fit_friction, fit_inertia
+from analysis.fitting import KnownMotion, fit_constant, fit_inertia
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.motion.contact import Contact
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
+from icreckon.simulation.contact.contact import Contact
+from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.drives import aggressive, random_driving
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.friction import TRACK_LAG, draw_contact, drive, follow
@@ -36,7 +36,7 @@ DRIVING: dict[str, Callable[[float, Robot, Generator], Command]] = {
     "everyday forward": lambda *of: random_driving(*of, reverse=0.0),
     "aggressive": aggressive,
 }
-MODELS = ("constant", "inertia", "friction")
+MODELS = ("constant", "inertia")
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def main() -> None:
     units = np.array([1e3, 1e3, 1e3, 1.0])
     for driving in DRIVING:
         for resistance in (False, True):
-            soil = nominal.contact.soil
+            soil = contact_of(nominal).soil
             if not resistance:
                 soil = msgspec.structs.replace(soil, rolling_resistance=0.0)
             robot = msgspec.structs.replace(nominal, soil=soil)
@@ -126,9 +126,7 @@ def main() -> None:
                 contact = draw_contact(robot, arguments.spread, rng)
                 training = true_drive(driving, TRAINING, robot, contact, rng).known
                 scored = true_drive(driving, SCORING, robot, contact, rng)
-                fitted = fit_friction(
-                    fit_inertia(fit_constant(robot, training), training), training
-                )
+                fitted = fit_inertia(fit_constant(robot, training), training)
                 for model, rows in scores.items():
                     rows.append(scores_of(model, fitted, scored))
             of_constant = np.array(scores["constant"])

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
+from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.smooth_speeds import Blends
 from icreckon.simulation.truth.friction import TRACK_LAG, drive, follow
 
@@ -41,7 +42,7 @@ def main() -> None:
             command = Blends(np.array([1.0]), np.array([1.9]), np.array([turn]))
             speeds, rates = follow(command(times), 1.0 / RATE, TRACK_LAG)
             driven = drive(
-                robot.contact, robot.yaw_inertia, speeds, rates, 1.0 / RATE, load_lag=lag
+                contact_of(robot), robot.yaw_inertia, speeds, rates, 1.0 / RATE, load_lag=lag
             )
             if driven.twists[-int(LAST * RATE) :].std(axis=0).max() > SETTLED:
                 unsettled.append(turn)

@@ -65,9 +65,9 @@ class Laps:
         count = len(self.steps.kinds)
         shape = count, len(INPUTS), width
         self.inputs = aligned(int(np.prod(shape)), PRECISIONS[bits]).reshape(shape)
-        FrontEnd(
-            measured, self.steps, input_settings(robot, Settings(), self.filters.variant)
-        ).fill(0, count, self.inputs)
+        FrontEnd(measured, self.steps, input_settings(robot, Settings())).fill(
+            0, count, self.inputs
+        )
         self.table = self.filters.prepare(self.steps)
         zero = np.zeros(3)
         self.lanes: Lanes = self.filters.begin(

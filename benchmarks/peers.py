@@ -61,7 +61,7 @@ from icreckon.replay.comparison.truth_alignment import align_truth
 from icreckon.replay.reading.read_log import read_log
 
 PEERS = ("integration", "filterpy", *(("GTSAM",) if find_spec("gtsam") else ()))
-OURS = ("gyro", "constant-online", "full-linear", "inertia-online", "friction-online")
+OURS = ("gyro", "constant-online", "full-linear", "inertia-online")
 START = Noise(0.02, 0.005)
 TUNED_AT, ROUNDS = 10.0, 3
 EVERY, AFTER = 30.0, 1.0

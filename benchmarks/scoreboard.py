@@ -39,7 +39,6 @@ import _scoreboard_drives as drives
 import _scoreboard_faults as faults
 import _scoreboard_real as real
 from _scoreboard_cells import (
-    FRICTION,
     RULES,
     VARIANTS,
     Cache,
@@ -72,7 +71,6 @@ def main() -> None:
     )
     parser.add_argument("--quick", action="store_true", help="a fixed subset, at most 3 minutes")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    parser.add_argument("--friction", action="store_true", help="friction-online as well")
     parser.add_argument(
         "--without", nargs="+", choices=RULES, default=[], help="disable rules for faults"
     )
@@ -102,12 +100,11 @@ def main() -> None:
 
 def run_part(part: str, given: argparse.Namespace) -> dict[str, Any]:
     """Figures of the cells of a part, by name."""
-    variants = (*VARIANTS, FRICTION) if given.friction else VARIANTS
     without = tuple(sorted(given.without))
     results = Cache(given.cache, depends_on(part))
     if part == "healthy":
         picked = quick_cells() if given.quick else drives.cells()
-        jobs = list(drives.jobs(picked, variants, without))
+        jobs = list(drives.jobs(picked, VARIANTS, without))
         found = work_off(jobs, drives.score, results, given.workers)
         by_cell: dict[str, list[Any]] = {}
         for job in jobs:
@@ -116,7 +113,7 @@ def run_part(part: str, given: argparse.Namespace) -> dict[str, Any]:
     if part == "cost":
         return cost(quick=given.quick)
     if part == "real":
-        jobs = list(real.jobs(variants, without))
+        jobs = list(real.jobs(VARIANTS, without))
         if not jobs:
             text = "real: SKIPPED, there are no sample logs; ICRECKON_DATA names their folder"
             print(text, file=sys.stderr, flush=True)
@@ -124,7 +121,7 @@ def run_part(part: str, given: argparse.Namespace) -> dict[str, Any]:
             jobs = [job for job in jobs if job.cell.startswith(real.HEALTH)]
         found = work_off(jobs, real.score, results, given.workers)
         return real.summary([(job, found[job]) for job in jobs])
-    jobs = list(faults.jobs(quick=given.quick, variants=variants, without=without))
+    jobs = list(faults.jobs(quick=given.quick, variants=VARIANTS, without=without))
     found = work_off(jobs, faults.score, results, given.workers)
     return faults.summary([(job.cell, found[job]) for job in jobs])
 

@@ -1,6 +1,6 @@
 """Time of the stationary solver for the paper's 441 pairs and a 201 x 201 map, beside scipy's root.
 
-Both solve the same function (`estimator.motion.contact.steady_balance`) from the same kinematic guess.
+Both solve the same function (`simulation.contact.contact.steady_balance`) from the same kinematic guess.
 scipy goes pair by pair: for the 441 all of them, for the large map an even sample, whose time is scaled
 up (`--all` solves every pair; it takes minutes). It is given the analytic Jacobian, and its failures are
 counted, not mended.
@@ -17,17 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import root
 
-from icreckon.estimator.motion.contact import steady_balance
 from icreckon.estimator.motion.icr import PaperTwist
-from icreckon.estimator.motion.steady_state import (
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.contact.contact import steady_balance
+from icreckon.simulation.contact.of_robot import contact_of
+from icreckon.simulation.contact.steady_state import (
     CONVERGED,
     TYPICAL_ETA,
     solve_steady,
     track_speed_grid,
 )
-from icreckon.estimator.robot.robot_file import load_robot
 
-AURIGA = load_robot("auriga-alpha").contact
+AURIGA = contact_of(load_robot("auriga-alpha"))
 GAUGE = AURIGA.geometry.gauge
 METHODS = ("hybr", "lm")
 

@@ -115,7 +115,7 @@ def main() -> None:
     settings = {engine: Settings(engine=engine) for engine in ENGINES}
     bare = {engine: Settings(engine=engine, history=0.0) for engine in ENGINES}
     rows = [(variant, variant, settings) for variant in VARIANTS]
-    rows.append(("friction-online, no history", "friction-online", bare))
+    rows.append(("inertia-online, no history", "inertia-online", bare))
     columns_of = ("plain, x filterpy", "compiled", "arrays")
     print(f"{'':29s} {'filterpy':>9s}  " + "  ".join(f"{name:>17s}" for name in columns_of))
     for name, variant, of_engine in rows:

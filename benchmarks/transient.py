@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.truth.friction import TOLERANCE, TRACK_LAG, drive, follow
 
@@ -42,7 +43,7 @@ def main() -> None:
 
         def run(tolerance: float, speeds: np.ndarray = speeds, rates: np.ndarray = rates):
             return drive(
-                robot.contact, robot.yaw_inertia, speeds, rates, 1.0 / RATE, tolerance=tolerance
+                contact_of(robot), robot.yaw_inertia, speeds, rates, 1.0 / RATE, tolerance=tolerance
             )
 
         reference = run(0.01 * TOLERANCE).twists

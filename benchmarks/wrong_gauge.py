@@ -23,7 +23,7 @@ from icreckon.replay.comparison.scores import scores, truths_of
 from icreckon.replay.reading.read_log import read_log
 
 LOGS = ("husky_deflated_part1", "marmotte_part1", "warthog_grass_2024_8_8_15h56s39")
-VARIANTS = ("gyro", "inertia-online", "friction-online")
+VARIANTS = ("gyro", "inertia-online")
 CHANGES = (("right", 1.0, False), *((f"{f:g}", f, False) for f in (0.9, 1.1)),
            *((f"{f:g}, same eta0 track_gauge", f, True) for f in (0.9, 1.1)))  # fmt: skip
 

@@ -51,7 +51,6 @@ from icreckon.estimator.log.series import TwistSeries as TwistSeries
 from icreckon.estimator.log.trajectory import Trajectory as Trajectory
 from icreckon.estimator.motion import icr as kinematics  # noqa: F401
 from icreckon.estimator.motion import index_model as motion  # noqa: F401
-from icreckon.estimator.motion.contact import Soil as Soil
 from icreckon.estimator.motion.icr import IndexValues as IndexValues
 from icreckon.estimator.robot.robot_file import ConstantIcr as ConstantIcr
 from icreckon.estimator.robot.robot_file import Imu as Imu
@@ -71,6 +70,7 @@ from icreckon.estimator.robot.settings import FixWander as FixWander
 from icreckon.estimator.robot.settings import GateSettings as GateSettings
 from icreckon.estimator.robot.settings import Settings as Settings
 from icreckon.estimator.robot.settings import StandstillSettings as StandstillSettings
+from icreckon.estimator.robot.soil import Soil as Soil
 from icreckon.estimator.robot.variants import VARIANTS as VARIANTS
 from icreckon.estimator.robot.variants import Adaptation as Adaptation
 from icreckon.estimator.robot.variants import default_adaptation as default_adaptation

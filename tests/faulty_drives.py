@@ -28,12 +28,12 @@ EXCESS = 0.8
 """Speed of a free track or wheel beyond the ground's [m/s]."""
 OWN_ERROR, LAG = 0.03, 0.02
 """Error of each wheel of a side [-], lag of the rear one [s]."""
-VARIANTS = ("gyro", "constant-online", "inertia-online", "friction-online")
+VARIANTS = ("gyro", "constant-online", "inertia-online")
 Change = Callable[[Floats], Floats]
 
 
 def drive(robot: Robot, seed: int, duration: float = 48.0) -> Log:
-    """Everyday driving on the friction model, without fixes and faults."""
+    """Everyday driving with friction as the truth, without fixes and faults."""
     return simulate(
         Scenario(duration=duration, seed=seed, trajectory="random", fix_rate=0.0), robot
     )

@@ -14,10 +14,10 @@ ROOT = Path(__file__).parent.parent
 # package itself.
 FLOORS = {
     "estimator": [
-        "base", "log", "tracing", "motion", "friction", "robot", "faults", "sensors", "filter",
+        "base", "log", "tracing", "motion", "robot", "faults", "sensors", "filter",
         "engine", "streaming", "batch", "calibration", "",
     ],
-    "simulation": ["base", "drives", "truth", "sensors", "", "study", "running", "paper"],
+    "simulation": ["base", "contact", "drives", "truth", "sensors", "", "study", "running", "paper"],
     "replay": [
         "base", "bags", "mapping", "reading", "live", "inspection", "comparison", "checking",
         "calibration", "export", "",

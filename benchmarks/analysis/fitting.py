@@ -13,10 +13,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.motion.contact import Soil
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
 from icreckon.estimator.motion.index_model import solve
-from icreckon.estimator.motion.steady_state import solve_steady
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, Robot
 from icreckon.estimator.robot.variants import TYPICAL_FORCE
 
@@ -120,57 +118,6 @@ def fit_inertia(robot: Robot, motion: KnownMotion) -> Robot:
     # The motion was fitted without a shift by the force along the tracks.
     indices = Indices(*(float(value) for value in values), epsilon_F=0.0)
     return msgspec.structs.replace(robot, indices=indices)
-
-
-def fit_friction(robot: Robot, motion: KnownMotion) -> Robot:
-    """The robot with the soil, contact length and centre of mass whose stationary motions fit best.
-
-    Friction and the height of the centre of mass trade off against each other: friction stays what
-    the robot says.
-
-    Args:
-        robot: gives mass, gauge and contact points, and where to start.
-        motion: what is known.
-
-    Raises:
-        EstimatorError: too little turns.
-    """
-    from scipy.optimize import least_squares
-
-    known, contact = motion.turning(), robot.contact
-    half_length, half_gauge = robot.vehicle.half_contact_length, 0.5 * robot.vehicle.track_gauge
-    scale = np.array([0.1, half_length, half_length, half_gauge, half_length])
-
-    def fitted(scaled: Floats) -> Robot:
-        rolling, length, height, right, forward = (float(value) for value in scaled * scale)
-        vehicle = msgspec.structs.replace(
-            robot.vehicle, half_contact_length=length, centre_of_mass=(forward, -right, height)
-        )
-        soil: Soil = msgspec.structs.replace(contact.soil, rolling_resistance=rolling)
-        return msgspec.structs.replace(robot, vehicle=vehicle, soil=soil)
-
-    def residuals(scaled: Floats) -> Floats:
-        steady = solve_steady(known.V_l, known.V_r, fitted(scaled).contact, strict=False)
-        return _difference(steady.twist, known.twist, robot)
-
-    x_CM, y_CM = robot.centre_of_mass_paper
-    start = (
-        np.array(
-            [
-                contact.soil.rolling_resistance,
-                half_length,
-                robot.vehicle.centre_of_mass[2],
-                x_CM,
-                y_CM,
-            ]
-        )
-        / scale
-    )
-    low, high = np.array([0.0, 0.3, 0.0, -0.5, -0.5]), np.array([5.0, 3.0, 5.0, 0.5, 0.5])
-    best = least_squares(
-        residuals, np.clip(start, low, high), bounds=(low, high), diff_step=1e-4, x_scale=0.1
-    )
-    return fitted(best.x)
 
 
 def _difference(found: PaperTwist, known: PaperTwist, robot: Robot) -> Floats:

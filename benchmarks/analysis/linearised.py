@@ -110,9 +110,6 @@ class LinearisedModel:
     Attributes:
         start: (SIZE,) the state that the variant starts from.
         sigmas: (SIZE,) its standard deviations at the start; zero where nothing is estimated.
-
-    Raises:
-        EstimatorError: a friction variant's robot has no contact with the ground.
     """
 
     def __init__(
@@ -133,7 +130,7 @@ class LinearisedModel:
         fixed = self._ekf.fixed_for_imu
         self._gyro = Gyro(self._ekf.fixed_for_gyro)
         self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
-        self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings, variant)
+        self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings)
         take_tracks(self._tracks, 0, 0.0, 0.0, self._inputs)
         self._sensors, self._dt, self._count = sensors, dt, 0
 

@@ -117,8 +117,7 @@ def observe(
         The singular values of the stacked measurements with their directions, and what is left.
 
     Raises:
-        EstimatorError: no such variant, a friction variant's robot without contact with the ground, or
-            speeds that are not (n, 2).
+        EstimatorError: no such variant, or speeds that are not (n, 2).
     """
     if speeds.ndim != 2 or speeds.shape[1] != 2 or not len(speeds):
         raise EstimatorError(f"speeds must have shape (n, 2), found {speeds.shape}")

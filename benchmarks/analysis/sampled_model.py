@@ -119,9 +119,6 @@ class ModelSampler:
         start_sigma: standard deviations of the pose at the start [m, m, rad].
         share: of the initial standard deviations of parameters, biases and scales that the truth is
             drawn with [-].
-
-    Raises:
-        EstimatorError: a friction variant's robot has no contact with the ground.
     """
 
     def __init__(
@@ -135,7 +132,7 @@ class ModelSampler:
         share: float = 1.0,
     ) -> None:
         self._robot, self._variant = robot, variant
-        self._inputs = input_settings(robot, settings, variant)
+        self._inputs = input_settings(robot, settings)
         self._fixes, self._terms = fixes or Fixes(), terms or Terms()
         model, self._mean, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self._slip = self._disturbances.slip
@@ -195,8 +192,6 @@ class ModelSampler:
     def _draw_start(self, rng: Generator) -> Floats:
         for _ in range(DRAWS):
             x = np.asarray(self._mean + self._spread * rng.standard_normal(s.SIZE))
-            if self._variant.model == "friction":
-                return x
             bounds = self._ekf.model.bounds
             if (bounds[:, :-1] @ x[s.PARAMETERS] >= bounds[:, -1]).all():
                 return x

@@ -18,11 +18,11 @@ import typer
 
 from icreckon.cli.main import app
 from icreckon.estimator.base.checks import Bound
-from icreckon.estimator.motion.contact import Soil
 from icreckon.estimator.robot import robot_file
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot, robot_names
 from icreckon.replay.mapping import columns, topics
 from icreckon.simulation import scenario
+from icreckon.simulation.contact.contact import Soil
 from icreckon.simulation.sensors import specs
 from icreckon.simulation.sensors.encoders import EncoderErrors
 from icreckon.simulation.sensors.fixes import FixErrors

@@ -124,14 +124,14 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
     one.compile_for(steps)
     lanes = one.begin(measured.tracks[:, 0], np.zeros(3), np.zeros(3))
     one.continue_from(lanes, before, before.regressors)
-    front = FrontEnd(measured, steps, input_settings(robot, settings, estimator.variant))
+    front = FrontEnd(measured, steps, input_settings(robot, settings))
     front.continue_from(
         before.tracks.shifted(-begin),
         before.standstill.shifted(-begin),
         before.noise.shifted(-begin),
     )
     rows = ReplayRows(one, robot, steps, measured, np.zeros(0, np.int8), NO_STAMPS)
-    work_through_log([one], [lanes], [rows], steps, measured, [front])
+    work_through_log([one], [lanes], [rows], steps, measured, front)
 
     health = before.health.copy()
     counts = one.counts(lanes)

@@ -259,7 +259,7 @@ def fill_lane(
         if newest >= steps.tracks[k]:
             one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
             stamp = measured.track_stamps[newest]
-            left, right = assumed_speeds(held.spin, stamp, one, other, settings.weighs_tracks)
+            left, right = assumed_speeds(held.spin, stamp, one, other)
         inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
         if has_sample:
             inputs[k, ROW_RATE, lane] = rate

@@ -117,24 +117,21 @@ def run_side_by_side(
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before, robot))
     smoothed = began[0].checkpoint().regressors is not None
-    chosen = [input_settings(robot, of_filters, one.variant) for one in filters]
-    by_settings = {one: FrontEnd(measured, steps, one) for one in set(chosen)}
-    fronts = [by_settings[one] for one in chosen]
-    work_through_log(filters, begun, rows, steps, measured, fronts, progress, smoothed=smoothed)
+    chosen = input_settings(robot, of_filters)
+    front = FrontEnd(measured, steps, chosen)
+    work_through_log(filters, begun, rows, steps, measured, front, progress, smoothed=smoothed)
     for lanes, before in zip(begun, began, strict=True):
         if scatters(measured, steps, lanes, before=before.checkpoint().scatter):
             raise BatchError(f"the log {log.name!r} {SCATTERS}")
     found: dict[str, Run] = {}
-    for name, one, lanes, before, front in zip(
-        variants, filters, begun, began, fronts, strict=True
-    ):
+    for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
         health = before.health
         health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
         health.sensor("tracks").used = len(measured.track_stamps)
         tracks, still, noise = front.records(0)
         factor = float(lanes.workspace[one.rows["slip_factor"], 0])
         health.slip = slip_health(tracks, still.record, factor, int(measured.track_stamps[0]))
-        health.noise = noise_health(noise, still.record.stopped_since != NEVER, chosen[0])
+        health.noise = noise_health(noise, still.record.stopped_since != NEVER, chosen)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
         health = found[name].health
         add_gyro_faults(health, tracks, int(measured.track_stamps[0]))
@@ -149,7 +146,7 @@ def work_through_log(
     rows: Sequence[ReplayRows],
     steps: LogSteps,
     measured: Measured,
-    fronts: Sequence[FrontEnd],
+    front: FrontEnd,
     progress: Callable[[int], None] | None = None,
     *,
     smoothed: bool = True,
@@ -162,15 +159,12 @@ def work_through_log(
         rows: their rows, written to.
         steps: the steps.
         measured: measurements of the log.
-        fronts: front end of the steps for each filter; several may have the same.
+        front: front end of the steps.
         progress: called after each part with the stamp that was reached [ns].
         smoothed: the filters have regressors from earlier steps.
     """
     width, begin_stamp = filters[0].width, int(measured.track_stamps[0])
-    inputs = {
-        id(one): (one, aligned(PART * len(INPUTS) * width).reshape(PART, -1, width))
-        for one in {id(one): one for one in fronts}.values()
-    }
+    inputs = aligned(PART * len(INPUTS) * width).reshape(PART, -1, width)
     rooms = [np.zeros((PART, len(ESTIMATE) + len(one.layout.more_outputs), 1)) for one in filters]
     table = np.zeros((PART, STEP_COLUMNS))
     moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
@@ -178,16 +172,12 @@ def work_through_log(
     for begin in range(0, len(steps.kinds), PART):
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
-        for front, filled in inputs.values():
-            front.fill(begin, end, filled[: end - begin])
+        of_part, of_steps = inputs[: end - begin], table[: end - begin]
+        front.fill(begin, end, of_part)
         fill_step_constants(table, part.starts, part.ends, part.intervals)
         if begin <= first_moving < end and not smoothed:
             table[first_moving - begin, SMOOTHING] = 1.0
-        for one, lanes, of_one, room, front in zip(
-            filters, begun, rows, rooms, fronts, strict=True
-        ):
-            of_part = inputs[id(front)][1][: end - begin]
-            of_steps = table[: end - begin]
+        for one, lanes, of_one, room in zip(filters, begun, rows, rooms, strict=True):
             one.work_through(lanes, of_part, part, of_steps, room, all_outputs=True)
             of_one.add(begin, end, part, of_part[:, :, 0], room[:, :, 0])
         if progress is not None:

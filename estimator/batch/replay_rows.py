@@ -90,7 +90,7 @@ class ReplayRows:
             name: len(ESTIMATE) + place for place, name in enumerate(one.layout.more_outputs)
         }
         self._kind = one.layout.model.kind
-        self._output_memory = [self._places[f"memory{k}"] for k in one.layout.output_memory]
+        self._output_memory = [self._places[f"memory{k}"] for k in range(one.shape.model.memory)]
         self._count = count
         self._newest: dict[str, Gated] = {}
         self._nis: dict[str, deque[float]] = {}
@@ -239,8 +239,6 @@ class ReplayRows:
             memory: (n, k) output memory of the motion model in these rows.
         """
         kind, constants = self._kind, self._robot.constants
-        if kind == "friction":
-            return memory
         x = self._rows.states[row_range].T
         left, right = speeds.T
         on_both = (left * track_factors(x)[0], right * track_factors(x)[1])

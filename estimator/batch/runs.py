@@ -54,7 +54,7 @@ def work_through_runs(
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2
     keys = [
-        (id(data), input_settings(one.robot, one.settings, one.variant), one.number)
+        (id(data), input_settings(one.robot, one.settings), one.number)
         for one, data in zip(filters, measured, strict=True)
     ]
     fronts: dict[tuple[int, InputSettings, Any], FrontEnd] = {}

@@ -39,7 +39,6 @@ CALLED = {
     "differential": "ideal differential drive",
     "constant": "constant ICRs",
     "inertia": "inertia-based ICRs",
-    "friction": "motion by friction",
 }
 PLURAL = ("constant", "inertia")
 COMMON = {
@@ -98,32 +97,16 @@ def assembled(
     scaled["difference"] = new.tracks.difference
     stays = {COMMON[name] for name in kept}
     usable = dict(shared)
-    if "friction" in fits:
-        if _friction_holds(comparison):
-            usable["friction"] = _refitted(shared["friction"], "friction", robot, scaled, again)
-            new = _put(usable["friction"], new)
-        else:
-            notes.append(
-                "motion by friction does not predict better than constant ICRs beyond doubt: contact, "
-                "centre of mass and [soil] of the robot file stay as they are"
-            )
-    moved = np.subtract(new.vehicle.centre_of_mass, robot.vehicle.centre_of_mass)
     for name in ("constant", "inertia"):
         if name not in fits:
             continue
-        of = robot
-        if name == "inertia" and np.abs(moved[:2]).max() > MOVED:
-            vehicle = msgspec.structs.replace(
-                robot.vehicle, centre_of_mass=new.vehicle.centre_of_mass
-            )
-            of = msgspec.structs.replace(robot, vehicle=vehicle)
-        usable[name] = _refitted(shared[name], name, of, scaled, again, of is not robot)
+        usable[name] = _refitted(shared[name], name, robot, scaled, again)
         own = usable[name].not_contradicted(
             one.name for one in usable[name].problem.model.parameters
         )
         start = dict(zip(usable[name].problem.names, usable[name].problem.start, strict=True))
         filed = {one: float(start[one]) for one in own}
-        new = _put(_refitted(usable[name], name, of, scaled | filed, again, bool(own)), new)
+        new = _put(_refitted(usable[name], name, robot, scaled | filed, again, bool(own)), new)
         stays |= _rows_of(name, own)
     parameters = _parameters(robot, new, fits, usable, main, radii, speeds_by_radius)
     if not speeds_by_radius:
@@ -210,10 +193,6 @@ def as_found(robot: Robot, found: Fit) -> Robot:
     return _put(found, msgspec.structs.replace(robot, imu=imu))
 
 
-def _friction_holds(comparison: ModelComparison) -> bool:
-    return comparison.difference("friction", "constant").drift_high < 0.0
-
-
 def _refitted(
     found: Fit,
     name: str,
@@ -298,25 +277,6 @@ def _parameters(
     found += _constant(robot, usable["constant"], fits["constant"])
     if "inertia" in usable:
         found += _inertia(robot, usable["inertia"], fits["inertia"])
-    if "friction" in fits:
-        names = {
-            "rolling_resistance": "soil.rolling_resistance",
-            "half_contact_length": "half_contact_length",
-            "height": "centre_of_mass.up",
-            "forward": "centre_of_mass.forward",
-            "left": "centre_of_mass.left",
-        }
-        for parameter in fits["friction"].problem.model.parameters:
-            found.append(
-                _plain(
-                    usable["friction"],
-                    parameter.name,
-                    names[parameter.name],
-                    parameter.unit,
-                    before=_in_file(robot, names[parameter.name]),
-                    sigmas=fits["friction"],
-                )
-            )
     return tuple(found)
 
 

@@ -125,8 +125,7 @@ def calibrate(
     fits: dict[str, Fit] = {}
     initial = dict(zip(first.problem.names, first.values.tolist(), strict=True))
     for number, name in enumerate(chosen):
-        start = initial if name != "friction" else _without_model(first)
-        fits[name] = fit(problem(name, recording, robot), initial=start)
+        fits[name] = fit(problem(name, recording, robot), initial=initial)
         report(0.1 + 0.6 * (number + 1) / len(chosen))
 
     def again(name: str, robot: Robot, start: dict[str, float], held: frozenset[str]) -> Fit:
@@ -166,12 +165,6 @@ def _models(wanted: Sequence[str]) -> list[str]:
     if "constant" not in wanted:
         raise EstimatorError("the model 'constant' must be among those that are compared")
     return [name for name in MODELS if name in wanted]
-
-
-def _without_model(found: Fit) -> dict[str, float]:
-    own = len(found.problem.model.parameters)
-    names, values = found.problem.names, found.values.tolist()
-    return dict(zip(names[: len(names) - own], values[: len(names) - own], strict=True))
 
 
 def _check_signs(problem: Problem) -> None:

@@ -6,45 +6,29 @@ the robot file.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.motion.contact import ground
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.motion.lagged_index_model import linearise
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, VehicleConstants
-from icreckon.estimator.motion.steady_state import solve_steady
-from icreckon.estimator.robot.nominal_contact import presumed_contact
 from icreckon.estimator.robot.robot_file import Indices, Robot
 from icreckon.estimator.robot.variants import TYPICAL_FORCE, find_variant, initial_parameters
 
-MODELS = ("differential", "constant", "inertia", "friction")
+MODELS = ("differential", "constant", "inertia")
 """Names, from the simplest to the most complex: a later one must be better to be chosen."""
 TELLING = 0.15
 """Threshold error of an index, or of a length as a share of the gauge [-]."""
 OF_MIDDLE = 0.05
 """Threshold error of the turning centre's place, as a share of the gauge [-]: it is near the middle, and
 a short log does not separate it from the place of the truth's point."""
-DIFFERENCE_STEP = 1e-2
-SPEED_STEP = 1e-3
-NEWTON_STEPS, TOLERANCE = 25, 1e-10
-"""Tolerance of the friction model's stationary motions."""
-SOLVED = 1e-8
-"""Largest residual of a motion that counts as found."""
-COARSE = 3
-"""Number of cells with one friction solution, at their mean speeds; first order about it."""
-SAME_PLACE = 1e-3
-"""A nominal centre of mass within this distance of the robot file's is that [m]."""
 NO_MASS = (1.0, 0.0, 0.0)
 """Mass [kg] and centre of mass [m] of a model without forces."""
-REST = 2e-3
-"""Tracks slower than this count as standing [m/s]."""
 
 
 class Parameter(NamedTuple):
@@ -207,133 +191,6 @@ class IndexModel:
         return msgspec.structs.replace(robot, constant_icr=icr)
 
 
-@dataclass(frozen=True)
-class FrictionModel:
-    """Stationary motions under friction at the contact points.
-
-    Attributes:
-        robot: the robot, with the initial soil and contact.
-        parameters: rolling resistance, half contact length, height, and place of the centre of mass.
-        nearby: initial guesses of motions, by their number.
-    """
-
-    robot: Robot
-    parameters: tuple[Parameter, ...]
-    name: str = "friction"
-    nearby: dict[int, Floats] = field(default_factory=dict, repr=False, compare=False)
-
-    def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:  # noqa: ARG002
-        """Twists with derivatives, as in `Model`."""
-        return self._fine(speeds, values, self.parameters)
-
-    def twist(self, speeds: Floats, values: Floats, forces: Floats) -> Floats:  # noqa: ARG002
-        """Twists (..., 3) alone, as in `Model`."""
-        return self._fine(speeds, values, ()).twist
-
-    def _fine(self, speeds: Floats, values: Floats, by: tuple[Parameter, ...]) -> TwistAt:
-        """Twists of all cells (n, m, 2), with derivatives by some of the parameters."""
-        coarse, apart = _coarse(speeds)
-        every = coarse.reshape(-1, 2)
-        found = TwistAt(*(np.zeros((len(every), 3, *more)) for more in ((), (len(by),), (2,))))
-        # At rest friction holds the robot.
-        moving = np.abs(every).max(axis=1) > REST
-        for whole, part in zip(found, self._moving(every[moving], values, by), strict=True):
-            whole[moving] = part
-
-        def spread(of_coarse: Floats) -> Floats:
-            whole = of_coarse.reshape(*coarse.shape[:-1], *of_coarse.shape[1:])
-            return np.repeat(whole, speeds.shape[1] // coarse.shape[1], axis=1)
-
-        slopes = spread(found.by_speeds)
-        twist = spread(found.twist) + np.einsum("nmij,nmj->nmi", slopes, apart)
-        return TwistAt(twist, spread(found.by_parameters), slopes)
-
-    def inside(self, values: Floats) -> Floats:
-        """Nearest valid parameters (p,), as in `Model`."""
-        length = self.robot.vehicle.half_contact_length
-        half = 0.5 * self.robot.vehicle.track_gauge
-        low = np.array([0.0, 0.2 * length, 0.0, -0.7 * length, -0.7 * half])
-        high = np.array([0.5, 3.0 * length, 5.0 * length, 0.7 * length, 0.7 * half])
-        result = np.clip(values, low, high)
-        # The centre of mass stays over the contact.
-        result[3] = np.clip(result[3], -0.7 * result[1], 0.7 * result[1])
-        return np.asarray(result)
-
-    def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
-        """Model with other priors of its parameters, as in `Model`."""
-        return replace(self, parameters=parameters)
-
-    def put_into(self, robot: Robot, values: Floats) -> Robot:
-        """Robot with these parameters in its file, as in `Model`."""
-        rolling, length, height, forward, left = (float(value) for value in self.inside(values))
-        vehicle = msgspec.structs.replace(
-            robot.vehicle, half_contact_length=length, centre_of_mass=(forward, left, height)
-        )
-        soil = self.robot.contact.soil
-        soil = msgspec.structs.replace(soil, rolling_resistance=rolling)
-        return msgspec.structs.replace(robot, vehicle=vehicle, soil=soil)
-
-    def _moving(self, flat: Floats, values: Floats, by: tuple[Parameter, ...]) -> TwistAt:
-        base, solved = self._twist(flat, values, None)
-
-        def slope(speeds: Floats, values: Floats, step: float) -> Floats:
-            """Derivative by a step; zero where a motion is not found, which shows nothing."""
-            moved, found = self._twist(speeds, values, base)
-            return np.where((solved & found)[:, None], (moved - base) / step, 0.0)
-
-        columns = np.zeros((*base.shape, len(by)))
-        for place, parameter in enumerate(by):
-            if not parameter.threshold:
-                continue
-            step = DIFFERENCE_STEP * max(parameter.threshold, 1e-3)
-            other = values.copy()
-            # Away from the bounds.
-            other[place] += step
-            if not np.array_equal(self.inside(other), other):
-                other[place], step = values[place] - step, -step
-            columns[..., place] = slope(flat, other, step)
-        by_speeds = []
-        step = SPEED_STEP
-        for side in range(2):
-            other_speeds = flat.copy()
-            other_speeds[:, side] += step
-            by_speeds.append(slope(other_speeds, values, step))
-        return TwistAt(base, columns, np.stack(by_speeds, axis=-1))
-
-    def _twist(
-        self, speeds: Floats, values: Floats, guess: Floats | None
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Twists (n, 3) in REP-103 axes, and a mask (n,) of those that balance all forces.
-
-        Without a guess, motions that Newton's iteration misses are found by the slower continuation.
-        """
-        from icreckon.estimator.motion.steady_kernel import newton_of_many
-
-        contact = self.put_into(self.robot, values).contact
-        base = guess is None
-        if guess is None:
-            found = self.nearby.get(len(speeds))
-            guess = self._start(speeds) if found is None else found
-        twist = np.stack([-guess[:, 1], guess[:, 0], guess[:, 2]], axis=-1)
-        residual = np.full(len(speeds), np.inf)
-        newton_of_many(
-            ground(contact), np.ascontiguousarray(speeds), NEWTON_STEPS, TOLERANCE, twist, residual
-        )
-        missed = residual > SOLVED
-        if base and missed.any():
-            again = solve_steady(speeds[missed, 0], speeds[missed, 1], contact, strict=False)
-            twist[missed] = np.stack(again.twist, axis=-1)
-            residual[missed] = again.residual
-        return np.stack([twist[:, 1], -twist[:, 0], twist[:, 2]], axis=-1), residual <= SOLVED
-
-    def _start(self, speeds: Floats) -> Floats:
-        """Motions (n, 3) of the robot file's contact."""
-        twist = solve_steady(speeds[:, 0], speeds[:, 1], self.robot.contact, strict=False).twist
-        found = np.stack([twist.v_y, -twist.v_x, twist.w], axis=-1)
-        self.nearby[len(speeds)] = found
-        return found
-
-
 def model_of(name: str, robot: Robot) -> Model:
     """Make a model by its name, with the robot file's values as start.
 
@@ -342,7 +199,7 @@ def model_of(name: str, robot: Robot) -> Model:
         robot: the robot.
 
     Raises:
-        EstimatorError: an unknown name, or (friction) an invalid contact of the robot.
+        EstimatorError: an unknown name.
     """
     gauge = robot.vehicle.track_gauge
     if name == "differential":
@@ -367,41 +224,7 @@ def model_of(name: str, robot: Robot) -> Model:
             for at in places
         )
         return IndexModel(name, parameters, robot.constants, places, robot.indices.H)
-    if name == "friction":
-        return _friction(robot)
     raise EstimatorError(f"no model named {name!r}; there are {', '.join(MODELS)}")
-
-
-def _friction(robot: Robot) -> FrictionModel:
-    contact = presumed_contact(robot)
-    length = contact.geometry.positions[-1]
-    place = np.array([contact.body.y_CM, -contact.body.x_CM])
-    known = np.array(robot.vehicle.centre_of_mass[:2])
-    x, y = (known if np.abs(place - known).max() < SAME_PLACE else place).tolist()
-    vehicle = msgspec.structs.replace(
-        robot.vehicle,
-        half_contact_length=float(length),
-        centre_of_mass=(x, y, contact.body.z_CM),
-    )
-    robot = msgspec.structs.replace(robot, vehicle=vehicle, soil=contact.soil)
-    forward, left, height = vehicle.centre_of_mass
-    half_gauge = 0.5 * vehicle.track_gauge
-    parameters = (
-        Parameter("rolling_resistance", "-", contact.soil.rolling_resistance, 0.05, 40),
-        Parameter("half_contact_length", "m", float(length), TELLING * float(length), 5),
-        Parameter("height", "m", height, 0.5 * float(length), 50),
-        Parameter("forward", "m", forward, TELLING * float(length), 20),
-        Parameter("left", "m", left, TELLING * half_gauge, 21),
-    )
-    return FrictionModel(robot, parameters)
-
-
-def _coarse(speeds: Floats) -> tuple[Floats, Floats]:
-    """Mean speeds of cell groups (n, m / COARSE, 2), and each cell's offset (n, m, 2)."""
-    rows, cells, _ = speeds.shape
-    step = COARSE if cells % COARSE == 0 else 1
-    mean = speeds.reshape(rows, cells // step, step, 2).mean(axis=2)
-    return mean, speeds - np.repeat(mean, step, axis=1)
 
 
 def _index_twist(

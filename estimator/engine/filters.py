@@ -14,7 +14,6 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
-from icreckon.estimator.engine.friction import motion_steps
 from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
     COUNTS,
@@ -52,8 +51,6 @@ from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, imu_patience
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.filter.reacquisition import MOST
-from icreckon.estimator.friction.loads import PAIR_COLUMNS
-from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
@@ -387,16 +384,13 @@ def shared_constants(
         state: (SIZE,) values of the states that are not uncertain.
     """
     names = shape.layout.constants
-    pairs = model.pairs if isinstance(model, FrictionMotion) else np.zeros((0, PAIR_COLUMNS))
-    values: Floats = aligned(len(names) + pairs.size, PRECISIONS[shape.bits])
-    values[len(names) :] = pairs.ravel()
+    values: Floats = aligned(len(names), PRECISIONS[shape.bits])
     slip, sensors = disturbances.slip, SensorModels(robot).constants
     walks = all_walks(disturbances)
     named = {
         **model.vehicle._asdict(),
         "slope_forgetting": disturbances.slope_forgetting,
         "fastest": robot.vehicle.max_track_speed,
-        "eta": model.steering_efficiency(state[s.PARAMETERS]),
         **{name: getattr(slip, name) for name in SlipConstants._fields},
         "imu_x": sensors.x,
         "imu_y": sensors.y,
@@ -409,8 +403,6 @@ def shared_constants(
         **{f"fixed{i}": value for i, value in enumerate(state)},
         **{f"walk{i}": value for i, value in enumerate(walks)},
     }
-    if isinstance(model, FrictionMotion):
-        named |= model.constants
     for row, bound in enumerate(model.bounds):
         named |= {f"bound{row}_{k}": value for k, value in enumerate(bound)}
     for name, value in named.items():
@@ -504,8 +496,7 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
         name: kernel_on_demand(name, make, width, shape.bits) for name, make in makers.items()
     }
     shape_digest = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    advance = motion_steps(shape, width, shape_digest)
-    return lane_worker(LaneKernels(**compiled), advance, shape_digest)
+    return lane_worker(LaneKernels(**compiled), shape_digest)
 
 
 def _step_or_nothing(name: str, shape: FilterShape, kind: StepKind | None) -> Kernel:

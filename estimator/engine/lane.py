@@ -108,12 +108,9 @@ class Lane:
     @property
     def eta(self) -> Any:
         """Typical steering efficiency index, see `MotionModel.steering_efficiency`."""
-        match self.shape.model.kind:
-            case "friction":
-                return self.constant("eta")
-            case "linear":
-                vehicle = self.model_inputs.vehicle
-                return linear_model.steering_efficiency(tuple(self.x[s.PARAMETERS]), vehicle)
+        if self.shape.model.kind == "linear":
+            vehicle = self.model_inputs.vehicle
+            return linear_model.steering_efficiency(tuple(self.x[s.PARAMETERS]), vehicle)
         return self.x[s.ETA0]
 
     def advance_model(self, dt: Any, left: Any, right: Any) -> None:

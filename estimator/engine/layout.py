@@ -8,12 +8,6 @@ from dataclasses import dataclass
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.model import TracedModel
 from icreckon.estimator.filter.filter_record import DEPARTURE
-from icreckon.estimator.friction.layout import (
-    BODY_CONSTANTS,
-    CARRIED,
-    SUBSTEP_CONSTANTS,
-    TURN,
-)
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
 # Inputs of a step: those of each lane, and those that all lanes share.
@@ -52,7 +46,6 @@ CONSTANTS = (
     "rolling_resistance",
     "load_lag",
     "slope_forgetting",
-    "eta",
     "turning_x",
     "turning_y",
     "turning_w",
@@ -157,7 +150,6 @@ class Layout:
                 *TWIST,
                 *BEFORE,
                 *(f"memory{k}" for k in range(self.model.memory)),
-                *(CARRIED if self.model.kind == "friction" else ()),
                 *(f"x{i}" for i in fast),
                 *(
                     covariance_name(i, j)
@@ -173,8 +165,7 @@ class Layout:
 
     @property
     def constants(self) -> Names:
-        """Names of the constants that all lanes share; contact points follow behind them."""
-        of_friction = (*SUBSTEP_CONSTANTS, *BODY_CONSTANTS)
+        """Names of the constants that all lanes share."""
         return Names(
             (
                 *STEP_CONSTANTS,
@@ -182,7 +173,6 @@ class Layout:
                 *(f"fixed{i}" for i in range(s.SIZE)),
                 *(f"walk{i}" for i in range(s.SIZE)),
                 *(f"bound{row}_{k}" for row in range(len(self.model.bounds)) for k in BOUND),
-                *(of_friction if self.model.kind == "friction" else ()),
             )
         )
 
@@ -192,14 +182,7 @@ class Layout:
         fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
         states = [i for i in (*self.states, *fast) if i >= s.POSE.stop]
         values = (*(f"x{i}" for i in states), *(covariance_name(i, i) for i in states))
-        return (*values, *INNOVATIONS, *(f"memory{k}" for k in self.output_memory))
-
-    @property
-    def output_memory(self) -> range:
-        """Places in the model's memory that determine the indices of an estimate."""
-        if self.model.kind == "friction":
-            return range(TURN.start, TURN.stop)
-        return range(self.model.memory)
+        return (*values, *INNOVATIONS, *(f"memory{k}" for k in range(self.model.memory)))
 
 
 def covariance_name(a: int, b: int) -> str:

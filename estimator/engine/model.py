@@ -16,9 +16,6 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector
 from icreckon.estimator.faults import departing_fixes
 from icreckon.estimator.filter import gate, process_noise, slip_factor
-from icreckon.estimator.friction import model as friction_model
-from icreckon.estimator.friction.layout import PARAMETERS as FRICTION_PARAMETERS
-from icreckon.estimator.friction.model import FrictionMotion
 from icreckon.estimator.motion import (
     lagged_index_model,
     linear_model,
@@ -43,7 +40,7 @@ SERIES_TO, TERMS = 0.5, 8
 PAPER_AXIS = (1, 0, 2)
 PAPER_SIGN = (1.0, -1.0, 1.0)
 
-Kind = Literal["index", "linear", "friction"]
+Kind = Literal["index", "linear"]
 
 
 class TracedModel(NamedTuple):
@@ -55,7 +52,6 @@ class TracedModel(NamedTuple):
         bounds: places of the parameters in each bound.
         memory: number of values in the model's memory.
         taught: places of the parameters that the IMU moves.
-        sheared: friction builds up with the shear displacement.
     """
 
     kind: Kind
@@ -63,26 +59,22 @@ class TracedModel(NamedTuple):
     bounds: tuple[tuple[int, ...], ...]
     memory: int
     taught: tuple[int, ...]
-    sheared: bool = False
 
 
 def traced_model(model: MotionModel) -> TracedModel | None:
     """Describe a motion model; None if it has no traced form."""
     kind: Kind
-    sheared = False
     # A subclass may have equations of its own.
     if type(model) is LaggedIndexMotion:
         # There is no derivative by H.
         kind, used = "index", range(1, s.PARAMETER_COUNT)
     elif type(model) is LinearMotion:
         kind, used = "linear", range(len(linear_model.PARAMETER_NAMES))
-    elif type(model) is FrictionMotion:
-        kind, used, sheared = "friction", range(FRICTION_PARAMETERS), model.sheared
     else:
         return None
     bounds = tuple(tuple(np.flatnonzero(bound[:-1]).tolist()) for bound in model.bounds)
     taught = model.taught_by_imu
-    return TracedModel(kind, tuple(used), bounds, len(model.memory), taught, sheared)
+    return TracedModel(kind, tuple(used), bounds, len(model.memory), taught)
 
 
 class TracedTwist(NamedTuple):
@@ -161,7 +153,6 @@ def twist_model(
     )
     vehicle, memory = inputs.vehicle, inputs.memory
     motion, by = {
-        "friction": lambda: _linearise_friction(*of_state, vehicle, memory),
         "linear": lambda: _linearise_linear(*of_state, vehicle),
         "index": lambda: _linearise_indices(*of_state, vehicle, memory),
     }[inputs.model.kind]()
@@ -244,7 +235,6 @@ def _arc_with_slopes(angle: Any) -> Any:
 _arc_in_full = traced(propagation.arc_with_slopes)
 _linearise_indices = traced(lagged_index_model.linearise)
 _linearise_linear = traced(linear_model.linearise)
-_linearise_friction = traced(friction_model.linearise)
 _advanced = traced(lagged_index_model.advanced)
 _turn_along_arc = traced(propagation.turn_along_arc)
 slip_at = traced(process_noise.slip_at)

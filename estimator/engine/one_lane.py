@@ -15,9 +15,8 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.engine.friction import motion_steps
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
-from icreckon.estimator.engine.layout import INPUTS, MOTION, SLIP_SHARES, STEP_CONSTANTS, TWIST
+from icreckon.estimator.engine.layout import INPUTS, MOTION, SLIP_SHARES, TWIST
 from icreckon.estimator.engine.model import TracedModel, traced_model
 from icreckon.estimator.engine.schedule import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.engine.step import StepKind, step_kernel
@@ -32,7 +31,6 @@ COUNT = s.PARAMETER_COUNT
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
 # Places of a constant of a step, and of inputs of a kernel.
-DT = STEP_CONSTANTS.index("dt")
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 
@@ -131,11 +129,11 @@ def _one_lane(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
     }
     compiled = {name: kernel_on_demand(name, make, 1, shape.bits) for name, make in kernels.items()}
     shape_digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
-    places, advance = _places(shape), motion_steps(shape, 1, shape_digest)
+    places = _places(shape)
     return OneLane(
         shape,
-        compile_imu_step(compiled["imu_step"], advance, places, shape_digest),
-        compile_time_step(compiled["time_step"], advance, places, shape_digest),
+        compile_imu_step(compiled["imu_step"], places, shape_digest),
+        compile_time_step(compiled["time_step"], places, shape_digest),
         compile_twist(compiled["twist"], places, shape_digest),
     )
 
@@ -286,7 +284,7 @@ def count_sample(
     return verdict != REJECTED
 
 
-def compile_imu_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest: str) -> Any:
+def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step with an IMU sample at its end."""
 
     def step_with_imu(
@@ -330,7 +328,6 @@ def compile_imu_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest
         set_gate(record.gyro, lane, places.gyro)
         set_gate(record.accelerometer_x, lane, places.accelerometers[0])
         set_gate(record.accelerometer_y, lane, places.accelerometers[1])
-        advance(lane, inputs, constants, constants[DT])
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, memory, places)
         record.stamp, record.stands = stamp, int(lane[places.stood, 0])
@@ -345,7 +342,7 @@ def compile_imu_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest
     return entry(step_with_imu, shape_digest)
 
 
-def compile_time_step(kernel: Any, advance: Any, places: LanePlaces, shape_digest: str) -> Any:
+def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
     """Compile a step without an IMU sample."""
 
     def step_without_imu(
@@ -368,7 +365,6 @@ def compile_time_step(kernel: Any, advance: Any, places: LanePlaces, shape_diges
         fill_covariance(lane, P, regressors, places)
         fill_constants(record, lane, constants, stamp, is_first, places)
         lane[places.stood, 0] = 0.0
-        advance(lane, inputs, constants, constants[DT])
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, memory, places)
         record.stamp = stamp

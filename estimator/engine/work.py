@@ -9,7 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.fixes import FORCED, SKIPPED
-from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS, TWIST
+from icreckon.estimator.engine.layout import INPUTS, TWIST
 from icreckon.estimator.engine.schedule import (
     AHEAD,
     HEADING,
@@ -26,7 +26,6 @@ from icreckon.estimator.tracing.jit_kernel import entry, inner
 
 # Rows of an estimate, the output at a tick.
 ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)
-DT = STEP_CONSTANTS.index("dt")
 QUIET, MODE = INPUTS["quiet_mean"], INPUTS["fix_mode"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 ROWS = len(INPUTS)
@@ -46,7 +45,7 @@ class Places(NamedTuple):
         at_fix: (6,) rows of the place of the antenna and the yaw, before and after the newest fix.
         interval: place of the interval of the IMU among the constants.
         row_count: number of rows of the workspace.
-        constant_count: number of constants, without contact points.
+        constant_count: number of constants.
     """
 
     estimate: Any
@@ -93,12 +92,11 @@ class LaneKernels(NamedTuple):
     heading_ahead_tick: Any
 
 
-def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
+def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
     """Compile the loop over steps of one filter shape, see `BatchFilter.work_through`.
 
     Args:
         kernels: kernels of that shape.
-        advance: compiled function that advances the motion models in time, see `motion_steps`.
         shape_digest: digest that separates the machine code of this shape from that of others.
     """
     usual, full, update, move, move_tick, *of_fixes = kernels
@@ -223,8 +221,6 @@ def lane_worker(kernels: LaneKernels, advance: Any, shape_digest: str) -> Any:
                 when = TICK_BETWEEN_STEPS if is_tick else BETWEEN_STEPS
             else:
                 when = AT_TICK if is_tick else AT_STEP
-                if kinds[k] != UPDATE:
-                    advance(workspace, given, constants, constants[DT])
                 if kinds[k] == MOVE:
                     if is_tick:
                         move_tick(workspace, given, constants)

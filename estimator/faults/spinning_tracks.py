@@ -228,16 +228,6 @@ def is_likely(spin: SpinRecord) -> bool:
     return spin.way >= LIKELY_WAY
 
 
-def is_taken_out(spin: SpinRecord, weighs_tracks: bool) -> bool:
-    """Return True if the speed of a track that may spin is replaced.
-
-    Args:
-        spin: record.
-        weighs_tracks: the motion model explains tracks that slide for want of load.
-    """
-    return is_likely(spin) and (spin.jumped != 0 or not weighs_tracks)
-
-
 def forget_mismatch(spin: SpinRecord) -> None:
     """Reset the record of a mismatch: no track spins."""
     spin.since, spin.newest, spin.side, spin.jumped = NEVER, NEVER, UNKNOWN, 0
@@ -308,9 +298,7 @@ def watch_spin(
         spin.times += 1
 
 
-def assumed_speeds(
-    spin: SpinRecord, stamp: int, left: float, right: float, weighs_tracks: bool
-) -> tuple[float, float]:
+def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> tuple[float, float]:
     """Speeds of both tracks, as the gyro shows them while one spins [m/s].
 
     The one that spins gives all of the turning that the gyro does not confirm. As long as it is not
@@ -321,25 +309,23 @@ def assumed_speeds(
         stamp: stamp of the readings [ns].
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
-        weighs_tracks: see `is_taken_out`.
     """
     if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST:
         return left, right
-    if not is_taken_out(spin, weighs_tracks):
+    if not is_likely(spin):
         return left, right
     excess = right - left - width_of_bends(spin) * spin.rate
     from_left = 0.5 * (1.0 - certain_side(spin))
     return left + from_left * excess, right - (1.0 - from_left) * excess
 
 
-def spin_density(spin: SpinRecord, side: int, weighs_tracks: bool) -> float:
+def spin_density(spin: SpinRecord, side: int) -> float:
     """Error density of the speed of the track of a side [m²/s].
 
     Args:
         spin: record.
         side: `LEFT` or `RIGHT`, the track.
-        weighs_tracks: see `is_taken_out`.
     """
-    if not is_taken_out(spin, weighs_tracks) or certain_side(spin) == -side:
+    if not is_likely(spin) or certain_side(spin) == -side:
         return 0.0
     return CORRELATION * spin.mismatch * spin.mismatch

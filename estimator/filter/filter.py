@@ -99,8 +99,7 @@ class Reckoning:
         by_parts: take no whole steps, as with a mark; they are rounded otherwise.
 
     Raises:
-        EstimatorError: a friction variant's robot has no contact with the ground, or
-            `Settings.considered` has a name that the variant has not.
+        EstimatorError: `Settings.considered` has a name that the variant has not.
     """
 
     def __init__(
@@ -133,7 +132,7 @@ class Reckoning:
         self._prior = robot.imu
         self._gyro, fixed = Gyro(self.ekf.fixed_for_gyro), self.ekf.fixed_for_imu
         self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
-        self._record = engine.make_record(FilterRecord(input_settings(robot, settings, variant)))
+        self._record = engine.make_record(FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
         self._readings = QuietReadings()
         # Position fixes since one was used.

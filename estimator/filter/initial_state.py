@@ -45,11 +45,10 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
     """Make the prior of a robot and variant.
 
     Raises:
-        EstimatorError: a friction variant's robot has no contact with the ground, or
-            `Settings.considered` has a name that the variant has not.
+        EstimatorError: `Settings.considered` has a name that the variant has not.
     """
     adaptation = settings.adaptation or DEFAULT_ADAPTATION[variant.model]
-    model = motion_model(robot, variant, adaptation=adaptation)
+    model = motion_model(robot, variant)
     state, sigmas = np.zeros(s.SIZE), np.zeros(s.SIZE)
     state[s.PARAMETERS] = initial_parameters(robot, variant)
     sigmas[s.PARAMETERS] = parameter_sigmas(robot, variant, adaptation)

@@ -1,11 +1,10 @@
 """Interface of motion models: body velocity from track speeds, with derivatives.
 
 `icreckon.estimator.motion.lagged_index_model` has the inertia-based model,
-`icreckon.estimator.friction.model` that of friction, `icreckon.estimator.motion.linear_model` the linear
-one. Internally, inputs act only through eight *channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three
-indices and the slip). So a derivative by a parameter is that by a channel times the *gain factor*, the
-factor of that parameter in its index. The interface has derivatives by the parameters, track speeds and
-slip themselves.
+`icreckon.estimator.motion.linear_model` the linear one. Internally, inputs act only through eight
+*channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three indices and the slip). So a derivative by a
+parameter is that by a channel times the *gain factor*, the factor of that parameter in its index. The
+interface has derivatives by the parameters, track speeds and slip themselves.
 
 Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Functions without a class are
 written for floats, complex numbers and arrays, and for numba (`icreckon.estimator.tracing.jit_kernel`):

@@ -27,8 +27,8 @@ from icreckon.estimator.base.checks import (
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import EstimatorError, SettingError, nearest_hint
 from icreckon.estimator.base.frames import rep103_to_paper, rpy_to_matrix
-from icreckon.estimator.motion.contact import Body, Contact, Soil, equally_spaced
 from icreckon.estimator.motion.motion_model import VehicleConstants
+from icreckon.estimator.robot.soil import Soil
 
 ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1
@@ -372,28 +372,6 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
             rolling,
             vehicle.load_lag,
         )
-
-    @cached_property
-    def contact(self) -> Contact:
-        """Contact of the tracks with the robot's usual ground, `Soil()` if unknown.
-
-        Raises:
-            EstimatorError: the centre of mass does not lie over the contact, or below the ground.
-        """
-        vehicle = self.vehicle
-        try:
-            return Contact(
-                Soil() if self.soil is None else self.soil,
-                equally_spaced(
-                    vehicle.track_gauge, vehicle.half_contact_length, vehicle.contact_points
-                ),
-                Body(vehicle.mass, *self.centre_of_mass_paper, vehicle.centre_of_mass[2]),
-            )
-        except ValueError as error:
-            raise EstimatorError(
-                f"{self.name}: no contact with the ground: {error}; correct [vehicle], or leave out "
-                "what needs the contact, such as the friction variants"
-            ) from error
 
     @cached_property
     def yaw_inertia(self) -> float:

@@ -21,22 +21,14 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import NotNegative, check_bounds
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 from icreckon.estimator.base.state import PARAMETER_NAMES as INDEX_PARAMETERS
-from icreckon.estimator.friction.layout import FRICTION, LENGTH, ROLLING, Z_CM
-from icreckon.estimator.friction.layout import PARAMETER_NAMES as FRICTION_PARAMETERS
-from icreckon.estimator.friction.layout import PARAMETERS as FRICTION_COUNT
-from icreckon.estimator.friction.model import FrictionMotion, nominal_parameters
 from icreckon.estimator.motion import linear_model
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.robot.nominal_contact import coulomb_gains, presumed_contact
+from icreckon.estimator.robot.coulomb_gains import coulomb_gains
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
 
-# Factors on the friction model's slip if the robot file has no ground, and if parameters are fixed.
-ON_UNKNOWN_GROUND, UNLEARNT = 2.0, 1.5
-# Least height of the centre of mass that scales its uncertainty, as a share of half the gauge.
-LEAST_KNOWN_HEIGHT = 0.3
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
 TYPICAL_FORCE = 0.07
 # Least value of epsilon_F that scales its uncertainty [m].
@@ -45,7 +37,7 @@ LEAST_CREEP = 0.3
 GAINS = (2, 4, 6, 7)
 EPSILON_F = s.EPSILON_F - s.PARAMETERS.start
 
-Model = Literal["gyro", "differential", "constant", "linear", "inertia", "friction"]
+Model = Literal["gyro", "differential", "constant", "linear", "inertia"]
 
 
 @dataclass(frozen=True)
@@ -66,11 +58,6 @@ class Variant:
     motion: Callable[[Robot], MotionModel] | None = None
     accelerometers: bool = True
 
-    @property
-    def weighs_tracks(self) -> bool:
-        """True if the motion model has the loads of the tracks."""
-        return self.model == "friction"
-
 
 VARIANTS = {
     variant.name: variant
@@ -82,8 +69,6 @@ VARIANTS = {
         Variant("full-linear", "linear", online=True),
         Variant("inertia-fixed", "inertia", online=False),
         Variant("inertia-online", "inertia", online=True),
-        Variant("friction-fixed", "friction", online=False),
-        Variant("friction-online", "friction", online=True),
     )
 }
 """Filter variants by name."""
@@ -92,10 +77,9 @@ VARIANTS = {
 class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Prior standard deviations and random walks of the parameters.
 
-    A parameter with standard deviation zero is not estimated: it keeps its initial value. Parameters of
-    the index models come first. `zeta1`, `epsilon1`, `eta1` and `eta2` are given as contributions to
-    their index at a lateral force of inertia of 0.07 times the weight (the largest in the paper's
-    simulations). Parameters of the friction model follow.
+    A parameter with standard deviation zero is not estimated: it keeps its initial value. `zeta1`,
+    `epsilon1`, `eta1` and `eta2` are given as contributions to their index at a lateral force of inertia
+    of 0.07 times the weight (the largest in the paper's simulations).
 
     Attributes:
         zeta0: prior standard deviation [m].
@@ -106,16 +90,7 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         eta1: prior standard deviation [-].
         eta2: prior standard deviation [-].
         epsilon_F: prior standard deviation, as a share of its value by Coulomb friction [-].
-        friction: prior standard deviation, as a share of the coefficient [-].
-        rolling_resistance: prior standard deviation [-].
-        contact_length: prior standard deviation, as a share of the length [-].
-        x_CM: prior standard deviation, as a share of half the gauge [-].
-        y_CM: prior standard deviation, as a share of half the contact's length [-].
-        z_CM: prior standard deviation, as a share of the height, or of 0.3 times half the gauge if that
-            is more [-].
         walk: random walk of each, as a share of the above per √s of turning [1/√s].
-        ground_walk: random walk of friction and rolling resistance, which change from place to place,
-            if the robot file describes the ground (`[soil]`) [1/√s].
 
     Raises:
         EstimatorError: a value is negative or not a finite number.
@@ -129,14 +104,7 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     eta1: NotNegative = 0.1
     eta2: NotNegative = 0.1
     epsilon_F: NotNegative = 0.5
-    friction: NotNegative = 0.2
-    rolling_resistance: NotNegative = 0.02
-    contact_length: NotNegative = 0.06
-    x_CM: NotNegative = 0.06
-    y_CM: NotNegative = 0.05
-    z_CM: NotNegative = 0.08
     walk: NotNegative = 0.01
-    ground_walk: NotNegative = 0.1
 
     def __post_init__(self) -> None:
         check_bounds(self, "Adaptation.{}")
@@ -169,15 +137,6 @@ DEFAULT_SLIP: dict[Model, Slip] = {
         driving_w=0.02,
         time_constant=0.5,
     ),
-    "friction": Slip(
-        turning_x=0.025,
-        turning_y=0.02,
-        turning_w=0.045,
-        driving_x=0.008,
-        driving_y=0.006,
-        driving_w=0.012,
-        time_constant=0.7,
-    ),
 }
 
 DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
@@ -186,7 +145,6 @@ DEFAULT_ADAPTATION: dict[Model, Adaptation] = {
     "constant": Adaptation(epsilon0=0.1, walk=0.1),
     "linear": Adaptation(epsilon0=0.1, walk=0.02),
     "inertia": Adaptation(walk=0.05),
-    "friction": Adaptation(walk=0.02),
 }
 
 
@@ -248,9 +206,7 @@ def default_adaptation(variant: str, **changes: float) -> Adaptation:
 def parameter_names(variant: Variant) -> tuple[str, ...]:
     """Names (9,) of a variant's parameters, `NO_NAME` for unused places."""
     names: tuple[str, ...] = INDEX_PARAMETERS
-    if variant.model == "friction":
-        names = FRICTION_PARAMETERS
-    elif variant.model == "linear":
+    if variant.model == "linear":
         names = linear_model.PARAMETER_NAMES
     return (*names, *(s.NO_NAME for _ in range(len(INDEX_PARAMETERS) - len(names))))
 
@@ -277,11 +233,7 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
     """Initial values of the nine parameters (9,) of a variant.
 
     They are the robot file's, as far as the variant's model has them. Gains that the file lacks are those
-    of Coulomb friction; see `icreckon.estimator.robot.nominal_contact`, also for the friction model on
-    unknown ground.
-
-    Raises:
-        EstimatorError: a friction variant's robot has no contact with the ground.
+    of Coulomb friction, see `coulomb_gains`.
     """
     match variant.model:
         case "differential":
@@ -303,36 +255,13 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
             found = linear_model.coefficients(
                 IndexValues(zeta, epsilon, eta), robot.vehicle.track_gauge
             )
-        case "friction":
-            found = nominal_parameters(presumed_contact(robot))
     return np.concatenate([found, np.zeros(s.PARAMETER_COUNT - len(found))])
 
 
-def motion_model(
-    robot: Robot, variant: Variant, *, adaptation: Adaptation | None = None
-) -> MotionModel:
-    """Make the motion model of a variant.
-
-    Args:
-        robot: the robot.
-        variant: the variant.
-        adaptation: adaptation of the variant; its default for None.
-
-    Raises:
-        EstimatorError: a friction variant's robot has no contact with the ground.
-    """
+def motion_model(robot: Robot, variant: Variant) -> MotionModel:
+    """Make the motion model of a variant."""
     if variant.motion is not None:
         return variant.motion(robot)
-    if variant.model == "friction":
-        estimated = parameter_sigmas(robot, variant, adaptation or DEFAULT_ADAPTATION["friction"])
-        return FrictionMotion(
-            robot.constants,
-            presumed_contact(robot),
-            robot.yaw_inertia,
-            robot.vehicle.load_lag,
-            robot.constant_indices.eta0,
-            estimated[:FRICTION_COUNT],
-        )
     if variant.model == "linear":
         return LinearMotion(robot.constants)
     return LaggedIndexMotion(robot.constants)
@@ -341,20 +270,12 @@ def motion_model(
 def slip_of(robot: Robot, variant: Variant) -> Slip:
     """Slip residual of a variant: the robot file's `[slip.<variant>]`, or the default.
 
-    If the ground is unknown (no `[soil]`), or the parameters are not estimated, the friction model
-    explains less and its slip is larger.
-
     Raises:
         EstimatorError: the robot file has slip for an unknown variant.
     """
     for name in robot.slip:
         find_variant(name)
-    default = DEFAULT_SLIP[variant.model]
-    if variant.model == "friction" and robot.soil is None:
-        default = default.scaled(ON_UNKNOWN_GROUND)
-    if variant.model == "friction" and not variant.online:
-        default = default.scaled(UNLEARNT)
-    return robot.slip.get(variant.name, default)
+    return robot.slip.get(variant.name, DEFAULT_SLIP[variant.model])
 
 
 def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
@@ -365,8 +286,6 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     """
     if not variant.online:
         return np.zeros(s.PARAMETER_COUNT)
-    if variant.model == "friction":
-        return _friction_sigmas(robot, adaptation)
     if variant.model == "linear":
         return _linear_sigmas(robot, adaptation)
     force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
@@ -390,29 +309,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
 
 def parameter_walks(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
     """Random walks of the nine parameters (9,) at full rate [1/√s]; zero like sigmas."""
-    walks = np.full(s.PARAMETER_COUNT, adaptation.walk)
-    if variant.model == "friction" and robot.soil is not None:
-        walks[[FRICTION, ROLLING]] = adaptation.ground_walk
-    return np.asarray(parameter_sigmas(robot, variant, adaptation) * walks)
-
-
-def _friction_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:
-    start = initial_parameters(robot, find_variant("friction-fixed"))
-    half_gauge, half_length = 0.5 * robot.vehicle.track_gauge, robot.vehicle.half_contact_length
-    lowest = LEAST_KNOWN_HEIGHT * half_gauge
-    return np.array(
-        [
-            adaptation.friction * start[FRICTION],
-            adaptation.rolling_resistance,
-            adaptation.contact_length * start[LENGTH],
-            adaptation.x_CM * half_gauge,
-            adaptation.y_CM * half_length,
-            adaptation.z_CM * max(lowest, start[Z_CM]),
-            0.0,
-            0.0,
-            0.0,
-        ]
-    )
+    return np.asarray(parameter_sigmas(robot, variant, adaptation) * adaptation.walk)
 
 
 def _linear_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:

@@ -161,7 +161,7 @@ def take_tracks(
     newly_frozen = not was_frozen and frozen_from(*repeating, settings.track_speed) != NEVER
     spin = held.spin
     spin.left, spin.right = left, right
-    left, right = assumed_speeds(spin, stamp, left, right, settings.weighs_tracks)
+    left, right = assumed_speeds(spin, stamp, left, right)
     hold, weight = settings.hold, 1.0
     interval = (stamp - held.stamp) * NANOSECOND
     if interval <= hold:

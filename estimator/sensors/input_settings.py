@@ -8,7 +8,6 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import Variant
 
 # Coefficient of friction beyond that of any tyre on any ground, bumps included [-].
 MOST_FRICTION = 2.0
@@ -41,8 +40,6 @@ class InputSettings(NamedTuple):
         accelerometer_noise_density: that of the accelerometers [m/s²/√Hz].
         undetected_share: slip of both tracks that nothing shows, as a share of their speed [-].
         undetected_time: how long it lasts [s].
-        weighs_tracks: the motion model has the loads of the tracks, and explains one that slides for want
-            of load.
     """
 
     hold: float
@@ -63,10 +60,9 @@ class InputSettings(NamedTuple):
     accelerometer_noise_density: float
     undetected_share: float
     undetected_time: float
-    weighs_tracks: bool
 
 
-def input_settings(robot: Robot, settings: Settings, variant: Variant) -> InputSettings:
+def input_settings(robot: Robot, settings: Settings) -> InputSettings:
     """Settings of a robot's filter."""
     standstill = settings.standstill
     return InputSettings(
@@ -88,7 +84,6 @@ def input_settings(robot: Robot, settings: Settings, variant: Variant) -> InputS
         float(robot.imu.accelerometer_noise_density),
         float(robot.undetected_slip.share),
         float(robot.undetected_slip.time),
-        variant.weighs_tracks,
     )
 
 

@@ -104,11 +104,11 @@ def step_inputs(
         density
         + stuck_left
         + wheel_density(held.left_wheels, held.stamp, start, end)
-        + spin_density(held.spin, LEFT, settings.weighs_tracks),
+        + spin_density(held.spin, LEFT),
         density
         + stuck_right
         + wheel_density(held.right_wheels, held.stamp, start, end)
-        + spin_density(held.spin, RIGHT, settings.weighs_tracks),
+        + spin_density(held.spin, RIGHT),
         stale,
         slide_density(held.forward, start, end) + carried + hidden_density(held, settings),
         carried,

@@ -90,8 +90,8 @@ class PoseEstimator:
             of a `Log`; `Latencies.of(robot)` for raw stamps of a robot's drivers.
 
     Raises:
-        EstimatorError: there is no such variant, an argument is invalid, a friction variant's robot
-            has no contact with the ground, or `Settings.considered` has a name that the variant has not.
+        EstimatorError: there is no such variant, an argument is invalid, or `Settings.considered` has a
+            name that the variant has not.
     """
 
     def __init__(

@@ -39,11 +39,6 @@ def lanes_of_machine(bits: int) -> int:
     return 128 // bits
 
 
-def has_avx512() -> bool:
-    """Return True if the machine has registers of eight numbers of 64 bits."""
-    return bool(llvm.get_host_cpu_features().get("avx512f"))
-
-
 class Store(NamedTuple):
     """Output of a kernel: a traced number, and the row that it is written to."""
 
@@ -188,8 +183,6 @@ class _Emitter:
                 return b.load(b.gep(self.pointers[array], [LONG(place)]))
             case "loop":
                 return self._loop(node)
-            case "total":
-                return self._total(node)
             case "result":
                 return self._compute(node.args[0])[node.extra]
         wide = not node.uniform
@@ -221,8 +214,6 @@ class _Emitter:
                 return b.not_(*args)
             case "sqrt" | "abs" | "round":
                 return self._call(INTRINSICS[node.op], args)
-            case "reciprocal_root":
-                return self._reciprocal_root(args[0])
             case "power_of_two":
                 return self._power_of_two(args[0])
         raise NotImplementedError(node.op)
@@ -237,25 +228,6 @@ class _Emitter:
         if function is None:
             function = ir.Function(module, ir.FunctionType(kind, [kind] * len(args)), name=called)
         return self.builder.call(function, args)
-
-    def _reciprocal_root(self, value: Any) -> Any:
-        """Estimate of the machine, with two rounds of Newton's method; else a division."""
-        b, kind = self.builder, value.type
-        if kind != ir.VectorType(ir.DoubleType(), 8) or not has_avx512():
-            return b.fdiv(self._one(kind), self._call(INTRINSICS["sqrt"], [value]))
-        name = "llvm.x86.avx512.rsqrt14.pd.512"
-        function = b.module.globals.get(name)
-        if function is None:
-            signature = ir.FunctionType(kind, [kind, kind, ir.IntType(8)])
-            function = ir.Function(b.module, signature, name=name)
-        found = b.call(function, [value, kind(ir.Undefined), ir.IntType(8)(-1)])
-        half, three_halves = kind([0.5] * 8), kind([1.5] * 8)
-        half_value = b.fmul(value, half, flags=LOOSE)
-        for _ in range(2):
-            square = b.fmul(found, found, flags=LOOSE)
-            factor = b.fsub(three_halves, b.fmul(half_value, square, flags=LOOSE), flags=LOOSE)
-            found = b.fmul(found, factor, flags=LOOSE)
-        return found
 
     def _power_of_two(self, exponent: Any) -> Any:
         """Shift a whole number to the place of the exponent in a number's bits."""
@@ -372,40 +344,6 @@ class _Emitter:
             if node.op in BODIES and reachable([node], with_bodies=True).isdisjoint(varying):
                 self._compute(node)
 
-    def _total(self, of: Traced) -> list[Any]:
-        """Emit sums over the rows of a table; return them."""
-        table, b = of.extra.table, self.builder
-        rows = b.fptosi(self._compute(of.args[0]), LONG)
-        zero = self.vector([0.0] * self.width)
-        self._compute_loops_of(reachable(of.extra.terms) - set(self.values), of.extra.columns)
-        before, body, after = b.block, b.append_basic_block("row"), b.append_basic_block("summed")
-        b.branch(body)
-        b.position_at_end(body)
-        row = b.phi(LONG)
-        row.add_incoming(LONG(0), before)
-        values, wide, loads = dict(self.values), dict(self.wide), dict(self.loads)
-        was_in_loop, self.in_loop = self.in_loop, True
-        sums = [b.phi(self.vector) for _ in of.extra.terms]
-        first = b.gep(self.pointers[table.array], [LONG(table.first - MIDDLE_ROW * self.width)])
-        begin = b.gep(first, [b.mul(row, LONG(table.columns))])
-        for place, column in enumerate(of.extra.columns):
-            self.values[column] = b.load(b.gep(begin, [LONG(place)]))
-        inside = reachable(of.extra.terms) - set(self.values)
-        for node in sorted(inside, key=_number):
-            self._compute(node)
-        more = [self._widened(term) for term in of.extra.terms]
-        found = [b.fadd(one, term, flags=LOOSE) for one, term in zip(sums, more, strict=True)]
-        next_row, end = b.add(row, LONG(1)), b.block
-        row.add_incoming(next_row, end)
-        for one, value in zip(sums, found, strict=True):
-            one.add_incoming(zero, before)
-            one.add_incoming(value, end)
-        b.cbranch(b.icmp_signed("<", next_row, rows), body, after)
-        b.position_at_end(after)
-        self.values, self.wide, self.loads = values, wide, loads
-        self.in_loop = was_in_loop
-        return found
-
 
 INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}
 
@@ -431,5 +369,4 @@ def reachable(wanted: Iterable[Traced], *, with_bodies: bool = False) -> set[Tra
 # Results of the body of a loop, by its operation.
 BODIES: dict[str, Callable[[Any], list[Traced]]] = {
     "loop": lambda extra: [*extra[0].results, extra[0].again],
-    "total": lambda extra: extra.terms,
 }

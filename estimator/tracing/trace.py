@@ -13,7 +13,7 @@ import builtins
 import math
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, cast
 
 # Held during tracing: there is one graph at a time.
 TRACING = threading.RLock()
@@ -179,13 +179,6 @@ def rounded(value: Traced) -> Traced:
     return _unary("round", value, round)
 
 
-def reciprocal_root(value: Any) -> Any:
-    """Reciprocal of the square root of a positive number, to rounding."""
-    if not isinstance(value, Traced):
-        return 1.0 / math.sqrt(value)
-    return _unary("reciprocal_root", value, lambda number: 1.0 / math.sqrt(number))
-
-
 def power_of_two(exponent: Traced) -> Traced:
     """Two to the power of a whole number, if that is a normal number."""
     return _unary("power_of_two", exponent, lambda value: 2.0**value)
@@ -260,51 +253,6 @@ def where_needed(
         return chosen, lift_truth(False)
 
     return repeat(needed, usual, a_round, 1)[:-1]
-
-
-class Table(NamedTuple):
-    """Table of numbers that all lanes share, row by row in an array.
-
-    Attributes:
-        array: the array.
-        first: place of the first number.
-        columns: number of columns.
-        rows: number of rows, at least one; known when the code runs.
-    """
-
-    array: str
-    first: int
-    columns: int
-    rows: Traced
-
-
-class Total:
-    """Sums over the rows of a table.
-
-    Attributes:
-        table: the table.
-        columns: values of a row.
-        terms: numbers of a row that are summed.
-    """
-
-    def __init__(self, table: Table, columns: list[Traced], terms: list[Traced]) -> None:
-        self.table, self.columns, self.terms = table, columns, terms
-
-
-def total(table: Table, terms: Callable[..., Sequence[Any]]) -> list[Traced]:
-    """Sum numbers over the rows of a table.
-
-    Args:
-        table: the table.
-        terms: function from the values of a row to the numbers to sum.
-    """
-    columns = [_fresh("column", place, uniform=True) for place in range(table.columns)]
-    wanted = [lift(term) for term in terms(*columns)]
-    # Each number is summed once, and zeros are not.
-    summed = [one for one in dict.fromkeys(wanted) if one.constant != 0.0]
-    node = _fresh("total", Total(table, columns, summed), (lift(table.rows),))
-    sums = {one: _make("result", (node,), place) for place, one in enumerate(summed)}
-    return [sums.get(one, one) for one in wanted]
 
 
 # --- graph ----------------------------------------------------------------------------------------

@@ -50,7 +50,7 @@ Variants = Annotated[
     str | None,
     typer.Option(
         help="Filter variants, separated by commas (default: all): gyro, differential, constant-fixed, "
-        "constant-online, full-linear, inertia-fixed, inertia-online, friction-fixed, friction-online."
+        "constant-online, full-linear, inertia-fixed, inertia-online."
     ),
 ]
 Logs = Annotated[
@@ -426,7 +426,7 @@ def calibrate(
         str | None,
         typer.Option(
             help="Models to compare, separated by commas (default: all): differential, constant, "
-            "inertia, friction."
+            "inertia."
         ),
     ] = None,
     segment: Annotated[

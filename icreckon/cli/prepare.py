@@ -44,7 +44,6 @@ def run_prepare(*, workers: int | None) -> None:
     models: dict[str, list[str]] = {}
     for name, variant in VARIANTS.items():
         models.setdefault(variant.model, []).append(name)
-    # The friction model takes longest.
     tasks = [("streaming", *models[model]) for model in reversed(models)]
     tasks += [("long logs", name) for name in reversed(VARIANTS)]
     tasks += [("study", name) for name in study_names()]

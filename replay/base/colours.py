@@ -13,8 +13,6 @@ COLOURS = {
     "full-linear": "#B8A800",
     "inertia-fixed": "#56B4E9",
     "inertia-online": "#0072B2",
-    "friction-fixed": "#CC79A7",
-    "friction-online": "#882255",
 }
 # The palette's green, which no variant has.
 TRUTH_COLOUR = "#009E73"

@@ -23,7 +23,7 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import Truth, require_part
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import VARIANTS, find_variant, motion_model
+from icreckon.estimator.robot.variants import VARIANTS, find_variant
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.lost import LostFilter, described, loss_of
 from icreckon.estimator.streaming.outputs import Run
@@ -128,8 +128,7 @@ def compare(
         progress: called periodically with the share that is done, 0 to 1.
 
     Raises:
-        EstimatorError: no such variant, a log without track speeds, a robot whose ground does not
-            permit a friction variant, or an argument of another type.
+        EstimatorError: no such variant, a log without track speeds, or an argument of another type.
         ReplayError: no such engine, fixes were requested that the log lacks, or every variant failed.
         BatchError: the engine "batch" does not support this log; the message gives the reason.
     """
@@ -141,7 +140,7 @@ def compare(
     variants = (variants,) if isinstance(variants, str) else tuple(variants)
     fixes = parse_part(fixes) if isinstance(fixes, str) else fixes
     for name in variants:
-        motion_model(robot, find_variant(name))
+        find_variant(name)
     if fixes is not None:
         log = with_truth_of_fixes(log)
     log, alignment = _aligned(

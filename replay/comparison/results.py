@@ -47,8 +47,6 @@ LONG_GAP = 1.0
 MANY_REJECTED = 0.05
 # Number of fixes that show a correlation of successive innovations.
 ENOUGH_FIXES = 30
-# Source of a truth of `icreckon simulate` in which friction moves the robot.
-SIMULATED_FRICTION = "friction"
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")
@@ -111,7 +109,6 @@ def summarise(
             "dropped": log.dropped,
             "notes": [
                 *log.notes,
-                *_simulated(comparison),
                 *_holes(log),
                 *_doubts(comparison),
                 *_findings(comparison),
@@ -151,18 +148,6 @@ def write_results(path: Path, results: Results) -> None:
 
 def _in_one_line(numbers: re.Match[str]) -> str:
     return "".join(numbers[0].split())
-
-
-def _simulated(comparison: Comparison) -> list[str]:
-    """Report that the truth is simulated by the model of some variants."""
-    truth = comparison.log.truth
-    of_friction = [name for name in comparison.runs if name.startswith("friction")]
-    if truth is None or truth.source != SIMULATED_FRICTION or not of_friction:
-        return []
-    return [
-        "the truth is simulated, by friction at contact points: the friction variants model that, too, "
-        "which flatters them"
-    ]
 
 
 def _holes(log: Log) -> list[str]:

@@ -11,8 +11,9 @@ from typing import Literal
 import msgspec
 
 from icreckon.estimator.base.config import convert, read_toml
-from icreckon.estimator.motion.contact import Body, Contact, ContactGeometry, Soil, equally_spaced
+from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.contact.contact import Body, Contact, ContactGeometry, equally_spaced
 from icreckon.simulation.paper.published import AURIGA_ALPHA
 from icreckon.simulation.paper.readings import Reading
 
@@ -31,7 +32,7 @@ class ContactParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         friction: coefficient across the track, and along it times `friction_ratio` [-].
         friction_ratio: along over across [-].
         rolling_resistance: of a track as a share of its load [-].
-        resistance_opposes: "travel" or "track", see `icreckon.estimator.motion.contact.Soil`.
+        resistance_opposes: "travel" or "track", see `icreckon.simulation.contact.contact.Soil`.
         shear_modulus: K; 0 for full friction at any slip [m].
     """
 

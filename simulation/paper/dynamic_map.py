@@ -1,6 +1,6 @@
 """Dynamic mapping of the paper: ICRs, inertia, indices from stationary motions.
 
-Sections II to IV of the paper, on stationary motions from `icreckon.estimator.motion.steady_state` over a
+Sections II to IV of the paper, on stationary motions from `simulation.contact.steady_state` over a
 grid of track speeds. Symbols and axes are the paper's (X right, Y forward); equations come from
 `icreckon.estimator.motion.icr`.
 """
@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.motion.contact import Contact
 from icreckon.estimator.motion.icr import (
     Icrs,
     IndexValues,
@@ -29,9 +28,10 @@ from icreckon.estimator.motion.icr import (
 )
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.motion.motion_model import VehicleConstants
-from icreckon.estimator.motion.steady_state import SteadyMotion, solve_steady, track_speed_grid
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
 from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.contact.contact import Contact
+from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
 
 Inertia = Literal["measured", "literal", "smooth"]
 

@@ -15,8 +15,8 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import PaperTwist, symmetry_coordinates
 from icreckon.estimator.motion.index_model import solve
-from icreckon.estimator.motion.steady_state import SteadyMotion, solve_steady, track_speed_grid
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
 from icreckon.simulation.paper.contact import ContactParameters, PaperContact, make_contact
 from icreckon.simulation.paper.dynamic_map import DynamicMap, Inertia, VelocityErrors, map_of
 from icreckon.simulation.paper.published import (

@@ -21,7 +21,7 @@ WHY = {
     "mass": "forces of friction and inertia both grow with the mass, which cancels without payloads "
     "and inertia-based variants",
     "indices": "only the kinematic truth and some variants use these indices",
-    "constant_icr": "only variants with constant ICRs, and friction variants, use them",
+    "constant_icr": "only variants with constant ICRs use them",
     "slip": "only the variant of that name uses it",
     "hold": "no track speeds become that old in this scenario",
     "gap_acceleration": "no track speeds become that old in this scenario",

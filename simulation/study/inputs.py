@@ -17,11 +17,10 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.initial_state import assumptions
-from icreckon.estimator.friction.layout import REGULARISING_SPEED
 from icreckon.estimator.log.input_checks import ABSURD_SPEED
-from icreckon.estimator.robot.nominal_contact import presumed_contact
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import find_variant
+from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.trajectories import RECORDED, trajectory_options
 from icreckon.simulation.scenario import Scenario, grid_rate
 from icreckon.simulation.sensors.specs import (
@@ -117,15 +116,6 @@ def _motion(one: Filter, state: Any, sigmas: Any) -> Inputs:
     robot = one.robot
     parameters, spread = state[s.PARAMETERS], sigmas[s.PARAMETERS]
     gauge = robot.vehicle.track_gauge
-    if find_variant(one.variant).model == "friction":
-        contact = presumed_contact(robot)
-        return {
-            "model": _contact(contact, least=REGULARISING_SPEED),
-            "yaw_inertia_per_mass": robot.yaw_inertia / robot.vehicle.mass,
-            "load_lag": robot.vehicle.load_lag,
-            "eta": robot.constant_indices.eta0,
-            "state": state.tolist(),
-        }
     gains = [2, 4, 6, 7, 8]
     is_linear = find_variant(one.variant).model == "linear"
     if not (is_linear or parameters[gains].any() or spread[gains].any()):
@@ -182,7 +172,7 @@ def _truth(scenario: Scenario, robot: Robot) -> Inputs:
         return found | {"indices": indices, "vehicle": [*robot.constants], "range": range_of_draws}
     mass = vehicle.mass
     found |= {
-        "contact": _contact(robot.contact),
+        "contact": _contact(contact_of(robot)),
         "yaw_inertia_per_mass": robot.yaw_inertia / mass,
         "load_lag": vehicle.load_lag,
         "track_lag": truth.track_lag,
@@ -208,10 +198,9 @@ def _terrain(terrain: Terrain) -> Inputs:
     return found
 
 
-def _contact(contact: Any, least: float = 0.0) -> Inputs:
-    """Inputs of a contact, except the mass; `least` is the model's regularising speed."""
+def _contact(contact: Any) -> Inputs:
+    """Inputs of a contact, except the mass."""
     soil, body = msgspec.to_builtins(contact.soil), contact.body
-    soil["regularising_speed"] = max(least, contact.soil.regularising_speed)
     soil["longitudinal_friction"] = list(contact.soil.coefficients)
     geometry = msgspec.to_builtins(contact.geometry)
     return {"soil": soil, "geometry": geometry, "centre": [body.x_CM, body.y_CM, body.z_CM]}

@@ -30,7 +30,7 @@ DEFAULT_TRUTHS = 20
 MOST_RUNS = 10_000_000
 MOST_CELLS = 100_000
 _HORIZON = Bound("at least 1 s", 1.0)
-DEFAULT_VARIANTS = ("constant-online", "inertia-online", "friction-online")
+DEFAULT_VARIANTS = ("constant-online", "inertia-online")
 SCALES = ("linear", "log")
 # Names become folders and labels columns.
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._+-]*")

@@ -1,8 +1,8 @@
 """Friction truth: a planar rigid body on two tracks, integrated in time.
 
 The tracks follow their commands with a first-order lag. Friction and rolling resistance at the contact
-points (`icreckon.estimator.motion.contact`) move the body, with the robot's inertia and the scenario's
-terrain and payload. Its steady motion is that of `icreckon.estimator.motion.steady_state`.
+points (`icreckon.simulation.contact.contact`) move the body, with the robot's inertia and the scenario's
+terrain and payload. Its steady motion is that of `icreckon.simulation.contact.steady_state`.
 """
 
 from __future__ import annotations
@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import paper_to_rep103, rotate
-from icreckon.estimator.motion.contact import Contact, ground
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import LOAD_LAG, Robot
 from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.contact.contact import Contact, ground
+from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.terrain import (
     Patch,
@@ -191,7 +192,7 @@ def drive(
     Raises:
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
     """
-    from icreckon.estimator.motion.contact_forces import mass_matrix
+    from icreckon.simulation.contact.contact_forces import mass_matrix
     from icreckon.simulation.truth.friction_ode import (
         DrivenTracks,
         GridMotion,
@@ -280,7 +281,7 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
         spread: see `FrictionTruth`.
         rng: draws the changes, seven numbers whatever the spread.
     """
-    contact = robot.contact
+    contact = contact_of(robot)
     friction, rolling, height, length, right, forward, _ = spread * rng.standard_normal(7)
     soil, geometry, body = contact.soil, contact.geometry, contact.body
     along = soil.longitudinal_friction

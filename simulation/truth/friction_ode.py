@@ -28,14 +28,14 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.motion.contact_forces import (
+from icreckon.estimator.tracing.jit_kernel import compiled
+from icreckon.simulation.contact.contact_forces import (
     COLUMNS,
     Ground,
     PointLoads,
     add_track_forces,
     point_loads,
 )
-from icreckon.estimator.tracing.jit_kernel import compiled
 from icreckon.simulation.truth.surface_kernel import Surface, gravity_on, ride, tilt
 from icreckon.simulation.truth.terrain_kernel import WIDTH, TrackGround, look_up
 

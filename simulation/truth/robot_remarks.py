@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from icreckon.estimator.robot.nominal_contact import slow_turns
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.simulation.contact.of_robot import contact_of, slow_turns
 
 FRICTION = "friction"
 """Name of the truth in which the contact moves the robot."""
@@ -28,7 +28,7 @@ def robot_remarks(robot: Robot, truth: str) -> list[str]:
             f"{robot.name}: the centre of mass is on the ground, so no load shifts in bends and the ICRs "
             "hardly move with inertia; set its height, the third number of centre_of_mass in [vehicle]"
         )
-    contact = float(np.mean(slow_turns(robot.contact).eta))
+    contact = float(np.mean(slow_turns(contact_of(robot)).eta))
     stated = robot.constant_indices.eta0
     if not 1.0 / FAR < contact / stated < FAR:
         found.append(

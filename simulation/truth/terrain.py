@@ -19,10 +19,10 @@ from numpy.random import Generator
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import Bound, NotNegative, OnRobot, Positive
 from icreckon.estimator.base.frames import rep103_to_paper
-from icreckon.estimator.motion.contact import Body
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
+from icreckon.simulation.contact.contact import Body
 
 if TYPE_CHECKING:
     from icreckon.simulation.truth.surface_kernel import Surface

@@ -5,13 +5,14 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 import pytest
-from analysis.fitting import KnownMotion, fit_constant, fit_friction, fit_inertia
+from analysis.fitting import KnownMotion, fit_constant, fit_inertia
 
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist, direct
 from icreckon.estimator.motion.index_model import VehicleConstants, solve
-from icreckon.estimator.motion.steady_state import solve_steady
 from icreckon.estimator.robot.robot_file import ConstantIcr, Robot, load_robot
+from icreckon.simulation.contact.of_robot import contact_of
+from icreckon.simulation.contact.steady_state import solve_steady
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,7 @@ def test_constant_icrs_are_found_again(robot, track_speeds):
 
 
 def test_constant_icrs_are_the_least_squares_ones(robot, track_speeds):
-    twist = solve_steady(*track_speeds, robot.contact).twist
+    twist = solve_steady(*track_speeds, contact_of(robot)).twist
     motion = KnownMotion(*track_speeds, twist)
     best = fit_constant(robot, motion)
 
@@ -67,25 +68,11 @@ def test_inertia_based_parameters_are_found_again(robot, track_speeds):
     np.testing.assert_allclose(fitted.as_array(), true.as_array(), rtol=1e-4)
 
 
-def test_the_contact_is_found_again(robot, track_speeds):
-    slow = tuple(0.8 * speeds for speeds in track_speeds)
-    vehicle = msgspec.structs.replace(
-        robot.vehicle, half_contact_length=0.42, centre_of_mass=(0.05, 0.01, 0.6)
-    )
-    soil = msgspec.structs.replace(robot.soil, rolling_resistance=0.04)
-    true = msgspec.structs.replace(robot, vehicle=vehicle, soil=soil)
-    twist = solve_steady(*slow, true.contact).twist
-    fitted = fit_friction(robot, KnownMotion(*slow, twist))
-    assert fitted.soil.rolling_resistance == pytest.approx(0.04, rel=0.01)
-    assert fitted.vehicle.half_contact_length == pytest.approx(0.42, rel=0.01)
-    assert fitted.vehicle.centre_of_mass == pytest.approx((0.05, 0.01, 0.6), abs=3e-3)
-
-
 def test_straight_driving_shows_nothing(robot):
     speeds = np.linspace(0.0, 1.0, 100)
     zero = np.zeros(100)
     motion = KnownMotion(speeds, speeds, PaperTwist(zero, speeds, zero))
-    for fit in (fit_constant, fit_inertia, fit_friction):
+    for fit in (fit_constant, fit_inertia):
         with pytest.raises(EstimatorError, match="only 0 of 100 samples turn"):
             fit(robot, motion)
 
@@ -94,7 +81,7 @@ def test_values_that_are_no_numbers_are_refused(robot, track_speeds):
     V_l, V_r = track_speeds
     twist = PaperTwist(np.full_like(V_l, np.nan), V_l, V_r)
     with pytest.raises(EstimatorError, match="NaN or infinite"):
-        fit_friction(robot, KnownMotion(V_l, V_r, twist))
+        fit_inertia(robot, KnownMotion(V_l, V_r, twist))
 
 
 def test_a_motion_against_its_tracks_is_refused(robot, track_speeds):

@@ -109,7 +109,7 @@ def test_bad_questions():
         observe(ALPHA, "inertia-online", CIRCLE[:9], DT, Sensors()).left_of("gyro_bias")
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
 def test_covariance_along_a_motion_is_the_filters(variant, monkeypatch):
     """Readings that are just as predicted leave the state on the motion; only the covariance moves."""
     # Readings without noise would be measured as such.

@@ -10,7 +10,6 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from icreckon.estimator.motion.contact import Soil
 from icreckon.estimator.robot.robot_file import (
     ConstantIcr,
     Imu,
@@ -21,6 +20,7 @@ from icreckon.estimator.robot.robot_file import (
     Vehicle,
     load_robot,
 )
+from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.robot.variants import VARIANTS, used_parameters
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.simulation.drives.trajectories import trajectory_names, trajectory_options
@@ -109,7 +109,7 @@ def test_the_docs_name_the_unit_of_every_parameter() -> None:
     page = (ROOT / "docs" / "explanation" / "model.md").read_text(encoding="utf-8")
     (table,) = re.findall(r"^\| models \| parameter .*\n((?:\|.*\n)+)", page, flags=re.MULTILINE)
     named = re.findall(r"`(\w+)`", table)
-    variants = [VARIANTS[name] for name in ("inertia-online", "full-linear", "friction-online")]
+    variants = [VARIANTS[name] for name in ("inertia-online", "full-linear")]
     assert sorted(named) == sorted(name for one in variants for name in used_parameters(one))
 
 

@@ -116,14 +116,8 @@ ROBOT_PATHS = [path for path in number_paths(Robot, name=VARIANT) if path != ("f
 
 @pytest.mark.parametrize("path", ROBOT_PATHS, ids=shown)
 def test_robot_files(log: Log, path: Path) -> None:
-    variant = "friction-online" if path[0] in ("soil", "vehicle") else VARIANT
     for _, robot in accepted(ROBOT, path, Robot, EstimatorError):
-        try:
-            check_run(log, robot, variant)
-        except EstimatorError as problem:
-            # The friction model needs a centre of mass over the contact.
-            refused(problem, "no contact with the ground")
-            check_run(log, robot, VARIANT)
+        check_run(log, robot, VARIANT)
 
 
 @pytest.mark.parametrize("path", [*number_paths(Settings)], ids=shown)

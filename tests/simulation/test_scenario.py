@@ -8,7 +8,7 @@ import pytest
 from icreckon.estimator.log.log import screen
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.nominal_contact import coulomb_gains
+from icreckon.estimator.robot.coulomb_gains import coulomb_gains
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.random_streams import random_streams

@@ -23,7 +23,7 @@ from icreckon.report.replay.page_charts import breaks_of
 from icreckon.report.replay.page_text import failures, has_yaw_errors, page_title
 
 # Variants in the title, wheels and gyro first, and those whose uncertainty and indices are drawn.
-SHOWN_IN_DETAIL = ("constant-online", "inertia-online", "friction-online")
+SHOWN_IN_DETAIL = ("constant-online", "inertia-online")
 IN_TITLE = ("gyro", *SHOWN_IN_DETAIL)
 # Least range of the axes, also for a robot that never moved [m, deg].
 LEAST_POSITION_ERROR = 1e-3

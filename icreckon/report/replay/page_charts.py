@@ -29,7 +29,7 @@ from icreckon.report.replay.page_words import INNOVATION_TITLES, PARAMETER_TITLE
 
 TRUTH, FIXES = "ground truth", "fixes used"
 # Variants shown when the page opens, beside the best and the baseline.
-FIRST_SHOWN = ("differential", "constant-online", "inertia-online", "friction-online")
+FIRST_SHOWN = ("differential", "constant-online", "inertia-online")
 # Number of variants up to which all are shown.
 FEW = 4
 # Its ICRs lie on its tracks by definition, and would widen the axes.

@@ -80,12 +80,9 @@ def _contacts(vehicle: Results) -> list[list[float]]:
 def _first(results: Results) -> str:
     """Variant that drives at first: the best if its ICRs move, or else the last."""
     found, names = results["verdict"], list(results["variants"])
-    if found and found["best"].startswith(("inertia", "friction")):
+    if found and found["best"].startswith("inertia"):
         return str(found["best"])
-    for name in ("inertia-online", "friction-online"):
-        if name in names:
-            return name
-    return str(names[-1])
+    return "inertia-online" if "inertia-online" in names else str(names[-1])
 
 
 def _slip_angle(v_x: Any, v_y: Any) -> Any:

@@ -110,7 +110,7 @@ def turned_from(log: Log, first: int) -> Log:
     return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances))
 
 
-RARE = ("full-linear", "constant-fixed", "inertia-fixed", "friction-fixed")
+RARE = ("full-linear", "constant-fixed", "inertia-fixed")
 
 
 @pytest.mark.parametrize("variant", [thorough(one) if one in RARE else one for one in VARIANTS])
@@ -299,7 +299,7 @@ def test_other_precisions_are_refused() -> None:
     ("variant", "considered"),
     [
         ("inertia-online", ("eta0", "accelerometer_bias_y")),
-        thorough("friction-online", ("x_CM", "gyro_bias")),
+        thorough("constant-online", ("zeta0", "gyro_bias")),
     ],
 )
 def test_they_agree_with_consider_states(variant: str, considered: tuple[str, ...]) -> None:

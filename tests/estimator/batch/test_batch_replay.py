@@ -277,7 +277,7 @@ def test_fixes_of_an_antenna() -> None:
     """Also of one that is not where it claims to be, and of a path that jumps and turns."""
     log = drive(fix_rate=5.0, antenna=(0.4, -0.3))
     assert log.fixes is not None
-    assert_same(log, "inertia-online", "friction-online")
+    assert_same(log, "inertia-online")
     poses = log.fixes.poses.copy()
     poses[60:, :2] = np.column_stack([5.0 - poses[60:, 1], poses[60:, 0] - 3.0])
     turned = replace(log, fixes=replace(log.fixes, poses=poses))
@@ -390,7 +390,7 @@ def test_what_cannot_be_taken_is_refused_by_name() -> None:
 def test_long_logs_are_compared_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     log = drive(fix_rate=5.0)
     log = replace(log, truth=simulate(Scenario(duration=25.0, seed=5), ROBOT).truth)
-    variants = ("constant-online", "friction-fixed", "inertia-online")
+    variants = ("constant-online", "inertia-fixed", "inertia-online")
     apart = compare(log, ROBOT, variants)
     monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
     told: list[float] = []
@@ -414,7 +414,7 @@ def test_processes_are_for_what_cannot_run_side_by_side(monkeypatch: pytest.Monk
 
     monkeypatch.setattr(comparison, "_in_processes", processes)
     monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
-    variants = ("constant-online", "friction-online")
+    variants = ("constant-online", "inertia-online")
     compare(log, ROBOT, variants, workers=3)
     # A short log is worth no processes, unless they are to compile.
     compare(replace(log, others=others), ROBOT, variants, workers=3)

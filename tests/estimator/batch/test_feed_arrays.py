@@ -65,7 +65,7 @@ def fed_both_ways(
     return by_arrays, one_by_one
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
 def test_arrays_come_to_what_single_samples_do(variant: str) -> None:
     log = drive()
     by_arrays, one_by_one = fed_both_ways(log, variant)

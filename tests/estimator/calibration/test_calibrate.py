@@ -434,27 +434,6 @@ def test_speeds_that_are_no_rates_keep_the_radius(case: Case) -> None:
     assert "sprocket_radius" in found.notes[0]
 
 
-@pytest.mark.thorough
-def test_the_contact_is_found_on_ground_that_rubs() -> None:
-    """Friction as the truth, of the robot file's own contact but for its rolling resistance."""
-    from icreckon.simulation.scenario import Scenario
-    from icreckon.simulation.simulate import simulate
-
-    file = load_robot("auriga-alpha")
-    scenario = Scenario(duration=120.0, truth_spread=0.0, trajectory="random", fix_rate=0.0)
-    log = simulate(scenario, file)
-    wrong = msgspec.structs.replace(
-        file, soil=msgspec.structs.replace(file.soil, rolling_resistance=0.0)
-    )
-    arm = (0.0, 0.0)
-    found = calibrate([log], wrong, models=("constant", "friction"), lever_arm=arm)
-    assert found.comparison.supported == "friction"
-    resistance = found.parameter("soil.rolling_resistance")
-    assert resistance.status == "shown"
-    assert resistance.value == pytest.approx(file.soil.rolling_resistance, rel=0.25)
-    assert found.robot.soil.rolling_resistance == resistance.value
-
-
 @pytest.mark.parametrize(
     ("change", "said"),
     [

@@ -27,7 +27,6 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import (
     DEFAULT_ADAPTATION,
     VARIANTS,
-    find_variant,
     parameter_walks,
 )
 from icreckon.estimator.sensors.held_tracks import (
@@ -102,38 +101,6 @@ def test_exponentials_are_right_to_the_last_digits() -> None:
         found = in_lanes(exponential, exponents)[0]
         np.testing.assert_allclose(found, np.exp(exponents), rtol=5e-16, atol=0.0)
     assert in_lanes(exponential, np.full(WIDTH, -1e6))[0].max() < 1e-300
-
-
-def test_totals_sum_over_the_rows_of_a_table_in_each_lane() -> None:
-    """Also inside of rounds, and with rounds inside."""
-    rows = np.random.default_rng(1).uniform(1.0, 2.0, (5, 2))
-
-    def function(value):
-        table = trace.Table("constants", 1, 2, trace.uniform_input("constants", 0))
-
-        def sums(factor):
-            def terms(a, b):
-                root = trace.repeat(
-                    True, [1.0], lambda x: ([0.5 * (x + b / x)], trace.lift_truth(True)), 8
-                )[0]
-                return [factor * a, factor * a, 0.0, root]
-
-            return trace.total(table, terms)
-
-        alone = sums(value)
-        twice = trace.repeat(True, [value], lambda v: ([sums(v)[0]], trace.lift_truth(True)), 2)
-        return [*alone, twice[0]]
-
-    values = np.linspace(-1.0, 3.0, WIDTH)
-    first, again, nothing, roots, twice = in_lanes(
-        function, values, constants=np.concatenate([[len(rows)], rows.ravel()])
-    )
-    total = rows[:, 0].sum()
-    np.testing.assert_allclose(first, values * total, rtol=1e-15)
-    np.testing.assert_array_equal(again, first)
-    assert not nothing.any()
-    np.testing.assert_allclose(roots, np.sqrt(rows[:, 1]).sum(), rtol=1e-15)
-    np.testing.assert_allclose(twice, values * total**2, rtol=1e-15)
 
 
 def test_rounds_go_on_until_the_last_lane_is_done_and_no_longer() -> None:
@@ -258,7 +225,7 @@ def test_inputs_of_steps_are_those_of_the_streaming_filter(seed, rates) -> None:
     present[150:180] = False
     present[0] = True
     gyro = 1e-3 * rng.standard_normal(count)
-    chosen = input_settings(ROBOT, Settings(), find_variant("inertia-online"))
+    chosen = input_settings(ROBOT, Settings())
     steps, measured, inputs = all_inputs(tracks, present, gyro, track_rate, imu_rate, chosen)
 
     held = TrackRecord()
@@ -297,7 +264,7 @@ def test_standstill_is_found_as_by_the_streaming_filter(seed, size) -> None:
     count = 400
     tracks = np.where(rng.random((count, 1)) < 0.98, 0.0, 0.2) * np.ones(2)
     gyro = size * rng.standard_normal(count) + 0.01
-    chosen = input_settings(ROBOT, Settings(), find_variant("inertia-online"))
+    chosen = input_settings(ROBOT, Settings())
     steps, measured, inputs = all_inputs(
         tracks, np.ones(count, dtype=bool), gyro, 50.0, 100.0, chosen
     )
@@ -351,8 +318,6 @@ def test_the_inner_loops_use_the_widest_registers_there_are() -> None:
 def test_parameter_walks_are_known_to_the_filters() -> None:
     """A state is left out only where it neither is uncertain nor becomes so."""
     for name, variant in VARIANTS.items():
-        if variant.model == "friction":
-            continue
         filters = BatchFilter(ROBOT, variant, Settings())
         walks = parameter_walks(ROBOT, variant, DEFAULT_ADAPTATION[variant.model])
         for number, walk in enumerate(walks):
@@ -365,7 +330,7 @@ def test_time_is_counted_in_nanoseconds_that_doubles_hold() -> None:
 
 
 def test_settings_of_the_front_end_are_the_filters_own() -> None:
-    found = input_settings(ROBOT, Settings(hold=0.4), find_variant("inertia-online"))
+    found = input_settings(ROBOT, Settings(hold=0.4))
     assert isinstance(found, InputSettings)
     assert found.hold == 0.4
     assert found.fastest == ROBOT.vehicle.max_track_speed

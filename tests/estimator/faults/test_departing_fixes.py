@@ -222,7 +222,7 @@ def biased() -> Log:
     return replace(log, imu=replace(log.imu, angular_velocity=rates))
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
 def test_fixes_correct_a_bias_that_jumps(variant: str, biased: Log, robot: Robot) -> None:
     one = run(biased, robot, variant)
     seconds, position, yaw = errors(one, biased)
@@ -279,7 +279,6 @@ def test_fixes_that_come_late_show_the_same_departure(biased: Log, robot: Robot)
     [
         ("constant-online", "biased"),
         ("inertia-online", "spinning"),
-        thorough("friction-online", "biased"),
         thorough("gyro", "spinning"),
     ],
 )

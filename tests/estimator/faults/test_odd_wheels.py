@@ -195,7 +195,7 @@ def test_health_names_the_wheel_while_it_spins(robot: Robot, drive: Log) -> None
     assert seen == {(None, None, 0), (0, None, 1), (None, None, 1)}
 
 
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
 def test_engines_agree_on_an_odd_wheel(variant: str, robot: Robot, drive: Log) -> None:
     compiled = run(drive, robot, variant)
     plain = run(drive, robot, variant, settings=Settings(engine="plain"))

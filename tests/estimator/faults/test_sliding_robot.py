@@ -26,7 +26,6 @@ from icreckon.estimator.filter.process_noise import fast_slip_density
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import StandstillRecord
@@ -150,7 +149,7 @@ def test_the_distance_is_uncertain_by_speed_times_duration() -> None:
 def test_a_slide_forward_makes_the_forward_speed_uncertain_alone() -> None:
     """It does not turn the robot, so the yaw rate stays as sure as it was."""
     held = TrackRecord(stamp=0, forward=SlideRecord(since=0, speed=0.8))
-    chosen = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("gyro"))
+    chosen = input_settings(load_robot("auriga-alpha"), Settings())
     inputs = step_inputs(held, StandstillRecord(), SECOND, SECOND + STEP, chosen)
     assert inputs.slide_x_density == pytest.approx(2.0 * 0.8**2, rel=0.01)
     still = [[0.0, 0.0]] * 3
@@ -163,7 +162,7 @@ def drive(robot: Robot) -> Log:
     return with_free_tracks(faulty_drives.drive(robot, 1), 1.2)
 
 
-@pytest.mark.parametrize("variant", ["constant-online", "inertia-online", "friction-online"])
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
 def test_the_uncertainty_covers_both_tracks_spinning(
     variant: str, robot: Robot, drive: Log
 ) -> None:
@@ -173,7 +172,7 @@ def test_the_uncertainty_covers_both_tracks_spinning(
     assert found.sigma < 2.0 * 1.2 * 3.0
 
 
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
 def test_engines_agree_on_a_slide(variant: str, robot: Robot, drive: Log) -> None:
     middle = drive.between(drive.start, drive.start + SPINNING)
     compiled = run(middle, robot, variant)

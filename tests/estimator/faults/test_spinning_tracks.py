@@ -49,7 +49,6 @@ from icreckon.estimator.faults.stuck_tracks import may_stick
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_motion, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -188,7 +187,7 @@ def test_the_tracks_turn_as_the_gyro_does_while_one_spins() -> None:
     spin, rate = watched(1.2, 0.4, 0.1, 0.3), 0.1
 
     def assumed(later: int = STEP) -> tuple[float, float]:
-        return assumed_speeds(spin, spin.stamp + later, 1.2, 0.4, False)
+        return assumed_speeds(spin, spin.stamp + later, 1.2, 0.4)
 
     assert assumed() == pytest.approx((0.4 - WIDTH * rate, 0.4), rel=0.01)
     # A gyro that is silent tells nothing of the present.
@@ -200,22 +199,10 @@ def test_the_tracks_turn_as_the_gyro_does_while_one_spins() -> None:
     assert assumed() == pytest.approx((0.8 - half, 0.8 + half), rel=0.01)
 
 
-def test_a_model_with_loads_explains_a_track_without_load() -> None:
-    """It needs the true speed of that track; a track that jumps it cannot explain."""
-    slid = watched(0.3, 0.7, 0.0, 0.5, force=-0.3, was=(0.3, 0.7))
-    later = slid.stamp + STEP
-    assert assumed_speeds(slid, later, 0.3, 0.7, True) == (0.3, 0.7)
-    assert assumed_speeds(slid, later, 0.3, 0.7, False) == pytest.approx((0.3, 0.3), abs=0.01)
-    assert spin_density(slid, RIGHT, True) == 0.0 < spin_density(slid, RIGHT, False)
-    jumped = watched(1.2, 0.4, 0.0, 0.3)
-    later = jumped.stamp + STEP
-    assert assumed_speeds(jumped, later, 1.2, 0.4, True) == pytest.approx((0.4, 0.4), abs=0.01)
-
-
 def test_the_track_that_jumps_while_the_robot_stands_is_found_later(robot: Robot) -> None:
     """A track at rest beside one that moves may be stuck; when it is not, the jump is over."""
     chosen, tracks = (
-        input_settings(robot, Settings(), find_variant("inertia-online")),
+        input_settings(robot, Settings()),
         TrackRecord(),
     )
     tracks.spin = after_bends()
@@ -253,18 +240,18 @@ def test_the_mean_of_both_stays_until_it_is_certain() -> None:
     spin = watched(1.2, 0.4, 0.0, 0.08)
     assert not is_found(spin)
     later = spin.stamp + STEP
-    assert assumed_speeds(spin, later, 1.2, 0.4, False) == pytest.approx((0.8, 0.8), abs=0.01)
-    assert spin_density(spin, LEFT, False) == spin_density(spin, RIGHT, False) > 0.15
+    assert assumed_speeds(spin, later, 1.2, 0.4) == pytest.approx((0.8, 0.8), abs=0.01)
+    assert spin_density(spin, LEFT) == spin_density(spin, RIGHT) > 0.15
     # A bend whose gyro comes a sample later than its tracks is none.
     bend = watched(0.7, 0.4, 0.0, 0.1)
     assert bend.since > 0
-    assert assumed_speeds(bend, bend.stamp + STEP, 0.7, 0.4, False) == (0.7, 0.4)
-    assert spin_density(bend, LEFT, False) == 0.0
+    assert assumed_speeds(bend, bend.stamp + STEP, 0.7, 0.4) == (0.7, 0.4)
+    assert spin_density(bend, LEFT) == 0.0
 
 
 def test_a_track_that_may_stick_is_no_track_that_may_spin(robot: Robot) -> None:
     """What was seen of a mismatch before is forgotten, and does not act on bends to come."""
-    chosen = input_settings(robot, Settings(), find_variant("inertia-online"))
+    chosen = input_settings(robot, Settings())
     tracks = TrackRecord()
     for k in range(400):
         take_tracks(tracks, k * STEP, 0.4 + 1e-3 * (k % 7), 0.4 - 1e-3 * (k % 5), chosen)
@@ -276,7 +263,7 @@ def test_a_track_that_may_stick_is_no_track_that_may_spin(robot: Robot) -> None:
         k += 1
     take_motion(tracks, (begin + k) * STEP, 0.0, math.nan, math.nan, chosen)
     assert not is_likely(tracks.spin)
-    assert spin_density(tracks.spin, LEFT, False) == 0.0
+    assert spin_density(tracks.spin, LEFT) == 0.0
 
 
 def test_a_gyro_that_jumps_is_no_track_that_spins() -> None:
@@ -285,7 +272,7 @@ def test_a_gyro_that_jumps_is_no_track_that_spins() -> None:
     for k in range(begin, begin + 100):
         watch_spin(spin, k * STEP, 2.0, math.nan, 0.0, 0.0, FASTEST)
         assert (is_found(spin), spin.gyro_jumped) == (False, 1)
-    assert assumed_speeds(spin, spin.stamp, 0.4, 0.4, False) == (0.4, 0.4)
+    assert assumed_speeds(spin, spin.stamp, 0.4, 0.4) == (0.4, 0.4)
     watch_spin(spin, (begin + 100) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST)
     assert not spin.gyro_jumped
     # Its readings are no bends of the robot.
@@ -294,11 +281,11 @@ def test_a_gyro_that_jumps_is_no_track_that_spins() -> None:
 
 def test_the_error_is_that_of_the_track_that_spins() -> None:
     spin = watched(1.2, 0.4, 0.0, 0.3)
-    assert spin_density(spin, LEFT, False) == pytest.approx(0.3 * 0.8**2, rel=0.05)
-    assert spin_density(spin, RIGHT, False) == 0.0
+    assert spin_density(spin, LEFT) == pytest.approx(0.3 * 0.8**2, rel=0.05)
+    assert spin_density(spin, RIGHT) == 0.0
     spin.side = UNKNOWN
-    assert spin_density(spin, LEFT, False) == spin_density(spin, RIGHT, False) > 0.15
-    assert spin_density(SpinRecord(), LEFT, False) == 0.0
+    assert spin_density(spin, LEFT) == spin_density(spin, RIGHT) > 0.15
+    assert spin_density(SpinRecord(), LEFT) == 0.0
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
@@ -334,7 +321,7 @@ def test_health_names_the_track_while_it_spins(robot: Robot, drive: Log) -> None
     assert seen == {(None, 0), ("left", 1), (None, 1)}
 
 
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
 def test_engines_agree_on_a_free_track(variant: str, robot: Robot, drive: Log) -> None:
     compiled = run(drive, robot, variant)
     plain = run(drive, robot, variant, settings=Settings(engine="plain"))
@@ -351,7 +338,7 @@ def test_engines_agree_on_a_slope_on_which_the_upper_track_slides(robot: Robot) 
     robot = msgspec.structs.replace(robot, vehicle=low)
     terrain = Terrain(slope_deg=10.0, uphill_deg=30.0)
     log = simulate(Scenario(duration=60.0, seed=1, trajectory="random", terrain=terrain), robot)
-    variants = ["gyro", "friction-online", "constant-online"]
+    variants = ["gyro", "inertia-online", "constant-online"]
     for name, side in run_side_by_side(log, robot, variants).items():
         alone = run(log, robot, name)
         assert side.health.slip.times == alone.health.slip.times > 0

@@ -7,7 +7,6 @@ from icreckon.estimator.base.records import assign, plain_copy
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.held_tracks import stuck_density as stuck_density_of
 from icreckon.estimator.sensors.input_settings import input_settings
@@ -16,7 +15,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 ALPHA = load_robot("auriga-alpha")
 SECOND = 1_000_000_000
 RATE = 50
-SETTINGS = input_settings(ALPHA, Settings(), find_variant("inertia-online"))
+SETTINGS = input_settings(ALPHA, Settings())
 
 
 def held(left, right):

@@ -50,7 +50,6 @@ CASES = [
     thorough("inertia-online", ("eta0",)),
     ("inertia-online", ("accelerometer_bias_y", "epsilon0", "gyro_bias", "track_scale", "eta0")),
     thorough("constant-online", ("zeta0", "gyro_scale")),
-    thorough("friction-online", ("friction", "z_CM", "gyro_bias")),
 ]
 
 
@@ -60,7 +59,7 @@ def test_they_keep_value_and_variance_and_the_others_do_not(log, variant, names,
     estimator = fed(log, variant, engine=engine, considered=names)
     fresh = PoseEstimator(ALPHA, variant)
     free = fed(log, variant, engine=engine)
-    for name in s.STATE_NAMES[s.LEARNT] if variant != "friction-online" else names:
+    for name in s.STATE_NAMES[s.LEARNT]:
         index = state_names(variant).index(name)
         stays = (
             estimator.state[index] == fresh.state[index]
@@ -237,11 +236,9 @@ def test_smoothing_refuses_them(log):
     [
         ("inertia-online", "eta_0", "cannot hold 'eta_0'; did you mean 'eta0'?"),
         ("inertia-online", "friction", "cannot hold 'friction'; "),
-        ("friction-online", "rolling", "did you mean 'rolling_resistance'?"),
-        ("friction-online", "eta0", "cannot hold 'eta0'"),
         ("inertia-online", "yaw", "cannot hold 'yaw'"),
         ("inertia-online", "slip_x", "cannot hold 'slip_x'"),
-        ("friction-online", "", "cannot hold ''"),
+        ("inertia-online", "", "cannot hold ''"),
     ],
 )
 def test_a_name_that_is_none_is_refused_with_the_nearest(variant, name, said):
@@ -256,7 +253,7 @@ def test_what_are_no_names_is_refused(value):
         Settings(considered=value)
 
 
-RARE = ("full-linear", "constant-fixed", "inertia-fixed", "friction-fixed")
+RARE = ("full-linear", "constant-fixed", "inertia-fixed")
 
 
 @pytest.mark.parametrize("variant", [thorough(one) if one in RARE else one for one in VARIANTS])

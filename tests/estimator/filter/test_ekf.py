@@ -20,8 +20,7 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
 
 ALPHA = load_robot("auriga-alpha")
-INERTIA, FRICTION = find_variant("inertia-online"), find_variant("friction-online")
-LINEAR = find_variant("full-linear")
+INERTIA, LINEAR = find_variant("inertia-online"), find_variant("full-linear")
 VEHICLE = motion_model(ALPHA, INERTIA).vehicle
 ENGINES = [IcrEkf, LaneEkf]
 NO_NOISE = ProcessNoise(np.zeros(3), (1.0, 1.0, 0.5), np.zeros(s.SIZE))
@@ -32,21 +31,12 @@ SCALES[s.SLIP] = SCALES[s.FAST_SLIP] = 0.02, 0.02, 0.05
 SCALES[s.PARAMETERS] = 0.0, 0.01, 5e-5, 0.02, 2e-4, 0.2, 4e-4, 2e-6, 0.2
 SCALES[s.BIASES] = 0.01, 0.1, 0.1, 0.02, 0.01, 0.01
 SCALES[s.GRAVITY] = 0.5
-# The gains of the friction model are shares.
-FRICTION_SCALES = SCALES.copy()
-FRICTION_SCALES[s.PARAMETERS] = 0.2, 0.02, 0.02, 0.02, 0.02, 0.05, 0.0, 0.0, 0.0
 LINEAR_SCALES = SCALES.copy()
 LINEAR_SCALES[s.PARAMETERS] = 0.02, 0.02, 0.05, 0.05, 0.2, 0.2, 0.0, 0.0, 0.0
 
 
 def scales_of(ekf):
-    match ekf.model:
-        case LaggedIndexMotion():
-            return SCALES
-        case LinearMotion():
-            return LINEAR_SCALES
-        case _:
-            return FRICTION_SCALES
+    return LINEAR_SCALES if isinstance(ekf.model, LinearMotion) else SCALES
 
 
 @pytest.fixture(autouse=True, params=ENGINES, ids=["plain", "compiled"])
@@ -97,9 +87,7 @@ def noise(sigma=(0.03, 0.01, 0.1), times=(1.5, 1.2, 1.0), walk=None):
     return ProcessNoise(np.array(sigma), times, 0.1 * SCALES if walk is None else walk)
 
 
-MODELS = pytest.mark.parametrize(
-    "variant", [INERTIA, LINEAR, FRICTION], ids=lambda variant: variant.name
-)
+MODELS = pytest.mark.parametrize("variant", [INERTIA, LINEAR], ids=lambda variant: variant.name)
 
 
 def moving(rng, variant):

@@ -23,7 +23,6 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
-from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,
     measure_noise,
@@ -147,9 +146,7 @@ class Detector:
 
 
 def detector_of(gyro_noise_density):
-    settings = input_settings(
-        load_robot("auriga-alpha"), Settings(), find_variant("inertia-online")
-    )
+    settings = input_settings(load_robot("auriga-alpha"), Settings())
     settings = settings._replace(gyro_noise_density=gyro_noise_density)
     return Detector(settings)
 

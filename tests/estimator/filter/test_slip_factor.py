@@ -155,7 +155,7 @@ def test_slippery_ground_raises_it_also_if_the_gate_admits_no_fix(robot: Robot) 
     )
     scenario = Scenario(duration=60.0, seed=31_337, trajectory="random", patches=ground)
     log = simulate(scenario, robot, run_index=7)
-    one = run(log, robot, "friction-online")
+    one = run(log, robot, "inertia-online")
     assert one.health.sensors["position"].rejected.get("gate", 0) < 5
     assert one.health.slip.factor > 2.5
 
@@ -177,7 +177,7 @@ def test_changing_ground_raises_it_and_even_ground_does_not(changing: Log, robot
     assert even < 1.2
 
 
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "friction-online"])
+@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
 def test_engines_agree(variant: str, changing: Log, robot: Robot) -> None:
     compiled = run(changing, robot, variant)
     plain = run(changing, robot, variant, settings=Settings(engine="plain"))

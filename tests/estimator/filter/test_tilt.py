@@ -35,7 +35,7 @@ def drive(request: pytest.FixtureRequest, robot: Robot) -> Log:
 
 
 @pytest.mark.parametrize(("roll", "pitch"), [(10.0, 0.0), (-6.0, 8.0), (0.0, 0.0)])
-@pytest.mark.parametrize("variant", ["constant-online", "friction-online"])
+@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
 def test_a_tilt_is_found_on_level_ground_and_on_a_slope(
     variant: str, roll: float, pitch: float, drive: Log, robot: Robot
 ) -> None:

@@ -127,7 +127,7 @@ def test_wander_that_is_forgotten_at_once_is_white_noise(log: Log, engine: str) 
 
 @pytest.mark.parametrize(
     "variant",
-    [thorough("constant-online"), "inertia-online", thorough("friction-online"), thorough("gyro")],
+    [thorough("constant-online"), "inertia-online", thorough("gyro")],
 )
 def test_compiled_is_plain(log: Log, variant: str) -> None:
     plain, compiled = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,7 +13,6 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, Motion, VehicleConstants
-from icreckon.estimator.robot.nominal_contact import coulomb_gains
 from icreckon.estimator.robot.robot_file import load_robot
 
 ALPHA = load_robot("auriga-alpha")
@@ -218,33 +216,6 @@ def test_a_force_along_the_tracks_takes_from_their_speed_in_a_turn(V_l: float, V
     assert downhill.v_y - level.v_y == pytest.approx(shift, rel=0.1)
     rolling = steady(V_l, V_r, parameters, LEVEL, VEHICLE).twist
     assert abs(rolling.v_y) < abs(level.v_y) or np.sign(V_l) != np.sign(V_r)
-
-
-def test_its_size_by_coulomb_friction_is_that_of_the_friction_model() -> None:
-    """A robot without height or offsets, slowly turning uphill: both models slow down alike."""
-    from icreckon.estimator.robot.variants import find_variant, motion_model
-
-    vehicle = msgspec.structs.replace(
-        ALPHA.vehicle, centre_of_mass=(0.0, 0.0, 0.01), contact_points=40
-    )
-    soil = msgspec.structs.replace(ALPHA.soil, rolling_resistance=0.0)
-    robot = msgspec.structs.replace(ALPHA, vehicle=vehicle, soil=soil)
-    friction = motion_model(robot, find_variant("friction-fixed"))
-    start = np.append(friction.nominal, np.zeros(3))  # type: ignore[attr-defined]
-    speeds = 0.10, 0.18
-    twists = {}
-    for gravity in (0.0, -0.5):
-        for _ in range(200):
-            friction.begin_step(0.02, *speeds, start, (0.0, gravity))
-        motion, _ = friction.linearise(*speeds, start, NO_SLIP, (0.0, gravity))
-        twists[gravity] = motion.twist
-    level, uphill = twists[0.0], twists[-0.5]
-    eta = (speeds[1] - speeds[0]) / (ALPHA.vehicle.track_gauge * level.w)
-    indices = msgspec.structs.replace(robot.indices, eta0=float(eta))
-    robot = msgspec.structs.replace(robot, indices=indices, constant_icr=None)
-    lost = level.v_y - uphill.v_y
-    expected = level.w * coulomb_gains(robot)[1] * 0.5 / GRAVITY
-    assert lost == pytest.approx(expected, rel=0.1)
 
 
 # --- the lag ----------------------------------------------------------------------------------------

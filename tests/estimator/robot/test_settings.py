@@ -117,7 +117,7 @@ def test_settings_from_a_file_are_checked_alike(text: str, said: str) -> None:
         ({"robot": Path("my.toml")}, r"use load_robot\('my.toml'\)"),
         ({"robot": None}, r"robot must be a Robot, found NoneType None; use load_robot\(path\)"),
         ({"variant": None}, "no filter variant None; there is 'constant-fixed', "),
-        ({"variant": ["friction-online"]}, "did you mean 'friction-online'?"),
+        ({"variant": ["inertia-online"]}, "did you mean 'inertia-online'?"),
         ({"settings": {"hold": 1.0}}, r"settings must be Settings\(...\) or None, found dict"),
         ({"start": (0, 0)}, r"start must be three finite numbers: x, y \[m\], yaw \[rad\], found"),
         ({"start": (0, math.nan, 0)}, "start must be three finite"),

@@ -92,7 +92,7 @@ def linearised(
 
 @AXES
 @PLACES
-@pytest.mark.parametrize("variant", ["inertia-online", "full-linear", "friction-online"])
+@pytest.mark.parametrize("variant", ["inertia-online", "full-linear"])
 def test_its_jacobian_is_the_derivative_of_its_prediction(
     axis: int, place: tuple[float, float, float], variant: str
 ) -> None:
@@ -152,7 +152,7 @@ def test_the_imu_moves_only_what_it_shows() -> None:
     """Neither the pose nor the track scale, and of the parameters those that the model names."""
     names = {
         variant: {s.STATE_NAMES[i] for i in imu_fixed(motion_model(ALPHA, found).taught_by_imu)}
-        for variant in ("inertia-online", "full-linear", "friction-online")
+        for variant in ("inertia-online", "full-linear")
         for found in (find_variant(variant),)
     }
     always = {"x", "y", "yaw", "track_scale"}
@@ -160,6 +160,4 @@ def test_the_imu_moves_only_what_it_shows() -> None:
     assert names["inertia-online"] == always | parameters - {"eta0"}
     # The linear model's coefficients of the yaw rate are in the places of epsilon1 and eta0.
     assert names["full-linear"] == always | parameters - {"epsilon1", "eta0"}
-    # The length of the contact is in the place of zeta1.
-    assert names["friction-online"] == always | parameters - {"zeta1"}
     assert innovation_components()["accelerometer_x"] == ("accelerometer_x",)

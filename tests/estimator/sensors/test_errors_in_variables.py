@@ -24,7 +24,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 SECOND = 1_000_000_000
-SETTINGS = input_settings(ALPHA, Settings(), find_variant("inertia-online"))
+SETTINGS = input_settings(ALPHA, Settings())
 
 
 def held(speeds, rate, tracks=None, start=0):

@@ -9,7 +9,6 @@ from numba import njit
 from icreckon.estimator.base.records import NEVER, record_array, record_of
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.imu_noise import (
     LEAST,
     NoiseRecord,
@@ -21,7 +20,7 @@ from icreckon.estimator.sensors.imu_noise import (
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.tracing.jit_kernel import jit
 
-SETTINGS = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("inertia-online"))
+SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
 OF_FILE = SETTINGS.gyro_noise_density
 EPOCH = 1_700_000_000_123_456_789
 RATES = pytest.mark.parametrize("rate", [20, 50, 100, 200, 400])

@@ -24,7 +24,6 @@ from icreckon.estimator.faults.stuck_tracks import OTHERS, Repeating, repeating_
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_due_after, take_stamp
 from icreckon.estimator.sensors.input_settings import input_settings
@@ -37,7 +36,7 @@ from icreckon.estimator.sensors.standstill import (
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.tracing.jit_kernel import jit
 
-SETTINGS = input_settings(load_robot("auriga-alpha"), Settings(), find_variant("inertia-online"))
+SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
 STEP = 20_000_000
 EPOCH = 1_700_000_000_123_456_789
 

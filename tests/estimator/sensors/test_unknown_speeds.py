@@ -19,7 +19,7 @@ ROBOT = load_robot("auriga-alpha")
 FASTEST = ROBOT.vehicle.max_track_speed
 # Track speeds are unknown from here to the end [s].
 FROM, UNTIL = 8.0, 14.0
-VARIANTS = ("constant-online", "inertia-online", "friction-online")
+VARIANTS = ("constant-online", "inertia-online")
 
 
 @pytest.fixture(scope="module")

@@ -34,9 +34,7 @@ def test_at_the_stamp_of_the_estimate_it_is_the_estimate(log: Log) -> None:
     assert found.stamp == estimator.stamp
 
 
-@pytest.mark.parametrize(
-    "variant", ["gyro", "constant-online", "inertia-online", "friction-online"]
-)
+@pytest.mark.parametrize("variant", ["gyro", "constant-online", "inertia-online"])
 def test_it_is_where_the_robot_then_is_within_its_covariance(log: Log, variant: str) -> None:
     estimator = PoseEstimator(ROBOT, variant)
     found = []

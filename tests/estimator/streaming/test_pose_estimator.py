@@ -17,7 +17,6 @@ from icreckon.estimator.base.frames import (
     rpy_to_matrix,
     wrap_angle,
 )
-from icreckon.estimator.friction.layout import REGULARISING_SPEED
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -137,13 +136,8 @@ def test_straight_line_is_as_long_as_its_tracks_say(variant):
     drive(estimator, EPOCH, 20.0, 0.5, 0.5)
     elapsed = (estimator.stamp - EPOCH) * 1e-9
     assert elapsed == pytest.approx(20.0, abs=0.03)
-    # Where friction carries the rolling resistance, the tracks creep: by a share of the speed below which
-    # friction fades.
-    soil = ALPHA.contact.soil
-    creep = REGULARISING_SPEED * soil.rolling_resistance / soil.friction
-    slack = 1e-9 + 1.1 * creep * variant.startswith("friction")
-    assert estimator.pose == pytest.approx([0.5 * elapsed, 0.0, 0.0], abs=slack * elapsed)
-    assert estimator.twist == pytest.approx([0.5, 0.0, 0.0], abs=slack)
+    assert estimator.pose == pytest.approx([0.5 * elapsed, 0.0, 0.0], abs=1e-9 * elapsed)
+    assert estimator.twist == pytest.approx([0.5, 0.0, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("variant", ["inertia-fixed", "inertia-online"])
@@ -722,8 +716,8 @@ def test_mirrored_robot_drives_the_mirrored_way(variant):
     assert b.pose == pytest.approx(signs * a.pose, abs=1e-9)
     assert b.twist == pytest.approx(signs * a.twist, abs=1e-9)
     assert b.pose_covariance == pytest.approx(np.outer(signs, signs) * a.pose_covariance, abs=1e-9)
-    sideways = "x_CM" if variant.startswith("friction") else "epsilon0"
-    one, other = ("right_l", "right_r") if variant == "full-linear" else (sideways, sideways)
+    pair = ("right_l", "right_r") if variant == "full-linear" else ("epsilon0", "epsilon0")
+    one, other = pair
     assert b.parameters[one] == pytest.approx(-a.parameters[other], abs=1e-9)
     assert b.state[s.GRAVITY] == pytest.approx(a.state[s.GRAVITY] * [1.0, -1.0], abs=1e-9)
     assert variant == "gyro" or np.hypot(*a.state[s.GRAVITY]) > 0.4
@@ -808,8 +802,7 @@ def test_only_online_variants_change_their_parameters(variant):
     changed = {name for name, value in estimator.parameters.items() if value != start[name]}
     model, online = VARIANTS[variant].model, VARIANTS[variant].online
     constant = {"zeta0", "epsilon0", "eta0"}
-    unused = {"H", "eta2"} if model == "friction" else {"H"}
-    wanted = constant if model == "constant" else set(start) - unused
+    wanted = constant if model == "constant" else set(start) - {"H"}
     assert changed == (wanted if online else set())
     assert np.isfinite(estimator.state).all()
 

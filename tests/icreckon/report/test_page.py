@@ -31,7 +31,7 @@ from icreckon.report.replay.page_text import headline, notes, number, remarks
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
-VARIANTS = ["differential", "constant-online", "friction-online"]
+VARIANTS = ["differential", "constant-online", "inertia-online"]
 HOSTILE = (
     "</script><script>console.error('caught')</script><img src=http://e.example/x onerror=x> & \"'"
 )
@@ -185,7 +185,7 @@ def test_columns_are_those_of_the_results(results: dict[str, Any]) -> None:
     assert np.abs(commanded).mean() > 1.5 * np.abs(true).mean()
 
 
-@pytest.mark.parametrize("name", ["ground truth", "constant-online", "friction-online"])
+@pytest.mark.parametrize("name", ["ground truth", "constant-online", "inertia-online"])
 def test_at_its_icr_the_robot_moves_as_the_track_runs(results: dict[str, Any], name: str) -> None:
     columns = page_data(results)["columns"]
 
@@ -253,9 +253,9 @@ def test_the_verdict_stands_first_and_names_horizon_and_interval(
     results: dict[str, Any], page: str
 ) -> None:
     found = results["verdict"]
-    assert found["best"] == "friction-online"
+    assert found["best"] == "inertia-online"
     told = headline(results)
-    assert told.startswith(f"friction-online drifts least: {number(found['drift_percent'])} %")
+    assert told.startswith(f"inertia-online drifts least: {number(found['drift_percent'])} %")
     horizon = found["horizon"]
     assert f"after {horizon[:-1]} {horizon[-1]}" in told
     assert "95 % interval" in told
@@ -293,8 +293,8 @@ def test_when_the_baseline_is_best_the_next_is_named(results: dict[str, Any]) ->
 
 def test_what_may_be_as_good_is_told(results: dict[str, Any]) -> None:
     other = copy.deepcopy(results)
-    other["verdict"]["not_shown_worse"] = ["inertia-online"]
-    assert "Not shown to drift more than friction-online: inertia-online." in remarks(other)
+    other["verdict"]["not_shown_worse"] = ["differential"]
+    assert "Not shown to drift more than inertia-online: differential." in remarks(other)
     assert any("this one log" in line for line in remarks(other))
 
 

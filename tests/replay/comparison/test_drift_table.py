@@ -180,4 +180,4 @@ def test_the_keys_of_a_variant() -> None:
         assert found[f"drift_segments_{label}"] == 300
     assert baseline_of(["gyro", "constant-online"]) == "gyro"
     assert baseline_of(["differential", "constant-online"]) == "constant-online"
-    assert baseline_of(["inertia-online", "friction-online"]) == "inertia-online"
+    assert baseline_of(["inertia-online"]) == "inertia-online"

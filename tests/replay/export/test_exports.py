@@ -177,8 +177,8 @@ def test_csv_says_the_same_as_parquet(tmp_path: Path, one: Run, robot: Robot) ->
 
 def test_every_column_with_a_unit_says_it(comparison: Comparison, robot: Robot) -> None:
     log = comparison.log
-    runs = compare(log, robot, ["differential", "friction-online"]).runs | comparison.runs
-    pure = {"eta", "eta0", "H", "gyro_scale", "friction", "rolling_resistance"}
+    runs = compare(log, robot, ["differential", "inertia-online"]).runs | comparison.runs
+    pure = {"eta", "eta0", "H", "gyro_scale"}
     pure |= {"track_scale", "track_difference"}
     units = (
         "_m",
@@ -199,7 +199,6 @@ def test_every_column_with_a_unit_says_it(comparison: Comparison, robot: Robot) 
                 continue
             assert column.endswith(units), (name, column)
     assert all(name for name in run_columns(runs["differential"], robot, 0))
-    assert "half_contact_length_m" in run_columns(runs["friction-online"], robot, 0)
 
 
 def test_icrs_are_those_that_the_estimator_says(comparison: Comparison, robot: Robot) -> None:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from icreckon.estimator.motion.contact import Body, Contact, Soil, equally_spaced
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.index_model import VehicleConstants, solve
-from icreckon.estimator.motion.steady_state import SteadyMotion, solve_steady, track_speed_grid
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, load_robot
+from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
+from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
 from icreckon.simulation.paper.dynamic_map import (
     DynamicMap,
     constant_twist,

@@ -16,7 +16,7 @@ distributed = pytest.importorskip("distributed", reason="needs the extra cluster
 STUDY = Study(
     name="tiny",
     scenario=Scenario(duration=10.0, outages=((5.0, 10.0),)),
-    variants=("constant-online", "friction-online"),
+    variants=("constant-online", "inertia-online"),
     sweep=Sweep(grid={"gyro.factor": [1.0, 10.0]}),
     runs=12,
     truths=4,

@@ -14,7 +14,6 @@ from conftest import REPOSITORY, thorough
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.batch.front_end import FrontEnd
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.simulation.running import (
     batch_engine as study_batch,
@@ -99,16 +98,6 @@ def test_single_precision_comes_near() -> None:
             assert np.allclose(found[name], values, rtol=0.01, atol=1e-4, equal_nan=True), name
 
 
-def test_friction_variants_have_the_statistics_of_the_streaming_engine() -> None:
-    plan = plan_of(("constant-online", "friction-online"), duration=20.0, outages=((5.0, 18.0),))
-    cell = plan.cells[0]
-    found = study_batch.block(cell, cell.filters, 0, 5)
-    streamed = study_streaming.block(cell, cell.filters, 0, 5)
-    for label, (rows, reasons) in found.items():
-        assert np.allclose(rows, streamed[label].values, rtol=1e-6, atol=1e-9, equal_nan=True)
-        assert reasons == streamed[label].reasons
-
-
 @pytest.mark.parametrize(
     ("changes", "engine"),
     [
@@ -116,7 +105,6 @@ def test_friction_variants_have_the_statistics_of_the_streaming_engine() -> None
         ({"fix_rate": 3.0}, "batch"),
         ({"truth_rate": 7.0}, "batch"),
         ({"encoders": EncoderSpec(dropouts_per_hour=9.0), "track_rate": 200.0}, "streaming"),
-        ({"variants": ("friction-online",)}, "batch"),
     ],
 )
 def test_auto_takes_the_fastest_that_can(changes: dict[str, object], engine: str) -> None:
@@ -142,7 +130,7 @@ def test_measurements_of_other_stamps_are_refused() -> None:
         FrontEnd(
             short._replace(tracks=tracks),
             schedule.steps,
-            input_settings(cell.robot, Settings(), find_variant("inertia-online")),
+            input_settings(cell.robot, Settings()),
         )
 
 

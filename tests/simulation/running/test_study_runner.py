@@ -25,7 +25,7 @@ from icreckon.simulation.study.plan import Study, Sweep
 STUDY = Study(
     name="tiny",
     scenario=Scenario(duration=10.0, outages=((5.0, 10.0),)),
-    variants=("constant-online", "friction-online"),
+    variants=("constant-online", "inertia-online"),
     sweep=Sweep(grid={"gyro.factor": [1.0, 10.0]}),
     runs=10,
     truths=5,
@@ -136,7 +136,7 @@ def test_the_filter_comes_to_the_same_in_one_or_two_threads_and_in_processes(tmp
     assert contents(tmp_path / "processes") == expected
     results = json.loads(expected["results.json"])
     assert results["drift"] == "drift_percent_5s"
-    assert results["overall"]["friction-online"]["drift_percent_5s"]["n"] == 4
+    assert results["overall"]["inertia-online"]["drift_percent_5s"]["n"] == 4
 
 
 @pytest.mark.parametrize("good", [0, 1, 4])

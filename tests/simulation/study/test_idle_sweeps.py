@@ -33,7 +33,7 @@ from readme import code_blocks
 
 SCENARIO = Scenario(duration=12.0, outages=((6.0, 12.0),))
 INERTIA = ("constant-online", "inertia-online")
-FRICTION = ("constant-online", "friction-online")
+CONSTANT = ("gyro", "constant-online")
 
 
 def check(
@@ -84,7 +84,7 @@ def test_a_swept_key_that_reaches_nothing_is_refused(key: str, values: list[Any]
             {"payloads": (Payload(mass=50.0, time=(2.0, 9.0)),)},
         ),
         ("true_robot.indices.eta0", [2.0, 3.0], {"truth": "kinematic"}),
-        ("filter.soil.friction", [0.5, 0.9], {"variants": FRICTION}),
+        ("filter.soil.friction", [0.5, 0.9], {}),
         ("filter.vehicle.load_lag", [0.1, 0.2], {}),
         ("true_robot.soil.friction", [0.5, 0.9], {}),
         ("fixes.outlier_sigma", [1.0, 2.0], {"fixes": FixSpec(outlier_share=0.1)}),
@@ -127,14 +127,14 @@ def test_a_key_of_a_latin_hypercube_is_refused_though_others_act() -> None:
     ranges = {"filter.vehicle.mass": [200.0, 300.0], "gyro.factor": [0.5, 2.0]}
     check(Sweep(latin=LatinHypercube(points=4, ranges=ranges)))
     with pytest.raises(SimulationError, match=r"'filter\.vehicle\.mass' changes nothing.*cancels"):
-        check(Sweep(latin=LatinHypercube(points=4, ranges=ranges)), variants=FRICTION)
+        check(Sweep(latin=LatinHypercube(points=4, ranges=ranges)), variants=CONSTANT)
 
 
 @pytest.mark.parametrize(
     ("spec", "told"),
     [
         (
-            {"variant": "friction-online", "robot": {"vehicle": {"mass": 300.0}}},
+            {"variant": "constant-online", "robot": {"vehicle": {"mass": 300.0}}},
             r"robot\.vehicle\.mass of variant 'b' changes nothing in this study \(.*cancels",
         ),
         (
@@ -205,11 +205,11 @@ def test_variants_and_cells_of_the_same_results_are_named() -> None:
         cell_summaries(runs),
     )
     assert results["alike"] == {
-        "variants": [["constant-online", "friction-online"]],
+        "variants": [["constant-online", "inertia-online"]],
         "cells": [[0, 3]],
     }
     first, second = same_results(results)
-    assert first.startswith("constant-online and friction-online gave the same results to rounding")
+    assert first.startswith("constant-online and inertia-online gave the same results to rounding")
     assert second.startswith(
         "cell 0 (gyro.factor = 1, noise = nominal) and cell 3 (gyro.factor = 10, noise = tactical) gave"
     )

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.errors import EstimatorError, IcreckonError
+from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander
 from icreckon.report.study.folder import PAGE
@@ -144,7 +144,7 @@ def test_true_motions_are_as_many_as_runs_but_at_most_twenty_unless_told():
         ({"name": "../a"}, "name of a study must be of letters"),
         ({"variants": ()}, "needs variants"),
         ({"variants": ("differential", "differential")}, "its own label"),
-        ({"variants": ("frction-online",)}, "did you mean 'friction-online'"),
+        ({"variants": ("inrtia-online",)}, "did you mean 'inertia-online'"),
         ({"baseline": "differental"}, "did you mean 'differential'"),
         ({"horizons": ()}, "horizons must be times"),
         ({"horizons": (10.0, 10.0)}, "each once"),
@@ -203,14 +203,6 @@ def test_what_a_sweep_may_not_say(wrong, told):
 def test_a_slip_of_the_pen_does_not_make_a_million_cells():
     with pytest.raises(SimulationError, match="more than 100000"):
         swept(fix_rate=list(range(1000)), duration=[1.0 + 1e-3 * n for n in range(1000)])
-
-
-def test_a_friction_variant_needs_a_contact_in_every_cell():
-    with pytest.raises(EstimatorError, match="no contact with the ground"):
-        expanded(
-            variants=("friction-online",),
-            sweep=Sweep(grid={"filter.vehicle.centre_of_mass": [[2.0, 0.0, 0.5]]}),
-        )
 
 
 def test_a_file_is_read_with_paths_beside_it(tmp_path):
@@ -321,7 +313,7 @@ def test_the_study_file_in_the_docs_loads_and_shows_every_key(tmp_path):
     file.write_text(text, encoding="utf-8")
     plan = expand(load_study(file))
     assert len(plan.cells) == 72
-    assert plan.labels == ("constant-online", "friction-online", "heavy")
+    assert plan.labels == ("constant-online", "inertia-online", "heavy")
     for field in msgspec.structs.fields(Study):
         assert re.search(rf"^(\[)?{field.name}( = |\]|\.)", text, re.MULTILINE), field.name
 

@@ -32,7 +32,7 @@ STUDY = Study(
     name="tiny",
     description="Two <cells> & more.",
     scenario=Scenario(duration=40.0, outages=((5.0, 40.0),)),
-    variants=("constant-online", "friction-online"),
+    variants=("constant-online", "inertia-online"),
     sweep=Sweep(grid={"gyro.factor": [1.0, 10.0, 100.0], "noise": ["nominal", "tactical"]}),
     runs=12,
     truths=6,
@@ -216,7 +216,7 @@ def test_parquet_has_a_row_for_each_cell_variant_and_statistic(runs):
     assert len(found) == 6 * 2 * len(names)
     keys = [(row["cell"], row["variant"], row["statistic"]) for row in found]
     assert len(set(keys)) == len(keys)
-    row = found[keys.index((3, "friction-online", "drift_percent_30s"))]
+    row = found[keys.index((3, "inertia-online", "drift_percent_30s"))]
     assert row["axis:gyro.factor"] == 10.0
     assert row["axis:noise"] == "tactical"
     column = names.index("drift_percent_30s")
@@ -237,7 +237,7 @@ def test_parquet_has_a_row_for_each_run(runs):
     row = next(
         row
         for row in found
-        if (row["cell"], row["variant"], row["run"]) == (4, "friction-online", 7)
+        if (row["cell"], row["variant"], row["run"]) == (4, "inertia-online", 7)
     )
     names = [one.name for one in runs.statistics]
     assert row["true_motion"] == 1
@@ -252,7 +252,7 @@ def test_results_hold_every_cell_and_the_effect_of_every_axis(runs, results):
     assert [group["cells"] for group in noise["groups"]] == [[0, 2, 4], [1, 3, 5]]
     names = [one.name for one in runs.statistics]
     column = names.index("drift_percent_30s")
-    mean = noise["groups"][1]["variants"]["friction-online"]["drift_percent_30s"]["mean"]
+    mean = noise["groups"][1]["variants"]["inertia-online"]["drift_percent_30s"]["mean"]
     assert mean == pytest.approx(runs.values[1, [1, 3, 5], :, column].mean(), rel=1e-12)
     assert told["baseline"] == "constant-online"
     assert told["cells"][0]["variants"]["constant-online"]["rejected_gyro"]["mean"] is None
@@ -284,8 +284,8 @@ def test_cells_of_a_latin_hypercube_are_grouped_with_their_neighbours():
 def test_the_headline_tells_drift_and_ratio(results):
     sentence = headline(results)
     assert sentence.startswith("Over 6 cells of 12 runs each, constant-online drifts ")
-    ratio = results["overall"]["friction-online"]["drift_percent_30s"]["ratio"]
-    assert f"friction-online drifts {ratio:.2f} times as much" in sentence
+    ratio = results["overall"]["inertia-online"]["drift_percent_30s"]["ratio"]
+    assert f"inertia-online drifts {ratio:.2f} times as much" in sentence
 
 
 class References(HTMLParser):

@@ -11,20 +11,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from icreckon.estimator.motion.contact import (
+from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
+from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
+from icreckon.estimator.robot.soil import Soil
+from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.contact.contact import (
     Body,
     Contact,
-    Soil,
     equally_spaced,
     steady_inertia,
     track_forces,
     vertical_loads,
 )
-from icreckon.estimator.motion.contact_forces import mass_matrix
-from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
-from icreckon.estimator.motion.steady_state import solve_steady
-from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
-from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.contact.contact_forces import mass_matrix
+from icreckon.simulation.contact.of_robot import contact_of
+from icreckon.simulation.contact.steady_state import solve_steady
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.truth.friction import (
     FrictionTruth,
@@ -80,8 +81,8 @@ def test_at_constant_track_speeds_the_motion_ends_where_the_stationary_solver_sa
 def test_the_robot_of_the_paper_ends_there_too():
     robot = load_robot("auriga-alpha")
     for left, right in [(0.3, 0.6), (0.9, 0.2), (-0.4, 0.6), (1.0, 0.9), (-0.8, -0.1)]:
-        driven = drive(robot.contact, robot.yaw_inertia, *constant(left, right, 30.0), STEP)
-        expected = solve_steady(left, right, robot.contact).twist
+        driven = drive(contact_of(robot), robot.yaw_inertia, *constant(left, right, 30.0), STEP)
+        expected = solve_steady(left, right, contact_of(robot)).twist
         np.testing.assert_allclose(driven.twists[-1], expected, atol=1e-6)
 
 
@@ -321,21 +322,21 @@ def test_a_vehicle_that_tips_over_is_said_so():
 def test_on_a_slope_the_vehicle_tips_about_the_weight_that_is_left():
     # With the whole weight the force along the slope would still point 2 mm inside the contact.
     robot = load_robot("auriga-alpha")
-    angle, z, x = np.radians(14.8), robot.contact.body.z_CM, -robot.contact.body.x_CM
+    angle, z, x = np.radians(14.8), contact_of(robot).body.z_CM, -contact_of(robot).body.x_CM
     assert x + z * np.sin(angle) < 0.21 - 2e-3 < 0.21 + 2e-3 < x + z * np.tan(angle)
     for slope_deg, tips in ((14.2, False), (14.8, True)):
         hill = Patch(slope_deg=slope_deg, uphill_deg=-90.0)
-        driven = drive(robot.contact, 20.0, *constant(0.0, 0.0, 5.0), STEP, patches=(hill,))
+        driven = drive(contact_of(robot), 20.0, *constant(0.0, 0.0, 5.0), STEP, patches=(hill,))
         assert driven.tipping.any() == tips
 
 
 def test_a_drawn_contact_differs_from_the_file_by_its_spread():
     robot = load_robot("auriga-alpha")
-    assert draw_contact(robot, 0.0, np.random.default_rng(1)) == robot.contact
+    assert draw_contact(robot, 0.0, np.random.default_rng(1)) == contact_of(robot)
     friction = [
         draw_contact(robot, 0.15, np.random.default_rng(seed)).soil.friction for seed in range(200)
     ]
-    spread = np.std(np.log(np.array(friction) / robot.contact.soil.friction))
+    spread = np.std(np.log(np.array(friction) / contact_of(robot).soil.friction))
     assert spread == pytest.approx(0.15, rel=0.15)
 
 

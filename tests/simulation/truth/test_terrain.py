@@ -17,6 +17,7 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import sample_times
+from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.imu import angular_velocities, specific_forces
 from icreckon.simulation.simulate import Simulation, run_scenario
@@ -293,7 +294,7 @@ def test_ground_and_start_turned_together_give_the_same_motion(angle: float) -> 
         )
         start = (0.0, 0.0, 0.0, 0.0, 0.0, turned)
         found = drive(
-            ALPHA.contact, ALPHA.yaw_inertia, speeds, rates, STEP, surface=surface, start=start
+            contact_of(ALPHA), ALPHA.yaw_inertia, speeds, rates, STEP, surface=surface, start=start
         )
         return np.column_stack([found.twists, found.transfer])
 

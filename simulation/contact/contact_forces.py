@@ -1,4 +1,4 @@
-"""Equations of `icreckon.estimator.motion.contact` for one motion, compiled.
+"""Equations of `icreckon.simulation.contact.contact` for one motion, compiled.
 
 Loads, friction and rolling resistance are implemented only here; `contact`, the stationary solver and the
 transient dynamics all call it. Import it inside functions only: numba takes half a second to load. Every
@@ -33,7 +33,7 @@ RIDGE = 1e-12
 
 
 class Ground(NamedTuple):
-    """Contact as plain numbers, with fields of `icreckon.estimator.motion.contact`.
+    """Contact as plain numbers, with fields of `icreckon.simulation.contact.contact`.
 
     Attributes:
         x: (m,) contact points, left track first, right of the origin [m].
@@ -74,7 +74,7 @@ def point_loads(
 ) -> bool:
     """Compute loads (m,) [N] under weight and a force at the centre of mass, in place.
 
-    Slopes are the derivatives by that force; see `icreckon.estimator.motion.contact.vertical_loads`.
+    Slopes are the derivatives by that force; see `icreckon.simulation.contact.contact.vertical_loads`.
     Returns True if the vehicle tips.
     """
     x_CM, y_CM, z_CM = ground.centre

@@ -6,14 +6,14 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.motion.contact_forces import (
+from icreckon.estimator.tracing.jit_kernel import compiled
+from icreckon.simulation.contact.contact_forces import (
     COLUMNS,
     Ground,
     PointLoads,
     add_steady_balance,
     solve_3,
 )
-from icreckon.estimator.tracing.jit_kernel import compiled
 
 SUFFICIENT_DECREASE = 1e-4
 SMALLEST_STEP = 1e-6

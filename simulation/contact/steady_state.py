@@ -1,8 +1,7 @@
 """Stationary twist of a tracked vehicle: all forces and moments balance.
 
-The balance (`icreckon.estimator.motion.contact.steady_balance`) is solved for many pairs of track speeds.
-Each stage is Newton's iteration (compiled) with the analytic Jacobian and step halving on the norm of the
-balance:
+The balance (`contact.steady_balance`) is solved for many pairs of track speeds. Each stage is Newton's
+iteration (compiled) with the analytic Jacobian and step halving on the norm of the balance:
 
 1. from a kinematic guess, which solves most pairs in a few steps;
 2. for the others, along a falling sequence of regularising speeds, from nearly viscous ground to the
@@ -29,8 +28,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.motion.contact import Contact, ground, steady_inertia, vertical_loads
 from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.simulation.contact.contact import Contact, ground, steady_inertia, vertical_loads
 
 # Largest residual of a solved state, as a share of the weight (moments: of the weight times half the
 # gauge), and the largest that still counts as converged.
@@ -224,7 +223,7 @@ def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
 
 def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
     """Newton's iteration with step halving, until solved, stuck, or out of steps."""
-    from icreckon.estimator.motion.steady_kernel import newton_of_many
+    from icreckon.simulation.contact.steady_kernel import newton_of_many
 
     twist, residual = np.ascontiguousarray(start.T), np.full(V.shape[1], np.inf)
     if np.shares_memory(twist, start):

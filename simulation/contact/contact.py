@@ -28,56 +28,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.checks import Bound, NotNegative, Positive, check_bounds
+from icreckon.estimator.base.checks import Positive, check_bounds
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist, inertial_force
+from icreckon.estimator.robot.soil import Soil
 
 if TYPE_CHECKING:
-    from icreckon.estimator.motion.contact_forces import Ground
+    from icreckon.simulation.contact.contact_forces import Ground
 
 
 # A vehicle that tips over on less is a mistake of units: tangent of the slope's angle.
 LEAST_TIPPING_SLOPE = 0.05
-# Coefficient of friction; forces by far smaller ones have no precision.
-Friction = Annotated[float, Bound("from 0.001 to 100", 1e-3, 100.0)]
-
-
-class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Friction and rolling resistance of the ground under a track.
-
-    Attributes:
-        friction: coefficient of friction mu, across the track, and along it unless
-            `longitudinal_friction` is set [-].
-        longitudinal_friction: coefficient along the track; None for isotropic friction [-].
-        rolling_resistance: resistance of a track as a share of its load [-].
-        shear_modulus: shear deformation modulus K; 0 for full friction at any slip [m].
-        regularising_speed: slip and travel below which friction and rolling resistance fade to
-            zero instead of jumping [m/s].
-        resistance_opposes: "travel", the motion of the track's centreline over the ground, or
-            "track", the motion of the track around its rollers.
-    """
-
-    friction: Friction = 0.9
-    longitudinal_friction: Friction | None = None
-    rolling_resistance: NotNegative = 0.0
-    shear_modulus: NotNegative = 0.0
-    regularising_speed: Positive = 1e-4
-    resistance_opposes: Literal["travel", "track"] = "travel"
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
-    @property
-    def coefficients(self) -> tuple[float, float]:
-        """Coefficients of friction (right, forward) [-]."""
-        along = self.longitudinal_friction
-        return self.friction, self.friction if along is None else along
 
 
 class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -261,7 +228,7 @@ def vertical_loads(
         forward: (n,) that force forward [N].
         weight: force that presses on the ground [N]; the vehicle's weight by default.
     """
-    from icreckon.estimator.motion import contact_forces as contact_kernel
+    from icreckon.simulation.contact import contact_forces as contact_kernel
 
     packed = ground(contact, weight=weight)
     right, forward = _columns(right, forward).T
@@ -289,7 +256,7 @@ def track_forces(
         Wrench with its Jacobian by the twist at these loads, and derivatives (3, n) of its values by
         the force at the centre of mass to the right and forward, through the loads.
     """
-    from icreckon.estimator.motion import contact_forces as contact_kernel
+    from icreckon.simulation.contact import contact_forces as contact_kernel
 
     motion = _columns(*twist, V_l, V_r)
     values, jacobian = _zeros(motion)
@@ -336,7 +303,7 @@ def steady_balance(twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact) -> W
         V_r: (n,) speed of the right track [m/s].
         contact: soil, geometry, body.
     """
-    from icreckon.estimator.motion import contact_forces as contact_kernel
+    from icreckon.simulation.contact import contact_forces as contact_kernel
 
     motion = _columns(*twist, V_l, V_r)
     values, jacobian = _zeros(motion)
@@ -357,7 +324,7 @@ def ground(contact: Contact, *, weight: float | None = None) -> Ground:
         contact: soil, geometry, body.
         weight: force that presses on the ground [N]; the vehicle's weight by default.
     """
-    from icreckon.estimator.motion.contact_forces import Ground
+    from icreckon.simulation.contact.contact_forces import Ground
 
     soil, body = contact.soil, contact.body
     points = contact_points(contact.geometry)
@@ -388,7 +355,7 @@ def _columns(*parts: Any) -> Any:
 
 def _zeros(motion: Any) -> tuple[Any, Any]:
     """Zero balances (n, 3) and derivatives (n, 3, COLUMNS) of the motion's type."""
-    from icreckon.estimator.motion.contact_forces import COLUMNS
+    from icreckon.simulation.contact.contact_forces import COLUMNS
 
     return (
         np.zeros((len(motion), 3), dtype=motion.dtype),

@@ -11,19 +11,19 @@ import pytest
 from scipy.optimize import root
 
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.motion import steady_state
-from icreckon.estimator.motion.contact import (
+from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.estimator.robot.soil import Soil
+from icreckon.simulation.contact import steady_state
+from icreckon.simulation.contact.contact import (
     Body,
     Contact,
     ContactGeometry,
-    Soil,
     equally_spaced,
     steady_balance,
     steady_inertia,
     vertical_loads,
 )
-from icreckon.estimator.motion.icr import PaperTwist
-from icreckon.estimator.motion.steady_state import CONVERGED, solve_steady, track_speed_grid
+from icreckon.simulation.contact.steady_state import CONVERGED, solve_steady, track_speed_grid
 
 GEOMETRY = equally_spaced(0.42, 0.39, 5)
 BODY = Body(258.0, -0.015, 0.04, 0.79)

@@ -8,11 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon.estimator.motion.contact import (
+from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.estimator.robot.soil import Soil
+from icreckon.simulation.contact.contact import (
     Body,
     Contact,
     ContactGeometry,
-    Soil,
     contact_points,
     equally_spaced,
     steady_balance,
@@ -20,7 +21,6 @@ from icreckon.estimator.motion.contact import (
     track_forces,
     vertical_loads,
 )
-from icreckon.estimator.motion.icr import PaperTwist
 
 GEOMETRY = equally_spaced(0.42, 0.39, 5)
 UNEVEN = ContactGeometry(0.42, (-0.4, -0.1, 0.3), (1.0, 2.0, 1.5), (-0.05, 0.05))
