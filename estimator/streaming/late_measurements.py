@@ -113,6 +113,11 @@ class History:
             return HISTORY_FULL
         return "duplicate stamp" if keys[place] == key else None
 
+    @property
+    def has_begun(self) -> bool:
+        """True after the first measurement."""
+        return bool(self._keys) or self._checkpoints[0].after != BEFORE_ALL
+
     def starts_after(self, key: Key) -> bool:
         """Return True if this key is before the first measurement of all."""
         return self._checkpoints[0].after == BEFORE_ALL and key < self._keys[0]

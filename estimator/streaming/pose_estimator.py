@@ -331,13 +331,13 @@ class PoseEstimator:
 
     def set_clock(self, by: int) -> None:
         """Go on by a clock that is ahead of the one so far [ns]; no time passes."""
-        if self.stamp is not None:
+        if self._history.has_begun:
             self._history.set_clock(by)
             self._arrivals.clock_steps += 1
 
     def _set_clock_back(self, behind: list[Measurement]) -> bool:
         """Set the clock so that these follow the newest; return True if one was used."""
-        if not behind:
+        if not behind or not self._history.has_begun:
             return False
         step = round(self._reckoning.imu_interval / NANOSECOND)
         self.set_clock(behind[0].stamp - step - self._history.newest)

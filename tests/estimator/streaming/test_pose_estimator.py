@@ -898,3 +898,12 @@ def test_one_sensor_that_is_late_is_no_clock_set_back():
     for k in range(100):
         assert not estimator.feed(ImuSample(log.start + 1000 + k, (0.0, 0.0, 0.0)))
     assert estimator.health.clock_steps == 0
+
+
+def test_a_clock_that_is_set_back_before_the_first_track_speeds():
+    """An IMU sample of tomorrow, then a drive of today: it went on in a circle until Python gave up."""
+    estimator = PoseEstimator(ALPHA, "gyro", settings=Settings(history=0.0))
+    estimator.feed(ImuSample(EPOCH + 86_400_000_000_000, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
+    drive(estimator, EPOCH, 5.0, 0.5, 0.5)
+    assert estimator.health.clock_steps == 1
+    assert estimator.pose[0] == pytest.approx(2.5, abs=0.6)
