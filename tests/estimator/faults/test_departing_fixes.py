@@ -167,6 +167,13 @@ def test_no_gyro_turns_as_fast_as_a_robot_that_departs_on_the_spot() -> None:
     assert shown.beside[1] > 0.25
 
 
+def test_a_way_longer_than_the_gauge_shows_a_yaw_however_fast_it_grew() -> None:
+    """The bias jumped while the robot hardly moved, and fixes show it once the robot drives on."""
+    _, _, shown = departed([(0.0, 0.5), (0.0, 1.0), (0.0, 1.5)])
+    assert 3 * SPEED > GAUGE
+    assert shown.yaw == pytest.approx(1.0, abs=0.01)
+
+
 def test_a_robot_that_stays_behind_shows_slip() -> None:
     _, _, shown = departed([(-0.5, 0.0), (-1.0, 0.0), (-1.5, 0.0)])
     behind = math.sqrt(1.5**2 - (DEPARTURE_SIGMAS * AHEAD) ** 2)

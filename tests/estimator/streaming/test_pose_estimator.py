@@ -716,8 +716,8 @@ def test_mirrored_robot_drives_the_mirrored_way(variant):
     assert b.pose == pytest.approx(signs * a.pose, abs=1e-9)
     assert b.twist == pytest.approx(signs * a.twist, abs=1e-9)
     assert b.pose_covariance == pytest.approx(np.outer(signs, signs) * a.pose_covariance, abs=1e-9)
-    pair = ("right_l", "right_r") if variant == "full-linear" else ("epsilon0", "epsilon0")
-    one, other = pair
+    of_linear = variant == "full-linear"
+    one, other = ("right_l", "right_r") if of_linear else ("epsilon0", "epsilon0")
     assert b.parameters[one] == pytest.approx(-a.parameters[other], abs=1e-9)
     assert b.state[s.GRAVITY] == pytest.approx(a.state[s.GRAVITY] * [1.0, -1.0], abs=1e-9)
     assert variant == "gyro" or np.hypot(*a.state[s.GRAVITY]) > 0.4
