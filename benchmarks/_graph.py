@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from icreckon.estimator.tracing.emit import Kernel, reachable
+from icreckon.estimator.tracing.emit import reachable
+from icreckon.estimator.tracing.kernel import Kernel
 from icreckon.estimator.tracing.trace import Traced
 
 OPERATIONS: dict[str, Callable[..., Any]] = {

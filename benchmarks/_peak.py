@@ -7,8 +7,9 @@ from typing import Any
 
 from numba import njit
 
-from icreckon.estimator.engine.filters import aligned
-from icreckon.estimator.tracing.emit import Kernel, Store, kernel_on_demand
+from icreckon.estimator.engine.constants import aligned
+from icreckon.estimator.tracing.emit import kernel_on_demand
+from icreckon.estimator.tracing.kernel import Kernel, Store
 from icreckon.estimator.tracing.trace import lane_input, start
 
 # Chains of multiply-adds that do not wait for each other, and the length of each.

@@ -29,7 +29,8 @@ from step_time import filter_microseconds, plain_microseconds
 from icreckon.estimator.base import state as s
 from icreckon.estimator.batch.front_end import FrontEnd
 from icreckon.estimator.batch.inputs import measured_of
-from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.constants import aligned
+from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import Steps, steps_of
 from icreckon.estimator.engine.step import StepKind, step_kernel

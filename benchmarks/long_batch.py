@@ -21,7 +21,8 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.batch.front_end import FrontEnd
 from icreckon.estimator.batch.inputs import measured_of
-from icreckon.estimator.engine.filters import PRECISIONS, BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.constants import PRECISIONS, aligned
+from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.fixes import GATED, SKIPPED
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import steps_of

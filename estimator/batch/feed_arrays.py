@@ -148,7 +148,6 @@ def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
         stamp=bulk.end,
         state=x,
         covariance=P,
-        step_under_way=False,
         stands=one.stood(lanes, 0),
         tracks=tracks.shifted(begin),
         standstill=standstill.shifted(begin),
@@ -171,8 +170,8 @@ def _require_ready(estimator: PoseEstimator, before: FilterCheckpoint) -> None:
     """
     if estimator.settings.engine != "compiled":
         raise BatchError("filters side by side are compiled")
-    if before.clones is not None or before.step_under_way:
-        raise BatchError("there are marks, or a step is under way")
+    if before.clones is not None:
+        raise BatchError("there are marks")
     if before.stood_at is not None and before.stood_at == before.stamp:
         raise BatchError("there is a zero velocity at the estimate's stamp")
 

@@ -15,7 +15,6 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.records import record_array, record_of
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.engine.fixes import GATED
 from icreckon.estimator.engine.layout import FIX_INPUTS, INPUTS
 from icreckon.estimator.engine.schedule import (
     HEADING,
@@ -27,7 +26,7 @@ from icreckon.estimator.engine.schedule import (
     Steps,
 )
 from icreckon.estimator.faults.spinning_tracks import assumed_speeds
-from icreckon.estimator.filter.gate import LONGEST_COUNTED
+from icreckon.estimator.filter.gate import GATED, LONGEST_COUNTED
 from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_motion, take_tracks
 from icreckon.estimator.sensors.imu_noise import (
     NoiseRecord,

@@ -16,12 +16,13 @@ from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
 from icreckon.estimator.batch.runs import SCATTERS, scatters
-from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.constants import aligned
+from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import INPUTS
+from icreckon.estimator.engine.numbers import SMOOTHING
 from icreckon.estimator.engine.schedule import (
     MOVE,
     MOVE_AND_UPDATE,
-    SMOOTHING,
     STEP_COLUMNS,
     UPDATE,
     Bytes,
@@ -108,9 +109,7 @@ def run_side_by_side(
     began = [_begin(log, robot, name, settings, start, start_sigma) for name in variants]
     for before, one, lanes in zip(began, filters, begun, strict=True):
         checkpoint, by_parameters = before.checkpoint(), before.model().jacobian[:, s.PARAMETERS]
-        if checkpoint.step_under_way or (
-            checkpoint.regressors is not None and steps.kinds[:1] == UPDATE
-        ):
+        if checkpoint.regressors is not None and steps.kinds[:1] == UPDATE:
             raise BatchError("there are fixes before the first track speeds")
         one.continue_from(lanes, checkpoint, by_parameters)
     if steps.before_steps:

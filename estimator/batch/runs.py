@@ -9,7 +9,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import FrontEnd, Measured
-from icreckon.estimator.engine.filters import BatchFilter, Lanes, aligned
+from icreckon.estimator.engine.constants import aligned
+from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import POSITION, LogSteps, Steps
 from icreckon.estimator.engine.work import ESTIMATE

@@ -117,10 +117,16 @@ class Covariance:
         self.add(state, state, more * missing)
         return gain | {state: gain[state] + more}
 
-    def inflate(self, share: Any) -> None:
-        """Add a share of the variances before the postponed updates to those after them."""
-        for i in self.states:
-            self.add(i, i, share * self._base(i, i))
+    def inflate(self, share: Any) -> Vector:
+        """Add a share of the variances before the postponed updates to those after them.
+
+        Returns:
+            State -> what was added to its variance.
+        """
+        added = {i: share * self._base(i, i) for i in self.states}
+        for i, more in added.items():
+            self.add(i, i, more)
+        return added
 
     def _base(self, a: int, b: int) -> Any:
         return self._entries.get((a, b) if a <= b else (b, a), 0.0)

@@ -13,6 +13,13 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.engine.constants import (
+    LINE,
+    PRECISIONS,
+    aligned,
+    all_walks,
+    shared_constants,
+)
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
@@ -26,13 +33,13 @@ from icreckon.estimator.engine.layout import (
     covariance_name,
 )
 from icreckon.estimator.engine.model import SlipConstants, traced_model
+from icreckon.estimator.engine.numbers import SMOOTHING
 from icreckon.estimator.engine.schedule import (
     AHEAD,
     HEADING,
     MOVE,
     MOVE_AND_UPDATE,
     POSITION,
-    SMOOTHING,
     STEP_COLUMNS,
     LogSteps,
     Steps,
@@ -56,12 +63,9 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand, lanes_of_machine
+from icreckon.estimator.tracing.emit import kernel_on_demand, lanes_of_machine
+from icreckon.estimator.tracing.kernel import Kernel
 
-# NumPy types by number of bits.
-PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
-# Alignment of arrays: length of the widest registers, and of a line of the cache [bytes].
-LINE = 64
 
 
 class Lanes(NamedTuple):
@@ -365,64 +369,6 @@ class BatchFilter:
         return table
 
 
-def shared_constants(
-    shape: FilterShape,
-    model: MotionModel,
-    disturbances: Disturbances,
-    robot: Robot,
-    settings: Settings,
-    state: Floats,
-) -> Floats:
-    """Constants that all lanes share, with room for those of a step.
-
-    Args:
-        shape: shape of the filter.
-        model: its motion model.
-        disturbances: its process noise.
-        robot: its robot.
-        settings: its settings.
-        state: (SIZE,) values of the states that are not uncertain.
-    """
-    names = shape.layout.constants
-    values: Floats = aligned(len(names), PRECISIONS[shape.bits])
-    slip, sensors = disturbances.slip, SensorModels(robot).constants
-    walks = all_walks(disturbances)
-    named = {
-        **model.vehicle._asdict(),
-        "slope_forgetting": disturbances.slope_forgetting,
-        "fastest": robot.vehicle.max_track_speed,
-        **{name: getattr(slip, name) for name in SlipConstants._fields},
-        "imu_x": sensors.x,
-        "imu_y": sensors.y,
-        "threshold": CHI_SQUARE_1E4[1],
-        "position_threshold": CHI_SQUARE_1E4[2],
-        **dict.fromkeys(SLIP_SHARES, 1.0),
-        "patience": settings.gates.patience,
-        "imu_patience": imu_patience(settings.gates),
-        "standstill_duration": settings.standstill.duration,
-        **{f"fixed{i}": value for i, value in enumerate(state)},
-        **{f"walk{i}": value for i, value in enumerate(walks)},
-    }
-    for row, bound in enumerate(model.bounds):
-        named |= {f"bound{row}_{k}": value for k, value in enumerate(bound)}
-    for name, value in named.items():
-        values[names[name]] = value
-    return values
-
-
-def all_walks(disturbances: Disturbances) -> Floats:
-    """Random walks (SIZE,) of all states, see `Disturbances`."""
-    return disturbances.bias_walk + disturbances.parameter_walk + disturbances.slope_walk
-
-
-def aligned(count: int, number: Any = np.float64) -> Any:
-    """Zeros (count,) of a type, aligned with the machine's registers."""
-    size = np.dtype(number).itemsize
-    room = np.zeros(count + LINE // size, dtype=number)
-    skip = (-room.ctypes.data % LINE) // size
-    return room[skip : skip + count]
-
-
 @cache
 def _places(layout: Layout, all_outputs: bool) -> Places:
     rows, more = layout.rows, layout.more_outputs if all_outputs else ()
@@ -474,15 +420,17 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
     steps = {
         "usual": StepKind(accelerometer=force),
         "full": StepKind(stands=True, accelerometer=force).reporting(),
-        "update": StepKind(moves=False, stands=True, accelerometer=force).reporting(),
+        "update": StepKind(
+            draws=False, moves=False, stands=True, accelerometer=force
+        ).reporting(),
         "move": move if needs.moves else None,
         "move_tick": move.reporting() if needs.move_ticks else None,
     }
     fixes = {
         "": FixKind() if needs.fixes else None,
-        "_tick": FixKind(twist=True) if needs.fixes or needs.fix_ticks else None,
+        "_tick": FixKind(fast_slip=True, twist=True) if needs.fixes or needs.fix_ticks else None,
         "_ahead": FixKind(ahead=True) if needs.ahead else None,
-        "_ahead_tick": FixKind(twist=True, ahead=True) if needs.fix_ticks else None,
+        "_ahead_tick": FixKind(fast_slip=True, twist=True, ahead=True) if needs.fix_ticks else None,
     }
     makers: dict[str, Callable[[], Kernel]] = {}
     for name, step in steps.items():

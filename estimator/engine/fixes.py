@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector, dot
-from icreckon.estimator.engine.lane import FilterShape, Lane
+from icreckon.estimator.engine.lane import FilterShape, Lane, Numbers
 from icreckon.estimator.engine.layout import FACTORS, PLACE, TREND
 from icreckon.estimator.engine.model import (
     departure_after,
@@ -28,26 +28,27 @@ from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.filter.update import LEAST_VARIANCE
 from icreckon.estimator.tracing import trace
-from icreckon.estimator.tracing.emit import Kernel
-from icreckon.estimator.tracing.trace import Traced, maximum, minimum, select
-
-# Modes of an update with a fix: none, with the gate, or re-acquisition whatever its innovation is.
-SKIPPED, GATED, FORCED = range(3)
+from icreckon.estimator.tracing.kernel import Kernel
+from icreckon.estimator.tracing.trace import maximum, minimum, select
 
 
 class FixKind(NamedTuple):
     """Kind of a fix, on which the code of its kernel depends.
 
     Attributes:
+        fast_slip: the fast slip of the newest step is still a state.
         twist: compute the body velocity after it.
         ahead: it lies between the end of the last step and that of the next.
     """
 
+    fast_slip: bool = False
     twist: bool = False
     ahead: bool = False
 
 
-def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
+def position_kernel(
+    name: str, shape: FilterShape, kind: FixKind, numbers: Numbers | None = None
+) -> Kernel:
     """Make the kernel of a position fix; see `Reckoning._take_fix`.
 
     The kernel returns two flags: lanes whose filter is lost, for the caller to relocate, and lanes that
@@ -57,11 +58,16 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         name: name of the kernel.
         shape: shape of the filter.
         kind: kind of the fix.
+        numbers: see `Lane`.
     """
-    lane = Lane(shape, with_fast_slip=kind.twist)
+    lane = Lane(shape, numbers, with_fast_slip=kind.fast_slip)
     x, P = lane.x, lane.P
     variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
     values, rows, covariance = _antenna(lane, _predicted(lane, kind))
+    place = list(values)
+    if s.WANDER_X in shape.states:
+        for axis, wander in ((s.X, s.WANDER_X), (s.Y, s.WANDER_Y)):
+            values[axis], rows[axis][wander] = values[axis] + x[wander], 1.0
     before = x.copy()
     z = lane.input("fix_x") - values[s.X], lane.input("fix_y") - values[s.Y]
     R = [maximum(variance + covariance[axis][axis], LEAST_VARIANCE) for axis in (s.X, s.Y)]
@@ -82,8 +88,11 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     def inflate(states: Sequence[int], error: Sequence[Any], only: Any) -> None:
         """Inflate by an error that moves several states, in some lanes."""
         more = [select(only, one, 0.0) for one in error]
-        for i, j in combinations_with_replacement(range(len(states)), 2):
-            P.add(states[i], states[j], more[i] * more[j])
+        products = [one * other for one, other in combinations_with_replacement(more, 2)]
+        pairs = combinations_with_replacement(states, 2)
+        for pair, product in zip(pairs, products, strict=True):
+            P.add(*pair, product)
+        lane.report("motion", products, states)
 
     inflate((s.X, s.Y, s.SLIP_X), lasting_slip(x[s.SLIP_X], heading, interval), judged)
     *S, nis = spread()
@@ -113,8 +122,9 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         after = select(used | lost, if_used, select(departs, if_departs, otherwise))
         lane.stores[row] = select(judged | used, after, old)
     added = select(reacquired, minimum(square, LARGEST_INFLATION * minimum(xx, yy)), 0.0)
-    P.add(s.X, s.X, added)
-    P.add(s.Y, s.Y, added)
+    for axis in (s.X, s.Y):
+        P.add(axis, axis, added)
+        lane.report("inflated", (added,), (axis,))
     for axis in (s.X, s.Y):
         rest = z[axis] - shift_of(rows[axis], x, before)
         lane.update(rest, rows[axis], R[axis], fixed=shape.considered, only=used)
@@ -130,11 +140,11 @@ def position_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
     largest = slip_factor_after(factor, after, *smooth)
     lane.stores["slip_factor"] = select(taken, largest, factor)
     lane.stores["present_factor"] = select(taken, after, present)
-    for name, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
-        lane.stores[name] = select(taken, after_it, before_it)
+    for row, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
+        lane.stores[row] = select(taken, after_it, before_it)
     updated, _, _ = _antenna(lane, _predicted(lane, kind))
-    for name, place in (("predicted", values), ("updated", updated)):
-        lane.stores |= {f"{name}_{axis}": one for axis, one in zip(PLACE, place, strict=True)}
+    for when, at in (("predicted", place), ("updated", updated)):
+        lane.stores |= {f"{when}_{axis}": one for axis, one in zip(PLACE, at, strict=True)}
     innovation = {"z_x": z[0], "z_y": z[1], "S_xx": xx, "S_xy": xy, "S_yy": yy}
     for part, value in innovation.items():
         lane.stores[f"position_{part}"] = select(mode > 0.5, value, lane.row(f"position_{part}"))
@@ -149,7 +159,7 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         shape: shape of the filter.
         kind: kind of the fix.
     """
-    lane = Lane(shape, with_fast_slip=kind.twist, innovations=True)
+    lane = Lane(shape, with_fast_slip=kind.fast_slip, innovations=True)
     values, rows, covariance = _predicted(lane, kind)
     turned = lane.input("fix_yaw") - values[s.YAW]
     lane.gated(
@@ -172,11 +182,11 @@ def _predicted(lane: Lane, kind: FixKind) -> PredictedPose:
     if kind.ahead:
         # The fast slip of the step before does not go on.
         before, lane.x = lane.x, lane.x.copy()
-        lane.x[s.FAST_SLIP] = trace.lift(0.0)
-        found = Step(lane, StepKind(moves=False, imu=False)).predict_pose()
+        lane.x[s.FAST_SLIP] = 0.0
+        found = Step(lane, StepKind(draws=False, moves=False, imu=False)).predict_pose()
         lane.x = before
         return found
-    rows = [{axis: trace.lift(1.0)} for axis in range(3)]
+    rows: list[Vector] = [{axis: 1.0} for axis in range(3)]
     return PredictedPose([lane.x[axis] for axis in range(3)], rows, [[0.0] * 3] * 3)
 
 
@@ -200,9 +210,9 @@ def _sum(row: Vector, factor: Any, more: Vector) -> Vector:
     return {i: row.get(i, 0.0) + factor * more.get(i, 0.0) for i in {**row, **more}}
 
 
-def _finished(lane: Lane, name: str, flags: Sequence[Traced], kind: FixKind) -> Kernel:
+def _finished(lane: Lane, name: str, flags: Sequence[Any], kind: FixKind) -> Kernel:
     if kind.twist:
         speeds = lane.input("now_left"), lane.input("now_right")
         now = lane.twist_model(*speeds)
         lane.store_twist(lane.with_smoothed_derivatives(now))
-    return lane.kernel(name, flags, with_fast_slip=kind.twist)
+    return lane.kernel(name, flags, with_fast_slip=kind.fast_slip)

@@ -1,8 +1,12 @@
-"""One filter in traced numbers: state, covariance, updates, and values to store."""
+"""One filter in numbers: state, covariance, updates, and values to store.
+
+The numbers are traced ones, of which a compiler makes machine code, or plain ones (`plain_kernel`).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cache
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -10,17 +14,18 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
+from icreckon.estimator.filter.changes import Event
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
 from icreckon.estimator.filter.ekf import ROUNDING_SHARE, SHARP, WHOLE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.motion import linear_model
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
-from icreckon.estimator.motion.motion_model import VehicleConstants
+from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
 from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
 from icreckon.estimator.tracing import trace
-from icreckon.estimator.tracing.emit import Kernel, Store
-from icreckon.estimator.tracing.trace import Traced, minimum, select
+from icreckon.estimator.tracing.kernel import FLAG_BITS, Kernel, Store
+from icreckon.estimator.tracing.trace import minimum, select
 
 FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
 # A value that violates a bound by less is inside: that is rounding. By bits of a number.
@@ -39,6 +44,7 @@ class FilterShape(NamedTuple):
         model: the motion model.
         considered: consider states, which no measurement moves.
         bits: number of bits of each number, 64 or 32.
+        reports: kernels report all changes of the filter, see `icreckon.estimator.filter.changes`.
     """
 
     states: tuple[int, ...]
@@ -46,11 +52,33 @@ class FilterShape(NamedTuple):
     model: TracedModel
     considered: tuple[int, ...] = ()
     bits: int = 64
+    reports: bool = False
 
     @property
     def layout(self) -> Layout:
         """Rows of the workspace."""
-        return Layout(self.states, self.model)
+        return _layout(self.states, self.model, self.reports)
+
+
+@cache
+def _layout(states: tuple[int, ...], model: TracedModel, reports: bool) -> Layout:
+    return Layout(states, model, reports)
+
+
+class Numbers(NamedTuple):
+    """Plain numbers of one lane.
+
+    Attributes:
+        lanes: (n,) its rows of the workspace.
+        inputs: (m,) its inputs.
+        constants: constants of all lanes.
+        of_user: motion model that has no traced form; None if it has one.
+    """
+
+    lanes: Any
+    inputs: Any
+    constants: Any
+    of_user: MotionModel | None = None
 
 
 class Lane:
@@ -58,22 +86,31 @@ class Lane:
 
     Args:
         shape: shape of the filter.
+        numbers: plain numbers to compute with; None for traced ones.
         with_fast_slip: the fast slip of the step that has just ended is still a state.
         innovations: store innovations and their covariances, too.
     """
 
     def __init__(
-        self, shape: FilterShape, *, with_fast_slip: bool = False, innovations: bool = False
+        self,
+        shape: FilterShape,
+        numbers: Numbers | None = None,
+        *,
+        with_fast_slip: bool = False,
+        innovations: bool = False,
     ) -> None:
-        trace.start(shape.bits)
-        self.shape, self._innovations = shape, innovations
+        if numbers is None:
+            trace.start(shape.bits)
+        self.shape, self._numbers, self._innovations = shape, numbers, innovations
+        self.events: list[Event] = []
         self.layout = shape.layout
         self.rows, self._places = self.layout.rows, self.layout.constants
         self._states = states = (*shape.states, *FAST) if with_fast_slip else shape.states
         names: Any = VehicleConstants._fields
         vehicle = VehicleConstants(*(cast(Any, self.constant(name)) for name in names))
         memory = [self.row(f"memory{k}") for k in range(shape.model.memory)]
-        self.model_inputs = ModelInputs(shape.model, vehicle, memory)
+        of_user = None if numbers is None else numbers.of_user
+        self.model_inputs = ModelInputs(shape.model, vehicle, memory, of_user)
         wander = tuple(i for i in states if i >= s.SIZE)
         self.fixed_for_imu = (*imu_fixed(shape.model.taught), *shape.considered, *wander)
         self.fixed_for_gyro = (*gyro_fixed(shape.model.taught), *shape.considered, *wander)
@@ -83,7 +120,7 @@ class Lane:
         self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
         self.stores: dict[str, Any] = {}
         # Number of sharp updates.
-        self._sharp: Any = trace.lift(0.0)
+        self._sharp: Any = 0.0
 
     def _start(self, index: int) -> Any:
         if index in self._states:
@@ -91,23 +128,43 @@ class Lane:
         is_parameter = s.PARAMETERS.start <= index < s.PARAMETERS.stop
         if is_parameter and index not in self.shape.absent:
             return self.constant(f"fixed{index}")
-        return trace.lift(0.0)
+        return 0.0
 
-    def row(self, name: str) -> Traced:
+    def row(self, name: str) -> Any:
         """Number in a row of the workspace."""
+        if self._numbers is not None:
+            return self._numbers.lanes[self.rows[name]]
         return trace.lane_input("lanes", self.rows[name])
 
-    def input(self, name: str) -> Traced:
+    def input(self, name: str) -> Any:
         """Input of the step, see `icreckon.estimator.engine.layout.INPUTS`."""
+        if self._numbers is not None:
+            return self._numbers.inputs[INPUTS[name]]
         return trace.lane_input("inputs", INPUTS[name])
 
-    def constant(self, name: str) -> Traced:
+    def constant(self, name: str) -> Any:
         """Constant that all lanes share."""
+        if self._numbers is not None:
+            return self._numbers.constants[self._places[name]]
         return trace.uniform_input("constants", self._places[name])
+
+    def report(
+        self, kind: str, values: Iterable[Any], states: Sequence[int] = (), fixed: Sequence[int] = ()
+    ) -> None:
+        """Report a change, if the filter's shape asks for it; see `Event`."""
+        if self.shape.reports:
+            self.events.append(Event(kind, tuple(states), tuple(fixed), tuple(values)))
+
+    def of_states(self, vector: Vector) -> list[Any]:
+        """Entries of a vector for all states of the covariance."""
+        return [vector.get(i, 0.0) for i in self.P.states]
 
     @property
     def eta(self) -> Any:
         """Typical steering efficiency index, see `MotionModel.steering_efficiency`."""
+        of_user = self.model_inputs.of_user
+        if of_user is not None:
+            return of_user.steering_efficiency(tuple(self.x[s.PARAMETERS]))
         if self.shape.model.kind == "linear":
             vehicle = self.model_inputs.vehicle
             return linear_model.steering_efficiency(tuple(self.x[s.PARAMETERS]), vehicle)
@@ -152,7 +209,7 @@ class Lane:
         return now
 
     def kernel(
-        self, name: str, flags: Sequence[Traced] = (), *, with_fast_slip: bool = False
+        self, name: str, flags: Sequence[Any] = (), *, with_fast_slip: bool = False
     ) -> Kernel:
         """Make a kernel that stores state, covariance and all other changed values.
 
@@ -167,12 +224,14 @@ class Lane:
             stores[f"x{i}"] = self.x[i]
             for j in states[n:]:
                 stores[covariance_name(i, j)] = self.P.entry(i, j)
+        reported = [value for event in self.events for value in event.values]
+        stores |= {f"report{k}": value for k, value in enumerate(reported)}
         changed = [
-            Store("lanes", self.rows[row], trace.lift(value))
+            Store("lanes", self.rows[row], value if self._numbers else trace.lift(value))
             for row, value in stores.items()
-            if value is not self.row(row)
+            if self._numbers or value is not self.row(row)
         ]
-        return Kernel(name, array_rows(self.layout), changed, flags)
+        return Kernel(name, array_rows(self.layout), changed, flags, self.events)
 
     # --- updates ---------------------------------------------------------------------------------
 
@@ -188,21 +247,26 @@ class Lane:
         """Update with a scalar measurement, without a gate; for the arguments see `gated`."""
         cross = self.P.times(_rest(H, parts), *parts)
         inverse_S = 1.0 / (dot(cross, H) + R)
-        self._apply(z, cross, R, select(only, inverse_S, 0.0), fixed)
+        self._apply(z, H, cross, R, select(only, inverse_S, 0.0), fixed)
 
     def _apply(
         self,
         z: Any,
+        H: Vector,
         cross: Vector,
         R: Any,
         inverse_S: Any,
         fixed: Iterable[int],
-        stand_in: tuple[int, Vector] | None = None,
+        stand_in: int | None = None,
     ) -> None:
         is_sharp = (R * inverse_S < SHARP) & (inverse_S > 0.0)
-        self._sharp = self._sharp + select(is_sharp, 1.0, 0.0)
-        for i, gain in self.P.update(cross, inverse_S, fixed, stand_in).items():
+        more = select(is_sharp, 1.0, 0.0)
+        self._sharp, fixed = self._sharp + more, tuple(fixed)
+        gains = self.P.update(cross, inverse_S, fixed, None if stand_in is None else (stand_in, H))
+        for i, gain in gains.items():
             self.x[i] = self.x[i] + gain * z
+        vectors = (value for vector in (H, cross, gains) for value in self.of_states(vector))
+        self.report("updated", (z, R, inverse_S, more, *vectors), self.P.states, fixed)
 
     def gated(
         self,
@@ -214,7 +278,7 @@ class Lane:
         inflated: int,
         fixed: Iterable[int] = (),
         stand_in: int | None = None,
-        only: Any = True,
+        only: Any = None,
         patience: Any = None,
         interval: Any = None,
     ) -> None:
@@ -230,7 +294,7 @@ class Lane:
             inflated: state whose variance is inflated in re-acquisition.
             fixed: states that the update does not move.
             stand_in: state that it moves in their place, see `IcrEkf.update_scalar`.
-            only: lanes that have the measurement.
+            only: lanes that have the measurement; None for all.
             patience: time of rejections after which it is re-acquired [s]; None for that of the IMU.
             interval: time that it counts if it is rejected [s]; None for that of the IMU.
         """
@@ -242,11 +306,11 @@ class Lane:
         square = z * z
         nis = square * inverse_S
         if self._innovations:
-            tested = trace.truth_as_number(trace.lift_truth(only))
+            tested = 1.0 if only is None else trace.truth_as_number(only)
             self.stores[f"{sensor}_z"], self.stores[f"{sensor}_S"] = z, tested * S
         admitted = nis <= self.constant("threshold")
         patience_ends = self.row(f"{sensor}_rejected_for") >= patience
-        reacquired = trace.lift_truth(only) & ~admitted & patience_ends
+        reacquired = trace.both(only, ~admitted & patience_ends)
         more = minimum(square, LARGEST_INFLATION * S)
         along = H.get(inflated, 0.0)
 
@@ -259,34 +323,45 @@ class Lane:
             # A considered state cannot be moved: R is inflated instead.
             self.P.add(inflated, inflated, added)
             cross[inflated] = cross[inflated] + added * along
+            self.report("inflated", (added,), (inflated,))
         used = admitted | reacquired
-        inverse_S = select(trace.lift_truth(only) & used, inverse_S, 0.0)
-        self._apply(z, cross, R, inverse_S, fixed, None if stand_in is None else (stand_in, H))
+        inverse_S = select(trace.both(only, used), inverse_S, 0.0)
+        self._apply(z, H, cross, R, inverse_S, fixed, stand_in)
         self.count(sensor, nis, admitted, used, only, interval)
 
     def count(
         self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any, interval: Any
     ) -> None:
         """Count verdicts of a gate, in the lanes that have the measurement."""
-        tested = trace.lift_truth(only)
-        one = trace.truth_as_number
+        one, both = trace.truth_as_number, trace.both
         before = self.row(f"{sensor}_rejected_for")
         after = select(used, 0.0, before + interval)
-        self.stores[f"{sensor}_rejected_for"] = select(tested, after, before)
+        self.stores[f"{sensor}_rejected_for"] = (
+            after if only is None else select(only, after, before)
+        )
         for name, more in (
-            ("used", one(tested & used)),
-            ("rejected", one(tested & ~used)),
-            ("admitted", one(tested & admitted)),
-            ("nis", select(tested & admitted, nis, 0.0)),
+            ("used", one(both(only, used))),
+            ("rejected", one(both(only, ~used))),
+            ("admitted", one(both(only, admitted))),
+            ("nis", select(both(only, admitted), nis, 0.0)),
         ):
             self.stores[f"{sensor}_{name}"] = self.row(f"{sensor}_{name}") + more
 
     def add_doubt(self, bias: Any, shared: Any, yaw: Any) -> None:
-        """Inflate the gyro's bias and the yaw, see `filter.slip_factor.doubt`."""
+        """Inflate the gyro's bias, and the yaw by what that has turned.
+
+        Args:
+            bias: variance to add to the bias [rad²/s²].
+            shared: covariance of yaw and bias to add [rad²/s].
+            yaw: variance of the yaw to add [rad²].
+        """
+        self.P.add(s.YAW, s.YAW, yaw)
         if s.GYRO_BIAS in self.P.states and s.GYRO_BIAS not in self.shape.considered:
             self.P.add(s.GYRO_BIAS, s.GYRO_BIAS, bias)
             self.P.add(s.YAW, s.GYRO_BIAS, shared)
-        self.P.add(s.YAW, s.YAW, yaw)
+            self.report("motion", (yaw, shared, bias), (s.YAW, s.GYRO_BIAS))
+        else:
+            self.report("motion", (yaw,), (s.YAW,))
 
     def cover_rounding(self) -> None:
         """Inflate the states after sharp updates, as `IcrEkf.update_scalar` after each.
@@ -294,7 +369,8 @@ class Lane:
         Single precision is for studies, whose sensors are not sharp.
         """
         if self.shape.bits == 64:
-            self.P.inflate(ROUNDING_SHARE * self._sharp)
+            for i, more in self.P.inflate(ROUNDING_SHARE * self._sharp).items():
+                self.report("inflated", (more,), (i,))
 
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `IcrEkf.keep_inside_bounds`, if a lane is outside."""
@@ -304,26 +380,28 @@ class Lane:
         if not bounds:
             return
         x, moving = self.x, [i for i in states if i not in fixed]
-        outside = trace.lift_truth(False)
+        outside: Any = False
         for direction, rest, least in bounds:
             outside = outside | (least - rest - dot(x_of(x, direction), direction) > least_short)
 
         def a_round(*values: Any) -> Any:
-            now, moved = dict(zip(states, values, strict=True)), trace.lift_truth(False)
+            now, moved = dict(zip(states, values, strict=True)), cast(Any, False)
             for direction, rest, least in bounds:
                 free = {i: by for i, by in direction.items() if i not in fixed}
                 cross = self.P.times(free)
                 variance = dot(cross, free)
                 short = least - rest - dot(now, direction)
                 moves = (short > least_short) & (variance > 0.0)
-                per_cross = select(moves, short / variance, 0.0)
+                per_cross = select(moves, short / select(moves, variance, 1.0), 0.0)
                 now |= {i: now[i] + cross[i] * per_cross for i in moving}
                 moved = moved | moves
             return [now[i] for i in states], moved
 
-        inside = trace.repeat(outside, [x[i] for i in states], a_round, BOUND_ROUNDS)
-        for i, value in zip(states, inside, strict=False):
+        before = [x[i] for i in states]
+        inside = trace.repeat(outside, before, a_round, BOUND_ROUNDS)[:-1]
+        for i, value in zip(states, inside, strict=True):
             x[i] = value
+        self.report("projected", [after - x for after, x in zip(inside, before, strict=True)], states)
 
     def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
         """Bounds: rows by uncertain states, sums over all other states, lower limits."""
@@ -338,6 +416,28 @@ class Lane:
 def array_rows(layout: Layout) -> tuple[int, int, int]:
     """Number of rows of each of `ARRAYS`; number of constants, which all lanes share."""
     return len(layout.rows), len(INPUTS), len(layout.constants)
+
+
+def plain_kernel(make: Any, of_user: MotionModel | None = None) -> Any:
+    """Make a function of `ARRAYS` that computes a kernel in Python, lane by lane.
+
+    Args:
+        make: function of plain numbers that makes the kernel.
+        of_user: see `Numbers`.
+    """
+
+    def kernel(lanes: Any, inputs: Any, constants: Any) -> int:
+        flags = 0
+        with np.errstate(all="ignore"):
+            for lane in range(lanes.shape[1]):
+                made = make(Numbers(lanes[:, lane], inputs[:, lane], constants, of_user))
+                for place, flag in enumerate(made.flags):
+                    flags |= bool(flag) << (place * FLAG_BITS + lane)
+                for _, row, value in made.stores:
+                    lanes[row, lane] = value
+        return flags
+
+    return kernel
 
 
 def idle_kernel(name: str, shape: FilterShape) -> Kernel:

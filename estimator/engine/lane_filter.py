@@ -1,7 +1,4 @@
-"""`IcrEkf` and its whole step by the traced step at one lane.
-
-Import it inside functions only: numba takes half a second to load.
-"""
+"""Steps of one filter at one lane, see `icreckon.estimator.filter.step_engine`."""
 
 from __future__ import annotations
 
@@ -10,82 +7,155 @@ from typing import Any, cast
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.records import array_on
-from icreckon.estimator.engine.filters import aligned, shared_constants
-from icreckon.estimator.engine.lane_inputs import add_sample, add_track_speeds, fill_move
+from icreckon.estimator.base.records import SharedRecord, array_on
+from icreckon.estimator.engine.constants import aligned, shared_constants
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.one_lane import OneLane, one_lane
-from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.engine.one_lane import OneLane, events_of, one_lane
+from icreckon.estimator.filter.changes import tell
+from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
+from icreckon.estimator.filter.step_engine import PositionUpdate
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
-from icreckon.estimator.motion.motion_model import Motion, MotionModel, TwistModel
+from icreckon.estimator.motion.motion_model import Motion, TwistModel
 from icreckon.estimator.motion.propagation import Triple
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.standstill import QuietReadings
+from icreckon.estimator.tracing.kernel import FLAG_BITS
+
+FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
+FORWARD, LEFT = INPUTS["fix_forward"], INPUTS["fix_left"]
+MODE, INTERVAL = INPUTS["fix_mode"], INPUTS["fix_interval"]
 
 
-class Workspace:
-    """Arrays that the compiled functions of one filter work on."""
-
-    def __init__(self, compiled: OneLane, constants: Any) -> None:
-        rows = len(compiled.shape.layout.rows)
-        self.lane, self.constants = aligned(rows).reshape(-1, 1), constants
-        self.inputs = aligned(len(INPUTS)).reshape(-1, 1)
-        self.arrays = self.lane, self.inputs, self.constants
-
-
-class LaneEkf(IcrEkf):
-    """`IcrEkf` with its motion model compiled; equal to it except for rounding.
+class LaneSteps:
+    """Steps of one filter; see `Steps`.
 
     Args:
-        model: the motion model; one that has no traced form is evaluated in Python.
-
-    Attributes:
-        compiled: compiled functions of the model, None if it has no traced form.
-        workspace: arrays that these work on.
+        ekf: the filter.
+        disturbances: its process noise.
+        robot: its robot.
+        settings: its settings.
+        record: record of its inputs, shared with compiled code.
+        readings: yaw-rate readings of a standstill.
+        compiles: compile the steps; otherwise execute them in Python.
     """
 
-    def __init__(self, model: MotionModel) -> None:
-        super().__init__(model)
-        self.compile_step()
+    def __init__(
+        self,
+        ekf: Ekf,
+        disturbances: Disturbances,
+        robot: Robot,
+        settings: Settings,
+        record: FilterRecord,
+        readings: QuietReadings,
+        *,
+        compiles: bool,
+    ) -> None:
+        self._made_of = ekf, disturbances, robot, settings, record, readings
+        self._compiles, self._ekf, self._readings = compiles, ekf, readings
+        self._record = record
+        self._records: Any = array_on(record) if isinstance(record, SharedRecord) else [record]
+        self._lane = lane = one_lane(
+            ekf.model, ekf.considered, wanders=ekf.wanders, compiles=compiles
+        )
+        if lane.is_plain:
+            # Functions in Python take the record itself.
+            self._records = [record]
+        self._constants = shared_constants(
+            lane.shape, ekf.model, disturbances, robot, settings, ekf.x[: s.SIZE]
+        )
+        self._workspace = aligned(len(lane.shape.layout.rows)).reshape(-1, 1)
+        self._inputs = aligned(len(INPUTS)).reshape(-1, 1)
+        self._arrays = self._workspace, self._inputs, self._constants
+        ekf.evaluation = self.evaluate
 
-    def compile_step(self, considered: tuple[int, ...] = ()) -> None:
-        """Compile the functions of the model, or load them.
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _made_again, (self._made_of, self._compiles)
 
-        Args:
-            considered: consider states.
-        """
-        self.compiled = one_lane(self.model, considered, wanders=self.wanders)
-        if self.compiled is not None:
-            layout = self.compiled.shape.layout
-            constants = aligned(len(layout.constants))
-            for name, value in self.model.vehicle._asdict().items():
-                constants[layout.constants[name]] = value
-            self.workspace = Workspace(self.compiled, constants)
+    def take_track_speeds(self, stamp: int, left: float, right: float) -> int:
+        """Add track speeds, see `Steps`."""
+        return cast(int, self._lane.take_tracks(self._records, stamp, left, right))
 
-    # Machine code and workspaces are not copied.
+    def take_imu(
+        self, stamp: int, rate: float, force_x: float, force_y: float, *, uses_force: bool
+    ) -> bool:
+        """Add an IMU sample, and take the step that it ends, see `Steps`."""
+        readings, records, inputs = self._readings, self._records, self._inputs
+        sample = stamp, rate, force_x, force_y, uses_force
+        fill = self._lane.fill_sample
+        while not fill(records, readings.stamps, readings.rates, inputs, *sample):
+            readings.make_room()
+        if stamp > self._record.stamp:
+            return cast(bool, self._step("imu_step", stamp))
+        ekf, regressors = self._ekf, self._ekf.regressors
+        if regressors is None:
+            # Before the first step there is nothing to smooth.
+            speeds = float(inputs[INPUTS["left"], 0]), float(inputs[INPUTS["right"], 0])
+            ekf.regressors = ekf.twist_model(*speeds).jacobian[:, s.PARAMETERS].copy()
+        used = self._step("imu_update", stamp)
+        if regressors is None:
+            ekf.regressors = None
+        return cast(bool, used)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {
-            name: value
-            for name, value in vars(self).items()
-            if name not in ("compiled", "workspace")
-        }
+    def move(self, stamp: int) -> None:
+        """Take a step without an IMU sample, see `Steps`."""
+        self._lane.fill_move(self._records, self._inputs, stamp)
+        self._step("time_step", stamp)
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self.compile_step(self.considered)
+    def begin(self, stamp: int) -> None:
+        """Begin a step, see `Steps`."""
+        self._lane.fill_move(self._records, self._inputs, stamp)
+        self._step("begin", stamp)
 
-    def _evaluate(self, left: float, right: float, slip_shares: Triple) -> TwistModel:
-        if self.compiled is None:
-            return super()._evaluate(left, right, slip_shares)
-        twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(self.x))), np.empty((3, 2))
-        zeta, epsilon, eta, u, force = self.compiled.twist(
-            self.x,
-            self.model.memory,
-            *self.workspace.arrays,
+    def propagate(self, stamp: int) -> None:
+        """Finish a step, see `Steps`."""
+        self._lane.fill_move(self._records, self._inputs, stamp)
+        self._step("propagate", stamp)
+
+    def take_position(
+        self,
+        stamp: int,
+        fix: tuple[float, float, float],
+        antenna: tuple[float, float],
+        *,
+        ahead: bool,
+        mode: int,
+        interval: float,
+        rejected_for: float,
+    ) -> PositionUpdate:
+        """Update with a position fix, see `Steps`."""
+        lane, inputs, ekf = self._lane, self._inputs, self._ekf
+        lane.fill_move(self._records, inputs, stamp)
+        inputs[[FIX_X, FIX_Y, FIX_VARIANCE], 0] = fix
+        inputs[[FORWARD, LEFT], 0] = antenna
+        inputs[[MODE, INTERVAL], 0] = mode, interval
+        regressors = ekf.regressors
+        if regressors is None and ahead:
+            model = ekf.twist_model(float(inputs[INPUTS["left"], 0]), float(inputs[INPUTS["right"], 0]))
+            ekf.regressors = model.jacobian[:, s.PARAMETERS].copy()
+        flags = self._step("position_ahead" if ahead else "position", stamp, rejected_for)
+        if regressors is None:
+            ekf.regressors = None
+        z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[lane.position, 0].tolist()
+        return PositionUpdate(
+            (z_x, z_y),
+            (xx, xy, yy),
+            admitted > 0.0,
+            bool(flags & 1),
+            bool(flags >> FLAG_BITS & 1),
+            (places[0], places[1], places[2]),
+            (places[3], places[4], places[5]),
+        )
+
+    def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
+        """Body velocity of a filter with the same model and settings, see `Evaluation`."""
+        twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(ekf.x))), np.empty((3, 2))
+        zeta, epsilon, eta, u, force = self._lane.twist(
+            ekf.x,
+            ekf.model.memory,
+            *self._arrays,
             float(left),
             float(right),
             *map(float, slip_shares),
@@ -97,65 +167,9 @@ class LaneEkf(IcrEkf):
         motion = Motion(PaperTwist(-v_y, v_x, w), IndexValues(zeta, epsilon, eta), u, force)
         return TwistModel(twist, jacobian, by_speeds, motion)
 
-
-class LaneStep:
-    """Inputs and whole steps of one filter, see `WholeStep`.
-
-    Args:
-        ekf: the filter; its motion model is compiled.
-        disturbances: its process noise.
-        robot: its robot.
-        settings: its settings.
-        record: record of its inputs, shared with compiled code.
-        readings: yaw-rate readings of a standstill.
-    """
-
-    def __init__(
-        self,
-        ekf: LaneEkf,
-        disturbances: Disturbances,
-        robot: Robot,
-        settings: Settings,
-        record: FilterRecord,
-        readings: QuietReadings,
-    ) -> None:
-        self._made_of = ekf, disturbances, robot, settings, record, readings
-        self._ekf, self._readings = ekf, readings
-        self._record, self._records = record, array_on(record)
-        if ekf.considered or ekf.wanders:
-            ekf.compile_step(ekf.considered)
-        self._compiled = compiled = cast(OneLane, ekf.compiled)
-        constants = shared_constants(
-            compiled.shape, ekf.model, disturbances, robot, settings, ekf.x[: s.SIZE]
-        )
-        ekf.workspace = Workspace(compiled, constants)
-        self._inputs = ekf.workspace.inputs
-
-    def __reduce__(self) -> tuple[type[LaneStep], tuple[Any, ...]]:
-        return LaneStep, self._made_of
-
-    def take_track_speeds(self, stamp: int, left: float, right: float) -> int:
-        """Add track speeds, see `WholeStep`."""
-        return cast(int, add_track_speeds(self._records, stamp, left, right))
-
-    def take_imu(
-        self, stamp: int, rate: float, force_x: float, force_y: float, *, uses_force: bool
-    ) -> bool:
-        """Add an IMU sample, and take the step that it ends, see `WholeStep`."""
-        readings, records, inputs = self._readings, self._records, self._inputs
-        sample = stamp, rate, force_x, force_y, uses_force
-        while not add_sample(records, readings.stamps, readings.rates, inputs, *sample):
-            readings.make_room()
-        return cast(bool, self._compiled.imu_step(*self._begin(stamp)))
-
-    def move(self, stamp: int) -> None:
-        """Take a step without an IMU sample, see `WholeStep`."""
-        fill_move(self._records, self._inputs, stamp)
-        self._compiled.time_step(*self._begin(stamp))
-
-    def _begin(self, stamp: int) -> tuple[Any, ...]:
-        """Gather the arguments of a step to a stamp [ns]."""
-        ekf, workspace = self._ekf, self._ekf.workspace
+    def _step(self, name: str, stamp: int, last: float | None = None) -> Any:
+        """Take a step to a stamp [ns], and report its changes."""
+        ekf = self._ekf
         memory = ekf.model.memory
         if len(memory):
             # The step advances the model; checkpoints share the memory before it.
@@ -164,13 +178,22 @@ class LaneStep:
         is_first = ekf.regressors is None
         if ekf.regressors is None:
             ekf.regressors = np.zeros((3, s.PARAMETER_COUNT))
-        return (
+        yaw = ekf.x.item(s.YAW)
+        found = self._lane.steps[name](
             self._records,
             ekf.x,
             ekf.P,
             ekf.regressors,
             memory,
-            *workspace.arrays,
+            *self._arrays,
             stamp,
-            is_first,
+            is_first if last is None else last,
         )
+        if ekf.clones is not None or ekf.observer is not None:
+            values = self._workspace[self._lane.first_report :, 0]
+            tell(events_of(self._lane.shape, name), values, len(ekf.x), yaw, ekf)
+        return found
+
+
+def _made_again(made_of: Any, compiles: bool) -> LaneSteps:
+    return LaneSteps(*made_of, compiles=compiles)

@@ -1,4 +1,4 @@
-"""Inputs of the steps of one filter; compiled once for all motion models."""
+"""Inputs of the steps of one filter; plain Python, for numba too."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from icreckon.estimator.sensors.imu_clock import take_stamp
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
 from icreckon.estimator.sensors.standstill import is_full, quiet_mean
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
-from icreckon.estimator.tracing.jit_kernel import entry
 
 ROWS, TRACK_ROWS, SLOW = len(INPUTS), len(StepInputs._fields), INPUTS["slow"]
 QUIET_MEAN, RATE = INPUTS["quiet_mean"], INPUTS["rate"]
@@ -100,7 +99,3 @@ def fill_tracks(record: Any, inputs: Floats, stamp: int) -> None:
     found = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
     for row in range(TRACK_ROWS):
         inputs[row, 0] = found[row]
-
-
-add_track_speeds, add_sample = entry(take_tracks_of), entry(sample_inputs)
-fill_move = entry(move_inputs)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.model import TracedModel
@@ -94,6 +95,9 @@ INNOVATIONS = (
     *(f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")),
 )
 
+# Rows for the changes that a kernel reports, see `icreckon.estimator.filter.changes`.
+REPORTED = 1100
+
 # Motion at some track speeds: indices, force of inertia and its limited value, and the derivatives of the
 # twist by the track speeds.
 MOTION = (
@@ -126,17 +130,19 @@ class Layout:
     Attributes:
         states: indices of the uncertain states, ascending, without the fast slip.
         model: the motion model.
+        reports: kernels report all changes of the filter.
     """
 
     states: tuple[int, ...]
     model: TracedModel
+    reports: bool = False
 
     @property
     def parameters(self) -> tuple[int, ...]:
         """Indices of the uncertain parameters."""
         return tuple(i for i in self.states if s.PARAMETERS.start <= i < s.PARAMETERS.stop)
 
-    @property
+    @cached_property
     def rows(self) -> Names:
         """Names of the rows: states, covariances, regressors, counts, twist; outputs last."""
         states, fast = self.states, range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
@@ -160,10 +166,11 @@ class Layout:
                 *INNOVATIONS,
                 *MOTION,
                 *(f"{axis}_by_{i}" for axis in TWIST[:3] for i in all_states),
+                *(f"report{k}" for k in range(REPORTED * self.reports)),
             )
         )
 
-    @property
+    @cached_property
     def constants(self) -> Names:
         """Names of the constants that all lanes share."""
         return Names(

@@ -40,14 +40,14 @@ SERIES_TO, TERMS = 0.5, 8
 PAPER_AXIS = (1, 0, 2)
 PAPER_SIGN = (1.0, -1.0, 1.0)
 
-Kind = Literal["index", "linear"]
+Kind = Literal["index", "linear", "plain"]
 
 
 class TracedModel(NamedTuple):
     """Motion model as the code of a filter depends on it.
 
     Attributes:
-        kind: kind of the model.
+        kind: kind of the model; "plain" of one that only plain numbers can evaluate.
         parameters: places of the parameters that the model uses among the nine.
         bounds: places of the parameters in each bound.
         memory: number of values in the model's memory.
@@ -61,8 +61,8 @@ class TracedModel(NamedTuple):
     taught: tuple[int, ...]
 
 
-def traced_model(model: MotionModel) -> TracedModel | None:
-    """Describe a motion model; None if it has no traced form."""
+def described(model: MotionModel) -> TracedModel:
+    """Describe a motion model."""
     kind: Kind
     # A subclass may have equations of its own.
     if type(model) is LaggedIndexMotion:
@@ -71,10 +71,16 @@ def traced_model(model: MotionModel) -> TracedModel | None:
     elif type(model) is LinearMotion:
         kind, used = "linear", range(len(linear_model.PARAMETER_NAMES))
     else:
-        return None
+        kind, used = "plain", range(s.PARAMETER_COUNT)
     bounds = tuple(tuple(np.flatnonzero(bound[:-1]).tolist()) for bound in model.bounds)
     taught = model.taught_by_imu
     return TracedModel(kind, tuple(used), bounds, len(model.memory), taught)
+
+
+def traced_model(model: MotionModel) -> TracedModel | None:
+    """Describe a motion model; None if it has no traced form."""
+    found = described(model)
+    return None if found.kind == "plain" else found
 
 
 class TracedTwist(NamedTuple):
@@ -100,11 +106,13 @@ class ModelInputs(NamedTuple):
         model: the model.
         vehicle: constants of the vehicle.
         memory: (m,) its memory.
+        of_user: the model itself, if only plain numbers can evaluate it.
     """
 
     model: TracedModel
     vehicle: VehicleConstants
     memory: Any
+    of_user: MotionModel | None = None
 
 
 class SlipConstants(NamedTuple):
@@ -128,7 +136,7 @@ def twist_model(
     slip_shares: Any,
     states: tuple[int, ...],
 ) -> TracedTwist:
-    """Evaluate the body velocity, see `IcrEkf.twist_model`.
+    """Evaluate the body velocity.
 
     Args:
         x: (SIZE,) the state.
@@ -155,6 +163,7 @@ def twist_model(
     motion, by = {
         "linear": lambda: _linearise_linear(*of_state, vehicle),
         "index": lambda: _linearise_indices(*of_state, vehicle, memory),
+        "plain": lambda: inputs.of_user.linearise(*of_state),
     }[inputs.model.kind]()
     wanted = (*states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
     twist, by_speeds = np.empty(3, dtype=object), np.empty((3, 2), dtype=object)
@@ -175,7 +184,9 @@ def twist_model(
         row[s.TRACK_SCALE] = by_left * left + by_right * right
         row[s.TRACK_DIFFERENCE] = 0.5 * (by_right * right - by_left * left)
         by_speeds[i] = factors[0] * by_left, factors[1] * by_right
-        rows.append({k: row[k] for k in wanted if k in row and not is_zero(row[k])})
+        # A zero of a user's model may be one for now.
+        keeps = inputs.of_user is not None
+        rows.append({k: row[k] for k in wanted if k in row and (keeps or not trace.is_zero(row[k]))})
     return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion)
 
 
@@ -190,14 +201,14 @@ def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any)
         dt: length of the step [s].
     """
     of_left, of_right = track_factors(x)
+    if inputs.of_user is not None:
+        of_user, speeds = inputs.of_user, (left * of_left, right * of_right)
+        of_user.recall(np.array(inputs.memory, dtype=float))
+        of_user.begin_step(dt, *speeds, tuple(x[s.PARAMETERS]), gravity_in(x))
+        return list(of_user.memory)
     keep = exponential(-dt / inputs.vehicle.load_lag)
     speeds, parameters = (left * of_left, right * of_right), tuple(x[s.PARAMETERS])
     return list(_advanced(inputs.memory, keep, speeds, parameters, gravity_in(x), inputs.vehicle))
-
-
-def is_zero(value: Any) -> bool:
-    """Return True if a number is the constant zero."""
-    return trace.lift(value).constant == 0.0
 
 
 def step_on_se2(yaw: Any, motion: Any) -> Any:

@@ -1,12 +1,14 @@
-"""Traced step of one filter, on the state and covariance of `IcrEkf`.
+"""Steps of one filter, on its state and covariance.
 
-The kernels are those of many filters side by side, compiled for one lane. State and covariance are copied
-to the workspace of the kernel before each call, and back afterwards.
+The kernels are those of many filters side by side, at one lane; they report all changes. State and
+covariance are copied to the workspace of a kernel before each call, and back afterwards. The functions are
+compiled, or executed in Python (`Settings.engine`).
 """
 
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -15,39 +17,79 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.engine.lane import FAST, FilterShape, Lane
-from icreckon.estimator.engine.layout import INPUTS, MOTION, SLIP_SHARES, TWIST
-from icreckon.estimator.engine.model import TracedModel, traced_model
-from icreckon.estimator.engine.schedule import PER_STEP, SMOOTHING, step_constants
+from icreckon.estimator.filter.changes import Event
+from icreckon.estimator.engine.fixes import FixKind, position_kernel
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, plain_kernel
+from icreckon.estimator.engine.lane_inputs import (
+    move_inputs,
+    sample_inputs,
+    take_tracks_of,
+)
+from icreckon.estimator.engine.layout import (
+    FACTORS,
+    INPUTS,
+    MOTION,
+    PLACES,
+    SLIP_SHARES,
+    TREND,
+    TWIST,
+)
+from icreckon.estimator.engine.model import TracedModel, described
+from icreckon.estimator.engine.numbers import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import count_verdict
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
-from icreckon.estimator.tracing.emit import Kernel, kernel_on_demand
-from icreckon.estimator.tracing.jit_kernel import entry
+from icreckon.estimator.tracing.kernel import Kernel
 
 COUNT = s.PARAMETER_COUNT
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
 # Places of a constant of a step, and of inputs of a kernel.
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
+# Steps of a filter that reports its changes: with an IMU sample at its end, and at its start; without
+# one; its two halves; and position fixes, at its end and ahead of it.
+OF_SAMPLE = StepKind(stands=True, may_lack_force=True, innovations=True, fast_slip=True)
+OF_TIME = StepKind(imu=False, accelerometer=False, fast_slip=True)
+STEPS = {
+    "imu_step": OF_SAMPLE,
+    "imu_update": OF_SAMPLE._replace(draws=False, moves=False, resumes=True),
+    "time_step": OF_TIME,
+    "begin": OF_TIME._replace(moves=False),
+    "propagate": OF_TIME._replace(draws=False, resumes=True),
+}
+FIXES = {"position": FixKind(fast_slip=True), "position_ahead": FixKind(fast_slip=True, ahead=True)}
+# Rows that the record of a filter holds, in the order of its fields.
+OF_RECORD = (*FACTORS, *TREND, *DEPARTURE)
 
 
 class OneLane(NamedTuple):
-    """Compiled functions of one filter shape at one lane.
+    """Functions of one filter shape at one lane.
 
     Attributes:
         shape: shape of the filter.
-        imu_step: step with an IMU sample at its end.
-        time_step: step without one.
+        is_plain: the functions are executed in Python.
+        steps: function of each of `STEPS` and `FIXES`, by name.
         twist: body velocity with its derivatives.
+        take_tracks: see `lane_inputs`, as the others.
+        fill_sample: see `lane_inputs`.
+        fill_move: see `lane_inputs`.
+        first_report: first of the rows with the changes that a kernel reports.
+        position: rows of the innovation of a position fix: x, y; its covariance, xx, xy, yy; 1 if it was
+            admitted; place and yaw before and after it.
     """
 
     shape: FilterShape
-    imu_step: Any
-    time_step: Any
+    is_plain: bool
+    steps: dict[str, Any]
     twist: Any
+    take_tracks: Any
+    fill_sample: Any
+    fill_move: Any
+    first_report: int
+    position: Any
 
 
 class LanePlaces(NamedTuple):
@@ -64,8 +106,11 @@ class LanePlaces(NamedTuple):
         memory_size: number of numbers of the memory.
         stood: row that is 1 if the robot was found standing.
         slip_factor: row of the factor on the slip.
+        of_record: rows of `OF_RECORD`.
         gyro: rows of the gyro: rejections in a row, number admitted, innovation, its variance.
         accelerometers: the same rows of the accelerometers, forward and left.
+        position_rejected_for: row of the time of rejected position fixes.
+        position_admitted: row of the number of admitted ones.
         twist: row of the twist's first component.
         motion: row of the first value of `MOTION`.
         by_state: (3, n) rows of the twist's derivatives by the states.
@@ -86,8 +131,11 @@ class LanePlaces(NamedTuple):
     memory_size: int
     stood: int
     slip_factor: int
+    of_record: Any
     gyro: tuple[int, int, int, int]
     accelerometers: tuple[tuple[int, int, int, int], tuple[int, int, int, int]]
+    position_rejected_for: int
+    position_admitted: int
     twist: int
     motion: int
     by_state: Any
@@ -99,48 +147,135 @@ class LanePlaces(NamedTuple):
 
 
 def one_lane(
-    model: MotionModel, considered: tuple[int, ...], *, wanders: bool = False
-) -> OneLane | None:
-    """Compile the step of a motion model for one lane; None if it has no traced form.
+    model: MotionModel, considered: tuple[int, ...], *, wanders: bool, compiles: bool
+) -> OneLane:
+    """Make the functions of a motion model for one lane.
 
-    Every parameter, bias and scale is a state, so that all variants of a model share the machine code.
+    Every parameter, bias and scale is a state, so that all variants of a model share the machine code. A
+    model that has no traced form is computed in Python.
 
     Args:
         model: the motion model.
         considered: consider states.
         wanders: the wander of position fixes is part of the state.
+        compiles: compile the functions, or load their machine code.
     """
-    described = traced_model(model)
-    return None if described is None else _one_lane(described, considered, wanders)
+    found = described(model)
+    if found.kind == "plain" or not compiles:
+        return _plain(found, considered, wanders, model if found.kind == "plain" else None)
+    return _compiled(found, considered, wanders)
 
 
-@cache
-def _one_lane(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> OneLane:
+def shape_of(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> FilterShape:
+    """Shape of a filter at one lane."""
     parameters = tuple(PARAMETERS + k for k in model.parameters)
     others = (i for i in range(FAST_SLIP) if not PARAMETERS <= i < s.PARAMETERS.stop)
     wander = (s.WANDER_X, s.WANDER_Y) if wanders else ()
-    shape = FilterShape(tuple(sorted((*others, *parameters, *wander))), (), model, considered)
-    of_sample = StepKind(stands=True, may_lack_force=True, innovations=True, fast_slip=True)
-    of_time = StepKind(imu=False, accelerometer=False, fast_slip=True)
+    states = tuple(sorted((*others, *parameters, *wander)))
+    return FilterShape(states, (), model, considered, reports=True)
+
+
+def _makers(shape: FilterShape) -> dict[str, Callable[..., Kernel]]:
+    """Functions that make the kernels, by name."""
+    steps = {name: partial(step_kernel, name, shape, kind) for name, kind in STEPS.items()}
+    fixes = {name: partial(position_kernel, name, shape, kind) for name, kind in FIXES.items()}
+    return {**steps, **fixes, "twist": partial(_twist_kernel, "twist", shape)}
+
+
+@cache
+def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> OneLane:
+    from icreckon.estimator.tracing.emit import kernel_on_demand
+    from icreckon.estimator.tracing.jit_kernel import entry
+
+    shape = shape_of(model, considered, wanders)
+    digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
     kernels = {
-        "imu_step": partial(step_kernel, "imu_step", shape, of_sample),
-        "time_step": partial(step_kernel, "time_step", shape, of_time),
-        "twist": partial(_twist_kernel, "twist", shape),
+        name: kernel_on_demand(name, make, 1, shape.bits) for name, make in _makers(shape).items()
     }
-    compiled = {name: kernel_on_demand(name, make, 1, shape.bits) for name, make in kernels.items()}
-    shape_digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
-    places = _places(shape)
+
+    def of_shape(function: Any, name: str) -> Any:
+        # Functions of one name would share their machine code.
+        return entry(function, f"{digest}_{name}")
+
+    return _functions(shape, kernels, of_shape, _entry)
+
+
+@cache
+def _entry(function: Any) -> Any:
+    """Compile a function, once for all shapes."""
+    from icreckon.estimator.tracing.jit_kernel import entry
+
+    return entry(function)
+
+
+def _plain(
+    model: TracedModel,
+    considered: tuple[int, ...],
+    wanders: bool,
+    of_user: MotionModel | None,
+) -> OneLane:
+    shape = shape_of(model, considered, wanders)
+
+    def plain(make: Callable[..., Kernel]) -> Any:
+        return plain_kernel(lambda numbers: make(numbers=numbers), of_user)
+
+    kernels = {name: plain(make) for name, make in _makers(shape).items()}
+    found = _functions(shape, kernels, lambda function, _: function, lambda function: function)
+    return found._replace(is_plain=True)
+
+
+def _functions(
+    shape: FilterShape,
+    kernels: dict[str, Any],
+    of_shape: Callable[[Any, str], Any],
+    of_all: Callable[[Any], Any],
+) -> OneLane:
+    """Make the functions of one lane.
+
+    Args:
+        shape: shape of the filter.
+        kernels: kernels by name.
+        of_shape: compiles a function that depends on the shape, under a name, or returns it as it is.
+        of_all: the same of one that does not.
+    """
+    places, rows = _places(shape), shape.layout.rows
+    made = {name: position_update(kernels[name], places) for name in FIXES}
+    for name, kind in STEPS.items():
+        if kind.imu:
+            made[name] = step_with_imu(kernels[name], places)
+        else:
+            made[name] = step_without_imu(kernels[name], places, arrives=kind.moves)
+    steps = {name: of_shape(function, name) for name, function in made.items()}
+    innovation = [f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")]
     return OneLane(
         shape,
-        compile_imu_step(compiled["imu_step"], places, shape_digest),
-        compile_time_step(compiled["time_step"], places, shape_digest),
-        compile_twist(compiled["twist"], places, shape_digest),
+        False,
+        steps,
+        of_shape(twist_function(kernels["twist"], places), "twist"),
+        of_all(take_tracks_of),
+        of_all(sample_inputs),
+        of_all(move_inputs),
+        rows["report0"],
+        np.array([rows[name] for name in (*innovation, *PLACES)]),
     )
 
 
-def _twist_kernel(name: str, shape: FilterShape) -> Kernel:
+@cache
+def events_of(shape: FilterShape, name: str) -> tuple[Event, ...]:
+    """Changes that a kernel reports; their values are those of a filter of zeros."""
+    if shape.model.kind == "plain":
+        # What a user's model reports does not depend on its equations.
+        shape = shape._replace(model=shape.model._replace(kind="linear", memory=0))
+    layout = shape.layout
+    zeros = Numbers(*(np.zeros(n) for n in (len(layout.rows), ROWS, len(layout.constants))))
+    with np.errstate(all="ignore"):
+        made = _makers(shape)[name](numbers=zeros)
+    return tuple(made.events)
+
+
+def _twist_kernel(name: str, shape: FilterShape, numbers: Numbers | None = None) -> Kernel:
     """Make the kernel that evaluates a body velocity with its derivatives."""
-    lane = Lane(shape, with_fast_slip=True)
+    lane = Lane(shape, numbers, with_fast_slip=True)
     shares = [lane.constant(name) for name in SLIP_SHARES]
     now = lane.twist_model(lane.input("left"), lane.input("right"), shares)
     lane.store_motion(now)
@@ -169,8 +304,11 @@ def _places(shape: FilterShape) -> LanePlaces:
         memory,
         rows["stood"],
         rows["slip_factor"],
+        np.array([rows[name] for name in OF_RECORD], np.uintp),
         of_gate("gyro"),
         (of_gate(ACCELEROMETERS[0]), of_gate(ACCELEROMETERS[1])),
+        rows["position_rejected_for"],
+        rows["position_admitted"],
         rows[TWIST[0]],
         rows[MOTION[0]],
         np.array([[rows[f"{axis}_by_{i}"] for i in states] for axis in TWIST[:3]]),
@@ -182,7 +320,7 @@ def _places(shape: FilterShape) -> LanePlaces:
     )
 
 
-# --- compiled functions -----------------------------------------------------------------------------
+# --- functions -----------------------------------------------------------------------------
 
 
 def fill_state(
@@ -284,10 +422,10 @@ def count_sample(
     return verdict != REJECTED
 
 
-def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
-    """Compile a step with an IMU sample at its end."""
+def step_with_imu(kernel: Any, places: LanePlaces) -> Any:
+    """Make a step with an IMU sample at its end, or at its start."""
 
-    def step_with_imu(
+    def imu_step(
         records: Any,
         x: Floats,
         P: Floats,
@@ -339,13 +477,19 @@ def compile_imu_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         )
         return count_sample(record.gyro, stamp, record.imu.interval, lane, places.gyro)
 
-    return entry(step_with_imu, shape_digest)
+    return imu_step
 
 
-def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
-    """Compile a step without an IMU sample."""
+def step_without_imu(kernel: Any, places: LanePlaces, *, arrives: bool) -> Any:
+    """Make a step without an IMU sample, or a part of one.
 
-    def step_without_imu(
+    Args:
+        kernel: the kernel.
+        places: places in the workspace.
+        arrives: it goes to the end of the step.
+    """
+
+    def time_step(
         records: Any,
         x: Floats,
         P: Floats,
@@ -357,7 +501,7 @@ def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any
         stamp: int,
         is_first: bool,
     ) -> None:
-        """Draw the fast slip and propagate; arguments as in `step_with_imu`."""
+        """Draw the fast slip and propagate, or one of these; arguments as in `imu_step`."""
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         record = records[0]
@@ -367,13 +511,63 @@ def compile_time_step(kernel: Any, places: LanePlaces, shape_digest: str) -> Any
         lane[places.stood, 0] = 0.0
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, memory, places)
-        record.stamp = stamp
+        if arrives:
+            record.stamp = stamp
 
-    return entry(step_without_imu, shape_digest)
+    return time_step
 
 
-def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
-    """Compile the body velocity with its derivatives."""
+def position_update(kernel: Any, places: LanePlaces) -> Any:
+    """Make an update with a position fix."""
+
+    def update_position(
+        records: Any,
+        x: Floats,
+        P: Floats,
+        regressors: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        stamp: int,
+        rejected_for: float,
+    ) -> Any:
+        """Gate and update; arguments as in `imu_step`, but for the last.
+
+        Args:
+            rejected_for: time of rejected fixes so far [s].
+
+        Returns:
+            Flags of the kernel, see `fixes.position_kernel`.
+        """
+        if inputs.shape != (ROWS, 1):
+            raise ValueError(WRONG_SIZE)
+        record = records[0]
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        fill_constants(record, lane, constants, stamp, False, places)
+        lane[places.position_rejected_for, 0] = rejected_for
+        lane[places.position_admitted, 0] = 0.0
+        rows = places.of_record
+        lane[rows[0], 0], lane[rows[1], 0] = record.slip_factor, record.present_factor
+        lane[rows[2], 0], lane[rows[3], 0] = record.trend_forward, record.trend_left
+        lane[rows[4], 0], lane[rows[5], 0] = record.trend_size, record.departed_for
+        lane[rows[6], 0], lane[rows[7], 0] = record.departed_from_x, record.departed_from_y
+        lane[rows[8], 0], lane[rows[9], 0] = record.departed_by_x, record.departed_by_y
+        flags = kernel(lane, inputs, constants)
+        empty_lane(lane, x, P, regressors, memory, places)
+        record.slip_factor, record.present_factor = lane[rows[0], 0], lane[rows[1], 0]
+        record.trend_forward, record.trend_left = lane[rows[2], 0], lane[rows[3], 0]
+        record.trend_size, record.departed_for = lane[rows[4], 0], lane[rows[5], 0]
+        record.departed_from_x, record.departed_from_y = lane[rows[6], 0], lane[rows[7], 0]
+        record.departed_by_x, record.departed_by_y = lane[rows[8], 0], lane[rows[9], 0]
+        return flags
+
+    return update_position
+
+
+def twist_function(kernel: Any, places: LanePlaces) -> Any:
+    """Make the body velocity with its derivatives."""
 
     def evaluate_twist(
         x: Floats,
@@ -390,7 +584,7 @@ def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         jacobian: Floats,
         by_speeds: Floats,
     ) -> Any:
-        """Evaluate the body velocity, see `IcrEkf.twist_model`.
+        """Evaluate the body velocity, see `Ekf.twist_model`.
 
         Args:
             x: (SIZE,) the state.
@@ -431,4 +625,4 @@ def compile_twist(kernel: Any, places: LanePlaces, shape_digest: str) -> Any:
         m = places.motion
         return lane[m, 0], lane[m + 1, 0], lane[m + 2, 0], lane[m + 3, 0], lane[m + 4, 0]
 
-    return entry(evaluate_twist, shape_digest)
+    return evaluate_twist

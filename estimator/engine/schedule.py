@@ -17,13 +17,11 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.records import NEVER, record_array
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.engine.layout import STEP_CONSTANTS
-from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING
+from icreckon.estimator.engine.numbers import PER_STEP, step_constants
 from icreckon.estimator.robot.settings import LONGEST_TIME, Settings
 from icreckon.estimator.sensors.held_tracks import (
     USUAL_TRACK_INTERVAL,
     is_hole,
-    smoothing_share,
 )
 from icreckon.estimator.sensors.imu_clock import (
     LEAST_WAIT,
@@ -54,7 +52,6 @@ REASONS = (
 )
 
 
-PER_STEP, SMOOTHING = len(STEP_CONSTANTS), STEP_CONSTANTS.index("smoothing")
 # Columns of a table of constants, with the interval of the IMU last.
 STEP_COLUMNS = PER_STEP + 1
 
@@ -508,11 +505,6 @@ walk_entry = entry(walk_stamps)
 
 
 # --- constants of steps ------------------------------------------------------------------------------
-
-
-def step_constants(dt: float) -> Any:
-    """Compute the values of `STEP_CONSTANTS` for a step of `dt` seconds."""
-    return dt, smoothing_share(dt, REGRESSOR_SMOOTHING)
 
 
 def fill_table(table: Floats, starts: Stamps, ends: Stamps, intervals: Floats) -> None:

@@ -10,7 +10,8 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
-from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, x_of
+from icreckon.estimator.filter.changes import moved_values
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, x_of
 from icreckon.estimator.engine.layout import IMU_GATES
 from icreckon.estimator.motion.propagation import GaussMarkov
 from icreckon.estimator.sensors.imu_noise import ImuNoise
@@ -18,7 +19,7 @@ from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential
-from icreckon.estimator.tracing.emit import Kernel
+from icreckon.estimator.tracing.kernel import Kernel
 from icreckon.estimator.tracing.trace import select
 
 # Parameters, biases and gravity along the ground.
@@ -33,7 +34,9 @@ class StepKind(NamedTuple):
     """Kind of a step, on which the code of its kernel depends.
 
     Attributes:
+        draws: it begins with a new fast slip.
         moves: time passes.
+        resumes: the fast slip and the regressors are those of a step that has begun before.
         stands: lanes may be found standing at its end.
         imu: there is an IMU sample at its end.
         accelerometer: update with the sample's specific force.
@@ -43,7 +46,9 @@ class StepKind(NamedTuple):
         fast_slip: store the fast slip at its end.
     """
 
+    draws: bool = True
     moves: bool = True
+    resumes: bool = False
     stands: bool = False
     imu: bool = True
     accelerometer: bool = True
@@ -71,17 +76,20 @@ class PredictedPose(NamedTuple):
     covariance: Sequence[Sequence[Any]]
 
 
-def step_kernel(name: str, shape: FilterShape, kind: StepKind) -> Kernel:
+def step_kernel(
+    name: str, shape: FilterShape, kind: StepKind, numbers: Numbers | None = None
+) -> Kernel:
     """Make the kernel of a step.
 
     Args:
         name: name of the kernel.
         shape: shape of the filter.
         kind: kind of the step.
+        numbers: see `Lane`.
     """
-    lane = Lane(shape, innovations=kind.innovations)
+    lane = Lane(shape, numbers, with_fast_slip=kind.resumes, innovations=kind.innovations)
     step = Step(lane, kind)
-    if kind.moves:
+    if kind.draws:
         step.draw_fast_slip()
     if kind.imu:
         if kind.stands:
@@ -116,7 +124,7 @@ class Step:
             step_input("speed_variance"),
             step_input("age"),
         )
-        self.stands: Any = trace.lift_truth(False)
+        self.stands: Any = False
         self.regressors: tuple[Vector, ...] = ({}, {}, {})
         slow = step_input("slow") > 0.5
         if kind.stands:
@@ -129,9 +137,15 @@ class Step:
             lane.stores["stood"] = 0.0
         self.pushed = slow
         left, right = step_input("left"), step_input("right")
-        if kind.moves and lane.shape.model.kind == "index":
+        if kind.draws and lane.shape.model.memory:
             lane.advance_model(constant("dt"), step_input("mean_left"), step_input("mean_right"))
         self.model = lane.twist_model(left, right)
+        if kind.resumes:
+            parameters = lane.layout.parameters
+            self.model = lane.with_smoothed_derivatives(self.model)
+            self.regressors = tuple(
+                {i: row[i] for i in parameters if i in row} for row in self.model.rows
+            )
 
     def _sigma(self) -> Any:
         lane = self.lane
@@ -155,6 +169,7 @@ class Step:
         }
         for pair, value in entries.items():
             lane.P.add(*pair, value)
+        lane.report("renewed", entries.values())
         lane.P.states = sorted({*lane.P.states, *FAST})
         self.regressors = tuple(
             {i: row[i] for i in lane.layout.parameters if i in row} for row in now.rows
@@ -172,7 +187,7 @@ class Step:
         yaws = (by_yaw[0], by_yaw[1], 0.0)
         rows: list[Vector] = []
         for i in range(3):
-            row: Vector = {i: trace.lift(1.0)}
+            row: Vector = {i: 1.0}
             row[s.YAW] = row.get(s.YAW, 0.0) + yaws[i]
             for k in range(3):
                 for j, value in now.rows[k].items():
@@ -203,9 +218,8 @@ class Step:
         )
 
     def _with_regressors(self, now: model.TracedTwist) -> model.TracedTwist:
-        if self.kind.moves:
-            for axis, row in enumerate(now.rows):
-                row.update(self.regressors[axis])
+        for axis, row in enumerate(now.rows):
+            row.update(self.regressors[axis])
         return now
 
     def update_standstill(self) -> None:
@@ -367,6 +381,8 @@ class Step:
                         after[i, j] = _between(P, faded[i], {j: 1.0})
                     elif i >= s.SIZE:
                         after[j, i] = _between(P, faded[i], {j: 1.0})
+        if lane.shape.reports:
+            self._report_motion(now, M_dt, yaws, with_rows, with_pose, walk, sigma, fades, step, faded)
         lane.P = Covariance(after)
         before = x.copy()
         for i in GRAVITY:
@@ -375,6 +391,44 @@ class Step:
             x[i] = x[i] + step[i]
             x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
         self.model = now
+
+    def _report_motion(
+        self,
+        now: model.TracedTwist,
+        M_dt: Sequence[Sequence[Any]],
+        yaws: Sequence[Any],
+        with_rows: Sequence[Vector],
+        with_pose: dict[tuple[int, int], Any],
+        walk: Vector,
+        sigma: Any,
+        fades: Sequence[GaussMarkov],
+        step: Sequence[Any],
+        faded: dict[int, Vector],
+    ) -> None:
+        """Report a propagation, see `Moved`."""
+        lane, states = self.lane, self.lane.P.states
+
+        def times_M(rows: Sequence[Vector]) -> list[list[Any]]:
+            return [
+                [sum((M_dt[i][k] * rows[k].get(j, 0.0) for k in range(3)), start=0.0) for j in states]
+                for i in range(3)
+            ]
+
+        noise = [[with_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in range(3)]
+        own = {i: walk.get(i, 0.0) * lane.constant("dt") for i in states}
+        for axis in range(3):
+            square = sigma[axis] * sigma[axis] * fades[axis].final
+            own[s.SLIP.start + axis] = own[s.SLIP.start + axis] + square
+        back = faded[s.GRAVITY_X]
+        values = moved_values(
+            lane.x[s.YAW],
+            step,
+            yaws[:2],
+            [fade.decay for fade in fades],
+            (back[s.GRAVITY_X], back[s.GRAVITY_Y]),
+            [*times_M(now.rows), *times_M(with_rows), *noise, [own[i] for i in states]],
+        )
+        lane.report("moved", values, states)
 
     def _walks(self, turning: Any, travel: Any) -> Vector:
         """Squared random-walk densities of the states that have one."""
@@ -442,7 +496,7 @@ def _transition(
 
     Slip fades, and gravity turns back.
     """
-    rows: dict[int, Vector] = {i: {i: trace.lift(1.0)} for i in states}
+    rows: dict[int, Vector] = {i: {i: 1.0} for i in states}
     rows |= {i: {i: fades[i - s.SLIP.start].decay} for i in states if _is_slip(i)}
     rows[s.GRAVITY_X] = {s.GRAVITY_X: cos, s.GRAVITY_Y: sin}
     rows[s.GRAVITY_Y] = {s.GRAVITY_X: -sin, s.GRAVITY_Y: cos}
@@ -467,6 +521,6 @@ def shift_of(row: Vector, x: Any, since: Any) -> Any:
     total: Any = 0.0
     for i, by in row.items():
         moved = x[i] - since[i]
-        if not model.is_zero(moved):
+        if not trace.is_zero(moved):
             total = total + by * moved
     return total

@@ -8,20 +8,20 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.engine.fixes import FORCED, SKIPPED
 from icreckon.estimator.engine.layout import INPUTS, TWIST
+from icreckon.estimator.engine.numbers import PER_STEP
 from icreckon.estimator.engine.schedule import (
     AHEAD,
     HEADING,
     MOVE,
-    PER_STEP,
     POSITION,
     STEP_COLUMNS,
     TICK,
     UPDATE,
 )
+from icreckon.estimator.filter.gate import FORCED, SKIPPED
 from icreckon.estimator.filter.reacquisition import MOST, laid_over
-from icreckon.estimator.tracing.emit import FLAG_BITS
+from icreckon.estimator.tracing.kernel import FLAG_BITS
 from icreckon.estimator.tracing.jit_kernel import entry, inner
 
 # Rows of an estimate, the output at a tick.

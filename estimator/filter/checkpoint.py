@@ -65,7 +65,6 @@ class FilterCheckpoint(
         stamp: time of the estimate [ns], or None before the first.
         state: (SIZE,) see `icreckon.estimator.base.state`; with the wander of the fixes two more.
         covariance: (n, n) of the n states.
-        step_under_way: the fast slip of the next step has begun.
         stands: the robot was found standing.
         tracks: record of the track speeds.
         standstill: checkpoint of the standstill detection.
@@ -94,7 +93,6 @@ class FilterCheckpoint(
     stamp: int | None
     state: np.ndarray[Any, Any]
     covariance: np.ndarray[Any, Any]
-    step_under_way: bool
     stands: bool
     tracks: TrackRecord
     standstill: StandstillMemory
@@ -129,7 +127,7 @@ class FilterCheckpoint(
         """Copy all that is in the record of a filter, except standstill and gates."""
         record.stamp = NEVER if self.stamp is None else self.stamp
         record.stood_at = NEVER if self.stood_at is None else self.stood_at
-        record.step_under_way, record.stands = self.step_under_way, self.stands
+        record.stands = self.stands
         record.slip_factor, record.present_factor = self.slip_factor, self.present_factor
         record.trend_forward, record.trend_left, record.trend_size = self.fix_trend
         for name, value in zip(DEPARTURE, self.departure, strict=True):
@@ -167,7 +165,6 @@ def of_record(record: FilterRecord) -> dict[str, Any]:
     return {
         "stamp": or_none(record.stamp),
         "stood_at": or_none(record.stood_at),
-        "step_under_way": bool(record.step_under_way),
         "stands": bool(record.stands),
         "slip_factor": float(record.slip_factor),
         "present_factor": float(record.present_factor),

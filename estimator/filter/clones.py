@@ -20,6 +20,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.filter.changes import Moved, Updated
 
 # Each clone costs time in every step, and space in every checkpoint of the history.
 MOST_MARKS = 20
@@ -112,23 +113,13 @@ class Clones(msgspec.Struct, frozen=True):
             self.covariance[np.ix_(rows, rows)],
         )
 
-    def moved(
-        self, yaw: float, step: Floats, by_state: Floats, P: Floats, F: Floats, Q: Floats
-    ) -> Clones:
-        """Propagate over a step of the filter.
-
-        Args:
-            yaw: yaw of the filter's pose before the step [rad].
-            step: (3,) increment of that pose.
-            by_state: (3, SIZE) derivative of `step` by all states but the pose.
-            P: (SIZE, SIZE) the filter's covariance before the step.
-            F: (SIZE, SIZE) transition of the filter's state.
-            Q: (SIZE, SIZE) process noise of the step.
-        """
-        turns = _turns(self.poses[:, 2] - yaw)
+    def moved(self, of: Moved) -> Clones:
+        """Propagate over a step of the filter."""
+        step, F, Q = of.step, of.F, of.Q
+        turns = _turns(self.poses[:, 2] - of.yaw)
         steps = turns @ step
-        by_state = turns @ by_state
-        carried, moved = _carried(self.cross, steps), by_state @ P
+        by_state, moved = turns @ of.by_state, turns @ of.with_state
+        carried = _carried(self.cross, steps)
         # Half of what the step adds to the covariance; the other half is its transpose.
         of_step = np.concatenate(
             [_each(carried) + 0.5 * moved, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
@@ -175,28 +166,15 @@ class Clones(msgspec.Struct, frozen=True):
         total = self.covariance + 0.5 * (own + own.T)
         return Clones(self.stamps, self.poses, self.cross + cross, total)
 
-    def updated(
-        self,
-        z: float,
-        h: Floats,
-        c: Floats,
-        K: Floats,
-        S: float,
-        *,
-        fixed: bool,
-        more: float = 0.0,
-    ) -> Clones:
-        """Update with a scalar measurement, see `IcrEkf.update_scalar`.
+    def updated(self, of: Updated, *, fixed: bool, more: float = 0.0) -> Clones:
+        """Update with a scalar measurement.
 
         Args:
-            z: innovation.
-            h: (SIZE,) Jacobian of the predicted measurement.
-            c: (SIZE,) the filter's covariance times `h`.
-            K: (SIZE,) gain of the filter.
-            S: variance of the innovation.
+            of: the update of the filter.
             fixed: the poses are not to be moved; their covariance takes that into account.
             more: share of its variances before the update by which the covariance is inflated.
         """
+        z, h, c, K, S = of.z, of.h, of.cross, of.gain, of.S
         own = (_each(self.cross) @ h).ravel()
         own_gain = np.zeros_like(own) if fixed else own / S
         half = np.outer(own_gain, own - 0.5 * S * own_gain)

@@ -7,9 +7,6 @@ end. So the twist is predicted and updated at the start of the step, and then mo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import replace
-
 import numpy as np
 
 from icreckon.estimator.base import state as s
@@ -20,9 +17,13 @@ from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory, of_record
 from icreckon.estimator.filter.clones import Clones
-from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, take_track_speeds
-from icreckon.estimator.filter.gate import GateRecord, gates_of
+from icreckon.estimator.filter.ekf import Ekf
+from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed
+from icreckon.estimator.filter.gate import FORCED, GATED, SKIPPED, GateRecord, gates_of
 from icreckon.estimator.filter.health import (
+    ADMITTED,
+    REACQUIRED,
+    REJECTED,
     Health,
     Judged,
     SensorHealth,
@@ -35,7 +36,7 @@ from icreckon.estimator.filter.health import (
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
 from icreckon.estimator.filter.step_engine import StepEngine
-from icreckon.estimator.filter.update import correct, update
+from icreckon.estimator.filter.update import update
 from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
     ImuSample,
@@ -52,33 +53,18 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors import imu_clock, predictions
-from icreckon.estimator.sensors.held_tracks import (
-    is_hole,
-    mean_speeds,
-    speeds_at,
-    take_motion,
-)
-from icreckon.estimator.sensors.imu_noise import (
-    measure_noise,
-    measured_noise,
-    noise_of_step,
-)
+from icreckon.estimator.sensors.held_tracks import is_hole, speeds_at
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
-    ACCELEROMETERS,
+    IMU_SENSORS,
     MODELS,
-    Accelerometer,
-    Gyro,
-    Linearised,
-    MeasurementModel,
     Quantity,
-    StepTwist,
     innovation_components,
 )
 from icreckon.estimator.sensors.predictions import Prediction
-from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, SensorModels
-from icreckon.estimator.sensors.standstill import QuietReadings, bias_change, tracks_rest
-from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
+from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.sensors.standstill import QuietReadings, tracks_rest
+from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.sensors.wheel_speeds import by_wheels
 
 
@@ -91,12 +77,11 @@ class Reckoning:
         settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
-        engine: factory of the filter's algebra.
+        engine: factory of the filter's steps.
 
     Attributes:
         ekf: the extended Kalman filter.
         parameter_sigmas: (9,) initial standard deviations of the parameters.
-        by_parts: take no whole steps, as with a mark; they are rounded otherwise.
 
     Raises:
         EstimatorError: `Settings.considered` has a name that the variant has not.
@@ -114,12 +99,11 @@ class Reckoning:
         model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self.parameter_sigmas = sigmas[s.PARAMETERS].copy()
         sigmas[s.POSE] = start_sigma
-        self.ekf = engine.make_ekf(model)
+        self.ekf = Ekf(model)
         self.ekf.x = state
         self.ekf.x[s.POSE] = start
         self.ekf.P = np.diag(sigmas**2)
         self.ekf.considered = considered_states(variant, settings)
-        self.by_parts = False
         self._wander = wander_of(robot, settings)
         if self._wander.sigma:
             self.ekf.add_wander(self._wander.sigma)
@@ -130,18 +114,16 @@ class Reckoning:
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._sensors = SensorModels(robot)
         self._prior = robot.imu
-        self._gyro, fixed = Gyro(self.ekf.fixed_for_gyro), self.ekf.fixed_for_imu
-        self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
         self._record = engine.make_record(FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
         self._readings = QuietReadings()
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
         self._scatter = Scatter()
-        of_imu = {name: getattr(self._record, name) for name in (self._gyro.name, *ACCELEROMETERS)}
+        of_imu = {name: getattr(self._record, name) for name in IMU_SENSORS}
         self._gates = gates_of(innovation_components(), settings.gates, of_imu, engine.make_record)
         self._fix_gates = [gate for name, gate in self._gates.items() if name not in of_imu]
-        self._at_once = engine.make_step(
+        self._steps = engine.make_steps(
             self.ekf, self._disturbances, robot, settings, self._record, self._readings
         )
 
@@ -311,7 +293,7 @@ class Reckoning:
                 return self._take_fix(event)
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
-        record, tracks, step = self._record, self._tracks, self._at_once
+        record, tracks = self._record, self._tracks
         hold, begins = self._settings.hold, tracks.stamp == NEVER
         if begins:
             record.stamp = m.stamp
@@ -321,11 +303,7 @@ class Reckoning:
             self._advance(imu_clock.interval_start(tracks, m.stamp) if hole else tracks.stamp)
             self._counts.track_gaps += hole
         m = by_wheels(tracks, m, record.settings.fastest)
-        if step is None:
-            stuck = take_track_speeds(record, m.stamp, m.left, m.right)
-        else:
-            stuck = step.take_track_speeds(m.stamp, m.left, m.right)
-        self._counts.stuck_tracks += stuck
+        self._counts.stuck_tracks += self._steps.take_track_speeds(m.stamp, m.left, m.right)
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
@@ -336,7 +314,7 @@ class Reckoning:
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
-        record, imu, step = self._record, self._imu, self._at_once
+        record, imu = self._record, self._imu
         hold = self._settings.hold
         if self._tracks.stamp == NEVER:
             # The motion is unknown, not at rest.
@@ -349,64 +327,9 @@ class Reckoning:
             # The sample measures the present yaw rate, not that in the gap.
             imu_clock.take_stamp(imu, m.stamp, hold)
             self._advance(imu_clock.interval_start(imu, m.stamp))
-        if step is not None and self._can_step_at_once(m.stamp):
-            used = step.take_imu(m.stamp, rate, *along, uses_force=self._uses_force)
-            self._counts.standstill_updates += record.stands
-            return used
-        imu_clock.take_stamp(imu, m.stamp, hold)
-        ekf = self.ekf
-        rate = take_motion(record.tracks, m.stamp, rate, *along, record.settings)
-        measure_noise(record.noise, m.stamp, rate, *along, hold)
-        spread = measured_noise(record.noise.gyro)
-        mean = self._readings.mean(record.still, m.stamp, rate, spread, record.settings)
-        noise = noise_of_step(record.noise, record.still, record.settings)
-        # A mean that is not a number is that of a moving robot.
-        record.stands = mean == mean
-        # Predict the twist of the step.
-        self._begin_step(m.stamp)
-        if record.stands:
-            self._update_standstill(mean, noise.gyro)
-        inputs = self._inputs(m.stamp)
-        at = StepTwist(self.model(), ekf.x.copy(), imu.interval, track_change(inputs), noise)
-        # Gate, update and record.
-        # A gyro that fails has no rate.
-        used = rate == rate and self._update(
-            self._gyro, self._gyro.linearise(rate, at), m.stamp, imu.interval
-        )
-        # Without track speeds the force has no prediction.
-        if self._uses_force and along[0] == along[0] and not inputs.unknown:
-            sigma = self.slip_sigma()
-            for axis, model in enumerate(self._accelerometers):
-                density = self._disturbances.change_density(sigma[axis])
-                found = model.linearise(along[axis], at, ekf.x, density)
-                self._update(model, found, m.stamp, imu.interval)
-        ekf.keep_inside_bounds(by_imu=True)
-        # Propagate the pose by the updated twist.
-        self._advance(m.stamp)
+        used = self._steps.take_imu(m.stamp, rate, *along, uses_force=self._uses_force)
+        self._counts.standstill_updates += record.stands
         return used
-
-    def _can_step_at_once(self, stamp: int) -> bool:
-        """Return True if nothing is to follow each part of a whole step to a stamp [ns]."""
-        record, ekf = self._record, self.ekf
-        is_whole = NEVER != record.stamp < stamp and not record.step_under_way
-        return is_whole and not (self.by_parts or ekf.clones or ekf.observer)
-
-    def _update_standstill(self, mean: float, density: float) -> None:
-        """Update with the zero twist of a standing robot, and a changed bias.
-
-        Args:
-            mean: mean of the quiet yaw rates [rad/s].
-            density: noise density of the gyro [rad²/s].
-        """
-        self._counts.standstill_updates += 1
-        ekf, still = self.ekf, self._record.still
-        variance = ekf.P.item(s.GYRO_BIAS, s.GYRO_BIAS)
-        variance += density / self._settings.standstill.duration
-        change = mean - ekf.x.item(s.GYRO_BIAS)
-        slip_factor.doubt(ekf, *bias_change(change, variance, still.rest_time, still.drive_time))
-        model, R = self.model(), np.diag(STANDSTILL_VARIANCE)
-        fixed = self.ekf.fixed_for_gyro
-        correct(self.ekf, -model.twist, model.jacobian, R, fixed=fixed, correlated=False)
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
@@ -417,59 +340,74 @@ class Reckoning:
         # Predict. A zero velocity at the end of a step is about the next one.
         at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
+        begun = False
         if not ahead and model.predicts == "pose":
             self._advance(m.stamp)
         elif not ahead:
-            self._begin_step(m.stamp)
+            begun = NEVER != record.stamp < m.stamp
+            record.stamp = self._start(m.stamp)
+            if begun:
+                self._steps.begin(m.stamp)
+        if isinstance(m, PositionFix):
+            return self._take_position(m, ahead=ahead)
         stood_at = record.stood_at
         if model.standing:
             record.stood_at = m.stamp
         predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
-        wandered = self._let_wander(m.stamp) if model.predicts == "pose" else 0.0
+        if model.predicts == "pose":
+            self._let_wander(m.stamp)
 
-        # Gate, update and record; relocate after rejected position fixes.
-        if isinstance(m, PositionFix):
-            fix, x_before = (m.stamp, m.x, m.y, m.variance), ekf.x.copy()
-            x, y, _ = at = predictions.point_on_robot(predicted, m.forward, m.left).values.tolist()
-            if not ekf.wanders:
-                m = replace(m, variance=self._scatter.of_fix(m.variance))
-            before = self._rejected_fixes[-1].variance + wandered if self._rejected_fixes else 0.0
-            self._rejected_fixes += (RejectedFix(m.x, m.y, max(m.variance, before), x, y),)
-            self._rejected_fixes = self._rejected_fixes[-MOST:]
-            if ekf.wanders:
-                predicted = predictions.with_wander(predicted, ekf.x)
+        # Gate, update and record.
         gate, found = self._gates[model.name], model.linearise(m, predicted)
-        interval, recover = gate.interval_to(m.stamp), None
-        yaw = predicted.values.item(s.YAW) if model.is_place else 0.0
+        interval = gate.interval_to(m.stamp)
         if model.is_place:
-            slip_factor.let_slip_last(ekf, yaw, interval)
-        if isinstance(m, PositionFix):
-            recover = self._relocate
-            slip_factor.follow_departure(ekf, record, gate, (m.x, m.y), found, yaw, interval)
-        used = self._update(model, found, m.stamp, interval, recover)
+            slip_factor.let_slip_last(ekf, predicted.values.item(s.YAW), interval)
+        fastest = record.settings.fastest
+        used = update(ekf, model, gate, found, m.stamp, interval, fastest=fastest)
         if used:
             ekf.keep_inside_bounds()
-
-        if isinstance(m, PositionFix):
-            slip_factor.follow_fix(record, gate.counts, (m.x, m.y), yaw)
-            if not ekf.wanders:
-                now = predictions.point_on_robot(
-                    self._predict("pose", m.stamp, ahead=ahead), m.forward, m.left
-                )
-                moved = at, now.values.tolist(), ekf.x - x_before
-                self._scatter = slip_factor.follow_scatter(
-                    ekf, self._scatter, gate.counts, fix, *moved, admitted=used
-                )
-        if used and isinstance(m, PositionFix | PoseFix):
-            self._rejected_fixes = ()
-            self._scatter = Scatter() if isinstance(m, PoseFix) else self._scatter
+        if used and isinstance(m, PoseFix):
+            self._rejected_fixes, self._scatter = (), Scatter()
         if model.standing and not used:
             record.stood_at = stood_at
         elif model.standing and ahead:
             # The fast slip of the last step is over.
             ekf.renew_fast_slip(predicted.R)
-        if not ahead:
-            self._advance(m.stamp)
+        if begun:
+            self._steps.propagate(m.stamp)
+        return used
+
+    def _take_position(self, m: PositionFix, *, ahead: bool) -> bool:
+        """Update with a position fix; relocate after rejected ones."""
+        ekf, gate, stated = self.ekf, self._gates["position"], m.variance
+        wandered, before = self._let_wander(m.stamp), ekf.x.copy()
+        variance = m.variance if ekf.wanders else self._scatter.of_fix(m.variance)
+        fix, antenna = (m.x, m.y, variance), (m.forward, m.left)
+        how = {
+            "ahead": ahead,
+            "interval": gate.interval_to(m.stamp),
+            "rejected_for": gate.counts.rejected_for,
+        }
+        found = self._steps.take_position(m.stamp, fix, antenna, mode=GATED, **how)
+        added = self._rejected_fixes[-1].variance + wandered if self._rejected_fixes else 0.0
+        rejected = RejectedFix(m.x, m.y, max(variance, added), *found.predicted[:2])
+        self._rejected_fixes = (*self._rejected_fixes, rejected)[-MOST:]
+        used, relocated = found.used, found.lost and self._relocate()
+        verdict = ADMITTED if found.admitted else REACQUIRED if used or found.lost else REJECTED
+        updated = found.updated
+        if found.lost:
+            mode = SKIPPED if relocated else FORCED
+            again = self._steps.take_position(m.stamp, fix, antenna, mode=mode, **how)
+            used, updated = True, again.updated
+        gate.count(m.stamp, verdict, found.z, found.S, how["interval"])
+        if not ekf.wanders:
+            fix = m.stamp, m.x, m.y, stated
+            at = found.predicted, updated, ekf.x - before
+            self._scatter = slip_factor.follow_scatter(
+                ekf, self._scatter, gate.counts, fix, *at, admitted=used
+            )
+        if used:
+            self._rejected_fixes = ()
         return used
 
     def _take_mark(self, m: Mark) -> bool:
@@ -483,20 +421,6 @@ class Reckoning:
         return True
 
     # --- steps -----------------------------------------------------------------------------------
-
-    def _update(
-        self,
-        model: MeasurementModel,
-        linearised: Linearised,
-        stamp: int,
-        interval: float,
-        recover: Callable[[], bool] | None = None,
-    ) -> bool:
-        """Gate, update and record a measurement at a stamp [ns]; True if it was used."""
-        gate, fastest = self._gates[model.name], self._record.settings.fastest
-        return update(
-            self.ekf, model, gate, linearised, stamp, interval, fastest=fastest, recover=recover
-        )
 
     def _relocate(self) -> bool:
         """Align the path with the rejected position fixes; False if they do not fit.
@@ -559,39 +483,8 @@ class Reckoning:
 
     def _advance(self, stamp: int) -> None:
         """Propagate to a stamp [ns], if it is later than the estimate."""
-        record, step = self._record, self._at_once
-        if NEVER != record.stamp >= stamp:
-            return
-        if step is not None and self._can_step_at_once(stamp):
-            step.move(stamp)
-            return
-        self._begin_step(stamp)
-        if record.stamp >= stamp:
-            return
-        sigma, factor = self.slip_sigma(), record.slip_factor
-        turn = self._inputs(stamp).turn_density
-        noise = self._disturbances.of_step(self._tracks, sigma, factor=factor, turn_density=turn)
-        self.ekf.predict_motion(*self._mean_motion(stamp), noise)
-        record.stamp = stamp
-        record.step_under_way = False
-
-    def _begin_step(self, stamp: int) -> None:
-        """Begin a step to a stamp [ns] with a new fast slip, unless one is under way."""
         record = self._record
-        record.stamp = self._start(stamp)
-        if stamp <= record.stamp or record.step_under_way:
-            return
-        self.ekf.x[s.FAST_SLIP] = 0.0
-        # The fast slip is the mean of a white process over the step.
-        dt, left, right = self._mean_motion(stamp)
-        self.ekf.begin_step(dt, left, right)
-        model = self.ekf.smooth_regressors(dt, *self.track_speeds)
-        self.ekf.renew_fast_slip(self._fast_slip_density(stamp, model) / dt)
-        record.step_under_way = True
-
-    def _mean_motion(self, stamp: int) -> tuple[float, float, float]:
-        """Length of a step to a stamp [ns], and mean track speeds [s, m/s, m/s]."""
-        record = self._record
-        start, hold_ns = record.stamp, record.settings.hold_ns
-        left, right = mean_speeds(self._tracks, start, stamp, hold_ns)
-        return (stamp - start) * NANOSECOND, left, right
+        if record.stamp == NEVER:
+            record.stamp = stamp
+        elif record.stamp < stamp:
+            self._steps.move(stamp)

@@ -28,7 +28,6 @@ class FilterRecord(msgspec.Struct):
         stamp: time of the estimate [ns], or NEVER.
         stood_at: stamp of the newest zero velocity that was used [ns], or NEVER.
         stands: 1 if the robot was found standing at the newest IMU sample.
-        step_under_way: 1 if the fast slip of the next step has begun, and the pose is still at its start.
         slip_factor: factor on the slip that position fixes have shown.
         present_factor: that of the newest fixes alone.
         trend_forward: mean of the normalised innovations of position fixes, to the front of the robot.
@@ -55,7 +54,6 @@ class FilterRecord(msgspec.Struct):
     stamp: int = NEVER
     stood_at: int = NEVER
     stands: int = 0
-    step_under_way: int = 0
     slip_factor: float = 1.0
     present_factor: float = 1.0
     trend_forward: float = 0.0

@@ -29,6 +29,8 @@ from icreckon.estimator.robot.settings import GateSettings
 # (scipy.stats.chi2.isf, which is not imported here for the sake of a light library).
 CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
 
+# Modes of an update with a fix: none, with the gate, or re-acquisition whatever its innovation is.
+SKIPPED, GATED, FORCED = range(3)
 # Largest number of components of an innovation.
 MOST = max(CHI_SQUARE_1E4)
 # Number of gated measurements that are recent.
@@ -159,6 +161,29 @@ class Gate:
             found = REACQUIRED if counts.rejected_for >= waits else REJECTED
         count_verdict(counts, found, nis, self._degrees, interval)
         return found
+
+    def count(
+        self,
+        stamp: int,
+        verdict: int,
+        z: tuple[float, float],
+        S: tuple[float, float, float],
+        interval: float,
+    ) -> None:
+        """Count the verdict on a position fix.
+
+        Args:
+            stamp: stamp of the fix [ns].
+            verdict: the verdict.
+            z: its innovation [m].
+            S: covariance of that, xx, xy and yy [m²].
+            interval: time that it counts if it is rejected [s].
+        """
+        xx, xy, yy = S
+        by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
+        nis = (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
+        count_verdict(self.counts, verdict, nis, self._degrees, interval)
+        self.keep(stamp, verdict, np.array(z), np.array([[xx, xy], [xy, yy]]))
 
     def interval_to(self, stamp: int) -> float:
         """Time since the measurement before one at a stamp [ns], as far as it counts [s]."""

@@ -13,7 +13,6 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.choices import select
-from icreckon.estimator.filter.ekf import ProcessNoise
 from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.robot.robot_file import Robot, Slip
 from icreckon.estimator.robot.slip import slip_components
@@ -100,10 +99,6 @@ class Disturbances:
         """Standard deviation of the slip at given track speeds [m/s]."""
         return slip_at(left, right, self._slip, self._track_gauge, eta, pushed, factor)
 
-    def change_density(self, sigma: float) -> float:
-        """Density of the change of a slip of a standard deviation [m²/s³]."""
-        return change_density(sigma, self._slip.time_constant)
-
     def fast_slip_density(self, inputs: StepInputs, by_speeds: Floats, sigma: Vector3) -> Floats:
         """(3, 3) density of the fast slip over a step.
 
@@ -126,23 +121,6 @@ class Disturbances:
             inputs.slide_y_density,
         )
         return np.array(density)
-
-    def of_step(
-        self, tracks: TrackRecord, sigma: Vector3, *, factor: float = 1.0, turn_density: float = 0.0
-    ) -> ProcessNoise:
-        """Process noise of a step at a `slip_sigma`, its factor, and a yaw density.
-
-        The random walk of the parameters has its full rate in turns, where they are observable, and none
-        when driving straight or standing. The slope changes with the distance that the tracks travel.
-        """
-        left, right = tracks.smooth_left, tracks.smooth_right
-        walk = self._bias_walk + self._parameter_walk * share_of_walk(left, right)
-        travel = travel_speed(left, right)
-        walk += self._slope_walk * math.sqrt(travel)
-        forgetting = self.slope_forgetting * travel
-        times = slip_times(self._slip.time_constant, factor)
-        walk[s.YAW] = math.sqrt(turn_density)
-        return ProcessNoise(np.array(sigma), times, walk, forgetting)
 
 
 def slip_at(

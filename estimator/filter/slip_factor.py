@@ -21,15 +21,10 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.faults.departing_fixes import Departure, departure_after, errors_of
 from icreckon.estimator.faults.scattering_fixes import Scatter, scatter_after
-from icreckon.estimator.filter.ekf import IcrEkf
-from icreckon.estimator.filter.filter_record import DEPARTURE, FilterRecord
-from icreckon.estimator.filter.gate import Gate, GateRecord
-from icreckon.estimator.filter.health import ADMITTED, REJECTED
+from icreckon.estimator.filter.ekf import Ekf
+from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.process_noise import lasting_slip, travel_speed
-from icreckon.estimator.filter.update import normalised_square
-from icreckon.estimator.sensors.measurement_models import Linearised
 
 # Weight of a position fix in the trend, and in the size of the innovations.
 TREND_WEIGHT, SIZE_WEIGHT = 0.2, 0.1
@@ -138,35 +133,7 @@ def is_moving(left: Any, right: Any) -> Any:
     return min(1.0, travel_speed(left, right) / MOVING)
 
 
-def follow_fix(
-    record: FilterRecord, fixes: GateRecord, fix: tuple[float, float], yaw: float
-) -> None:
-    """Adapt to the newest position fix, if it was used.
-
-    Args:
-        record: record of the filter, changed in place.
-        fixes: gate of the position fixes.
-        fix: the fix, x and y [m].
-        yaw: yaw at the fix [rad].
-    """
-    if fixes.verdict != REJECTED:
-        record.departed_for = 0.0
-        record.departed_from_x, record.departed_from_y = fix
-    if fixes.verdict != ADMITTED:
-        return
-    ahead, beside = normalised(
-        (fixes.z[0], fixes.z[1]),
-        (fixes.S[0], fixes.S[1], fixes.S[3]),
-        (math.cos(yaw), math.sin(yaw)),
-    )
-    speeds = record.tracks.smooth_left, record.tracks.smooth_right
-    trend = trend_after((record.trend_forward, record.trend_left, record.trend_size), ahead, beside)
-    record.trend_forward, record.trend_left, record.trend_size = trend
-    record.present_factor = present_factor_after(record.present_factor, trend, *speeds)
-    record.slip_factor = slip_factor_after(record.slip_factor, record.present_factor, *speeds)
-
-
-def let_slip_last(ekf: IcrEkf, yaw: float, interval: float) -> None:
+def let_slip_last(ekf: Ekf, yaw: float, interval: float) -> None:
     """Inflate slip and position by the slip that has faded since the last fix.
 
     Args:
@@ -175,73 +142,11 @@ def let_slip_last(ekf: IcrEkf, yaw: float, interval: float) -> None:
         interval: time since the fix before [s].
     """
     faded = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
-    ekf.inflate_motion((s.X, s.Y, s.SLIP_X), np.outer(faded, faded))
-
-
-def follow_departure(
-    ekf: IcrEkf,
-    record: FilterRecord,
-    gate: Gate,
-    fix: tuple[float, float],
-    found: Linearised,
-    yaw: float,
-    interval: float,
-) -> None:
-    """Inflate the states by what rejected fixes show that depart from the path.
-
-    Args:
-        ekf: the filter, changed in place.
-        record: its record, changed in place.
-        gate: gate of the position fixes.
-        fix: the newest fix, x and y, before its gate [m].
-        found: its linearised measurement.
-        yaw: yaw at the fix [rad].
-        interval: time since the fix before [s].
-    """
-    innovation, H, R = found
-    heading = math.cos(yaw), math.sin(yaw)
-    S = ekf.innovation_covariance(H, R)
-    z = innovation.item(0), innovation.item(1)
-    is_clear = False
-    if normalised_square(innovation, S) > gate.threshold:
-        before = Departure(*(getattr(record, name) for name in DEPARTURE))
-        of_z = z, (S.item(0, 0), S.item(0, 1), S.item(1, 1)), heading
-        robot = record.settings.fastest, ekf.model.vehicle.gauge
-        after, is_clear, shown = departure_after(before, fix, *of_z, *robot, interval)
-    else:
-        after = Departure(0.0, fix[0] - z[0], fix[1] - z[1], *z)
-    for name, value in zip(DEPARTURE, after, strict=True):
-        setattr(record, name, value)
-    if not is_clear:
-        return
-    record.present_factor = record.slip_factor = LARGEST_FACTOR
-    for states, error in errors_of(shown):
-        n = len(states) - (states[-1] in ekf.considered)
-        ekf.inflate_motion(states[:n], np.outer(error, error)[:n, :n])
-
-
-def doubt(ekf: IcrEkf, bias: float, shared: float, yaw: float) -> None:
-    """Inflate the gyro's bias, and the yaw by what that turns.
-
-    A bias that is larger than estimated has turned the estimate too far to the left.
-
-    Args:
-        ekf: the filter, changed in place.
-        bias: what is added to the variance of the bias [rad²/s²].
-        shared: the same for the covariance of yaw and bias [rad²/s].
-        yaw: the same for the variance of the yaw [rad²].
-    """
-    if bias <= 0.0:
-        return
-    if s.GYRO_BIAS in ekf.considered:
-        ekf.inflate(s.YAW, variance=yaw)
-    else:
-        covariance = np.array([[yaw, shared], [shared, bias]])
-        ekf.inflate_motion((s.YAW, s.GYRO_BIAS), covariance)
+    ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(faded, faded), of_motion=True)
 
 
 def follow_scatter(
-    ekf: IcrEkf,
+    ekf: Ekf,
     before: Scatter,
     gate: GateRecord,
     fix: tuple[int, float, float, float],

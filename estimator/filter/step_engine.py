@@ -1,21 +1,42 @@
-"""Interface to the filter's algebra, and to a whole compiled step."""
+"""Interface to the steps of a filter, compiled or in Python."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from icreckon.estimator.base.records import Record
-from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.standstill import QuietReadings
 
 
-class WholeStep(Protocol):
-    """Whole steps of a filter, compiled; they change its record as the reference does."""
+class PositionUpdate(NamedTuple):
+    """Update with a position fix.
+
+    Attributes:
+        z: innovation, x and y [m].
+        S: its covariance, xx, xy and yy [m²].
+        admitted: the gate admitted it.
+        lost: it was not used, and the filter is to be relocated.
+        used: it was used.
+        predicted: place of the antenna and yaw before it [m, m, rad].
+        updated: the same after it.
+    """
+
+    z: tuple[float, float]
+    S: tuple[float, float, float]
+    admitted: bool
+    lost: bool
+    used: bool
+    predicted: tuple[float, float, float]
+    updated: tuple[float, float, float]
+
+
+class Steps(Protocol):
+    """Steps of a filter, which change its state and its record."""
 
     def take_track_speeds(self, stamp: int, left: float, right: float) -> int:
         """Add track speeds.
@@ -30,7 +51,7 @@ class WholeStep(Protocol):
         """Add an IMU sample, and take the step that it ends; True if the yaw rate is used.
 
         Args:
-            stamp: stamp of the sample, later than the estimate [ns].
+            stamp: stamp of the sample, not before the estimate [ns].
             rate: yaw rate from the gyros [rad/s].
             force_x: specific force forward [m/s²], NaN if there is none.
             force_y: specific force to the left [m/s²], likewise.
@@ -42,31 +63,59 @@ class WholeStep(Protocol):
         """Take a step without an IMU sample to a later stamp [ns]."""
         ...
 
+    def begin(self, stamp: int) -> None:
+        """Begin a step to a later stamp [ns], with a new fast slip."""
+        ...
+
+    def propagate(self, stamp: int) -> None:
+        """Finish a step that `begin` has begun to the same stamp [ns]."""
+        ...
+
+    def take_position(
+        self,
+        stamp: int,
+        fix: tuple[float, float, float],
+        antenna: tuple[float, float],
+        *,
+        ahead: bool,
+        mode: int,
+        interval: float,
+        rejected_for: float,
+    ) -> PositionUpdate:
+        """Update with a position fix.
+
+        Args:
+            stamp: its stamp [ns].
+            fix: x, y [m] and the variance of each [m²].
+            antenna: place of the antenna in base_link, forward and left [m].
+            ahead: it lies ahead of the estimate, before the end of the next step.
+            mode: one of `icreckon.estimator.engine.fixes`: skipped, gated or forced.
+            interval: time since the fix before, as far as the gate counts it [s].
+            rejected_for: time of rejected fixes so far [s].
+        """
+        ...
+
 
 class StepEngine(Protocol):
-    """Factory of the filter's algebra, of its records, and of a whole step."""
-
-    def make_ekf(self, model: MotionModel) -> IcrEkf:
-        """Make the filter of a motion model."""
-        ...
+    """Factory of the records and steps of a filter."""
 
     def make_record(self, record: Record) -> Record:
         """Make a record of a filter from its initial values."""
         ...
 
-    def make_step(
+    def make_steps(
         self,
-        ekf: IcrEkf,
+        ekf: Ekf,
         disturbances: Disturbances,
         robot: Robot,
         settings: Settings,
         record: FilterRecord,
         readings: QuietReadings,
-    ) -> WholeStep | None:
-        """Make the whole step of a filter; None if its parts are taken one at a time.
+    ) -> Steps:
+        """Make the steps of a filter.
 
         Args:
-            ekf: the filter.
+            ekf: the filter; its consider states and wander are set.
             disturbances: its process noise.
             robot: its robot.
             settings: its settings.

@@ -7,12 +7,10 @@ carry the same information as z (Simon, Optimal State Estimation, section 6.1).
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter.ekf import ROUNDING_SHARE, IcrEkf
+from icreckon.estimator.filter.ekf import ROUNDING_SHARE, Ekf
 from icreckon.estimator.filter.gate import Gate, inflation, patience_for
 from icreckon.estimator.filter.health import REACQUIRED, REJECTED
 from icreckon.estimator.sensors.measurement_models import Linearised, MeasurementModel
@@ -23,7 +21,7 @@ LEAST_VARIANCE = 1e-18
 
 
 def update(
-    ekf: IcrEkf,
+    ekf: Ekf,
     model: MeasurementModel,
     gate: Gate,
     linearised: Linearised,
@@ -31,7 +29,6 @@ def update(
     interval: float,
     *,
     fastest: float,
-    recover: Callable[[], bool] | None = None,
 ) -> bool:
     """Update with a measurement, all of its components or none.
 
@@ -43,7 +40,6 @@ def update(
         stamp: stamp of the measurement [ns].
         interval: time that it counts if it is rejected [s].
         fastest: highest track speed of the robot [m/s].
-        recover: called in place of inflation and update when re-acquiring; False if it did nothing.
 
     Returns:
         True if the measurement was used.
@@ -54,19 +50,10 @@ def update(
     nis = normalised_square(z, S)
     square = float(z[:2] @ z[:2]) if model.is_place else 0.0
     verdict = gate.judge(nis, interval, patience_for(square, gate.patience, fastest))
-    recovered = verdict == REACQUIRED and recover is not None and recover()
-    if verdict == REACQUIRED and not recovered:
+    if verdict == REACQUIRED:
         R = _inflated(ekf, model, linearised, S)
-    if verdict != REJECTED and not recovered:
-        correct(
-            ekf,
-            z,
-            H,
-            R,
-            fixed=model.fixed,
-            stand_in=model.stand_in,
-            correlated=model.correlated,
-        )
+    if verdict != REJECTED:
+        correct(ekf, z, H, R, fixed=model.fixed, correlated=model.correlated)
     gate.keep(stamp, verdict, z, S)
     return verdict != REJECTED
 
@@ -80,13 +67,12 @@ def normalised_square(z: Floats, S: Floats) -> float:
 
 
 def correct(
-    ekf: IcrEkf,
+    ekf: Ekf,
     z: Floats,
     H: Floats,
     R: Floats,
     *,
     fixed: tuple[int, ...] = (),
-    stand_in: int | None = None,
     correlated: bool = True,
 ) -> None:
     """Update with each component of a measurement in turn, without a gate.
@@ -97,7 +83,6 @@ def correct(
         H: (n, SIZE) Jacobian of the predicted measurement.
         R: (n, n) covariance of the measurement noise.
         fixed: states that are not to be moved.
-        stand_in: state that is moved in their place.
         correlated: use the correlations of R.
     """
     if correlated and len(z) > 1:
@@ -106,7 +91,7 @@ def correct(
     for k in range(len(z)):
         # Each component is linearised at the state before the first.
         moved = shift(H[k], ekf.x, x) if k else 0.0
-        ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=fixed, stand_in=stand_in)
+        ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=fixed)
 
 
 def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
@@ -127,7 +112,7 @@ def _resolved(linearised: Linearised) -> Linearised:
     return linearised._replace(R=linearised.R + np.diag(np.maximum(missing, 0.0)))
 
 
-def _inflated(ekf: IcrEkf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
+def _inflated(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
     """Inflate the states that the measurement is to move; return R.
 
     A considered state cannot be moved: R of its component is inflated instead.

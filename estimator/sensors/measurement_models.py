@@ -23,16 +23,7 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     ZeroVelocity,
 )
-from icreckon.estimator.motion.motion_model import TwistModel
-from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.predictions import Prediction, point_on_robot
-from icreckon.estimator.sensors.sensor_models import (
-    SensorModels,
-    TrackChange,
-    accelerometer_forecast,
-    gyro_variance,
-    shift,
-)
 
 # Gates have thresholds for so many components (`icreckon.estimator.filter.gate.CHI_SQUARE_1E4`).
 MOST_COMPONENTS = 3
@@ -42,8 +33,9 @@ POSE_FIXED = (s.X, s.Y, s.YAW)
 # biases and parameters.
 STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop), s.GRAVITY_X, s.GRAVITY_Y)
 
-# Names of the accelerometers, forward and left.
+# Names of the accelerometers, forward and left, and of all sensors of the IMU.
 ACCELEROMETERS = ("accelerometer_x", "accelerometer_y")
+IMU_SENSORS = ("gyro", *ACCELEROMETERS)
 
 M = TypeVar("M", bound=Measurement)
 Quantity = Literal["pose", "twist"]
@@ -103,7 +95,6 @@ class MeasurementModel:
         inflated_jointly: inflate each state by the joint square of the innovation, not by that of its
             own component.
         fixed: states that updates do not move; the covariance takes that into account.
-        stand_in: state that updates move in place of the fixed ones, see `IcrEkf.update_scalar`.
         is_place: the first two components are a position [m].
         correlated: updates use the correlations of R. If not, only the gate does.
     """
@@ -113,7 +104,6 @@ class MeasurementModel:
     inflated: tuple[int, ...]
     inflated_jointly: ClassVar[bool] = False
     fixed: tuple[int, ...] = ()
-    stand_in: int | None = None
     is_place: ClassVar[bool] = False
     correlated: ClassVar[bool] = True
 
@@ -217,98 +207,6 @@ class Standing(FixModel[ZeroVelocity]):
         return Linearised(-predicted.values, predicted.H, R)
 
 
-class StepTwist(NamedTuple):
-    """Twist of a step, and the other inputs of the IMU's predicted measurements.
-
-    Attributes:
-        model: the twist at `x`.
-        x: (SIZE,) state of the linearisation.
-        interval: time between samples [s].
-        change: change of the track speeds.
-        noise: noise of the IMU.
-    """
-
-    model: TwistModel
-    x: Floats
-    interval: float
-    change: TrackChange
-    noise: ImuNoise
-
-
-class Gyro(MeasurementModel):
-    """Yaw rate: that of the robot times scale, plus bias.
-
-    The slip stands in for parameters and gravity, which it does not move: the estimated yaw rate follows
-    the gyro also where they are wrong.
-
-    Args:
-        fixed: states that it does not move, see `gyro_fixed`.
-    """
-
-    name = "gyro"
-    components = ("gyro",)
-    inflated = (s.SLIP_W,)
-    stand_in = s.SLIP_W
-
-    def __init__(self, fixed: tuple[int, ...]) -> None:
-        self.fixed = fixed
-
-    def linearise(self, rate: float, at: StepTwist) -> Linearised:
-        """Compare a yaw rate, see `SensorModels.yaw_rate` [rad/s], with its prediction."""
-        model, x = at.model, at.x
-        w, scale = model.twist.item(2), 1.0 + x.item(s.GYRO_SCALE)
-        H = scale * model.jacobian[2:]
-        H[0, s.GYRO_BIAS] += 1.0
-        H[0, s.GYRO_SCALE] += w
-        variance = gyro_variance(at.noise.gyro, at.interval, model.by_speeds[2].tolist(), at.change)
-        z = rate - scale * w - x.item(s.GYRO_BIAS)
-        return Linearised(np.array([z]), H, np.array([[variance]]))
-
-
-class Accelerometer(MeasurementModel):
-    """Specific force along an axis of base_link: acceleration less gravity, plus bias.
-
-    Args:
-        sensors: mounting of the IMU.
-        fixed: states that it does not move, see `imu_fixed`.
-        axis: 0 for forward, 1 for left.
-    """
-
-    def __init__(self, sensors: SensorModels, fixed: tuple[int, ...], axis: int) -> None:
-        self._constants, self.fixed, self._axis = sensors.constants, fixed, axis
-        self.name = ACCELEROMETERS[axis]
-        self.components = (self.name,)
-        self.inflated = (s.ACCELEROMETER_BIAS_X + axis,)
-
-    def linearise(self, force: float, at: StepTwist, x: Floats, slip_density: float) -> Linearised:
-        """Compare a specific force with its prediction.
-
-        Args:
-            force: specific force along the axis [m/s²].
-            at: twist and inputs at the state of the linearisation.
-            x: (SIZE,) the state, which updates may have moved since then.
-            slip_density: density of the change of the slip along the axis [m²/s³].
-        """
-        model, axis = at.model, self._axis
-        forecast = accelerometer_forecast(
-            self._constants,
-            axis,
-            at.noise[1 + axis],
-            at.interval,
-            model.twist.tolist(),
-            model.by_speeds.tolist(),
-            at.change,
-            slip_density,
-        )
-        row = forecast.by_w * model.jacobian[2] + forecast.by_across * model.jacobian[1 - axis]
-        gravity, bias = s.GRAVITY_X + axis, s.ACCELEROMETER_BIAS_X + axis
-        row[gravity] -= 1.0
-        row[bias] += 1.0
-        predicted = forecast.predicted + at.x.item(bias) - at.x.item(gravity)
-        z = force - predicted - shift(row, x, at.x)
-        return Linearised(np.array([z]), row[None], np.array([[forecast.variance]]))
-
-
 # Sensors by type of measurement; tracks and IMU have steps of their own in the filter.
 MODELS: dict[type[Measurement], FixModel[Any]] = {
     PositionFix: Position(),
@@ -340,7 +238,7 @@ def register(kind: type[M], model: FixModel[M]) -> None:
             f"{model.name}: a sensor has 1 to {MOST_COMPONENTS} components, found "
             f"{len(model.components)}; register several"
         )
-    if model.name in (Gyro.name, *ACCELEROMETERS):
+    if model.name in IMU_SENSORS:
         raise EstimatorError(f"{model.name!r}: there is such a sensor already")
     add_stream(kind, model.name)
     MODELS[kind] = model
@@ -354,5 +252,5 @@ def unregister(kind: type[Measurement]) -> None:
 
 def innovation_components() -> dict[str, tuple[str, ...]]:
     """Names of the innovation's components, by sensor."""
-    of_imu = {name: (name,) for name in (Gyro.name, *ACCELEROMETERS)}
+    of_imu = {name: (name,) for name in IMU_SENSORS}
     return of_imu | {model.name: model.components for model in MODELS.values()}

@@ -1,74 +1,47 @@
-"""Engines of a streaming filter: filterpy in Python, or the compiled step."""
+"""Engines of a streaming filter: its steps compiled, or in Python."""
 
 from __future__ import annotations
 
 from icreckon.estimator.base.records import Record, shared_record
-from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.step_engine import StepEngine, WholeStep
-from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.filter.step_engine import StepEngine, Steps
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Engine, Settings
 from icreckon.estimator.sensors.standstill import QuietReadings
 
 
-class PlainEngine:
-    """Engine in Python: filterpy's EKF, one part of a step at a time."""
+class NumbersEngine:
+    """Engine on the steps of `icreckon.estimator.engine`.
 
-    def make_ekf(self, model: MotionModel) -> IcrEkf:
-        """Make the filter of a motion model, see `StepEngine`."""
-        from icreckon.estimator.streaming.plain_ekf import PlainEkf
+    Args:
+        compiles: compile them; otherwise they are executed in Python, to be read and debugged.
+    """
 
-        return PlainEkf(model)
-
-    def make_record(self, record: Record) -> Record:
-        """Make a record of a filter, see `StepEngine`."""
-        return record
-
-    def make_step(
-        self,
-        ekf: IcrEkf,  # noqa: ARG002
-        disturbances: Disturbances,  # noqa: ARG002
-        robot: Robot,  # noqa: ARG002
-        settings: Settings,  # noqa: ARG002
-        record: FilterRecord,  # noqa: ARG002
-        readings: QuietReadings,  # noqa: ARG002
-    ) -> None:
-        """Make no whole step: its parts are made one at a time."""
-        return
-
-
-class CompiledEngine:
-    """Compiled engine: motion model and whole step traced, for one lane."""
-
-    def make_ekf(self, model: MotionModel) -> IcrEkf:
-        """Make the filter of a motion model, see `StepEngine`."""
-        from icreckon.estimator.engine.lane_filter import LaneEkf
-
-        return LaneEkf(model)
+    def __init__(self, *, compiles: bool) -> None:
+        self._compiles = compiles
 
     def make_record(self, record: Record) -> Record:
         """Make a record of a filter, see `StepEngine`."""
-        return shared_record(record)
+        return shared_record(record) if self._compiles else record
 
-    def make_step(
+    def make_steps(
         self,
-        ekf: IcrEkf,
+        ekf: Ekf,
         disturbances: Disturbances,
         robot: Robot,
         settings: Settings,
         record: FilterRecord,
         readings: QuietReadings,
-    ) -> WholeStep | None:
-        """Make the whole step of a filter, see `StepEngine`."""
-        from icreckon.estimator.engine.lane_filter import LaneEkf, LaneStep
+    ) -> Steps:
+        """Make the steps of a filter, see `StepEngine`."""
+        from icreckon.estimator.engine.lane_filter import LaneSteps
 
-        if not isinstance(ekf, LaneEkf) or ekf.compiled is None:
-            return None
-        return LaneStep(ekf, disturbances, robot, settings, record, readings)
+        parts = ekf, disturbances, robot, settings, record, readings
+        return LaneSteps(*parts, compiles=self._compiles)
 
 
 def engine_of(name: Engine) -> StepEngine:
     """Engine by its name in `Settings.engine`."""
-    return PlainEngine() if name == "plain" else CompiledEngine()
+    return NumbersEngine(compiles=name == "compiled")

@@ -31,13 +31,11 @@ class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memo
         after: key of the last measurement before the history.
         checkpoint: checkpoint of the filter after it.
         measurements: later measurements and marks in order; a row each, see `event_row`.
-        by_parts: see `History`.
     """
 
     after: Key
     checkpoint: FilterCheckpoint
     measurements: tuple[tuple[Any, ...], ...]
-    by_parts: tuple[tuple[Key, Key], ...] = ()
 
 
 class KeyedMemory(NamedTuple):
@@ -54,9 +52,6 @@ class History:
     re-run over all later ones. So the estimate is always that of all measurements so far in the order of
     their keys, to the last bit, wherever the checkpoints are.
 
-    Steps with a mark are taken by parts, and rounded otherwise than whole steps. Those of a mark that has
-    been dropped stay so in a re-run: `_by_parts` has the keys from the mark to the newest at that time.
-
     Args:
         reckoning: the filter.
         span: largest delay of a measurement [s].
@@ -69,7 +64,6 @@ class History:
         self._events: list[Event] = []
         self._checkpoints = [KeyedMemory(BEFORE_ALL, reckoning.memory())]
         self._since_checkpoint = 0
-        self._by_parts: list[tuple[Key, Key]] = []
 
     def checkpoint(self) -> HistoryCheckpoint:
         """Checkpoint of the present state."""
@@ -79,7 +73,7 @@ class History:
         checkpoint = self._reckoning.checkpoint()
         self._reckoning.recall(now)
         rows = tuple(map(event_row, self._events))
-        return HistoryCheckpoint(after, checkpoint, rows, tuple(self._by_parts))
+        return HistoryCheckpoint(after, checkpoint, rows)
 
     def restore(self, checkpoint: HistoryCheckpoint) -> None:
         """Restore a checkpoint; the filter's own of the same time must be restored before.
@@ -94,7 +88,6 @@ class History:
         now = self._reckoning.memory()
         self.begin_anew(checkpoint.after, checkpoint.checkpoint)
         self._keys, self._events = keys, events
-        self._by_parts = list(checkpoint.by_parts)
         if keys:
             self._checkpoints.append(KeyedMemory(keys[-1], now))
         self._reckoning.recall(now)
@@ -149,7 +142,7 @@ class History:
     def begin_anew(self, after: Key, checkpoint: FilterCheckpoint) -> None:
         """Restore a checkpoint after the measurement of a key, and clear the history."""
         self._reckoning.restore(checkpoint)
-        self._keys, self._events, self._by_parts = [], [], []
+        self._keys, self._events = [], []
         self._checkpoints = [KeyedMemory(after, self._reckoning.memory())]
         self._since_checkpoint = 0
 
@@ -161,19 +154,16 @@ class History:
     def forget_mark(self, mark: Mark) -> None:
         """Drop a mark from the filter, the history and all checkpoints."""
         self._reckoning.ekf.clones = self._reckoning.clones.without(mark.stamp)
-        key, since = key_of(mark), BEFORE_ALL
+        key = key_of(mark)
         place = bisect_left(self._keys, key)
         if place < len(self._keys) and self._keys[place] == key:
             del self._keys[place], self._events[place]
-            since = key
         # A checkpoint after the mark is one after the measurement before it.
         before = self._keys[place - 1] if place else self._checkpoints[0].after
         for index, (after, memory) in enumerate(self._checkpoints):
             if memory.clones is not None:
                 without = memory._replace(clones=memory.clones.without(mark.stamp))
                 self._checkpoints[index] = KeyedMemory(before if after == key else after, without)
-        if self._keys:
-            self._by_parts.append((since, self._keys[-1]))
 
     def insert(self, key: Key, event: Event) -> bool:
         """Update the filter with a late measurement; return True if it was used."""
@@ -189,14 +179,12 @@ class History:
         used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
             at = self._keys[index]
-            reckoning.by_parts = any(since < at <= to for since, to in self._by_parts)
             now_used = reckoning.take(self._events[index])
             if index == place:
                 used = now_used
             self._since_checkpoint += 1
             if self._since_checkpoint >= CHECKPOINT_EVERY:
                 self._add_checkpoint(at)
-        reckoning.by_parts = False
         return used
 
     def _add_checkpoint(self, key: Key) -> None:
@@ -218,4 +206,3 @@ class History:
             passed = bisect_right(self._keys, checkpoints[0].after)
             del self._keys[:passed]
             del self._events[:passed]
-            self._by_parts = [span for span in self._by_parts if span[1] > checkpoints[0].after]

@@ -15,7 +15,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import clipped_correlations
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS
-from icreckon.estimator.filter.ekf import IcrEkf
+from icreckon.estimator.filter.ekf import Ekf
 
 # Largest value of a state, in its unit, and largest variance.
 LARGEST_STATE, LARGEST_VARIANCE = 1e15, 1e40
@@ -39,7 +39,7 @@ def require_64_bits(content: Any) -> None:
         raise ValueError("whole numbers must fit into 64 bits")
 
 
-def require_sound(checkpoint: FilterCheckpoint, ekf: IcrEkf, *, to_continue: bool = True) -> None:
+def require_sound(checkpoint: FilterCheckpoint, ekf: Ekf, *, to_continue: bool = True) -> None:
     """Require a checkpoint that this filter can have.
 
     Args:

@@ -48,11 +48,9 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.filter.ekf import (
-    IDENTITY,
-    IcrEkf,
+    Ekf,
     fade_wander,
     replaced_states,
-    slip_diagonal,
 )
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
@@ -199,7 +197,7 @@ class _Tape:
         fastest: highest speed of a track [m/s].
     """
 
-    def __init__(self, ekf: IcrEkf, fastest: float) -> None:
+    def __init__(self, ekf: Ekf, fastest: float) -> None:
         self._ekf, self._fastest = ekf, fastest
         ekf.observer = self
         self._size = len(ekf.x)
@@ -395,8 +393,8 @@ def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, 
             return adjoint, information
         case _Step(pose_rows, decay, back):
             size = len(adjoint)
-            F = IDENTITY[:size, :size].copy()
+            F = np.eye(size)
             F[s.POSE] = pose_rows
-            F.ravel()[slip_diagonal(size)] = decay
+            F[s.SLIP, s.SLIP] = np.diag(decay)
             F[s.GRAVITY, s.GRAVITY] = back
             return adjoint @ F, F.T @ information @ F

@@ -15,14 +15,12 @@ from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
 
+from icreckon.estimator.tracing.kernel import ARRAYS, FLAG_BITS, Kernel, Store
 from icreckon.estimator.tracing.trace import TRACING, Traced
 
-# Arrays of every kernel: workspace of the lanes, inputs of a step, and constants of all lanes.
-ARRAYS = ("lanes", "inputs", "constants")
 BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 # Multiply-add may round once instead of twice; no other change of rounding is allowed.
 LOOSE = ("contract",)
-FLAG_BITS = 16
 # A number of the workspace is loaded again after so many operations. The machine has too few registers
 # for all numbers, and a copy on the stack would cost a write as well.
 RELOAD_AFTER = 150
@@ -37,30 +35,6 @@ def lanes_of_machine(bits: int) -> int:
         if features.get(feature):
             return width // bits
     return 128 // bits
-
-
-class Store(NamedTuple):
-    """Output of a kernel: a traced number, and the row that it is written to."""
-
-    array: str
-    row: int
-    value: Traced
-
-
-class Kernel(NamedTuple):
-    """Kernel in traced numbers.
-
-    Attributes:
-        name: name of the kernel.
-        rows: number of rows of each of `ARRAYS`; number of constants, which all lanes share.
-        stores: outputs of the kernel.
-        flags: truth values that the kernel returns, `FLAG_BITS` for each: bit k is that of lane k.
-    """
-
-    name: str
-    rows: tuple[int, int, int]
-    stores: Sequence[Store]
-    flags: Sequence[Traced] = ()
 
 
 def kernel_on_demand(

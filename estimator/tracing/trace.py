@@ -5,6 +5,9 @@ A `Traced` stands for one number of each lane. Functions of numbers (for example
 `icreckon.estimator.tracing.elementary.traced`, and their operations become a graph. The graph contains
 each expression once. Constant zeros and ones are left out as it is built: a Jacobian's zeros cost
 nothing.
+
+The functions of this module take plain numbers, too (`numpy.float64`, which follows IEEE 754 as machine
+code does). So a function of traced numbers can be executed in Python, step by step in a debugger.
 """
 
 from __future__ import annotations
@@ -14,6 +17,8 @@ import math
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, cast
+
+import numpy as np
 
 # Held during tracing: there is one graph at a time.
 TRACING = threading.RLock()
@@ -115,6 +120,8 @@ class Traced:
     def __or__(self, other: Any) -> Traced:
         return _logical("or", self, other)
 
+    __rand__, __ror__ = __and__, __or__
+
     def __invert__(self) -> Traced:
         return _make("not", (self,), truth=True)
 
@@ -174,9 +181,9 @@ def maximum(first: Any, second: Any) -> Any:
     return select(lift(second) > first, second, first)
 
 
-def rounded(value: Traced) -> Traced:
+def rounded(value: Any) -> Any:
     """Nearest whole number."""
-    return _unary("round", value, round)
+    return _unary("round", value, round) if isinstance(value, Traced) else np.rint(value)
 
 
 def power_of_two(exponent: Traced) -> Traced:
@@ -184,9 +191,16 @@ def power_of_two(exponent: Traced) -> Traced:
     return _unary("power_of_two", exponent, lambda value: 2.0**value)
 
 
-def truth_as_number(value: Any) -> Traced:
+def truth_as_number(value: Any) -> Any:
     """Number of a truth value: 1 or 0."""
-    return cast(Traced, select(value, 1.0, 0.0))
+    return select(value, 1.0, 0.0)
+
+
+def is_zero(value: Any) -> bool:
+    """Return True if a number is zero in every lane and always: the constant zero."""
+    if isinstance(value, Traced):
+        return value.constant == 0.0
+    return type(value) is float and value == 0.0
 
 
 class Loop:
@@ -205,9 +219,9 @@ class Loop:
 def repeat(
     needed: Any,
     initial: Sequence[Any],
-    a_round: Callable[..., tuple[Sequence[Traced], Traced]],
+    a_round: Callable[..., tuple[Sequence[Any], Any]],
     most: int,
-) -> list[Traced]:
+) -> list[Any]:
     """Repeat a round while any lane needs one.
 
     All lanes take part in each round, so `a_round` must not change the results of lanes that need none.
@@ -221,6 +235,14 @@ def repeat(
     Returns:
         The final values, and the truth value of one more round.
     """
+    if not isinstance(needed, Traced):
+        values = list(initial)
+        for _ in range(most):
+            if not needed:
+                break
+            found, needed = a_round(*values)
+            values = list(found)
+        return [*values, needed]
     begin = [lift(value) for value in initial]
     carried = [_fresh("carried", index) for index in range(len(begin))]
     results, again = a_round(*carried)
@@ -237,9 +259,16 @@ def lift_truth(value: Any) -> Traced:
     return _make("constant", (), float(value), uniform=True, truth=True)
 
 
+def both(first: Any, second: Any) -> Any:
+    """Truth value that both are true; None stands for True."""
+    if first is None or second is None:
+        return second if first is None else first
+    return first & second
+
+
 def where_needed(
     needed: Any, usual: Sequence[Any], instead: Callable[[], Sequence[Any]]
-) -> list[Traced]:
+) -> list[Any]:
     """Replace values in some lanes, computed only if there are such lanes.
 
     Args:
@@ -247,6 +276,9 @@ def where_needed(
         usual: values of all other lanes.
         instead: function that returns the values of these lanes.
     """
+
+    if not isinstance(needed, Traced):
+        return list(instead() if needed else usual)
 
     def a_round(*values: Traced) -> tuple[Sequence[Traced], Traced]:
         chosen = [select(needed, *pair) for pair in zip(instead(), values, strict=True)]

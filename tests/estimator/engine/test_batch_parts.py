@@ -13,7 +13,8 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.state import PARAMETERS
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.engine.covariance import Covariance
-from icreckon.estimator.engine.filters import BatchFilter, aligned
+from icreckon.estimator.engine.constants import aligned
+from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import (
     MOVE_AND_UPDATE,
@@ -55,7 +56,8 @@ from icreckon.estimator.sensors.standstill import (
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, sine_and_cosine
-from icreckon.estimator.tracing.emit import Kernel, Store, kernel_on_demand, lanes_of_machine
+from icreckon.estimator.tracing.emit import kernel_on_demand, lanes_of_machine
+from icreckon.estimator.tracing.kernel import Kernel, Store
 
 WIDTH = lanes_of_machine(64)
 ROBOT = load_robot("auriga-alpha")

@@ -20,7 +20,8 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.tracing import kernel_cache
-from icreckon.estimator.tracing.emit import Kernel, Store, kernel_on_demand, lanes_of_machine
+from icreckon.estimator.tracing.emit import kernel_on_demand, lanes_of_machine
+from icreckon.estimator.tracing.kernel import Kernel, Store
 from icreckon.estimator.tracing.jit_kernel import compiled, entry
 from icreckon.estimator.tracing.kernel_cache import (
     DIGITS,
@@ -294,7 +295,7 @@ def test_a_kernel_cannot_address_rows_that_its_arrays_lack() -> None:
     "wrong", ["workspace", "constants", "inputs", "table", "estimates", "refused", "ticks"]
 )
 def test_filters_side_by_side_refuse_arrays_of_the_wrong_size(wrong: str) -> None:
-    from icreckon.estimator.engine.filters import aligned
+    from icreckon.estimator.engine.constants import aligned
     from icreckon.estimator.engine.layout import INPUTS, STEP_CONSTANTS
     from icreckon.estimator.engine.schedule import MOVE_AND_UPDATE, TICK, Steps
     from icreckon.estimator.engine.work import ESTIMATE

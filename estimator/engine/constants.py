@@ -1,0 +1,81 @@
+"""Constants that all lanes of a filter share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.engine.lane import FilterShape
+from icreckon.estimator.engine.layout import SLIP_SHARES
+from icreckon.estimator.engine.model import SlipConstants
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, imu_patience
+from icreckon.estimator.filter.process_noise import Disturbances
+from icreckon.estimator.motion.motion_model import MotionModel
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.sensor_models import SensorModels
+
+# NumPy types by number of bits.
+PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
+# Alignment of arrays: length of the widest registers, and of a line of the cache [bytes].
+LINE = 64
+
+
+def shared_constants(
+    shape: FilterShape,
+    model: MotionModel,
+    disturbances: Disturbances,
+    robot: Robot,
+    settings: Settings,
+    state: Floats,
+) -> Floats:
+    """Constants that all lanes share, with room for those of a step.
+
+    Args:
+        shape: shape of the filter.
+        model: its motion model.
+        disturbances: its process noise.
+        robot: its robot.
+        settings: its settings.
+        state: (SIZE,) values of the states that are not uncertain.
+    """
+    names = shape.layout.constants
+    values: Floats = aligned(len(names), PRECISIONS[shape.bits])
+    slip, sensors = disturbances.slip, SensorModels(robot).constants
+    walks = all_walks(disturbances)
+    named = {
+        **model.vehicle._asdict(),
+        "slope_forgetting": disturbances.slope_forgetting,
+        "fastest": robot.vehicle.max_track_speed,
+        **{name: getattr(slip, name) for name in SlipConstants._fields},
+        "imu_x": sensors.x,
+        "imu_y": sensors.y,
+        "threshold": CHI_SQUARE_1E4[1],
+        "position_threshold": CHI_SQUARE_1E4[2],
+        **dict.fromkeys(SLIP_SHARES, 1.0),
+        "patience": settings.gates.patience,
+        "imu_patience": imu_patience(settings.gates),
+        "standstill_duration": settings.standstill.duration,
+        **{f"fixed{i}": value for i, value in enumerate(state)},
+        **{f"walk{i}": value for i, value in enumerate(walks)},
+    }
+    for row, bound in enumerate(model.bounds):
+        named |= {f"bound{row}_{k}": value for k, value in enumerate(bound)}
+    for name, value in named.items():
+        values[names[name]] = value
+    return values
+
+
+def all_walks(disturbances: Disturbances) -> Floats:
+    """Random walks (SIZE,) of all states, see `Disturbances`."""
+    return disturbances.bias_walk + disturbances.parameter_walk + disturbances.slope_walk
+
+
+def aligned(count: int, number: Any = np.float64) -> Any:
+    """Zeros (count,) of a type, aligned with the machine's registers."""
+    size = np.dtype(number).itemsize
+    room = np.zeros(count + LINE // size, dtype=number)
+    skip = (-room.ctypes.data % LINE) // size
+    return room[skip : skip + count]

@@ -1,0 +1,36 @@
+"""Kernel in numbers: what it stores and returns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+# Arrays of every kernel: workspace of the lanes, inputs of a step, and constants of all lanes.
+ARRAYS = ("lanes", "inputs", "constants")
+FLAG_BITS = 16
+
+
+class Store(NamedTuple):
+    """Output of a kernel: a traced number, and the row that it is written to."""
+
+    array: str
+    row: int
+    value: Any
+
+
+class Kernel(NamedTuple):
+    """Kernel in traced numbers.
+
+    Attributes:
+        name: name of the kernel.
+        rows: number of rows of each of `ARRAYS`; number of constants, which all lanes share.
+        stores: outputs of the kernel.
+        flags: truth values that the kernel returns, `FLAG_BITS` for each: bit k is that of lane k.
+        events: changes of the filter that it reports, see `icreckon.estimator.filter.changes`.
+    """
+
+    name: str
+    rows: tuple[int, int, int]
+    stores: Sequence[Store]
+    flags: Sequence[Any] = ()
+    events: Sequence[Any] = ()
