@@ -22,9 +22,10 @@ from _study import bootstrap, spread, study_parser, table, told
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import compose, relative
-from icreckon.estimator.filter.ekf import IcrEkf, step_on_se2
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.motion.propagation import step_on_se2
+from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION, find_variant, motion_model

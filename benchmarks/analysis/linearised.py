@@ -13,21 +13,19 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.initial_state import assumptions
+from icreckon.estimator.filter.process_noise import change_density
 from icreckon.estimator.log.measurements import STANDSTILL_SIGMA, Vector3
 from icreckon.estimator.motion.motion_model import TwistModel
+from icreckon.estimator.reference.ekf import IcrEkf
+from icreckon.estimator.reference.filter import process_noise
+from icreckon.estimator.reference.imu import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_noise import noise_of_file
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.measurement_models import (
-    Accelerometer,
-    Gyro,
-    StepTwist,
-)
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import StandstillRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs, track_change
@@ -179,7 +177,8 @@ class LinearisedModel:
         sigma = self._disturbances.slip_sigma(tracks, eta, pushed=False)
         inputs = step_inputs(tracks, StandstillRecord(), start, end, self._inputs)
         density = self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma)
-        noise = self._disturbances.of_step(tracks, sigma)
+        smooth = tracks.smooth_left, tracks.smooth_right
+        noise = process_noise(self._disturbances, smooth, sigma)
         during = self._during(x, model, sigma, start)
         self._ekf.x = np.array(x, dtype=float)
         self._ekf.predict_motion(dt, left, right, noise)
@@ -206,7 +205,7 @@ class LinearisedModel:
             gyro = self._gyro
             shown.append(Shown(found.H[0], found.R.item(), gyro.fixed, gyro.stand_in))
         for axis, model_of in enumerate(self._accelerometers if sensors.accelerometer else ()):
-            rough = self._disturbances.change_density(sigma[axis])
+            rough = change_density(sigma[axis], self._disturbances.slip.time_constant)
             found = model_of.linearise(0.0, at, x, rough)
             shown.append(Shown(found.H[0], found.R.item(), model_of.fixed))
         return shown

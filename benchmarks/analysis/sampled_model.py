@@ -22,8 +22,8 @@ from numpy.random import Generator
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.filter.initial_state import assumptions
+from icreckon.estimator.filter.process_noise import change_density
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -32,13 +32,15 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     TrackSpeeds,
 )
+from icreckon.estimator.reference.ekf import IcrEkf
+from icreckon.estimator.reference.filter import process_noise
+from icreckon.estimator.reference.imu import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_noise import noise_of_file
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.measurement_models import Accelerometer, Gyro, StepTwist
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import StandstillRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs, track_change
@@ -182,7 +184,8 @@ class ModelSampler:
             begin[s.FAST_SLIP] = self._draw_fast_slip(begin, left, right, sigma[2], dt, rng)
             measurements.append(TrackSpeeds(stamp, left, right))
             measurements.append(self._imu(begin, tracks, int(stamps[k - 1]), stamp, sigma, dt, rng))
-            walk = self._disturbances.of_step(tracks, sigma).walk
+            smooth = tracks.smooth_left, tracks.smooth_right
+            walk = process_noise(self._disturbances, smooth, sigma).walk
             x = self._stepped(begin, left, right, sigma, walk, dt, rng)
             measurements += self._after(x, stamp, left, right, k, dt, rng)
             begins[k], states[k] = begin, x
@@ -268,7 +271,7 @@ class ModelSampler:
         )
         along = []
         for axis, accelerometer in enumerate(self._accelerometers):
-            density = self._disturbances.change_density(sigma[axis])
+            density = change_density(sigma[axis], self._disturbances.slip.time_constant)
             force = accelerometer.linearise(0.0, at, x, density)
             least = accelerometer.linearise(0.0, calmly, x, 0.0).R.item()
             slipped = density / dt

@@ -16,10 +16,9 @@ from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
 from icreckon.estimator.batch.runs import SCATTERS, scatters
-from icreckon.estimator.engine.constants import aligned
+from icreckon.estimator.engine.constants import SMOOTHING, aligned
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.numbers import SMOOTHING
 from icreckon.estimator.engine.schedule import (
     MOVE,
     MOVE_AND_UPDATE,

@@ -8,19 +8,29 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.engine.lane import FilterShape
-from icreckon.estimator.engine.layout import SLIP_SHARES
+from icreckon.estimator.engine.layout import SLIP_SHARES, STEP_CONSTANTS
 from icreckon.estimator.engine.model import SlipConstants
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, imu_patience
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
 # NumPy types by number of bits.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
+# Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
+# so much that they are those of another motion.
+REGRESSOR_SMOOTHING = 0.05
+PER_STEP, SMOOTHING = len(STEP_CONSTANTS), STEP_CONSTANTS.index("smoothing")
 # Alignment of arrays: length of the widest registers, and of a line of the cache [bytes].
 LINE = 64
+
+
+def step_constants(dt: float) -> Any:
+    """Compute the values of `STEP_CONSTANTS` for a step of `dt` seconds."""
+    return dt, smoothing_share(dt, REGRESSOR_SMOOTHING)
 
 
 def shared_constants(

@@ -16,6 +16,7 @@ from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.constants import (
     LINE,
     PRECISIONS,
+    SMOOTHING,
     aligned,
     all_walks,
     shared_constants,
@@ -26,14 +27,12 @@ from icreckon.estimator.engine.layout import (
     COUNTS,
     GATES,
     PLACES,
-    SLIP_SHARES,
     TREND,
     TWIST,
     Layout,
     covariance_name,
 )
-from icreckon.estimator.engine.model import SlipConstants, traced_model
-from icreckon.estimator.engine.numbers import SMOOTHING
+from icreckon.estimator.engine.model import traced_model
 from icreckon.estimator.engine.schedule import (
     AHEAD,
     HEADING,
@@ -54,18 +53,13 @@ from icreckon.estimator.engine.work import (
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.filter_record import DEPARTURE
-from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, imu_patience
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.filter.reacquisition import MOST
-from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.tracing.emit import kernel_on_demand, lanes_of_machine
 from icreckon.estimator.tracing.kernel import Kernel
-
 
 
 class Lanes(NamedTuple):
@@ -420,9 +414,7 @@ def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
     steps = {
         "usual": StepKind(accelerometer=force),
         "full": StepKind(stands=True, accelerometer=force).reporting(),
-        "update": StepKind(
-            draws=False, moves=False, stands=True, accelerometer=force
-        ).reporting(),
+        "update": StepKind(draws=False, moves=False, stands=True, accelerometer=force).reporting(),
         "move": move if needs.moves else None,
         "move_tick": move.reporting() if needs.move_ticks else None,
     }

@@ -1,4 +1,4 @@
-"""Updates with fixes in traced numbers, as in `icreckon.estimator.filter.update`."""
+"""Updates with fixes in traced numbers, as in `icreckon.estimator.filter.ekf`."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from icreckon.estimator.engine.model import (
 )
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
 from icreckon.estimator.faults.departing_fixes import Departure, errors_of
+from icreckon.estimator.filter.ekf import LEAST_VARIANCE
 from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
-from icreckon.estimator.filter.update import LEAST_VARIANCE
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.kernel import Kernel
 from icreckon.estimator.tracing.trace import maximum, minimum, select
@@ -64,7 +64,7 @@ def position_kernel(
     x, P = lane.x, lane.P
     variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
     values, rows, covariance = _antenna(lane, _predicted(lane, kind))
-    place = list(values)
+    place, values = list(values), list(values)
     if s.WANDER_X in shape.states:
         for axis, wander in ((s.X, s.WANDER_X), (s.Y, s.WANDER_Y)):
             values[axis], rows[axis][wander] = values[axis] + x[wander], 1.0
@@ -87,7 +87,7 @@ def position_kernel(
 
     def inflate(states: Sequence[int], error: Sequence[Any], only: Any) -> None:
         """Inflate by an error that moves several states, in some lanes."""
-        more = [select(only, one, 0.0) for one in error]
+        more = [select(only, one, 0.0) for one in error[: len(states)]]
         products = [one * other for one, other in combinations_with_replacement(more, 2)]
         pairs = combinations_with_replacement(states, 2)
         for pair, product in zip(pairs, products, strict=True):

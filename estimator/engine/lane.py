@@ -14,9 +14,9 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
-from icreckon.estimator.filter.changes import Event
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
+from icreckon.estimator.filter.changes import Event
 from icreckon.estimator.filter.ekf import ROUNDING_SHARE, SHARP, WHOLE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.motion import linear_model
@@ -149,7 +149,11 @@ class Lane:
         return trace.uniform_input("constants", self._places[name])
 
     def report(
-        self, kind: str, values: Iterable[Any], states: Sequence[int] = (), fixed: Sequence[int] = ()
+        self,
+        kind: str,
+        values: Iterable[Any],
+        states: Sequence[int] = (),
+        fixed: Sequence[int] = (),
     ) -> None:
         """Report a change, if the filter's shape asks for it; see `Event`."""
         if self.shape.reports:
@@ -282,7 +286,7 @@ class Lane:
         patience: Any = None,
         interval: Any = None,
     ) -> None:
-        """Gate, update and count a scalar, see `icreckon.estimator.filter.update`.
+        """Gate, update and count a scalar, see `icreckon.estimator.filter.ekf`.
 
         Args:
             sensor: name of the sensor.
@@ -401,7 +405,9 @@ class Lane:
         inside = trace.repeat(outside, before, a_round, BOUND_ROUNDS)[:-1]
         for i, value in zip(states, inside, strict=True):
             x[i] = value
-        self.report("projected", [after - x for after, x in zip(inside, before, strict=True)], states)
+        self.report(
+            "projected", [after - x for after, x in zip(inside, before, strict=True)], states
+        )
 
     def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
         """Bounds: rows by uncertain states, sums over all other states, lower limits."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, cast
 
 import numpy as np
@@ -9,9 +10,10 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.records import SharedRecord, array_on
 from icreckon.estimator.engine.constants import aligned, shared_constants
+from icreckon.estimator.engine.lane import FilterShape, Numbers
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.one_lane import OneLane, events_of, one_lane
-from icreckon.estimator.filter.changes import tell
+from icreckon.estimator.engine.one_lane import kernel_makers, one_lane
+from icreckon.estimator.filter.changes import Event, tell
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
@@ -133,7 +135,9 @@ class LaneSteps:
         inputs[[MODE, INTERVAL], 0] = mode, interval
         regressors = ekf.regressors
         if regressors is None and ahead:
-            model = ekf.twist_model(float(inputs[INPUTS["left"], 0]), float(inputs[INPUTS["right"], 0]))
+            model = ekf.twist_model(
+                float(inputs[INPUTS["left"], 0]), float(inputs[INPUTS["right"], 0])
+            )
             ekf.regressors = model.jacobian[:, s.PARAMETERS].copy()
         flags = self._step("position_ahead" if ahead else "position", stamp, rejected_for)
         if regressors is None:
@@ -193,6 +197,21 @@ class LaneSteps:
             values = self._workspace[self._lane.first_report :, 0]
             tell(events_of(self._lane.shape, name), values, len(ekf.x), yaw, ekf)
         return found
+
+
+@cache
+def events_of(shape: FilterShape, name: str) -> tuple[Event, ...]:
+    """Changes that a kernel reports; their values are those of a filter of zeros."""
+    if shape.model.kind == "plain":
+        # What a user's model reports does not depend on its equations.
+        shape = shape._replace(model=shape.model._replace(kind="linear", memory=0))
+    layout = shape.layout
+    zeros = Numbers(
+        np.zeros(len(layout.rows)), np.zeros(len(INPUTS)), np.zeros(len(layout.constants))
+    )
+    with np.errstate(all="ignore"):
+        made = kernel_makers(shape)[name](numbers=zeros)
+    return tuple(made.events)
 
 
 def _made_again(made_of: Any, compiles: bool) -> LaneSteps:

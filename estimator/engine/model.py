@@ -160,11 +160,12 @@ def twist_model(
         gravity_in(x),
     )
     vehicle, memory = inputs.vehicle, inputs.memory
-    motion, by = {
-        "linear": lambda: _linearise_linear(*of_state, vehicle),
-        "index": lambda: _linearise_indices(*of_state, vehicle, memory),
-        "plain": lambda: inputs.of_user.linearise(*of_state),
-    }[inputs.model.kind]()
+    if inputs.of_user is not None:
+        motion, by = inputs.of_user.linearise(*of_state)
+    elif inputs.model.kind == "linear":
+        motion, by = _linearise_linear(*of_state, vehicle)
+    else:
+        motion, by = _linearise_indices(*of_state, vehicle, memory)
     wanted = (*states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
     twist, by_speeds = np.empty(3, dtype=object), np.empty((3, 2), dtype=object)
     rows: list[Vector] = []
@@ -186,7 +187,9 @@ def twist_model(
         by_speeds[i] = factors[0] * by_left, factors[1] * by_right
         # A zero of a user's model may be one for now.
         keeps = inputs.of_user is not None
-        rows.append({k: row[k] for k in wanted if k in row and (keeps or not trace.is_zero(row[k]))})
+        rows.append(
+            {k: row[k] for k in wanted if k in row and (keeps or not trace.is_zero(row[k]))}
+        )
     return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion)
 
 

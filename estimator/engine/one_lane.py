@@ -1,8 +1,8 @@
 """Steps of one filter, on its state and covariance.
 
 The kernels are those of many filters side by side, at one lane; they report all changes. State and
-covariance are copied to the workspace of a kernel before each call, and back afterwards. The functions are
-compiled, or executed in Python (`Settings.engine`).
+covariance are copied to the workspace of a kernel before each call, and back afterwards. The functions
+are compiled, or executed in Python (`Settings.engine`).
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.filter.changes import Event
+from icreckon.estimator.engine.constants import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.engine.fixes import FixKind, position_kernel
-from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, plain_kernel
+from icreckon.estimator.engine.lane import FAST, FilterShape, plain_kernel
 from icreckon.estimator.engine.lane_inputs import (
     move_inputs,
     sample_inputs,
@@ -35,8 +35,7 @@ from icreckon.estimator.engine.layout import (
     TWIST,
 )
 from icreckon.estimator.engine.model import TracedModel, described
-from icreckon.estimator.engine.numbers import PER_STEP, SMOOTHING, step_constants
-from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.engine.step import StepKind, step_kernel, twist_kernel
 from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import count_verdict
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
@@ -44,7 +43,6 @@ from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.tracing.kernel import Kernel
 
-COUNT = s.PARAMETER_COUNT
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
 ROWS = len(INPUTS)
 # Places of a constant of a step, and of inputs of a kernel.
@@ -61,7 +59,7 @@ STEPS = {
     "propagate": OF_TIME._replace(draws=False, resumes=True),
 }
 FIXES = {"position": FixKind(fast_slip=True), "position_ahead": FixKind(fast_slip=True, ahead=True)}
-# Rows that the record of a filter holds, in the order of its fields.
+# Rows that the record of a filter holds.
 OF_RECORD = (*FACTORS, *TREND, *DEPARTURE)
 
 
@@ -77,8 +75,8 @@ class OneLane(NamedTuple):
         fill_sample: see `lane_inputs`.
         fill_move: see `lane_inputs`.
         first_report: first of the rows with the changes that a kernel reports.
-        position: rows of the innovation of a position fix: x, y; its covariance, xx, xy, yy; 1 if it was
-            admitted; place and yaw before and after it.
+        position: rows of the innovation of a position fix and its covariance, of the number admitted,
+            and of place and yaw before and after it.
     """
 
     shape: FilterShape
@@ -175,11 +173,11 @@ def shape_of(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> 
     return FilterShape(states, (), model, considered, reports=True)
 
 
-def _makers(shape: FilterShape) -> dict[str, Callable[..., Kernel]]:
-    """Functions that make the kernels, by name."""
+def kernel_makers(shape: FilterShape) -> dict[str, Callable[..., Kernel]]:
+    """Make the functions that make the kernels, by name."""
     steps = {name: partial(step_kernel, name, shape, kind) for name, kind in STEPS.items()}
     fixes = {name: partial(position_kernel, name, shape, kind) for name, kind in FIXES.items()}
-    return {**steps, **fixes, "twist": partial(_twist_kernel, "twist", shape)}
+    return {**steps, **fixes, "twist": partial(twist_kernel, "twist", shape)}
 
 
 @cache
@@ -190,7 +188,8 @@ def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
     shape = shape_of(model, considered, wanders)
     digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
     kernels = {
-        name: kernel_on_demand(name, make, 1, shape.bits) for name, make in _makers(shape).items()
+        name: kernel_on_demand(name, make, 1, shape.bits)
+        for name, make in kernel_makers(shape).items()
     }
 
     def of_shape(function: Any, name: str) -> Any:
@@ -219,7 +218,7 @@ def _plain(
     def plain(make: Callable[..., Kernel]) -> Any:
         return plain_kernel(lambda numbers: make(numbers=numbers), of_user)
 
-    kernels = {name: plain(make) for name, make in _makers(shape).items()}
+    kernels = {name: plain(make) for name, make in kernel_makers(shape).items()}
     found = _functions(shape, kernels, lambda function, _: function, lambda function: function)
     return found._replace(is_plain=True)
 
@@ -260,31 +259,8 @@ def _functions(
     )
 
 
-@cache
-def events_of(shape: FilterShape, name: str) -> tuple[Event, ...]:
-    """Changes that a kernel reports; their values are those of a filter of zeros."""
-    if shape.model.kind == "plain":
-        # What a user's model reports does not depend on its equations.
-        shape = shape._replace(model=shape.model._replace(kind="linear", memory=0))
-    layout = shape.layout
-    zeros = Numbers(*(np.zeros(n) for n in (len(layout.rows), ROWS, len(layout.constants))))
-    with np.errstate(all="ignore"):
-        made = _makers(shape)[name](numbers=zeros)
-    return tuple(made.events)
-
-
-def _twist_kernel(name: str, shape: FilterShape, numbers: Numbers | None = None) -> Kernel:
-    """Make the kernel that evaluates a body velocity with its derivatives."""
-    lane = Lane(shape, numbers, with_fast_slip=True)
-    shares = [lane.constant(name) for name in SLIP_SHARES]
-    now = lane.twist_model(lane.input("left"), lane.input("right"), shares)
-    lane.store_motion(now)
-    return lane.kernel(name, with_fast_slip=True)
-
-
 def _places(shape: FilterShape) -> LanePlaces:
-    layout = shape.layout
-    rows, constants = layout.rows, layout.constants
+    layout, rows, constants = shape.layout, shape.layout.rows, shape.layout.constants
     states = (*shape.states, *FAST)
 
     def of_gate(sensor: str) -> tuple[int, int, int, int]:
@@ -336,7 +312,7 @@ def fill_state(
         raise ValueError(WRONG_SIZE)
     for a in range(len(places.states)):
         lane[places.x[a], 0] = x[places.states[a]]
-    for k in range(COUNT):
+    for k in range(s.PARAMETER_COUNT):
         constants[places.fixed + k] = x[PARAMETERS + k]
     for k in range(len(memory)):
         lane[places.memory + k, 0] = memory[k]
@@ -348,7 +324,7 @@ def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePla
     Raises:
         ValueError: an array has the wrong size.
     """
-    if P.shape != (places.size, places.size) or regressors.shape != (3, COUNT):
+    if P.shape != (places.size, places.size) or regressors.shape != (3, s.PARAMETER_COUNT):
         raise ValueError(WRONG_SIZE)
     n = len(places.states)
     for a in range(n):
@@ -532,13 +508,9 @@ def position_update(kernel: Any, places: LanePlaces) -> Any:
         stamp: int,
         rejected_for: float,
     ) -> Any:
-        """Gate and update; arguments as in `imu_step`, but for the last.
+        """Gate and update; return the flags of the kernel, see `fixes.position_kernel`.
 
-        Args:
-            rejected_for: time of rejected fixes so far [s].
-
-        Returns:
-            Flags of the kernel, see `fixes.position_kernel`.
+        Arguments are as in `imu_step`, and the time of rejected fixes so far [s].
         """
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)

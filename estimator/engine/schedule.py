@@ -17,7 +17,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.records import NEVER, record_array
 from icreckon.estimator.base.sizes import WRONG_SIZE
-from icreckon.estimator.engine.numbers import PER_STEP, step_constants
+from icreckon.estimator.engine.constants import PER_STEP, step_constants
 from icreckon.estimator.robot.settings import LONGEST_TIME, Settings
 from icreckon.estimator.sensors.held_tracks import (
     USUAL_TRACK_INTERVAL,

@@ -10,9 +10,9 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
-from icreckon.estimator.filter.changes import moved_values
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, x_of
-from icreckon.estimator.engine.layout import IMU_GATES
+from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES
+from icreckon.estimator.filter.changes import moved_values
 from icreckon.estimator.motion.propagation import GaussMarkov
 from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
@@ -105,6 +105,15 @@ def step_kernel(
     if kind.twist:
         step.store_twist()
     return lane.kernel(name, with_fast_slip=kind.fast_slip)
+
+
+def twist_kernel(name: str, shape: FilterShape, numbers: Numbers | None = None) -> Kernel:
+    """Make the kernel that evaluates a body velocity with its derivatives."""
+    lane = Lane(shape, numbers, with_fast_slip=True)
+    shares = [lane.constant(name) for name in SLIP_SHARES]
+    now = lane.twist_model(lane.input("left"), lane.input("right"), shares)
+    lane.store_motion(now)
+    return lane.kernel(name, with_fast_slip=True)
 
 
 class Step:
@@ -382,7 +391,9 @@ class Step:
                     elif i >= s.SIZE:
                         after[j, i] = _between(P, faded[i], {j: 1.0})
         if lane.shape.reports:
-            self._report_motion(now, M_dt, yaws, with_rows, with_pose, walk, sigma, fades, step, faded)
+            self._report_motion(
+                now, M_dt, yaws, with_rows, with_pose, walk, sigma, fades, step, faded
+            )
         lane.P = Covariance(after)
         before = x.copy()
         for i in GRAVITY:
@@ -410,7 +421,10 @@ class Step:
 
         def times_M(rows: Sequence[Vector]) -> list[list[Any]]:
             return [
-                [sum((M_dt[i][k] * rows[k].get(j, 0.0) for k in range(3)), start=0.0) for j in states]
+                [
+                    sum((M_dt[i][k] * rows[k].get(j, 0.0) for k in range(3)), start=0.0)
+                    for j in states
+                ]
                 for i in range(3)
             ]
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.engine.constants import PER_STEP
 from icreckon.estimator.engine.layout import INPUTS, TWIST
-from icreckon.estimator.engine.numbers import PER_STEP
 from icreckon.estimator.engine.schedule import (
     AHEAD,
     HEADING,
@@ -21,8 +21,8 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.filter.gate import FORCED, SKIPPED
 from icreckon.estimator.filter.reacquisition import MOST, laid_over
-from icreckon.estimator.tracing.kernel import FLAG_BITS
 from icreckon.estimator.tracing.jit_kernel import entry, inner
+from icreckon.estimator.tracing.kernel import FLAG_BITS
 
 # Rows of an estimate, the output at a tick.
 ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)

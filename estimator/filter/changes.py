@@ -1,4 +1,4 @@
-"""Changes of a filter that its kernels report, for stochastic clones and the smoother.
+"""Changes of a filter that its kernels report, for marks and the smoother.
 
 A kernel of a shape with `FilterShape.reports` stores the numbers of each change in rows of the workspace.
 Which changes these are, and of which states, is the same in each call (`Event`). `tell` passes them on.
@@ -85,7 +85,7 @@ class Listener(Protocol):
         """New fast slip of this covariance (3, 3), independent of the one before."""
 
     def inflated(self, states: Sequence[int], covariance: Floats, yaw: float | None = None) -> None:
-        """Inflation of n states by a covariance (n, n), of the motion at a yaw [rad] or not."""
+        """Inflation of n states by a covariance (n, n); with a yaw [rad], of the motion."""
 
     def updated(self, of: Updated) -> None:
         """Scalar update."""
@@ -125,7 +125,8 @@ def tell(
                 if inverse_S > 0.0:
                     vectors = np.zeros((3, size))
                     vectors[:, states] = of_event[4:].reshape(3, -1)
-                    of = Updated(z, r, 1.0 / inverse_S, is_sharp > 0.0, *vectors, event.fixed)
+                    h, cross, gain = vectors
+                    of = Updated(z, r, 1.0 / inverse_S, is_sharp > 0.0, h, cross, gain, event.fixed)
                     listener.updated(of)
             case "projected":
                 if of_event.any():

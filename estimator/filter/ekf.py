@@ -12,6 +12,10 @@ slip alone, quick changes would count for too much, and noisy track speeds are b
 noise is that of the track speeds, which is in the innovation, too.
 
 The steps are those of `icreckon.estimator.engine.step`.
+
+Noises must be independent of each other where components update the filter one after the other. With R =
+L D L' (L lower triangular with ones on its diagonal, D diagonal) the components L⁻¹ z have noise D and
+carry the same information as z (Simon, Optimal State Estimation, section 6.1).
 """
 
 from __future__ import annotations
@@ -25,14 +29,19 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.filter.changes import Moved, Updated
 from icreckon.estimator.filter.clones import Clones
-from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
+from icreckon.estimator.filter.gate import Gate, inflation, patience_for
+from icreckon.estimator.filter.health import REACQUIRED, REJECTED
+from icreckon.estimator.motion.bounds import inside
 from icreckon.estimator.motion.motion_model import MotionModel, TwistModel
 from icreckon.estimator.motion.propagation import Triple
-from icreckon.estimator.sensors.measurement_models import POSE_FIXED
+from icreckon.estimator.sensors.measurement_models import POSE_FIXED, Linearised, MeasurementModel
+from icreckon.estimator.sensors.sensor_models import shift
 
 # A measurement whose variance is below this share of its innovation's is sharp. Such an update may leave
 # less of the variances than rounding does: each is inflated by a share of what it was before.
 SHARP, ROUNDING_SHARE = 1e-7, 2.0**-46
+# Least variance of a measurement, in its unit squared: what is sharper, the state does not resolve.
+LEAST_VARIANCE = 1e-18
 # Factors on the slip for its present value.
 WHOLE = (1.0, 1.0, 1.0)
 
@@ -275,33 +284,124 @@ class Ekf:
     def keep_inside_bounds(self) -> None:
         """Project the parameters to the bounds of the motion model.
 
-        The state moves along the covariance to the nearest point of the violated bound. The pose stays,
-        and so do consider states. The covariance stays, which is conservative (Simon, Optimal State
-        Estimation, section 7.5).
+        The pose stays, and so do consider states.
         """
-        before, P = self.x, self.P
-        fixed = [*POSE_FIXED, *self.considered, *range(s.SIZE, len(before))]
-        for _ in range(BOUND_ROUNDS):
-            moved = False
-            for bound in range(len(self._bounds)):
-                direction, least = self._bounds[bound, :-1], self._bounds[bound, -1]
-                short = float(least - direction.dot(self.x[s.PARAMETERS]))
-                if short <= ROUNDING:
-                    continue
-                of_state = np.zeros(len(before))
-                of_state[s.PARAMETERS] = direction
-                of_state[fixed] = 0.0
-                cross = of_state[s.PARAMETERS].dot(P[s.PARAMETERS])
-                cross[fixed] = 0.0
-                variance = float(of_state[s.PARAMETERS].dot(cross[s.PARAMETERS]))
-                if variance <= 0.0:
-                    continue
-                self.x = self.x + cross * (short / variance)
-                moved = True
-            if not moved:
-                break
+        before = self.x
+        fixed = (*POSE_FIXED, *self.considered, *range(s.SIZE, len(before)))
+        self.x = inside(before, self.P, self._bounds, fixed)
         if self.x is not before:
             self.projected(self.x - before)
+
+
+def update(
+    ekf: Ekf,
+    model: MeasurementModel,
+    gate: Gate,
+    linearised: Linearised,
+    stamp: int,
+    interval: float,
+    *,
+    fastest: float,
+) -> bool:
+    """Update with a measurement, all of its components or none.
+
+    Args:
+        ekf: the filter.
+        model: measurement model of the sensor.
+        gate: gate of the sensor.
+        linearised: the measurement at the present state.
+        stamp: stamp of the measurement [ns].
+        interval: time that it counts if it is rejected [s].
+        fastest: highest track speed of the robot [m/s].
+
+    Returns:
+        True if the measurement was used.
+    """
+    linearised = _resolved(linearised)
+    z, H, R = linearised
+    S = ekf.innovation_covariance(H, R)
+    nis = normalised_square(z, S)
+    square = float(z[:2] @ z[:2]) if model.is_place else 0.0
+    verdict = gate.judge(nis, interval, patience_for(square, gate.patience, fastest))
+    if verdict == REACQUIRED:
+        R = _inflated(ekf, model, linearised, S)
+    if verdict != REJECTED:
+        correct(ekf, z, H, R, fixed=model.fixed, correlated=model.correlated)
+    gate.keep(stamp, verdict, z, S)
+    return verdict != REJECTED
+
+
+def normalised_square(z: Floats, S: Floats) -> float:
+    """Normalised innovation squared (NIS) of an innovation (n,) of covariance (n, n)."""
+    if len(z) == 1:
+        return z.item() * z.item() / S.item()
+    # The prediction alone may be singular, beside which a sharp measurement vanishes.
+    return float(z @ np.linalg.solve(S + ROUNDING_SHARE * np.diag(S.diagonal()), z))
+
+
+def correct(
+    ekf: Ekf,
+    z: Floats,
+    H: Floats,
+    R: Floats,
+    *,
+    fixed: tuple[int, ...] = (),
+    correlated: bool = True,
+) -> None:
+    """Update with each component of a measurement in turn, without a gate.
+
+    Args:
+        ekf: the filter.
+        z: (n,) innovation at the present state.
+        H: (n, SIZE) Jacobian of the predicted measurement.
+        R: (n, n) covariance of the measurement noise.
+        fixed: states that are not to be moved.
+        correlated: use the correlations of R.
+    """
+    if correlated and len(z) > 1:
+        z, H, R = decorrelated(z, H, R)
+    x = ekf.x.copy()
+    for k in range(len(z)):
+        # Each component is linearised at the state before the first.
+        moved = shift(H[k], ekf.x, x) if k else 0.0
+        ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=fixed)
+
+
+def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
+    """Transform a measurement to components of independent noise."""
+    # The noise of the motion ahead of the IMU alone may be singular.
+    root = np.linalg.cholesky(R + ROUNDING_SHARE * np.diag(R.diagonal()))
+    sigmas = root.diagonal()
+    L = root / sigmas
+    mixed = np.linalg.solve(L, np.column_stack((z, H)))
+    return Linearised(np.asarray(mixed[:, 0]), mixed[:, 1:], np.diag(sigmas * sigmas))
+
+
+def _resolved(linearised: Linearised) -> Linearised:
+    """Limit the variances of a measurement to those that the state resolves."""
+    missing = LEAST_VARIANCE - linearised.R.diagonal()
+    if missing.max() <= 0.0:
+        return linearised
+    return linearised._replace(R=linearised.R + np.diag(np.maximum(missing, 0.0)))
+
+
+def _inflated(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
+    """Inflate the states that the measurement is to move; return R.
+
+    A considered state cannot be moved: R of its component is inflated instead.
+    """
+    z, H, R = linearised
+    squares, variances = z * z, S.diagonal()
+    if model.inflated_jointly:
+        squares, variances = np.full(len(z), z @ z), np.full(len(z), variances.min())
+    for k, state in enumerate(model.inflated):
+        more = inflation(squares.item(k), variances.item(k))
+        if state in ekf.considered:
+            R = R.copy()
+            R[k, k] += more * H.item(k, state) ** 2
+        else:
+            ekf.inflate(state, variance=more)
+    return R
 
 
 def fade_wander(P: Floats, decay: float) -> None:

@@ -7,6 +7,8 @@ end. So the twist is predicted and updated at the start of the step, and then mo
 from __future__ import annotations
 
 import math
+from functools import partial
+
 import numpy as np
 
 from icreckon.estimator.base import state as s
@@ -17,7 +19,7 @@ from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory, of_record
 from icreckon.estimator.filter.clones import Clones
-from icreckon.estimator.filter.ekf import Ekf
+from icreckon.estimator.filter.ekf import Ekf, update
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed
 from icreckon.estimator.filter.gate import FORCED, GATED, SKIPPED, GateRecord, gates_of
 from icreckon.estimator.filter.health import (
@@ -36,7 +38,6 @@ from icreckon.estimator.filter.health import (
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
 from icreckon.estimator.filter.step_engine import StepEngine
-from icreckon.estimator.filter.update import update
 from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
     ImuSample,
@@ -379,16 +380,20 @@ class Reckoning:
 
     def _take_position(self, m: PositionFix, *, ahead: bool) -> bool:
         """Update with a position fix; relocate after rejected ones."""
-        ekf, gate, stated = self.ekf, self._gates["position"], m.variance
+        ekf, gate = self.ekf, self._gates["position"]
         wandered, before = self._let_wander(m.stamp), ekf.x.copy()
         variance = m.variance if ekf.wanders else self._scatter.of_fix(m.variance)
-        fix, antenna = (m.x, m.y, variance), (m.forward, m.left)
-        how = {
-            "ahead": ahead,
-            "interval": gate.interval_to(m.stamp),
-            "rejected_for": gate.counts.rejected_for,
-        }
-        found = self._steps.take_position(m.stamp, fix, antenna, mode=GATED, **how)
+        interval = gate.interval_to(m.stamp)
+        take = partial(
+            self._steps.take_position,
+            m.stamp,
+            (m.x, m.y, variance),
+            (m.forward, m.left),
+            ahead=ahead,
+            interval=interval,
+            rejected_for=gate.counts.rejected_for,
+        )
+        found = take(mode=GATED)
         added = self._rejected_fixes[-1].variance + wandered if self._rejected_fixes else 0.0
         rejected = RejectedFix(m.x, m.y, max(variance, added), *found.predicted[:2])
         self._rejected_fixes = (*self._rejected_fixes, rejected)[-MOST:]
@@ -396,12 +401,10 @@ class Reckoning:
         verdict = ADMITTED if found.admitted else REACQUIRED if used or found.lost else REJECTED
         updated = found.updated
         if found.lost:
-            mode = SKIPPED if relocated else FORCED
-            again = self._steps.take_position(m.stamp, fix, antenna, mode=mode, **how)
-            used, updated = True, again.updated
-        gate.count(m.stamp, verdict, found.z, found.S, how["interval"])
+            used, updated = True, take(mode=SKIPPED if relocated else FORCED).updated
+        gate.count(m.stamp, verdict, found.z, found.S, interval)
         if not ekf.wanders:
-            fix = m.stamp, m.x, m.y, stated
+            fix = m.stamp, m.x, m.y, m.variance
             at = found.predicted, updated, ekf.x - before
             self._scatter = slip_factor.follow_scatter(
                 ekf, self._scatter, gate.counts, fix, *at, admitted=used

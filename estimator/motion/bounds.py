@@ -5,6 +5,7 @@ Bounds of parameters p are rows of a (9,) and b in a p >= b.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -43,3 +44,36 @@ def _row(eta0: Any, epsilon0: float, least: float) -> tuple[Any, ...]:
     row: list[Any] = [0.0] * (s.PARAMETER_COUNT + 1)
     row[ETA0], row[EPSILON0], row[-1] = eta0, epsilon0, least
     return tuple(row)
+
+
+def inside(x: Floats, P: Floats, bounds: Floats, fixed: Sequence[int]) -> Floats:
+    """Project the parameters of a state to their bounds.
+
+    The state moves along the covariance to the nearest point of the violated bound. The covariance stays,
+    which is conservative (Simon, Optimal State Estimation, section 7.5).
+
+    Args:
+        x: (n,) the state.
+        P: (n, n) its covariance.
+        bounds: (k, 10) bounds of the parameters.
+        fixed: states that stay.
+
+    Returns:
+        The state (n,); the same object if it is inside.
+    """
+    stays = list(fixed)
+    for _ in range(BOUND_ROUNDS):
+        before = x
+        for bound in bounds:
+            direction = np.zeros(len(x))
+            direction[s.PARAMETERS] = bound[:-1]
+            short = float(bound[-1] - direction.dot(x))
+            direction[stays] = 0.0
+            cross = P.dot(direction)
+            cross[stays] = 0.0
+            variance = float(direction.dot(cross))
+            if short > ROUNDING and variance > 0.0:
+                x = x + cross * (short / variance)
+        if x is before:
+            break
+    return x

@@ -276,7 +276,6 @@ def where_needed(
         usual: values of all other lanes.
         instead: function that returns the values of these lanes.
     """
-
     if not isinstance(needed, Traced):
         return list(instead() if needed else usual)
 

@@ -114,7 +114,8 @@ def test_covariance_along_a_motion_is_the_filters(variant, monkeypatch):
     """Readings that are just as predicted leave the state on the motion; only the covariance moves."""
     # Readings without noise would be measured as such.
     monkeypatch.setattr(
-        "icreckon.estimator.filter.filter.noise_of_step", lambda *given: noise_of_file(given[-1])
+        "icreckon.estimator.engine.lane_inputs.noise_of_step",
+        lambda *given: noise_of_file(given[-1]),
     )
     settings = Settings(engine="plain", use_accelerometer=False)
     sensors = Sensors(gyro=True, position_sigma=0.05)

@@ -12,8 +12,8 @@ from numba import njit
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.state import PARAMETERS
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
-from icreckon.estimator.engine.covariance import Covariance
 from icreckon.estimator.engine.constants import aligned
+from icreckon.estimator.engine.covariance import Covariance
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import (

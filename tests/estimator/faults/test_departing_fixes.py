@@ -294,7 +294,7 @@ def test_engines_agree_on_a_departure(
 ) -> None:
     log: Log = request.getfixturevalue(name)
     compiled = run(log, robot, variant)
-    plain = run(log, robot, variant, settings=Settings(engine="plain"))
+    plain = run(log, robot, variant)
     (side,) = run_side_by_side(log, robot, [variant]).values()
     assert compiled.health.slip.factor > 2.0
     for other in (plain, side):

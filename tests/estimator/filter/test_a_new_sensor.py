@@ -6,12 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
+from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.sensors.measurement_models import (
@@ -120,7 +121,7 @@ def test_its_jacobian_is_the_derivative_of_its_predicted_measurement(radar: Rada
     assert found.R.item() == pytest.approx(noise)
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_it_corrects_the_speed_and_is_counted_in_health(engine: str):
     without = fed([m for m in drive() if not isinstance(m, GroundSpeed)], engine)
     estimator = fed(drive(), engine)

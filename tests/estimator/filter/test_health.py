@@ -6,6 +6,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.health import (
@@ -217,7 +218,7 @@ def one_of_each(engine):
     return estimator, fed
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_the_newest_innovation_of_each_sensor_is_what_its_gate_has_judged(engine):
     estimator, fed = one_of_each(engine)
     sensors = estimator.health.sensors
@@ -288,7 +289,7 @@ def test_what_comes_too_late_is_not_among_what_comes_late():
     assert estimator.health.sensors["gyro"].too_late == 0
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_gaps_and_stuck_tracks_are_counted_once_each(engine):
     estimator = PoseEstimator(ALPHA, settings=Settings(engine=engine))
     rng, told = np.random.default_rng(0), []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
@@ -16,7 +17,7 @@ ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 @pytest.mark.parametrize("variant", [one for one in VARIANTS if VARIANTS[one].accelerometers])
 def test_a_short_fault_leaves_gravity_and_motion_as_they_were(variant: str, engine: str) -> None:
     """Forty m/s² for 0.4 s, in a bend: long enough for the gate to give in."""

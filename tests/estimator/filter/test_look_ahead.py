@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -13,6 +12,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
 )
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
+from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.measurement_models import MODELS

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from complex_step import assert_derivatives
+from conftest import thorough
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.many import run_many
@@ -124,7 +125,7 @@ def test_its_derivatives_are_those_of_a_complex_step():
         assert_derivatives(FastTurns(ALPHA.constants), V_l, V_r, parameters, slip)
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_without_its_gain_it_is_the_model_of_constant_icrs(engine: str):
     log = simulate(Scenario(duration=8.0, truth="kinematic", seed=3), ALPHA)
     shipped, own = (

@@ -8,16 +8,15 @@ import pytest
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter.ekf import IcrEkf
 from icreckon.estimator.log.measurements import ImuSample
+from icreckon.estimator.reference.ekf import IcrEkf
+from icreckon.estimator.reference.imu import Accelerometer, StepTwist
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
 from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import (
     ACCELEROMETERS,
-    Accelerometer,
     Linearised,
-    StepTwist,
     imu_fixed,
     innovation_components,
 )

@@ -6,10 +6,11 @@ import pytest
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.records import assign, plain_copy
-from icreckon.estimator.filter.ekf import REGRESSOR_SMOOTHING, IcrEkf
+from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
+from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, slip_of

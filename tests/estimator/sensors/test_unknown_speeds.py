@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.filter.process_noise import share_of_sigma, twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
@@ -47,7 +48,7 @@ def stuck(log: Log) -> list[Measurement]:
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_a_stale_speed_dies_away_and_no_accelerometer_moves_it(
     log: Log, variant: str, engine: Engine
 ) -> None:

@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from conftest import sample_log
+from conftest import sample_log, thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
@@ -94,7 +94,7 @@ def fresh(
     return PoseEstimator(robot, variant, settings=Settings(**options))  # type: ignore[arg-type]
 
 
-ENGINES = pytest.mark.parametrize("engine", ["plain", "compiled"])
+ENGINES = pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 
 
 @ENGINES
@@ -212,7 +212,7 @@ def test_the_robot_file_gives_the_first_values() -> None:
     ("variant", "eta0"),
     [("inertia-online", 2.6), ("inertia-online", 1.02)],
 )
-@pytest.mark.parametrize("engine", ["compiled", "plain"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 def test_a_gyro_alone_teaches_no_gravity(variant: str, eta0: float, engine: Engine) -> None:
     """Neither does a bound of eta that is met: it would take the model's errors for slopes."""
     indices = msgspec.structs.replace(ALPHA.indices, eta0=eta0)

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import (
@@ -408,7 +409,7 @@ def test_robot_that_was_turned_by_hand_is_found_again():
     assert wrap_angle(estimator.pose[2] - yaw) == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 @pytest.mark.parametrize(
     "absurd",
     [

@@ -477,10 +477,10 @@ def test_other_files_are_refused(tmp_path):
 
 def test_another_version_of_the_format_is_refused(saved):
     document = json.loads(saved.read_text())
-    for version in (1, 2, 3, 4, 5, 99):
+    for version in (1, 5, 6, 99):
         document["version"] = version
         saved.write_text(json.dumps(document))
-        message = rf"version {version} .* is not known; this icreckon reads 6"
+        message = rf"version {version} .* is not known; this icreckon reads 7"
         with pytest.raises(EstimatorError, match=message):
             PoseEstimator.restore(saved, ALPHA)
 

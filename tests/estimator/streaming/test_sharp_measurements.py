@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.batch import replay
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -86,7 +87,7 @@ def drive(rng, count, precise):
             yield PoseFix(at, x + error[0], y + error[1], yaw + error[2], 0.5 * (P + P.T))
 
 
-@pytest.mark.parametrize("engine", ["compiled", "plain"])
+@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 @pytest.mark.parametrize("sigma", [0.0, 1e6, 1e9])
 def test_the_covariance_stays_positive_whatever_precision_is_claimed(engine, sigma):
     count = 8 if engine == "compiled" else 2

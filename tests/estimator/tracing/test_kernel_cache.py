@@ -21,8 +21,8 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.tracing import kernel_cache
 from icreckon.estimator.tracing.emit import kernel_on_demand, lanes_of_machine
-from icreckon.estimator.tracing.kernel import Kernel, Store
 from icreckon.estimator.tracing.jit_kernel import compiled, entry
+from icreckon.estimator.tracing.kernel import Kernel, Store
 from icreckon.estimator.tracing.kernel_cache import (
     DIGITS,
     KernelCache,

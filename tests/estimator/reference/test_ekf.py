@@ -1,7 +1,6 @@
 """The filter's arithmetic: derivatives, process noise, updates, bounds."""
 
 import copy
-import sys
 
 import numpy as np
 import pytest
@@ -10,19 +9,16 @@ from scipy.integrate import quad
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import arc_factors, compose, relative
-from icreckon.estimator.engine.lane_filter import LaneEkf
-from icreckon.estimator.filter.ekf import IcrEkf, ProcessNoise
-from icreckon.estimator.filter.update import normalised_square
 from icreckon.estimator.motion.bounds import BOUND_MARGIN, ROUNDING
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
+from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
 
 ALPHA = load_robot("auriga-alpha")
 INERTIA, LINEAR = find_variant("inertia-online"), find_variant("full-linear")
 VEHICLE = motion_model(ALPHA, INERTIA).vehicle
-ENGINES = [IcrEkf, LaneEkf]
 NO_NOISE = ProcessNoise(np.zeros(3), (1.0, 1.0, 0.5), np.zeros(s.SIZE))
 # Standard deviations that a filter may have in the states, in their own units.
 SCALES = np.zeros(s.SIZE)
@@ -39,18 +35,9 @@ def scales_of(ekf):
     return LINEAR_SCALES if isinstance(ekf.model, LinearMotion) else SCALES
 
 
-@pytest.fixture(autouse=True, params=ENGINES, ids=["plain", "compiled"])
-def engine(request, monkeypatch):
-    """Each fact holds for both."""
-    monkeypatch.setattr(sys.modules[__name__], "Engine", request.param)
-
-
-Engine = IcrEkf
-
-
 def make(rng=None, variant=INERTIA):
     """A filter about the parameters that it starts from: at them, or at a random state near them."""
-    ekf = Engine(motion_model(ALPHA, variant))
+    ekf = IcrEkf(motion_model(ALPHA, variant))
     ekf.x[s.PARAMETERS] = initial_parameters(ALPHA, variant)
     if rng is not None:
         scales = scales_of(ekf)
@@ -335,7 +322,7 @@ def test_update_is_filterpys_update():
 def test_update_is_the_sum_of_information():
     rng = np.random.default_rng(7)
     root = rng.normal(size=(s.SIZE, s.SIZE))
-    ekf = Engine(LaggedIndexMotion(VEHICLE))
+    ekf = IcrEkf(LaggedIndexMotion(VEHICLE))
     ekf.P = root @ root.T + np.eye(s.SIZE)
     row, variance, residual = rng.normal(size=s.SIZE), 0.3, 0.7
     information = np.linalg.inv(ekf.P) + np.outer(row, row) / variance
@@ -384,16 +371,6 @@ def test_update_that_must_not_move_the_pose_leaves_it_and_its_covariance():
     assert ekf.x[others] == pytest.approx(free.x[others], abs=1e-14)
     assert ekf.P[np.ix_(others, others)] == pytest.approx(free.P[np.ix_(others, others)], abs=1e-14)
     assert np.linalg.eigvalsh(ekf.P)[0] > -1e-14
-
-
-def test_innovation_covariance_is_that_of_prediction_and_measurement():
-    ekf = make(np.random.default_rng(8))
-    row = np.zeros(s.SIZE)
-    row[s.X] = 2.0
-    S = ekf.innovation_covariance(row[None], np.array([[0.5]]))
-    expected = 4.0 * ekf.P[s.X, s.X] + 0.5
-    assert pytest.approx(np.array([[expected]])) == S
-    assert normalised_square(np.array([3.0]), S) == pytest.approx(9.0 / expected)
 
 
 def test_new_fast_slip_is_independent_of_all_else():
