@@ -99,7 +99,7 @@ class Covariance:
             inverse_S: one over the innovation covariance, or 0 for no update.
             fixed: states that the update does not move.
             stand_in: state that it moves in their place, and the Jacobian of the predicted measurement,
-                see `IcrEkf.update_scalar`.
+                see `reference.ekf.IcrEkf.update_scalar`.
 
         Returns:
             State -> Kalman gain, without the fixed states.

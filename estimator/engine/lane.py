@@ -297,7 +297,7 @@ class Lane:
                 other part in H.
             inflated: state whose variance is inflated in re-acquisition.
             fixed: states that the update does not move.
-            stand_in: state that it moves in their place, see `IcrEkf.update_scalar`.
+            stand_in: state that it moves in their place, see `reference.ekf.IcrEkf.update_scalar`.
             only: lanes that have the measurement; None for all.
             patience: time of rejections after which it is re-acquired [s]; None for that of the IMU.
             interval: time that it counts if it is rejected [s]; None for that of the IMU.
@@ -368,7 +368,7 @@ class Lane:
             self.report("motion", (yaw,), (s.YAW,))
 
     def cover_rounding(self) -> None:
-        """Inflate the states after sharp updates, as `IcrEkf.update_scalar` after each.
+        """Inflate the states after sharp updates, as `Ekf.update_scalar` after each.
 
         Single precision is for studies, whose sensors are not sharp.
         """
@@ -377,7 +377,7 @@ class Lane:
                 self.report("inflated", (more,), (i,))
 
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
-        """Project onto the bounds as `IcrEkf.keep_inside_bounds`, if a lane is outside."""
+        """Project onto the bounds as `bounds.inside`, if a lane is outside."""
         states, least_short = self.P.states, OUTSIDE[self.shape.bits]
         fixed = self.fixed_for_gyro if by_imu else (*POSE_FIXED, *self.shape.considered)
         bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*fixed}]

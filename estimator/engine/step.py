@@ -321,7 +321,7 @@ class Step:
         )
 
     def propagate(self) -> None:
-        """Propagate to the end of the step, see `IcrEkf.predict_motion`."""
+        """Propagate to the end of the step, see `reference.ekf.IcrEkf.predict_motion`."""
         lane = self.lane
         x, P, constant = lane.x, lane.P, lane.constant
         dt, sigma = constant("dt"), self._sigma()

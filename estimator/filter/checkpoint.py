@@ -75,7 +75,7 @@ class FilterCheckpoint(
         model: (m,) memory of the motion model, see `icreckon.estimator.motion.motion_model.MotionModel`.
         rejected_fixes: position fixes that were rejected since one was used.
         stood_at: stamp of the newest zero velocity that was used [ns], or None.
-        regressors: (3, 9) of the filter, see `icreckon.estimator.filter.ekf.IcrEkf`; None before its
+        regressors: (3, 9) of the filter, see `icreckon.estimator.filter.ekf.Ekf`; None before its
             first step.
         slip_factor: factor on the slip that position fixes have shown.
         present_factor: that of the newest fixes alone.

@@ -10,6 +10,7 @@ from leaving out one block at a time. A batch version that looks at a whole log 
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections import deque
 from typing import Any, NamedTuple
 
@@ -35,6 +36,8 @@ LEAST_CORRELATION = 0.7
 """Smallest correlation of tracks and gyro at which there is an estimate [-]."""
 CAPACITY = 4096
 """Number of samples that are kept to integrate over the windows: 10 s at 400 Hz."""
+AT_ONCE = 10
+"""Number of windows that are used at once, which costs less."""
 LONGEST_BEHIND = 1000.0
 """Age, at the newest sample, beyond which no window is used [s]."""
 OBSOLETE = 256
@@ -109,52 +112,46 @@ class _Angle:
     """
 
     def __init__(self, *, held: bool) -> None:
-        self.seconds = np.zeros(CAPACITY)
-        self.values = np.zeros(CAPACITY)
-        self.count, self.newest = 0, -math.inf
+        self.seconds: list[float] = []
+        self.values: list[float] = []
+        self.newest = -math.inf
         self._value, self._held, self._rate = 0.0, held, 0.0
 
     def take(self, second: float, rate: float) -> bool:
         """Add a sample; return False, and do not, if there is a hole before it."""
-        if self.count:
+        seconds = self.seconds
+        if seconds:
             step = second - self.newest
-            if abs(step) > LARGEST_HOLE:
-                return False
-            if step <= 0.0:
-                return True
-            mean = self._rate if self._held else 0.5 * (self._rate + rate)
-            self._value += step * mean
-        if self.count == CAPACITY:
-            self._keep(self.seconds[CAPACITY // 2 :], self.values[CAPACITY // 2 :])
-        self.seconds[self.count], self.values[self.count] = second, self._value
-        self.count, self.newest, self._rate = self.count + 1, second, rate
+            if not 0.0 < step <= LARGEST_HOLE:
+                return -LARGEST_HOLE <= step <= 0.0
+            self._value += step * (self._rate if self._held else 0.5 * (self._rate + rate))
+            if len(seconds) >= CAPACITY:
+                del seconds[: CAPACITY // 2], self.values[: CAPACITY // 2]
+        seconds.append(second)
+        self.values.append(self._value)
+        self.newest, self._rate = second, rate
         return True
 
     def at(self, seconds: Floats) -> Floats:
         """Angles at some times."""
-        return np.interp(seconds, self.seconds[: self.count], self.values[: self.count])
+        return np.interp(seconds, self.seconds, self.values)
 
     def drop_before(self, second: float) -> None:
         """Drop samples that angles from a time on do not depend on, once there are many."""
-        first = int(np.searchsorted(self.seconds[: self.count], second, side="right")) - 1
+        first = bisect_right(self.seconds, second) - 1
         if first >= OBSOLETE:
-            self._keep(self.seconds[first : self.count], self.values[first : self.count])
+            del self.seconds[:first], self.values[:first]
 
     def memory(self) -> AngleMemory:
         """Checkpoint of the angle."""
-        count = self.count
-        return AngleMemory(self.seconds[:count].copy(), self.values[:count].copy(), self._rate)
+        return AngleMemory(np.array(self.seconds), np.array(self.values), self._rate)
 
     def recall(self, memory: AngleMemory) -> None:
         """Restore a checkpoint."""
-        self._keep(memory.seconds, memory.values)
+        self.seconds, self.values = memory.seconds.tolist(), memory.values.tolist()
         self._rate = memory.rate
-
-    def _keep(self, seconds: Floats, values: Floats) -> None:
-        self.count = len(seconds)
-        self.seconds[: self.count], self.values[: self.count] = seconds.copy(), values.copy()
-        if self.count:
-            self.newest, self._value = float(seconds[-1]), float(values[-1])
+        if self.seconds:
+            self.newest, self._value = self.seconds[-1], self.values[-1]
 
 
 class TrackLatencyEstimator:
@@ -231,7 +228,7 @@ class TrackLatencyEstimator:
         self._open, self._next = memory.open.copy(), memory.next_window
         self._gyro.recall(memory.gyro)
         self._tracks.recall(memory.tracks)
-        if self._next is not None and self._tracks.count:
+        if self._next is not None and self._tracks.seconds:
             # No window of long ago is used any more, and stepping there would take hours.
             self._next = max(self._next, self._tracks.newest - LONGEST_BEHIND)
 
@@ -248,29 +245,29 @@ class TrackLatencyEstimator:
     def _use_windows(self, newest: float) -> bool:
         """Use windows that both angles cover; return True if a block was completed."""
         gyro, tracks = self._gyro, self._tracks
-        if gyro.count < 2 or tracks.count < 2:
-            return False
         if self._next is None:
+            if len(gyro.seconds) < 2 or len(tracks.seconds) < 2:
+                return False
             first = max(gyro.seconds[0], tracks.seconds[0] - SHIFTS[0])
-            self._next = float(np.ceil(first / WINDOW_STEP) * WINDOW_STEP)
-        completed, end = False, min(newest - LATEST, gyro.newest)
-        if self._next + WINDOW > end:
+            self._next = math.ceil(first / WINDOW_STEP) * WINDOW_STEP
+        end = min(newest - LATEST, gyro.newest)
+        if self._next + WINDOW + AT_ONCE * WINDOW_STEP > end:
             return False
-        while self._next + WINDOW <= end:
-            completed |= self._use_window(self._next)
-            self._next += WINDOW_STEP
+        starts = np.arange(self._next, end - WINDOW, WINDOW_STEP)
+        self._next = float(starts[-1]) + WINDOW_STEP
+        turned = gyro.at(starts + WINDOW) - gyro.at(starts)
+        shifted = starts[:, None] + SHIFTS
+        driven = tracks.at(shifted + WINDOW) - tracks.at(shifted)
+        completed = False
+        for y, x in zip(turned.tolist(), driven, strict=True):
+            if x.any():  # not standing
+                completed |= self._use_window(x, y)
         for angle in (gyro, tracks):
             angle.drop_before(self._next + SHIFTS[0])
         return completed
 
-    def _use_window(self, start: float) -> bool:
-        ends = np.array([start, start + WINDOW])
-        begin, end = self._gyro.at(ends)
-        y = float(end - begin)
-        shifted = self._tracks.at(np.concatenate([start + SHIFTS, start + WINDOW + SHIFTS]))
-        x = shifted[len(SHIFTS) :] - shifted[: len(SHIFTS)]
-        if not x.any():
-            return False  # standing
+    def _use_window(self, x: Floats, y: float) -> bool:
+        """Add a window's turning by the tracks, for each shift, and by the gyro."""
         one = np.ones(len(SHIFTS))
         self._open += np.array([one, x, y * one, x * x, x * y, y * y * one])
         self._turned += abs(y) * WINDOW_STEP / WINDOW
