@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import ctypes
 from functools import cache
-from typing import Annotated, Any, ClassVar, TypeVar, cast, get_type_hints
+from typing import Annotated, Any, ClassVar, TypeVar, cast, get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -20,6 +20,9 @@ Record = TypeVar("Record")
 
 # Stamp of a sample that has not come yet [ns]; its age exceeds 140 years at any stamp after 1970.
 NEVER = -(2**62)
+# Stamp in a record [ns], which `shifted` changes with the clock.
+CLOCK = "stamp of the clock of all sensors"
+Stamp = Annotated[int, CLOCK]
 # Fields of records, as they are checked in files.
 Flag = Annotated[int, msgspec.Meta(ge=0, le=1)]
 Count = Annotated[int, msgspec.Meta(ge=0)]
@@ -102,7 +105,7 @@ def copied(record: Record) -> Record:
 
 
 def assign(record: Any, source: Any) -> None:
-    """Copy the values of a record to another one; either may be shared."""
+    """Copy the values of a record to another one, but for named tuples: they are settings."""
     if isinstance(source, SharedRecord):
         ctypes.memmove(ctypes.addressof(record), ctypes.addressof(source), ctypes.sizeof(source))
         return
@@ -112,8 +115,44 @@ def assign(record: Any, source: Any) -> None:
             assign(getattr(record, name), value)
         elif isinstance(value, list):
             getattr(record, name)[:] = value
-        else:
+        elif not isinstance(value, tuple):
             setattr(record, name, value)
+
+
+def shifted(record: Record, by: int) -> Record:
+    """Copy a record for a clock that is ahead by so much [ns]: all its `Stamp` are later.
+
+    Args:
+        record: record, with records and tuples of records in it.
+        by: time that the clock is ahead [ns].
+    """
+    kind: Any = record.kind if isinstance(record, SharedRecord) else type(record)
+    return cast(Record, _later(plain_copy(kind, record), _hints(cast(Any, kind)), by))
+
+
+def _later(record: Any, hints: dict[str, Any], by: int) -> Any:
+    changed: dict[str, Any] = {}
+    for name, hint in hints.items():
+        value = getattr(record, name)
+        if isinstance(value, msgspec.Struct):
+            changed[name] = _later(value, _hints(cast(Any, type(value))), by)
+        elif isinstance(value, tuple) and value and isinstance(value[0], msgspec.Struct):
+            changed[name] = tuple(_later(one, _hints(cast(Any, type(one))), by) for one in value)
+        elif _is_stamp(hint) and value is not None:
+            is_many = isinstance(value, tuple)
+            later = [one if one == NEVER else one + by for one in (value if is_many else (value,))]
+            changed[name] = tuple(later) if is_many else later[0]
+    return msgspec.structs.replace(record, **changed)
+
+
+@cache
+def _hints(kind: Any) -> dict[str, Any]:
+    return get_type_hints(kind, include_extras=True)
+
+
+@cache
+def _is_stamp(hint: Any) -> bool:
+    return CLOCK in getattr(hint, "__metadata__", ()) or any(map(_is_stamp, get_args(hint)))
 
 
 @cache

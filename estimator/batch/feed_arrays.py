@@ -3,26 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.batch.front_end import FrontEnd
-from icreckon.estimator.batch.inputs import NO_STAMPS
-from icreckon.estimator.batch.replay import measured_alone, work_through_log
-from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
-from icreckon.estimator.engine.filters import BatchFilter
-from icreckon.estimator.engine.layout import IMU_GATES
-from icreckon.estimator.engine.schedule import steps_after
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint
+from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
+from icreckon.estimator.filter.step_engine import SampleArrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.sensors.imu_clock import ClockRecord
-from icreckon.estimator.sensors.input_settings import input_settings
+from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 # Fewer IMU samples than these are fed one by one, which is faster.
@@ -34,15 +24,14 @@ FIRST_SAMPLES = 3
 def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeries) -> int:
     """Feed track speeds and IMU samples in the order of their stamps.
 
-    The estimate is that of `PoseEstimator.feed` for each of them, to rounding. Latencies are those at the
-    start; that of the tracks is watched only where samples are fed one by one.
+    The estimate is that of `PoseEstimator.feed` for each of them, to the last bit. Latencies are those at
+    the start; that of the tracks is watched only where samples are fed one by one.
 
     The newest `Settings.history` seconds are fed one by one, so that late measurements can be inserted.
     Late measurements of the time before are `TOO_OLD` afterwards.
 
-    All samples are fed one by one if the compiled steps do not support them: if values are implausible or
-    missing, stamps do not rise, there are speeds of wheels or marks, or the engine is "plain". The steps
-    are compiled at the first call for a variant.
+    All samples are fed one by one if values are implausible or missing, stamps do not rise, or there are
+    speeds of wheels or marks. The loop is compiled at the first call for a motion model.
 
     Args:
         estimator: the estimator.
@@ -58,15 +47,23 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
         replace(tracks, stamps=tracks.stamps - late_tracks),
         replace(imu, stamps=imu.stamps - late_imu),
     )
-    bulk = _bulk(log, estimator.settings.history)
+    bulk = _bulk(log, estimator)
     if bulk is None:
         return _feed_each(estimator, log)
-    used = _feed_each(estimator, log.between(log.start, bulk.begin))
-    try:
-        used += _feed_bulk(estimator, log, bulk)
-    except BatchError:
-        return used + _feed_each(estimator, log.between(bulk.begin + 1, log.end))
-    return used + _feed_each(estimator, log.between(bulk.end + 1, log.end))
+    begin, end = bulk
+    used = _feed_each(estimator, log.between(log.start, begin))
+    samples = _samples(estimator, log.between(begin + 1, end))
+    while len(samples.track_stamps) or len(samples.imu_stamps):
+        of_tracks, of_imu, more = estimator.feed_samples(samples)
+        samples, used = samples.after(of_tracks, of_imu), used + more
+        # What is left begins with a sample that needs more than a step.
+        stamp = min((int(one[0]) for one in (samples.track_stamps, samples.imu_stamps) if len(one)),
+                    default=end)  # fmt: skip
+        if stamp == end:
+            break
+        used += _feed_each(estimator, log.between(stamp, stamp))
+        samples = _samples(estimator, log.between(stamp + 1, end))
+    return used + _feed_each(estimator, log.between(end + 1, log.end))
 
 
 def _feed_each(estimator: PoseEstimator, log: Log) -> int:
@@ -74,126 +71,35 @@ def _feed_each(estimator: PoseEstimator, log: Log) -> int:
     return sum(map(estimator.feed_corrected, log.measurements()))
 
 
-class _Bulk(NamedTuple):
-    """Interval (begin, end] of stamps whose samples are processed as arrays [ns]."""
-
-    begin: int
-    end: int
-
-
-def _bulk(log: Log, history: float) -> _Bulk | None:
-    """Choose the samples to process as arrays; None if too few or out of order."""
+def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
+    """Interval (begin, end] of stamps to process as arrays [ns]; None if there is none."""
     stamps = NO_STAMPS if log.imu is None else log.imu.stamps
     if any((np.diff(of_sensor) <= 0).any() for of_sensor in (log.tracks.stamps, stamps)):
         return None
     if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(log.tracks.stamps):
         return None
-    if log.tracks.left_wheels is not None:
+    if log.tracks.left_wheels is not None or estimator.marks:
+        return None
+    if has_absurd_readings(log, estimator.robot.vehicle.max_track_speed):
         return None
     newest = max(int(stamps[-1]), int(log.tracks.stamps[-1]))
-    last = int(np.searchsorted(stamps, newest - round(history / NANOSECOND))) - 1
+    oldest_of_history = newest - round(estimator.settings.history / NANOSECOND)
+    last = int(np.searchsorted(stamps, oldest_of_history)) - 1
     # The filter has begun with the first track speeds.
     first = int(np.searchsorted(stamps, log.tracks.stamps[0])) + FIRST_SAMPLES
-    if last - first < LEAST_BULK:
-        return None
-    return _Bulk(int(stamps[first]), int(stamps[last]))
+    return (int(stamps[first]), int(stamps[last])) if last - first >= LEAST_BULK else None
 
 
-def _feed_bulk(estimator: PoseEstimator, log: Log, bulk: _Bulk) -> int:
-    """Process the samples of the bulk; return the number of those that were used.
-
-    Raises:
-        BatchError: they cannot be processed as arrays; the estimator is unchanged.
-    """
-    before = estimator.filter_checkpoint()
-    _require_ready(estimator, before)
-    part = _part_of(log, bulk, before)
-    imu = part.imu
-    if imu is None or before.stamp is None or before.regressors is None:
-        raise BatchError("the filter has not begun")
-    robot, settings = estimator.robot, estimator.settings
-    if imu.linear_acceleration is None:
-        settings = msgspec.structs.replace(settings, use_accelerometer=False)
-    measured, _, _ = measured_alone(part, robot)
-    begin = int(measured.track_stamps[0])
-    clocks = ClockRecord(before.tracks.stamp, before.tracks.interval), before.imu
-    steps = steps_after(
-        measured.track_stamps, imu.stamps, before.stamp, clocks, settings, OUTPUT_AT_END
-    )
-    one = BatchFilter(robot, estimator.variant, settings, width=1)
-    one.compile_for(steps)
-    lanes = one.begin(measured.tracks[:, 0], np.zeros(3), np.zeros(3))
-    one.continue_from(lanes, before, before.regressors)
-    front = FrontEnd(measured, steps, input_settings(robot, settings))
-    front.continue_from(
-        before.tracks.shifted(-begin),
-        before.standstill.shifted(-begin),
-        before.noise.shifted(-begin),
-    )
-    rows = ReplayRows(one, robot, steps, measured, np.zeros(0, np.int8), NO_STAMPS)
-    work_through_log([one], [lanes], [rows], steps, measured, front)
-
-    health = before.health.copy()
-    counts = one.counts(lanes)
-    rows.count(one, lanes, health)
-    used = int(counts["gyro_used"][0]) + len(measured.track_stamps) - 1
-    health.sensor("tracks").used += len(measured.track_stamps) - 1
-    health.track_gaps += steps.gaps
-    health.stuck_tracks += int(front.stuck_tracks[0])
-    tracks, standstill, noise = front.records(0)
-    rejected = {gate: float(counts[f"{gate}_rejected_for"][0]) for gate in IMU_GATES}
-    x, P = one.state(lanes, 0, with_fast_slip=True)
-    after = msgspec.structs.replace(
-        before,
-        stamp=bulk.end,
-        state=x,
-        covariance=P,
-        stands=one.stood(lanes, 0),
-        tracks=tracks.shifted(begin),
-        standstill=standstill.shifted(begin),
-        imu=ClockRecord(bulk.end, float(steps.intervals[-1])),
-        rejected_for=before.rejected_for | rejected,
-        health=health,
-        model=one.model_memory(lanes, 0),
-        regressors=one.regressors(lanes, 0, before.regressors),
-        noise=noise.shifted(begin),
-    )
-    estimator.continue_from(after)
-    return used
-
-
-def _require_ready(estimator: PoseEstimator, before: FilterCheckpoint) -> None:
-    """Require an estimator that arrays can continue.
-
-    Raises:
-        BatchError: the estimator needs the streaming filter.
-    """
-    if estimator.settings.engine != "compiled":
-        raise BatchError("filters side by side are compiled")
-    if before.clones is not None:
-        raise BatchError("there are marks")
-    if before.stood_at is not None and before.stood_at == before.stamp:
-        raise BatchError("there is a zero velocity at the estimate's stamp")
-
-
-def _part_of(log: Log, bulk: _Bulk, before: FilterCheckpoint) -> Log:
-    """Samples of the bulk, preceded by the newest track speeds before it."""
-    imu = log.imu
+def _samples(estimator: PoseEstimator, log: Log) -> SampleArrays:
+    """Samples of a log, in the axes and units of the filter."""
+    sensors, imu = SensorModels(estimator.robot), log.imu
     if imu is None:
-        raise BatchError("there is no IMU")
-    is_track = (log.tracks.stamps > before.tracks.stamp) & (log.tracks.stamps <= bulk.end)
-    is_sample = (imu.stamps > bulk.begin) & (imu.stamps <= bulk.end)
-    force = imu.linear_acceleration
-    held = np.array([[before.tracks.left, before.tracks.right]])
-    return Log(
-        "arrays",
-        TrackSpeedSeries(
-            np.concatenate([[before.tracks.stamp], log.tracks.stamps[is_track]]),
-            np.concatenate([held, log.tracks.speeds[is_track]]),
-        ),
-        imu=ImuSeries(
-            imu.stamps[is_sample],
-            imu.angular_velocity[is_sample],
-            None if force is None else force[is_sample],
-        ),
-    )
+        empty = np.zeros(0)
+        return SampleArrays(
+            log.tracks.stamps, log.tracks.speeds, NO_STAMPS, empty, np.zeros((0, 2))
+        )
+    force, count = imu.linear_acceleration, len(imu.stamps)
+    forces = np.full((count, 2), np.nan) if force is None else sensors.along_ground_of(force)
+    rates = np.ascontiguousarray(sensors.yaw_rates(imu.angular_velocity))
+    speeds = np.ascontiguousarray(log.tracks.speeds)
+    return SampleArrays(log.tracks.stamps, speeds, imu.stamps, rates, forces)

@@ -36,9 +36,7 @@ from icreckon.estimator.sensors.imu_noise import (
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import (
-    StandstillMemory,
     StandstillRecord,
-    memory_of,
     quiet_mean,
     stopped_after,
 )
@@ -148,32 +146,14 @@ class FrontEnd:
         """(lanes,) number of times so far that a track was found stuck."""
         return self._lanes.stuck.copy()
 
-    def continue_from(
-        self, held: TrackRecord, standstill: StandstillMemory, noise: NoiseRecord
-    ) -> None:
-        """Continue from the records of a filter that has processed the first track speeds.
-
-        Args:
-            held: record of the track speeds; stamps are since the first.
-            standstill: checkpoint of the standstill detection; stamps are since the first.
-            noise: record of the noise of the IMU; stamps are since the first.
-        """
-        lanes, readings = self._lanes, len(standstill.stamps)
-        room = lanes.quiet_stamps.shape[1] + readings
-        stamps, rates = np.zeros((1, room), np.int64), np.zeros((1, room))
-        stamps[0, :readings], rates[0, :readings] = standstill.stamps, standstill.rates
-        still = record_array(standstill.record, 1)
-        of_lane = record_array(held, 1), still, record_array(noise, 1)
-        self._lanes = LaneRecords(*of_lane, stamps, rates, lanes.stuck[:1])
-        self._added = 1
-
-    def records(self, lane: int) -> tuple[TrackRecord, StandstillMemory, NoiseRecord]:
-        """Records of track speeds and noise, and checkpoint of the standstill, of a lane."""
+    def records(self, lane: int) -> tuple[TrackRecord, StandstillRecord, NoiseRecord]:
+        """Records of the track speeds, the standstill and the IMU's noise of a lane."""
         lanes = self._lanes
-        still = record_of(StandstillRecord, lanes.still[lane])
-        standstill = memory_of(still, lanes.quiet_stamps[lane], lanes.quiet_rates[lane])
-        noise = record_of(NoiseRecord, lanes.noise[lane])
-        return record_of(TrackRecord, lanes.held[lane]), standstill, noise
+        return (
+            record_of(TrackRecord, lanes.held[lane]),
+            record_of(StandstillRecord, lanes.still[lane]),
+            record_of(NoiseRecord, lanes.noise[lane]),
+        )
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
         """Compute the inputs of the steps from `begin` to before `end`.

@@ -11,7 +11,6 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
-from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
@@ -40,6 +39,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.sensors.standstill import tracks_rest
 from icreckon.estimator.streaming.engines import engine_of
 from icreckon.estimator.streaming.outputs import Run, Snapshot
 
@@ -128,8 +128,8 @@ def run_side_by_side(
         health.sensor("tracks").used = len(measured.track_stamps)
         tracks, still, noise = front.records(0)
         factor = float(lanes.workspace[one.rows["slip_factor"], 0])
-        health.slip = slip_health(tracks, still.record, factor, int(measured.track_stamps[0]))
-        health.noise = noise_health(noise, still.record.stopped_since != NEVER, chosen)
+        health.slip = slip_health(tracks, still, factor, int(measured.track_stamps[0]))
+        health.noise = noise_health(noise, tracks_rest(still), chosen)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
         health = found[name].health
         add_gyro_faults(health, tracks, int(measured.track_stamps[0]))

@@ -25,7 +25,9 @@ from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_ke
 from icreckon.estimator.engine.lane import FilterShape, idle_kernel
 from icreckon.estimator.engine.layout import (
     COUNTS,
+    FACTORS,
     GATES,
+    IMU_GATES,
     PLACES,
     TREND,
     TWIST,
@@ -205,14 +207,13 @@ class BatchFilter:
                 workspace[rows[f"r{axis}_{i}"]] = regressors[axis, i - s.PARAMETERS.start]
         for k, value in enumerate(checkpoint.model):
             workspace[rows[f"memory{k}"]] = value
-        workspace[rows["stood"]] = checkpoint.stands
-        workspace[rows["slip_factor"]] = checkpoint.slip_factor
-        workspace[rows["present_factor"]] = checkpoint.present_factor
-        values = (*checkpoint.departure, *checkpoint.fix_trend)
-        for name, value in zip((*DEPARTURE, *TREND), values, strict=True):
-            workspace[rows[name]] = value
+        record, gates = checkpoint.record, checkpoint.gates
+        workspace[rows["stood"]] = record.stands
+        for name in (*FACTORS, *TREND, *DEPARTURE):
+            workspace[rows[name]] = getattr(record, name)
         for gate in GATES:
-            workspace[rows[f"{gate}_rejected_for"]] = checkpoint.rejected_for[gate]
+            counts = getattr(record, gate) if gate in IMU_GATES else gates.get(gate)
+            workspace[rows[f"{gate}_rejected_for"]] = counts.rejected_for if counts else 0.0
         lanes.rejected[:, : len(rejected)] = np.array(rejected).reshape(-1, 5)
         lanes.rejected_count[:] = len(rejected)
 
@@ -260,42 +261,14 @@ class BatchFilter:
             _places(self.layout, all_outputs),
         )
 
-    def state(
-        self, lanes: Lanes, lane: int, *, with_fast_slip: bool = False
-    ) -> tuple[Floats, Floats]:
-        """State (SIZE,) and covariance (SIZE, SIZE) of one filter.
-
-        Args:
-            lanes: lanes from `begin`.
-            lane: index of the filter.
-            with_fast_slip: include the fast slip, which the last step has stored if it was a tick.
-        """
+    def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
+        """State (SIZE,) and covariance (SIZE, SIZE) of one filter."""
         x, P = self._state.copy(), np.zeros((s.SIZE, s.SIZE))
-        fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop) if with_fast_slip else ()
-        states = (*self.shape.states, *fast)
-        for n, i in enumerate(states):
+        for n, i in enumerate(self.shape.states):
             x[i] = lanes.workspace[self.rows[f"x{i}"], lane]
-            for j in states[n:]:
+            for j in self.shape.states[n:]:
                 P[i, j] = P[j, i] = lanes.workspace[self.rows[covariance_name(i, j)], lane]
         return x, P
-
-    def stood(self, lanes: Lanes, lane: int) -> bool:
-        """Return True if a filter found its robot standing at the newest IMU sample."""
-        return bool(lanes.workspace[self.rows["stood"], lane])
-
-    def model_memory(self, lanes: Lanes, lane: int) -> Floats:
-        """Memory (m,) of the motion model of a filter."""
-        rows = [self.rows[f"memory{k}"] for k in range(self.shape.model.memory)]
-        return np.asarray(lanes.workspace[np.array(rows, dtype=int), lane])
-
-    def regressors(self, lanes: Lanes, lane: int, before: Floats) -> Floats:
-        """Regressors (3, 9) of a filter; those of certain parameters are as before."""
-        found = before.copy()
-        for axis in range(3):
-            for i in self.layout.parameters:
-                row = self.rows[f"r{axis}_{i}"]
-                found[axis, i - s.PARAMETERS.start] = lanes.workspace[row, lane]
-        return found
 
     def counts(self, lanes: Lanes) -> dict[str, Floats]:
         """Counts (width,) by their names in `icreckon.estimator.engine.layout.COUNTS`."""

@@ -17,13 +17,13 @@ from icreckon.estimator.filter.changes import Event, tell
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.step_engine import PositionUpdate
+from icreckon.estimator.filter.step_engine import PositionUpdate, SampleArrays, Sampled
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
 from icreckon.estimator.motion.motion_model import Motion, TwistModel
 from icreckon.estimator.motion.propagation import Triple
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.sensors.standstill import QuietReadings
+from icreckon.estimator.sensors.standstill import QuietReadings, is_full
 from icreckon.estimator.tracing.kernel import FLAG_BITS
 
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
@@ -115,6 +115,30 @@ class LaneSteps:
         """Finish a step, see `Steps`."""
         self._lane.fill_move(self._records, self._inputs, stamp)
         self._step("propagate", stamp)
+
+    def take_samples(self, samples: SampleArrays, *, uses_force: bool) -> Sampled:
+        """Take the steps of samples, see `Steps`."""
+        readings, ekf, total = self._readings, self._ekf, np.zeros(5, int)
+        memory = ekf.model.memory.copy()
+        ekf.model.recall(memory)
+        while True:
+            found = self._lane.loop()(
+                self._records,
+                readings.stamps,
+                readings.rates,
+                ekf.x,
+                ekf.P,
+                ekf.regressors,
+                memory,
+                *self._arrays,
+                *samples,
+                uses_force,
+            )
+            total += found
+            samples = samples.after(*found[:2])
+            if not len(samples.imu_stamps) or not is_full(self._record.still, readings.stamps):
+                return Sampled(*total.tolist())
+            readings.make_room()
 
     def take_position(
         self,

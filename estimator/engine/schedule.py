@@ -219,40 +219,6 @@ def steps_of_log(
     return steps
 
 
-def steps_after(
-    tracks: Stamps,
-    imu: Stamps,
-    now: int,
-    clocks: tuple[ClockRecord, ClockRecord],
-    settings: Settings,
-    output: int,
-) -> LogSteps:
-    """Make the steps of a filter in the middle of a run, without rows.
-
-    Args:
-        tracks: stamps of the track speeds, the newest of the filter first [ns].
-        imu: stamps of later IMU samples [ns].
-        now: stamp of the estimate [ns].
-        clocks: clocks of the track speeds and of the IMU.
-        settings: settings of the filter.
-        output: number of steps at the end whose estimates are output.
-
-    Raises:
-        BatchError: filters side by side cannot process such stamps.
-    """
-    begin, none = int(tracks[0]), np.zeros(0, dtype=np.int64)
-    begun = Walk(now - begin, now - begin, now - begin, tracks=1)
-    stamps = SensorStamps(tracks, imu, none, none.astype(np.int8))
-    shifted = (clocks[0].shifted(-begin), clocks[1].shifted(-begin))
-    if len(imu) and imu[0] <= now:
-        raise BatchError(REASONS[1])
-    steps = _walked(stamps, _limits(settings), begun, shifted)
-    steps.extras[:] &= ~TICK
-    steps.rows[:] = -1
-    _output_last(steps, output)
-    return steps._replace(row_stamps=none, row_samples=steps.row_samples[:0])
-
-
 def _limits(settings: Settings) -> WalkLimits:
     return WalkLimits(float(settings.hold), int(settings.longest_gap / NANOSECOND))
 

@@ -18,7 +18,7 @@ from typing import Annotated
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Size, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 
 WORKS, JUMPED, REPEATS, BEYOND = range(4)
 # Least jump between two samples [rad/s]: this much, what friction can turn (`InputSettings`), or so many
@@ -59,7 +59,7 @@ class GyroRecord(msgspec.Struct):
         beyond: number of those beyond the range.
     """
 
-    stamp: int = NEVER
+    stamp: Stamp = NEVER
     rate: float = 0.0
     size: Size = AT_START
     turning: float = 0.0
@@ -67,22 +67,13 @@ class GyroRecord(msgspec.Struct):
     repeats: Count = 0
     most_repeats: Count = 0
     fault: Annotated[int, msgspec.Meta(ge=WORKS, le=BEYOND)] = WORKS
-    since: int = NEVER
+    since: Stamp = NEVER
     jump: float = 0.0
     agreed: Size = 0.0
     times: Count = 0
     jumped: Count = 0
     repeated: Count = 0
     beyond: Count = 0
-
-    def shifted(self, by: int) -> GyroRecord:
-        """Copy for a clock that is ahead by so much [ns]."""
-        twin = plain_copy(GyroRecord, self)
-        if twin.stamp != NEVER:
-            twin.stamp += by
-        if twin.since != NEVER:
-            twin.since += by
-        return twin
 
 
 def watch_gyro(

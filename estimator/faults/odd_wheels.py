@@ -17,7 +17,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Size, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 from icreckon.estimator.faults.spinning_tracks import (
     LONGEST,
     SpinRecord,
@@ -56,25 +56,15 @@ class WheelsRecord(msgspec.Struct):
         times: number of times that they were found to disagree.
     """
 
-    since: int = NEVER
-    newest: int = NEVER
-    decided: int = NEVER
+    since: Stamp = NEVER
+    newest: Stamp = NEVER
+    decided: Stamp = NEVER
     odd: Annotated[int, msgspec.Meta(ge=NO_WHEEL)] = NO_WHEEL
     apart: Size = 0.0
     doubt: Size = 0.0
     way: Size = 0.0
     samples: Count = 0
     times: Count = 0
-
-    def shifted(self, by: int) -> WheelsRecord:
-        """Copy for a clock that is ahead by so much [ns]."""
-        twin = plain_copy(WheelsRecord, self)
-        if twin.since != NEVER:
-            twin.since += by
-            twin.newest += by
-        if twin.decided != NEVER:
-            twin.decided += by
-        return twin
 
 
 class Middle(NamedTuple):

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Size, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, PoseFix, PositionFix
 
@@ -37,17 +37,11 @@ class PlaceRecord(msgspec.Struct):
 
     x: float = 0.0
     y: float = 0.0
-    stamp: int = NEVER
+    stamp: Stamp = NEVER
     driven: float = 0.0
     longest: Size = 0.0
     changes: Count = 0
     rejected: Count = 0
-
-    def shifted(self, by: int) -> PlaceRecord:
-        """Copy for a clock that is ahead by so much [ns]."""
-        twin = plain_copy(PlaceRecord, self)
-        twin.stamp += by * (twin.stamp != NEVER)
-        return twin
 
 
 def repeats(positions: PlaceRecord, poses: PlaceRecord, m: Measurement, speed: float) -> bool:

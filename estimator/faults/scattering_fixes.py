@@ -29,7 +29,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.base.records import Count, Size
+from icreckon.estimator.base.records import Count, Size, Stamp
 
 # Most and fewest fixes that are laid over the path, and time between two of them [s]: at first less, this
 # share of the time since the oldest.
@@ -75,7 +75,7 @@ class PlacedFix(msgspec.Struct, frozen=True, array_like=True):
         yaw: yaw on the path [rad].
     """
 
-    stamp: int
+    stamp: Stamp
     x: float
     y: float
     path_x: float
@@ -141,19 +141,6 @@ class Scatter(msgspec.Struct, frozen=True):
             innovation=(x, y),
             products=self.products + (x * before[0] + y * before[1] - self.products) / judged,
             squares=self.squares + (x * x + y * y - self.squares) / judged,
-        )
-
-    def shifted(self, by: int) -> Scatter:
-        """Copy for a clock that is ahead by so much [ns]."""
-
-        def later(fix: PlacedFix) -> PlacedFix:
-            return msgspec.structs.replace(fix, stamp=fix.stamp + by)
-
-        return msgspec.structs.replace(
-            self,
-            fixes=tuple(map(later, self.fixes)),
-            rejected=tuple(map(later, self.rejected)),
-            newest=None if self.newest is None else later(self.newest),
         )
 
 

@@ -16,7 +16,7 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Interval, Size, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Interval, Size, Stamp
 
 # Time over which a difference of velocity is forgotten, and over which gravity is averaged [s].
 FORGETTING, GRAVITY_AVERAGING = 0.3, 2.0
@@ -49,24 +49,15 @@ class SlideRecord(msgspec.Struct):
         times: number of slides that were found.
     """
 
-    stamp: int = NEVER
+    stamp: Stamp = NEVER
     tracks: float = 0.0
     mean: float = 0.0
     difference: float = 0.0
     square: Size = RMS_AT_START * RMS_AT_START
     averaged: Interval = TIME_AT_START
-    since: int = NEVER
+    since: Stamp = NEVER
     speed: float = 0.0
     times: Count = 0
-
-    def shifted(self, by: int) -> SlideRecord:
-        """Copy for a clock that is ahead by so much [ns]."""
-        twin = plain_copy(SlideRecord, self)
-        if twin.stamp != NEVER:
-            twin.stamp += by
-        if twin.since != NEVER:
-            twin.since += by
-        return twin
 
 
 def slides(slide: SlideRecord) -> bool:

@@ -19,7 +19,7 @@ from typing import Annotated
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Flag, Size, plain_copy
+from icreckon.estimator.base.records import NEVER, Count, Flag, Size, Stamp
 
 LEFT, UNKNOWN, RIGHT = -1, 0, 1
 Side = Annotated[int, msgspec.Meta(ge=LEFT, le=RIGHT)]
@@ -86,29 +86,17 @@ class SpinRecord(msgspec.Struct):
     jumped: Flag = 0
     jump: float = 0.0
     jump_side: Side = UNKNOWN
-    jump_stamp: int = NEVER
-    since: int = NEVER
-    newest: int = NEVER
+    jump_stamp: Stamp = NEVER
+    since: Stamp = NEVER
+    newest: Stamp = NEVER
     way: float = 0.0
     gyro_jumped: Flag = 0
     times: Count = 0
-    stamp: int = NEVER
+    stamp: Stamp = NEVER
     turned: float = 0.0
     by_rate: float = 0.0
     of_rate: Size = 0.0
     of_turning: Size = 0.0
-
-    def shifted(self, by: int) -> SpinRecord:
-        """Copy for a clock that is ahead by so much [ns]."""
-        twin = plain_copy(SpinRecord, self)
-        if twin.since != NEVER:
-            twin.since += by
-            twin.newest += by
-        if twin.stamp != NEVER:
-            twin.stamp += by
-        if twin.jump_stamp != NEVER:
-            twin.jump_stamp += by
-        return twin
 
 
 def width_of_bends(spin: SpinRecord) -> float:

@@ -15,7 +15,7 @@ from typing import Annotated
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Size
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 
 # Required number of different readings of the other track, and of its own before.
 OTHERS, OWN = 10, 20
@@ -41,8 +41,8 @@ class Repeating(msgspec.Struct):
     """
 
     reading: float = 0.0
-    since: int = NEVER
-    newest: int = NEVER
+    since: Stamp = NEVER
+    newest: Stamp = NEVER
     changes: Count = 0
     longest: Size = 0.0
     other_count: Annotated[int, msgspec.Meta(ge=0, le=OTHERS)] = 0

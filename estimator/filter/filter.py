@@ -17,7 +17,7 @@ from icreckon.estimator.base.records import NEVER, assign, copied, or_none
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter import slip_factor
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory, of_record
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.ekf import Ekf, update
 from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed
@@ -28,7 +28,6 @@ from icreckon.estimator.filter.health import (
     REJECTED,
     Health,
     Judged,
-    SensorHealth,
     add_estimates,
     add_fix_faults,
     add_gyro_faults,
@@ -37,7 +36,7 @@ from icreckon.estimator.filter.health import (
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
-from icreckon.estimator.filter.step_engine import StepEngine
+from icreckon.estimator.filter.step_engine import SampleArrays, StepEngine
 from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
     ImuSample,
@@ -123,7 +122,7 @@ class Reckoning:
         self._scatter = Scatter()
         of_imu = {name: getattr(self._record, name) for name in IMU_SENSORS}
         self._gates = gates_of(innovation_components(), settings.gates, of_imu, engine.make_record)
-        self._fix_gates = [gate for name, gate in self._gates.items() if name not in of_imu]
+        self._fix_gates = {n: gate for n, gate in self._gates.items() if n not in of_imu}
         self._steps = engine.make_steps(
             self.ekf, self._disturbances, robot, settings, self._record, self._readings
         )
@@ -169,69 +168,37 @@ class Reckoning:
     # --- checkpoints -----------------------------------------------------------------------------
 
     def checkpoint(self) -> FilterCheckpoint:
-        """Copy the state of the filter and of its inputs."""
-        ekf, gates = self.ekf, self._gates.items()
-        return FilterCheckpoint(
-            **of_record(self._record),
-            state=ekf.x.copy(),
-            covariance=ekf.P.copy(),
-            standstill=self._readings.memory(self._record.still),
-            rejected_for={name: gate.counts.rejected_for for name, gate in gates},
-            health=self._judged_counts(),
-            clones=ekf.clones,
-            model=ekf.model.memory,
-            regressors=None if ekf.regressors is None else ekf.regressors.copy(),
-            rejected_fixes=self._rejected_fixes,
-            scatter=self._scatter,
-        )
-
-    def memory(self) -> FilterMemory:
         """Copy all that measurements change."""
-        ekf, record = self.ekf, self._record
-        return FilterMemory(
+        ekf, record, gates = self.ekf, copied(self._record), self._fix_gates.items()
+        return FilterCheckpoint(
             ekf.x.copy(),
             ekf.P.copy(),
-            None if ekf.regressors is None else ekf.regressors.copy(),
-            ekf.model.memory,
-            ekf.clones,
-            copied(record),
+            record,
             self._readings.memory(record.still),
-            tuple(copied(gate.counts) if gate.counts.judged else None for gate in self._fix_gates),
+            {name: copied(gate.counts) for name, gate in gates if gate.counts.judged},
             self._counts.copy(),
+            ekf.clones,
+            ekf.model.memory,
+            None if ekf.regressors is None else ekf.regressors.copy(),
             self._rejected_fixes,
             self._scatter,
         )
 
-    def recall(self, memory: FilterMemory) -> None:
-        """Restore a copy."""
-        ekf = self.ekf
-        ekf.x, ekf.P, ekf.clones = memory.state.copy(), memory.covariance.copy(), memory.clones
-        ekf.regressors = None if memory.regressors is None else memory.regressors.copy()
-        ekf.model.recall(memory.model)
-        assign(self._record, memory.record)
-        self._readings.recall(self._record.still, memory.standstill)
-        for gate, counts in zip(self._fix_gates, memory.gates, strict=True):
-            assign(gate.counts, counts or GateRecord())
-        self._counts, self._rejected_fixes = memory.counts.copy(), memory.rejected_fixes
-        self._scatter = memory.scatter
-
     def restore(self, checkpoint: FilterCheckpoint) -> None:
-        """Restore a checkpoint."""
-        checkpoint.fill(self._record)
-        self._readings.recall(self._record.still, checkpoint.standstill)
-        self.ekf.x = checkpoint.state.copy()
-        self.ekf.P = checkpoint.covariance.copy()
-        self.ekf.clones = checkpoint.clones
-        self.ekf.model.recall(checkpoint.model)
-        regressors = checkpoint.regressors
-        self.ekf.regressors = None if regressors is None else regressors.copy()
-        self._rejected_fixes, self._scatter = checkpoint.rejected_fixes, checkpoint.scatter
-        sensors = checkpoint.health.sensors
-        for name, gate in self._gates.items():
-            gate.restore(sensors.get(name, SensorHealth()), 0.0)
-        for name, time in checkpoint.rejected_for.items():
-            self._gates[name].counts.rejected_for = time
-        self._counts = checkpoint.health.copy()
+        """Restore a copy."""
+        ekf, regressors = self.ekf, checkpoint.regressors
+        ekf.x, ekf.P = checkpoint.state.copy(), checkpoint.covariance.copy()
+        ekf.clones = checkpoint.clones
+        ekf.regressors = None if regressors is None else regressors.copy()
+        ekf.model.recall(checkpoint.model)
+        assign(self._record, checkpoint.record)
+        self._readings.recall(checkpoint.quiet)
+        for gate in self._fix_gates.values():
+            assign(gate.counts, GateRecord())
+        for name, counts in checkpoint.gates.items():
+            assign(self._fix_gates[name].counts, counts)
+        self._counts, self._rejected_fixes = checkpoint.counts.copy(), checkpoint.rejected_fixes
+        self._scatter = checkpoint.scatter
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
         """Start with parameters, biases and scales of a checkpoint.
@@ -331,6 +298,16 @@ class Reckoning:
         used = self._steps.take_imu(m.stamp, rate, *along, uses_force=self._uses_force)
         self._counts.standstill_updates += record.stands
         return used
+
+    def take_samples(self, samples: SampleArrays) -> tuple[int, int, int]:
+        """Update with samples, see `PoseEstimator.feed_samples`."""
+        if self.ekf.clones is not None or self.ekf.regressors is None:
+            return 0, 0, 0
+        found = self._steps.take_samples(samples, uses_force=self._uses_force)
+        self._counts.sensor("tracks").used += found.tracks
+        self._counts.stuck_tracks += found.stuck
+        self._counts.standstill_updates += found.stood
+        return found.tracks, found.imu, found.tracks + found.rates_used
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""

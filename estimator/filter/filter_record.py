@@ -5,11 +5,14 @@ The functions are written for plain Python and for numba, see `icreckon.estimato
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import msgspec
 
-from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.records import NEVER, Flag, Size, Stamp
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.filter.gate import GateRecord
+from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive
 from icreckon.estimator.sensors.imu_noise import NoiseRecord
@@ -18,6 +21,10 @@ from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_afte
 
 # Fields of the departure of position fixes from the path, see `faults.departing_fixes.Departure`.
 DEPARTURE = ("departed_for", *(f"departed_{part}" for part in ("from_x", "from_y", "by_x", "by_y")))
+
+
+# Factor on the slip.
+Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]
 
 
 class FilterRecord(msgspec.Struct):
@@ -51,20 +58,20 @@ class FilterRecord(msgspec.Struct):
     """
 
     settings: InputSettings
-    stamp: int = NEVER
-    stood_at: int = NEVER
-    stands: int = 0
-    slip_factor: float = 1.0
-    present_factor: float = 1.0
+    stamp: Stamp = NEVER
+    stood_at: Stamp = NEVER
+    stands: Flag = 0
+    slip_factor: Factor = 1.0
+    present_factor: Factor = 1.0
     trend_forward: float = 0.0
     trend_left: float = 0.0
     trend_size: float = 1.0
-    departed_for: float = 0.0
+    departed_for: Size = 0.0
     departed_from_x: float = 0.0
     departed_from_y: float = 0.0
     departed_by_x: float = 0.0
     departed_by_y: float = 0.0
-    wander_stamp: int = NEVER
+    wander_stamp: Stamp = NEVER
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sized
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, Size, assign
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 from icreckon.estimator.filter.health import (
     ADMITTED,
     REACQUIRED,
@@ -86,18 +86,22 @@ class GateRecord(msgspec.Struct):
     """
 
     rejected_for: Size = 0.0
-    judged: int = 0
-    used: int = 0
-    rejected: int = 0
-    reacquired: int = 0
-    degrees: int = 0
-    nis_sum: float = 0.0
+    judged: Count = 0
+    used: Count = 0
+    rejected: Count = 0
+    reacquired: Count = 0
+    degrees: Count = 0
+    nis_sum: Size = 0.0
     newest_nis: float = 0.0
     recent_nis: float = 0.0
-    stamp: int = NEVER
-    verdict: int = ADMITTED
-    z: list[float] = msgspec.field(default_factory=lambda: [0.0] * MOST)
-    S: list[float] = msgspec.field(default_factory=lambda: [0.0] * MOST**2)
+    stamp: Stamp = NEVER
+    verdict: Annotated[int, msgspec.Meta(ge=ADMITTED, le=REACQUIRED)] = ADMITTED
+    z: Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOST)] = msgspec.field(
+        default_factory=lambda: [0.0] * MOST
+    )
+    S: Annotated[list[float], msgspec.Meta(min_length=MOST**2, max_length=MOST**2)] = msgspec.field(
+        default_factory=lambda: [0.0] * MOST**2
+    )
 
 
 def count_verdict(
@@ -223,36 +227,6 @@ class Gate:
             self.newest,
             counts.reacquired,
         )
-
-    def restore(self, health: SensorHealth, rejected_for: float) -> None:
-        """Restore the counts of a checkpoint.
-
-        Raises:
-            ValueError: its newest innovation is not of this gate.
-        """
-        counts = GateRecord(
-            rejected_for,
-            health.judged_count,
-            health.used,
-            health.rejected.get("gate", 0),
-            health.reacquired,
-            health.degrees,
-            health.nis_sum,
-            health.newest_nis or 0.0,
-            health.recent_nis or 0.0,
-        )
-        assign(self.counts, counts)
-        if health.newest_judged is not None:
-            stamp, verdict, *values = health.newest_judged
-            z, S = map(np.array, values)
-            n = self._degrees
-            if (
-                z.shape != (n,)
-                or S.shape != (n, n)
-                or verdict not in (ADMITTED, REJECTED, REACQUIRED)
-            ):
-                raise ValueError(f"an innovation of {n} components and its verdict are needed")
-            self.keep(stamp, verdict, z, S)
 
 
 def gates_of(

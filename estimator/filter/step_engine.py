@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.records import Record
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
@@ -33,6 +34,53 @@ class PositionUpdate(NamedTuple):
     used: bool
     predicted: tuple[float, float, float]
     updated: tuple[float, float, float]
+
+
+class SampleArrays(NamedTuple):
+    """Track speeds and IMU samples of one robot.
+
+    Attributes:
+        track_stamps: (n,) stamps, ascending [ns].
+        speeds: (n, 2) speeds of the left and the right track [m/s].
+        imu_stamps: (m,) stamps, ascending [ns].
+        rates: (m,) yaw rates by the gyros [rad/s].
+        forces: (m, 2) specific forces forward and to the left [m/s²], NaN if there are none.
+    """
+
+    track_stamps: Stamps
+    speeds: Floats
+    imu_stamps: Stamps
+    rates: Floats
+    forces: Floats
+
+    def after(self, tracks: int, imu: int) -> SampleArrays:
+        """Samples without so many track speeds and IMU samples at the start."""
+        first, second = slice(tracks, None), slice(imu, None)
+        return SampleArrays(
+            self.track_stamps[first],
+            self.speeds[first],
+            self.imu_stamps[second],
+            self.rates[second],
+            self.forces[second],
+        )
+
+
+class Sampled(NamedTuple):
+    """Samples that were processed.
+
+    Attributes:
+        tracks: number of track speeds.
+        imu: number of IMU samples.
+        rates_used: number of yaw rates that were used.
+        stuck: number of tracks that were newly found stuck.
+        stood: number of IMU samples at which the robot stood.
+    """
+
+    tracks: int
+    imu: int
+    rates_used: int
+    stuck: int
+    stood: int
 
 
 class Steps(Protocol):
@@ -69,6 +117,10 @@ class Steps(Protocol):
 
     def propagate(self, stamp: int) -> None:
         """Finish a step that `begin` has begun to the same stamp [ns]."""
+        ...
+
+    def take_samples(self, samples: SampleArrays, *, uses_force: bool) -> Sampled:
+        """Take the steps of samples without gaps; stop before one that needs more than a step."""
         ...
 
     def take_position(

@@ -10,7 +10,7 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Interval, plain_copy
+from icreckon.estimator.base.records import NEVER, Interval, Stamp
 from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
 from icreckon.estimator.faults.odd_wheels import WheelsRecord
 from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
@@ -65,7 +65,7 @@ class TrackRecord(msgspec.Struct):
         gyro: record of the gyro's faults.
     """
 
-    stamp: int = NEVER
+    stamp: Stamp = NEVER
     left: float = 0.0
     right: float = 0.0
     interval: Interval = USUAL_TRACK_INTERVAL
@@ -81,22 +81,6 @@ class TrackRecord(msgspec.Struct):
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
     sideways: SlideRecord = msgspec.field(default_factory=SlideRecord)
     gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)
-
-    def shifted(self, by: int) -> TrackRecord:
-        """Copy for a clock that is ahead by so much [ns]."""
-        twin = plain_copy(TrackRecord, self)
-        if twin.stamp != NEVER:
-            twin.stamp += by
-            for track in (twin.repeating_left, twin.repeating_right):
-                track.since += by
-                track.newest += by
-        twin.left_wheels = twin.left_wheels.shifted(by)
-        twin.right_wheels = twin.right_wheels.shifted(by)
-        twin.spin = twin.spin.shifted(by)
-        twin.forward = twin.forward.shifted(by)
-        twin.sideways = twin.sideways.shifted(by)
-        twin.gyro = twin.gyro.shifted(by)
-        return twin
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:

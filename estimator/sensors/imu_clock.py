@@ -10,7 +10,7 @@ from typing import Protocol
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Interval
+from icreckon.estimator.base.records import NEVER, Interval, Stamp
 
 # Assumed interval before it is measured [s].
 USUAL_INTERVAL = 0.01
@@ -33,12 +33,8 @@ class ClockRecord(msgspec.Struct):
         interval: newest interval between samples that was not longer than `hold` [s].
     """
 
-    stamp: int = NEVER
+    stamp: Stamp = NEVER
     interval: Interval = USUAL_INTERVAL
-
-    def shifted(self, by: int) -> ClockRecord:
-        """Copy for a clock that is ahead by so much [ns]."""
-        return ClockRecord(self.stamp if self.stamp == NEVER else self.stamp + by, self.interval)
 
 
 def take_stamp(clock: Clocked, stamp: int, hold: float) -> None:

@@ -14,7 +14,7 @@ from typing import Annotated, NamedTuple
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Flag, Size
+from icreckon.estimator.base.records import NEVER, Count, Flag, Size, Stamp
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import StandstillRecord, is_carried, tracks_rest
 
@@ -50,14 +50,9 @@ class Pace(msgspec.Struct):
         run: number of values since the newest gap, at most 3.
     """
 
-    stamp: int = NEVER
+    stamp: Stamp = NEVER
     interval: Size = 0.0
     run: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
-
-    def shifted(self, by: int) -> Pace:
-        """Copy for a clock that is ahead by so much [ns]."""
-        stamp = self.stamp if self.stamp == NEVER else self.stamp + by
-        return Pace(stamp, self.interval, self.run)
 
 
 class Differences(msgspec.Struct, array_like=True):
@@ -110,12 +105,6 @@ class NoiseRecord(msgspec.Struct):
     gyro: AxisNoise = msgspec.field(default_factory=AxisNoise)
     accelerometer_x: AxisNoise = msgspec.field(default_factory=AxisNoise)
     accelerometer_y: AxisNoise = msgspec.field(default_factory=AxisNoise)
-
-    def shifted(self, by: int) -> NoiseRecord:
-        """Copy for a clock that is ahead by so much [ns]."""
-        twin = msgspec.structs.replace(self)
-        twin.readings, twin.blocks = self.readings.shifted(by), self.blocks.shifted(by)
-        return twin
 
 
 class ImuNoise(NamedTuple):

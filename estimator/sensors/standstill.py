@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.records import NEVER, assign, plain_copy
+from icreckon.estimator.base.records import NEVER, Stamp
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.sensors.input_settings import InputSettings
 
@@ -53,52 +53,30 @@ class StandstillRecord(msgspec.Struct):
         drive_time: time of driving since then [s]; 0 if it never stood.
     """
 
-    stopped_since: int = NEVER
+    stopped_since: Stamp = NEVER
     first: int = 0
     end: int = 0
-    restless_since: int = NEVER
-    carried_since: int = NEVER
+    restless_since: Stamp = NEVER
+    carried_since: Stamp = NEVER
     carries: int = 0
-    quiet_at: int = NEVER
+    quiet_at: Stamp = NEVER
     quiet_mean: float = 0.0
     mean_before: float = 0.0
-    changed_at: int = NEVER
+    changed_at: Stamp = NEVER
     rest_time: float = 0.0
     drive_time: float = 0.0
 
 
-class StandstillMemory(msgspec.Struct, frozen=True):
-    """Checkpoint of a standstill.
+class QuietMemory(NamedTuple):
+    """Copy of the yaw-rate readings of a standstill that count.
 
     Attributes:
-        record: record, whose buffer begins with the oldest reading that counts.
-        stamps: stamps of the yaw-rate readings since then [ns].
+        stamps: their stamps [ns].
         rates: the readings [rad/s].
     """
 
-    record: StandstillRecord = msgspec.field(default_factory=StandstillRecord)
-    stamps: tuple[int, ...] = ()
+    stamps: tuple[Stamp, ...] = ()
     rates: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        count = len(self.stamps)
-        if count != len(self.rates) or (self.record.first, self.record.end) != (0, count):
-            raise ValueError("each yaw-rate reading of a standstill needs a stamp")
-
-    def shifted(self, by: int) -> StandstillMemory:
-        """Copy for a clock that is ahead by so much [ns]."""
-        record = plain_copy(StandstillRecord, self.record)
-        for name in ("stopped_since", "restless_since", "carried_since", "quiet_at", "changed_at"):
-            if getattr(record, name) != NEVER:
-                setattr(record, name, getattr(record, name) + by)
-        return StandstillMemory(record, tuple(stamp + by for stamp in self.stamps), self.rates)
-
-
-def memory_of(still: StandstillRecord, stamps: Stamps, rates: Floats) -> StandstillMemory:
-    """Checkpoint of a record and its buffers, see `quiet_mean`."""
-    kept, record = slice(still.first, still.end), plain_copy(StandstillRecord, still)
-    record.first, record.end = 0, still.end - still.first
-    return StandstillMemory(record, tuple(stamps[kept].tolist()), tuple(rates[kept].tolist()))
 
 
 def stopped_after(
@@ -338,13 +316,15 @@ class QuietReadings:
             self.make_room()
         return float(quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, settings))
 
-    def memory(self, still: StandstillRecord) -> StandstillMemory:
-        """Checkpoint of the readings that count."""
-        return memory_of(still, self.stamps, self.rates)
+    def memory(self, still: StandstillRecord) -> QuietMemory:
+        """Copy of the readings that count; the record's places are those in it from now on."""
+        kept = slice(still.first, still.end)
+        found = QuietMemory(tuple(self.stamps[kept].tolist()), tuple(self.rates[kept].tolist()))
+        still.first, still.end = 0, still.end - still.first
+        return found
 
-    def recall(self, still: StandstillRecord, memory: StandstillMemory) -> None:
-        """Restore a checkpoint."""
-        assign(still, memory.record)
+    def recall(self, memory: QuietMemory) -> None:
+        """Restore a copy."""
         count = len(memory.stamps)
         self.stamps, self.rates = np.zeros(count + ROOM, np.int64), np.zeros(count + ROOM)
         self.stamps[:count], self.rates[:count] = memory.stamps, memory.rates

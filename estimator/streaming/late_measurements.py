@@ -10,7 +10,8 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint, FilterMemory
+from icreckon.estimator.base.records import shifted
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import HISTORY_FULL, TOO_OLD
 from icreckon.estimator.log.input_checks import Event, Key, event_of, event_row, key_of
@@ -42,7 +43,7 @@ class KeyedMemory(NamedTuple):
     """Copy of the filter after the measurement of a key, before the next."""
 
     after: Key
-    memory: FilterMemory
+    memory: FilterCheckpoint
 
 
 class History:
@@ -62,18 +63,13 @@ class History:
         self._span = round(span / NANOSECOND)
         self._keys: list[Key] = []
         self._events: list[Event] = []
-        self._checkpoints = [KeyedMemory(BEFORE_ALL, reckoning.memory())]
+        self._checkpoints = [KeyedMemory(BEFORE_ALL, reckoning.checkpoint())]
         self._since_checkpoint = 0
 
     def checkpoint(self) -> HistoryCheckpoint:
         """Checkpoint of the present state."""
         after, oldest = self._checkpoints[0]
-        now = self._reckoning.memory()
-        self._reckoning.recall(oldest)
-        checkpoint = self._reckoning.checkpoint()
-        self._reckoning.recall(now)
-        rows = tuple(map(event_row, self._events))
-        return HistoryCheckpoint(after, checkpoint, rows)
+        return HistoryCheckpoint(after, oldest.plain(), tuple(map(event_row, self._events)))
 
     def restore(self, checkpoint: HistoryCheckpoint) -> None:
         """Restore a checkpoint; the filter's own of the same time must be restored before.
@@ -85,12 +81,12 @@ class History:
         keys = [key_of(event) for event in events]
         if any(one >= other for one, other in pairwise([checkpoint.after, *keys])):
             raise EstimatorError("the measurements of the history are not in order")
-        now = self._reckoning.memory()
+        now = self._reckoning.checkpoint()
         self.begin_anew(checkpoint.after, checkpoint.checkpoint)
         self._keys, self._events = keys, events
         if keys:
             self._checkpoints.append(KeyedMemory(keys[-1], now))
-        self._reckoning.recall(now)
+        self._reckoning.restore(now)
 
     def objection(self, key: Key) -> str | None:
         """Reason to reject a measurement of this key; None if it can be inserted."""
@@ -137,13 +133,13 @@ class History:
     def set_clock(self, by: int) -> None:
         """Change to a clock that is ahead by so much [ns], and clear the history."""
         stamp, rank = self._keys[-1] if self._keys else self._checkpoints[0].after
-        self.begin_anew((stamp + by, rank), self._reckoning.checkpoint().shifted(by))
+        self.begin_anew((stamp + by, rank), shifted(self._reckoning.checkpoint().plain(), by))
 
     def begin_anew(self, after: Key, checkpoint: FilterCheckpoint) -> None:
         """Restore a checkpoint after the measurement of a key, and clear the history."""
         self._reckoning.restore(checkpoint)
         self._keys, self._events = [], []
-        self._checkpoints = [KeyedMemory(after, self._reckoning.memory())]
+        self._checkpoints = [KeyedMemory(after, self._reckoning.checkpoint())]
         self._since_checkpoint = 0
 
     @property
@@ -162,7 +158,8 @@ class History:
         before = self._keys[place - 1] if place else self._checkpoints[0].after
         for index, (after, memory) in enumerate(self._checkpoints):
             if memory.clones is not None:
-                without = memory._replace(clones=memory.clones.without(mark.stamp))
+                clones = memory.clones.without(mark.stamp)
+                without = msgspec.structs.replace(memory, clones=clones)
                 self._checkpoints[index] = KeyedMemory(before if after == key else after, without)
 
     def insert(self, key: Key, event: Event) -> bool:
@@ -174,7 +171,7 @@ class History:
             self._checkpoints.pop()
         after, memory = self._checkpoints[-1]
         reckoning = self._reckoning
-        reckoning.recall(memory)
+        reckoning.restore(memory)
         self._since_checkpoint = 0
         used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
@@ -190,7 +187,7 @@ class History:
     def _add_checkpoint(self, key: Key) -> None:
         """Add a checkpoint after the measurement of a key."""
         self._since_checkpoint = 0
-        self._checkpoints.append(KeyedMemory(key, self._reckoning.memory()))
+        self._checkpoints.append(KeyedMemory(key, self._reckoning.checkpoint()))
 
     def _drop_obsolete(self) -> None:
         """Drop measurements and checkpoints that are older than the history."""

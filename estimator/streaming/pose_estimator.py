@@ -16,6 +16,7 @@ from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
 from icreckon.estimator.filter.process_noise import twist_covariance
+from icreckon.estimator.filter.step_engine import SampleArrays
 from icreckon.estimator.log.input_checks import (
     EARLIEST,
     LATEST,
@@ -30,7 +31,7 @@ from icreckon.estimator.log.input_checks import (
     key_of,
     measurement_of,
 )
-from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement
+from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement, TrackSpeeds
 from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
@@ -321,13 +322,28 @@ class PoseEstimator:
         self._arrivals.sensor(stream).late += 1
         return history.insert(key, measurement)
 
-    def filter_checkpoint(self) -> FilterCheckpoint:
-        """Copy the state of the filter and of its inputs."""
-        return self._reckoning.checkpoint()
+    def feed_samples(self, samples: SampleArrays) -> tuple[int, int, int]:
+        """Update with plausible track speeds and IMU samples; the history begins after them.
 
-    def continue_from(self, checkpoint: FilterCheckpoint) -> None:
-        """Restore a later checkpoint, at an IMU sample, and clear the history."""
-        self._history.begin_anew((checkpoint.imu.stamp, RANKS[ImuSample]), checkpoint)
+        Args:
+            samples: the samples, newer than all measurements so far.
+
+        Returns:
+            Number of track speeds and of IMU samples that were processed, fewer than there are if the
+            next one is out of the ordinary; and number of measurements that were used.
+        """
+        tracks, imu, used = self._reckoning.take_samples(samples)
+        if tracks or imu:
+            newest = max(
+                (int(stamps[count - 1]), RANKS[kind])
+                for kind, stamps, count in (
+                    (TrackSpeeds, samples.track_stamps, tracks),
+                    (ImuSample, samples.imu_stamps, imu),
+                )
+                if count
+            )
+            self._history.begin_anew(newest, self._reckoning.checkpoint())
+        return tracks, imu, used
 
     def set_clock(self, by: int) -> None:
         """Go on by a clock that is ahead of the one so far [ns]; no time passes."""
@@ -502,7 +518,7 @@ class PoseEstimator:
             self.variant.name,
             robot_constants(self.robot),
             self.settings,
-            self._reckoning.checkpoint(),
+            self._reckoning.checkpoint().plain(),
             self._history.checkpoint(),
             self._arrivals.copy(),
             dict(self._admission.witnesses),

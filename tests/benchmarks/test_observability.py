@@ -114,7 +114,7 @@ def test_covariance_along_a_motion_is_the_filters(variant, monkeypatch):
     """Readings that are just as predicted leave the state on the motion; only the covariance moves."""
     # Readings without noise would be measured as such.
     monkeypatch.setattr(
-        "icreckon.estimator.engine.lane_inputs.noise_of_step",
+        "icreckon.estimator.engine.lane_functions.noise_of_step",
         lambda *given: noise_of_file(given[-1]),
     )
     settings = Settings(engine="plain", use_accelerometer=False)

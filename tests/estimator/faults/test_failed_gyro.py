@@ -18,6 +18,7 @@ from conftest import thorough
 from faulty_drives import BEGINS, imu_of, motion_over, with_rates
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.records import shifted
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.failed_gyro import (
     LEARNT,
@@ -190,8 +191,8 @@ def test_after_a_gap_nothing_is_a_jump() -> None:
     for stamp, rate in ((0, 0.0), (SECOND, 2.0), (2 * SECOND, -2.0)):
         assert watch_gyro(gyro, stamp, rate, 0.0, WIDTH, 0.0, 0.0, 60.0) == rate
     assert gyro.times == 0
-    assert gyro.shifted(SECOND).stamp == 3 * SECOND
-    assert GyroRecord().shifted(SECOND) == GyroRecord()
+    assert shifted(gyro, SECOND).stamp == 3 * SECOND
+    assert shifted(GyroRecord(), SECOND) == GyroRecord()
 
 
 # --- disagreement with the tracks is no fault -------------------------------------------------------

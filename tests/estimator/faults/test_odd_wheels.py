@@ -23,6 +23,7 @@ from faulty_drives import (
 )
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.base.records import shifted
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.odd_wheels import (
@@ -164,10 +165,10 @@ def test_agreement_ends_it_and_a_moment_is_not_reported() -> None:
 def test_what_is_shifted_is_the_clock() -> None:
     sides = Sides()
     sides.take((1.3, 0.5), times=10)
-    later = sides.left.shifted(7)
+    later = shifted(sides.left, 7)
     assert (later.since, later.newest) == (STEP + 7, sides.stamp + 7)
     assert (later.decided, later.odd) == (sides.stamp + 7, 0)
-    assert WheelsRecord().shifted(7) == WheelsRecord()
+    assert shifted(WheelsRecord(), 7) == WheelsRecord()
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -7,6 +7,7 @@ import pytest
 
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.records import shifted
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.scattering_fixes import (
     MOST,
@@ -173,9 +174,9 @@ def test_a_mirrored_world_scatters_the_same():
 
 def test_another_clock_shifts_its_stamps_alone():
     scatter = after_fixes(noise(0.4, 20))
-    shifted = scatter.shifted(5 * SECOND)
-    assert [fix.stamp - 5 * SECOND for fix in shifted.fixes] == [fix.stamp for fix in scatter.fixes]
-    assert shifted.shifted(-5 * SECOND) == scatter
+    later = shifted(scatter, 5 * SECOND)
+    assert [fix.stamp - 5 * SECOND for fix in later.fixes] == [fix.stamp for fix in scatter.fixes]
+    assert shifted(later, -5 * SECOND) == scatter
 
 
 def test_white_and_walking_are_apart():

@@ -14,6 +14,7 @@ import faulty_drives
 from conftest import thorough
 from faulty_drives import BEGINS, motion_over, with_free_tracks
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import shifted
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.sliding_robot import (
     LONGEST_SLIDE,
@@ -51,10 +52,10 @@ def watched(
     true = np.zeros_like(tracks) if robot is None else robot
     forces = np.diff(true, prepend=true[0]) / (step * NANOSECOND) + gravity
     forces += shaking * np.random.default_rng(1).standard_normal(len(forces))
-    slide, found = start.shifted(0), []
+    slide, found = shifted(start, 0), []
     for k, (force, speed) in enumerate(zip(forces, tracks, strict=True)):
         watch_slide(slide, k * step, float(force), float(speed), 0.0)
-        found.append(slide.shifted(0))
+        found.append(shifted(slide, 0))
     return found
 
 
@@ -130,11 +131,11 @@ def test_gaps_and_missing_readings_are_no_slides() -> None:
     watch_slide(slide, 0, 0.0, 0.0, 0.0)
     watch_slide(slide, SECOND, 0.0, 2.0, 0.0)
     assert not slides(slide)
-    before = slide.shifted(0)
+    before = shifted(slide, 0)
     watch_slide(slide, SECOND + STEP, math.nan, 0.0, 0.0)
     assert slide == before
-    assert slide.shifted(SECOND).stamp == 2 * SECOND
-    assert SlideRecord().shifted(SECOND) == SlideRecord()
+    assert shifted(slide, SECOND).stamp == 2 * SECOND
+    assert shifted(SlideRecord(), SECOND) == SlideRecord()
 
 
 def test_the_distance_is_uncertain_by_speed_times_duration() -> None:

@@ -24,6 +24,7 @@ from faulty_drives import (
     with_free_track,
 )
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.records import shifted
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.spinning_tracks import (
@@ -222,7 +223,7 @@ def test_a_jump_is_remembered_for_a_second() -> None:
     assert remembers_jump(spin, STEP, -0.8)
     assert not remembers_jump(spin, STEP, 0.8)
     assert not remembers_jump(spin, 200 * STEP, -0.8)
-    assert spin.shifted(300 * STEP).jump_stamp == 300 * STEP
+    assert shifted(spin, 300 * STEP).jump_stamp == 300 * STEP
     # Both tracks jump where the robot begins to turn on the spot.
     remember_jump(spin, STEP, -0.8, 0.8, FASTEST)
     assert not remembers_jump(spin, 2 * STEP, 0.8)

@@ -187,10 +187,6 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
     both = SensorHealth()
     both.add(health)
     assert both == health
-    other = Gate(2, 10.0)
-    other.restore(health, 3.0)
-    assert other.health() == health
-    assert other.counts.rejected_for == 3.0
 
 
 # --- innovations ------------------------------------------------------------------------------------

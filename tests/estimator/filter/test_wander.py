@@ -74,14 +74,14 @@ def fed(log: Log, given: Settings, variant: str = "inertia-online", marks: bool 
 
 
 def known(estimator: PoseEstimator) -> tuple[object, ...]:
-    found, health = estimator.filter_checkpoint(), estimator.health
+    found, health = estimator._reckoning.checkpoint(), estimator.health
     arrays = found.state.tobytes(), found.covariance.tobytes()
     return estimator.stamp, health.sensors, health.wander, *arrays
 
 
 def assert_close(found: PoseEstimator, expected: PoseEstimator, rounding: float) -> None:
     """State and covariance agree, in standard deviations."""
-    a, b = found.filter_checkpoint(), expected.filter_checkpoint()
+    a, b = found._reckoning.checkpoint(), expected._reckoning.checkpoint()
     sigma = np.sqrt(np.maximum(b.covariance.diagonal(), 1e-20))
     assert np.abs((a.state - b.state) / sigma).max() < rounding
     assert np.abs((a.covariance - b.covariance) / np.outer(sigma, sigma)).max() < rounding
@@ -156,7 +156,7 @@ def test_consider_states_and_marks_beside_the_wander(log: Log) -> None:
 def test_without_wander_nothing_is_added(log: Log) -> None:
     found, expected = fed(log, settings(FixWander())), fed(log, settings(None))
     assert known(found) == known(expected)
-    assert found.filter_checkpoint().state.shape == (s.SIZE,)
+    assert found._reckoning.checkpoint().state.shape == (s.SIZE,)
     assert found.health.wander is None
 
 
@@ -227,7 +227,7 @@ def test_late_fixes_are_used_as_if_in_time(log: Log) -> None:
         estimator.feed(measurement)
     in_time = fed(log, settings())
     assert estimator.health.sensors["position"].late > 20
-    a, b = estimator.filter_checkpoint(), in_time.filter_checkpoint()
+    a, b = estimator._reckoning.checkpoint(), in_time._reckoning.checkpoint()
     np.testing.assert_array_equal(a.state, b.state)
     np.testing.assert_array_equal(a.covariance, b.covariance)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from icreckon.estimator.base.records import NEVER, record_array, record_of
+from icreckon.estimator.base.records import NEVER, record_array, record_of, shifted
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.imu_noise import (
@@ -194,7 +194,7 @@ def test_it_is_the_same_in_python_and_compiled(rate):
 def test_a_record_that_is_shifted_goes_on_by_the_other_clock():
     stamps, readings = white(100, 2.0)
     whole = measured(stamps, readings)
-    half = measured(stamps[:100], readings[:100]).shifted(10**12)
+    half = shifted(measured(stamps[:100], readings[:100]), 10**12)
     measured([stamp + 10**12 for stamp in stamps[100:]], readings[100:], half)
-    assert half == whole.shifted(10**12)
-    assert NoiseRecord().shifted(5).readings.stamp == NEVER
+    assert half == shifted(whole, 10**12)
+    assert shifted(NoiseRecord(), 5).readings.stamp == NEVER

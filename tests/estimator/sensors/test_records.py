@@ -19,6 +19,7 @@ from icreckon.estimator.base.records import (
     record_array,
     record_of,
     shared_record,
+    shifted,
 )
 from icreckon.estimator.faults.stuck_tracks import OTHERS, Repeating, repeating_after, stuck_from
 from icreckon.estimator.filter.filter_record import FilterRecord
@@ -131,15 +132,15 @@ def test_a_checkpoint_is_a_copy():
 
 def test_a_record_that_is_shifted_goes_on_by_the_other_clock():
     stamps, speeds = drive(1)
-    plain, shifted, by = TrackRecord(), TrackRecord().shifted(5), 10**12
-    assert values(shifted) == values(plain)
+    plain, later, by = TrackRecord(), shifted(TrackRecord(), 5), 10**12
+    assert values(later) == values(plain)
     for stamp, (left, right) in zip(stamps[:230], speeds[:230], strict=True):
         take_tracks(plain, stamp, left, right, SETTINGS)
-    shifted = plain.shifted(by)
+    later = shifted(plain, by)
     for stamp, (left, right) in zip(stamps[230:], speeds[230:], strict=True):
         take_tracks(plain, stamp, left, right, SETTINGS)
-        take_tracks(shifted, stamp + by, left, right, SETTINGS)
-    assert values(plain.shifted(by)) == values(shifted)
+        take_tracks(later, stamp + by, left, right, SETTINGS)
+    assert values(shifted(plain, by)) == values(later)
 
 
 READINGS = st.lists(
@@ -225,8 +226,8 @@ def test_clocks_are_the_same_in_python_and_compiled():
         take_stamp(plain, stamp, 0.3)
         assert is_due_after(plain, stamp + 25_000_000) == clock_of_lane(array, 1, stamp, 0.3)
         assert values(plain) == values(array[1])
-    assert copy.copy(plain).shifted(5).stamp == plain.stamp + 5
-    assert values(array[0]) == values(ClockRecord().shifted(5)) == [NEVER, 0.01]
+    assert shifted(copy.copy(plain), 5).stamp == plain.stamp + 5
+    assert values(array[0]) == values(shifted(ClockRecord(), 5)) == [NEVER, 0.01]
 
 
 def test_a_shared_record_is_one_for_python_and_compiled_code():

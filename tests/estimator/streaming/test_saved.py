@@ -192,7 +192,7 @@ CHANGES = {
     "an empty row": lambda c: c["history"]["measurements"][3].clear(),
     "disorder": lambda c: c["history"]["measurements"].reverse(),
     "no history": lambda c: c.update(history=None),
-    "an unknown gate": lambda c: c["now"]["rejected_for"].update(sonar=1.0),
+    "an unknown gate": lambda c: c["now"]["gates"].update(sonar={}),
     "a wrong setting": lambda c: c["settings"].update(history=-1.0),
     "a wrong gate": lambda c: c["settings"]["gates"].update(patience=-1),
 }
@@ -211,10 +211,10 @@ def set_entry(row, column, value):
 
 
 def of_record(*path, value):
-    """A value of one of the records of the filter's checkpoint."""
+    """A value in the record of the filter's checkpoint."""
 
     def change(checkpoint):
-        *parts, last = path
+        *parts, last = ("record", *path)
         for part in parts:
             checkpoint = checkpoint[part]
         checkpoint[last] = value
@@ -256,24 +256,28 @@ NONSENSE = {
         ),
         "the filter has 26 states, found 28",
     ),
-    "a slip factor": (of_record("slip_factor", value=0.5), r">= 1.0 - at `\$.now.slip_factor`"),
+    "a slip factor": (
+        of_record("slip_factor", value=0.5),
+        r">= 1.0 - at `\$.now.record.slip_factor`",
+    ),
     "an interval": (
         of_record("tracks", "interval", value=-0.01),
-        r"> 0.0 - at `\$.now.tracks.interv",
+        r"> 0.0 - at `\$.now.record.tracks.interv",
     ),
-    "no interval": (of_record("imu", "interval", value=0.0), r"> 0.0 - at `\$.now.imu.interval`"),
-    "a count": (of_record("noise", "in_block", value=-1), r">= 0 - at `\$.now.noise.in_block`"),
+    "no interval": (
+        of_record("imu", "interval", value=0.0),
+        r"> 0.0 - at `\$.now.record.imu.interval`",
+    ),
+    "a count": (
+        of_record("noise", "in_block", value=-1),
+        r">= 0 - at `\$.now.record.noise.in_block`",
+    ),
     "a size": (of_record("noise", "gyro", "readings", value=[0.0, 0.0, -1.0, 3]), ">= 0.0"),
-    "rejections": (of_record("rejected_for", "gyro", value=-3.0), ">= 0"),
-    "uses": (of_record("health", "sensors", "gyro", "used", value=-1), ">= 0"),
-    "an innovation": (
-        of_record("health", "sensors", "gyro", "newest_judged", value=[0, 0, [0.0] * 2, [[1.0]]]),
-        "an innovation of 1 components",
-    ),
-    "a verdict": (
-        of_record("health", "sensors", "gyro", "newest_judged", value=[0, 7, [0.0], [[1.0]]]),
-        "and its verdict",
-    ),
+    "rejections": (of_record("gyro", "rejected_for", value=-3.0), ">= 0"),
+    "uses": (of_record("gyro", "used", value=-1), ">= 0"),
+    "an innovation": (of_record("gyro", "z", value=[0.0] * 2), "of length >= 3"),
+    "a verdict": (of_record("gyro", "verdict", value=7), "<= 2"),
+    "readings of a standstill": (of_record("still", "end", value=10**6), "needs a stamp"),
     "a stamp": (of_record("stamp", value=2**63), "64 bits"),
     "a speed": (lambda c: tracks_row(c).__setitem__(2, 1e9), "absurdly fast"),
     "a witness": (lambda c: c.update(witnesses={"imu": [-1, 0]}), ">= 0"),

@@ -1,0 +1,533 @@
+"""Inputs and steps of one filter at one lane; plain Python, for numba too."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.engine.constants import PER_STEP, SMOOTHING, step_constants
+from icreckon.estimator.engine.layout import INPUTS
+from icreckon.estimator.filter.filter_record import may_be_pushed, take_track_speeds
+from icreckon.estimator.filter.gate import count_verdict
+from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
+from icreckon.estimator.sensors.held_tracks import is_hole, take_motion
+from icreckon.estimator.sensors.imu_clock import is_alive, take_stamp
+from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
+from icreckon.estimator.sensors.standstill import is_full, quiet_mean
+from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
+
+ROWS, TRACK_ROWS, SLOW = len(INPUTS), len(StepInputs._fields), INPUTS["slow"]
+QUIET_MEAN, RATE = INPUTS["quiet_mean"], INPUTS["rate"]
+FORCE_X, FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
+NOISE = INPUTS["gyro_density"]
+PARAMETERS = s.PARAMETERS.start
+LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
+
+
+class LanePlaces(NamedTuple):
+    """Places in the workspace of one lane.
+
+    Attributes:
+        size: number of states of the filter.
+        states: indices of the uncertain states, the fast slip last.
+        parameters: indices of the uncertain parameters.
+        x: (n,) rows of the states.
+        P: (n, n) rows of the covariance.
+        regressors: row of the first regressor.
+        memory: row of the first number of the model's memory.
+        memory_size: number of numbers of the memory.
+        stood: row that is 1 if the robot was found standing.
+        slip_factor: row of the factor on the slip.
+        of_record: rows of `OF_RECORD`.
+        gyro: rows of the gyro: rejections in a row, number admitted, innovation, its variance.
+        accelerometers: the same rows of the accelerometers, forward and left.
+        position_rejected_for: row of the time of rejected position fixes.
+        position_admitted: row of the number of admitted ones.
+        twist: row of the twist's first component.
+        motion: row of the first value of `MOTION`.
+        by_state: (3, n) rows of the twist's derivatives by the states.
+        fixed: place of the first parameter among the constants.
+        interval: place of the interval of the IMU among them.
+        slip_shares: place of the first factor on the slip of an evaluated twist among them.
+        row_count: number of rows.
+        constant_count: number of constants.
+    """
+
+    size: int
+    states: Any
+    parameters: Any
+    x: Any
+    P: Any
+    regressors: int
+    memory: int
+    memory_size: int
+    stood: int
+    slip_factor: int
+    of_record: Any
+    gyro: tuple[int, int, int, int]
+    accelerometers: tuple[tuple[int, int, int, int], tuple[int, int, int, int]]
+    position_rejected_for: int
+    position_admitted: int
+    twist: int
+    motion: int
+    by_state: Any
+    fixed: int
+    interval: int
+    slip_shares: int
+    row_count: int
+    constant_count: int
+
+
+def take_tracks_of(records: Any, stamp: int, left: float, right: float) -> int:
+    """Add track speeds to the record in an array (1,), see `take_track_speeds`."""
+    return take_track_speeds(records[0], stamp, left, right)
+
+
+def sample_inputs(
+    records: Any,
+    stamps: Stamps,
+    rates: Floats,
+    inputs: Floats,
+    stamp: int,
+    rate: float,
+    force_x: float,
+    force_y: float,
+    uses_force: bool,
+) -> bool:
+    """Add an IMU sample, and fill the inputs of the step that it ends.
+
+    Args:
+        records: (1,) record of the filter, changed in place.
+        stamps: buffer for stamps of yaw-rate readings [ns].
+        rates: buffer for the readings [rad/s].
+        inputs: (n, 1) inputs of the step, written to.
+        stamp: stamp of the sample [ns].
+        rate: yaw rate [rad/s].
+        force_x: specific force forward [m/s²], NaN if there is none.
+        force_y: specific force to the left [m/s²], likewise.
+        uses_force: the step is to use the specific force.
+
+    Returns:
+        False if the buffers are full; nothing was done then.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    record = records[0]
+    if is_full(record.still, stamps):
+        return False
+    rate = take_motion(record.tracks, stamp, rate, force_x, force_y, record.settings)
+    settings = record.settings
+    take_stamp(record.imu, stamp, settings.hold)
+    slow = 1.0 if may_be_pushed(record) else 0.0
+    measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
+    spread = measured_noise(record.noise.gyro)
+    mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, settings)
+    fill_tracks(record, inputs, stamp)
+    inputs[SLOW, 0], inputs[QUIET_MEAN, 0] = slow, mean
+    fill_noise(record, inputs)
+    inputs[RATE, 0] = rate
+    inputs[FORCE_X, 0] = force_x if uses_force else math.nan
+    inputs[FORCE_Y, 0] = force_y if uses_force else math.nan
+    return True
+
+
+def move_inputs(records: Any, inputs: Floats, stamp: int) -> None:
+    """Fill the inputs of a step without an IMU sample; see `sample_inputs`."""
+    record = records[0]
+    fill_tracks(record, inputs, stamp)
+    inputs[SLOW, 0] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
+    inputs[QUIET_MEAN, 0], inputs[RATE, 0] = math.nan, 0.0
+    inputs[FORCE_X, 0] = inputs[FORCE_Y, 0] = math.nan
+    fill_noise(record, inputs)
+
+
+def fill_noise(record: Any, inputs: Floats) -> None:
+    """Fill the noise of the IMU that a step assumes."""
+    found = noise_of_step(record.noise, record.still, record.settings)
+    for axis in range(3):
+        inputs[NOISE + axis, 0] = found[axis]
+
+
+def fill_tracks(record: Any, inputs: Floats, stamp: int) -> None:
+    """Fill the inputs of a step from the track speeds."""
+    if inputs.shape != (ROWS, 1):
+        raise ValueError(WRONG_SIZE)
+    found = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
+    for row in range(TRACK_ROWS):
+        inputs[row, 0] = found[row]
+
+
+def sample_loop(imu_step: Any, time_step: Any) -> Any:
+    """Make a loop over samples of track speeds and IMU.
+
+    Args:
+        imu_step: step with an IMU sample at its end, see `one_lane`.
+        time_step: step without one.
+    """
+
+    def feed_samples(
+        records: Any,
+        stamps: Stamps,
+        rates: Floats,
+        x: Floats,
+        P: Floats,
+        regressors: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        track_stamps: Stamps,
+        speeds: Floats,
+        imu_stamps: Stamps,
+        yaw_rates: Floats,
+        forces: Floats,
+        uses_force: bool,
+    ) -> Any:
+        """Take the steps of samples, see `Sampled`; arguments as of the steps.
+
+        It stops before a sample after a gap, or at a stamp that the filter has reached, and if the
+        buffers of readings are full.
+        """
+        record = records[0]
+        hold, tracks, samples, used, stuck, stood = record.settings.hold, 0, 0, 0, 0, 0
+        if len(speeds) != len(track_stamps) or len(yaw_rates) != len(imu_stamps):
+            raise ValueError(WRONG_SIZE)
+        if speeds.shape[1] != 2 or forces.shape != (len(imu_stamps), 2):
+            raise ValueError(WRONG_SIZE)
+        while tracks < len(track_stamps) or samples < len(imu_stamps):
+            is_track = samples == len(imu_stamps) or (
+                tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
+            )
+            if is_track:
+                stamp, newest = track_stamps[tracks], record.tracks.stamp
+                if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
+                    break
+                if record.stamp < newest:
+                    move_inputs(records, inputs, newest)
+                    time_step(
+                        records, x, P, regressors, memory, lane, inputs, constants, newest, False
+                    )
+                left, right = speeds[tracks, 0], speeds[tracks, 1]
+                stuck += take_track_speeds(record, stamp, left, right)
+                tracks += 1
+                continue
+            stamp = imu_stamps[samples]
+            if stamp <= record.stamp or (stamp - record.stamp) * NANOSECOND > hold:
+                break
+            rate, x_force, y_force = yaw_rates[samples], forces[samples, 0], forces[samples, 1]
+            sample = (stamp, rate, x_force, y_force, uses_force)
+            if not sample_inputs(records, stamps, rates, inputs, *sample):
+                break
+            arrays = (lane, inputs, constants)
+            if imu_step(records, x, P, regressors, memory, *arrays, stamp, False):
+                used += 1
+            stood += record.stands
+            samples += 1
+        return tracks, samples, used, stuck, stood
+
+    return feed_samples
+
+
+def fill_state(
+    lane: Floats, constants: Floats, x: Floats, memory: Floats, places: LanePlaces
+) -> None:
+    """Copy state and memory of the motion model into the workspace.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    sizes_fit = lane.shape == (places.row_count, 1) and len(constants) >= places.constant_count
+    if not sizes_fit or x.shape != (places.size,) or len(memory) != places.memory_size:
+        raise ValueError(WRONG_SIZE)
+    for a in range(len(places.states)):
+        lane[places.x[a], 0] = x[places.states[a]]
+    for k in range(s.PARAMETER_COUNT):
+        constants[places.fixed + k] = x[PARAMETERS + k]
+    for k in range(len(memory)):
+        lane[places.memory + k, 0] = memory[k]
+
+
+def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePlaces) -> None:
+    """Copy covariance and regressors into the workspace.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    if P.shape != (places.size, places.size) or regressors.shape != (3, s.PARAMETER_COUNT):
+        raise ValueError(WRONG_SIZE)
+    n = len(places.states)
+    for a in range(n):
+        i = places.states[a]
+        for b in range(a, n):
+            lane[places.P[a, b], 0] = P[i, places.states[b]]
+    row = places.regressors
+    for axis in range(3):
+        for i in places.parameters:
+            lane[row, 0] = regressors[axis, i - PARAMETERS]
+            row += 1
+
+
+def empty_lane(
+    lane: Floats, x: Floats, P: Floats, regressors: Floats, memory: Floats, places: LanePlaces
+) -> None:
+    """Copy the filter out of the workspace."""
+    for k in range(len(memory)):
+        memory[k] = lane[places.memory + k, 0]
+    n = len(places.states)
+    for a in range(n):
+        i = places.states[a]
+        x[i] = lane[places.x[a], 0]
+        for b in range(a, n):
+            j = places.states[b]
+            P[i, j] = P[j, i] = lane[places.P[a, b], 0]
+    row = places.regressors
+    for axis in range(3):
+        for i in places.parameters:
+            regressors[axis, i - PARAMETERS] = lane[row, 0]
+            row += 1
+
+
+def fill_constants(
+    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
+) -> None:
+    """Compute the constants of a step to a stamp [ns], and the factor on the slip.
+
+    The first step does not smooth.
+    """
+    values = step_constants((stamp - record.stamp) * NANOSECOND)
+    for k in range(PER_STEP):
+        constants[k] = values[k]
+    if is_first:
+        constants[SMOOTHING] = 1.0
+    constants[places.interval] = record.imu.interval
+    lane[places.slip_factor, 0] = record.slip_factor
+
+
+def set_gate(counts: Any, lane: Floats, rows: tuple[int, int, int, int]) -> None:
+    """Copy the rejections of a gate into the workspace."""
+    rejected_for, admitted, _, _ = rows
+    lane[rejected_for, 0], lane[admitted, 0] = counts.rejected_for, 0.0
+
+
+def count_sample(
+    counts: Any, stamp: int, interval: float, lane: Floats, rows: tuple[int, int, int, int]
+) -> bool:
+    """Count the verdict of a gate on the newest sample; return True if it is used."""
+    rejected_for, admitted, innovation, variance = rows
+    z, S = lane[innovation, 0], lane[variance, 0]
+    if S == 0.0:
+        return False
+    verdict = REACQUIRED
+    if lane[admitted, 0] > 0.0:
+        verdict = ADMITTED
+    elif lane[rejected_for, 0] > 0.0:
+        verdict = REJECTED
+    count_verdict(counts, verdict, z * z / S, 1, interval)
+    counts.stamp, counts.verdict, counts.z[0], counts.S[0] = stamp, verdict, z, S
+    return verdict != REJECTED
+
+
+def step_with_imu(kernel: Any, places: LanePlaces) -> Any:
+    """Make a step with an IMU sample at its end, or at its start."""
+
+    def imu_step(
+        records: Any,
+        x: Floats,
+        P: Floats,
+        regressors: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        stamp: int,
+        is_first: bool,
+    ) -> bool:
+        """Draw the fast slip, update by the gyro and the accelerometer, and propagate.
+
+        Args:
+            records: (1,) record of the filter, see `FilterRecord`, changed in place.
+            x: (SIZE,) the state, changed in place.
+            P: (SIZE, SIZE) its covariance, changed in place.
+            regressors: (3, 9) smoothed derivatives by the parameters, changed in place.
+            memory: memory of the motion model, changed in place.
+            lane: workspace.
+            inputs: (n, 1) inputs of the kernel.
+            constants: constants of the kernel.
+            stamp: stamp of the sample [ns].
+            is_first: the step is the first, so that there are no regressors yet.
+
+        Returns:
+            True if the yaw rate is used.
+
+        Raises:
+            ValueError: an array has the wrong size.
+        """
+        if inputs.shape != (ROWS, 1):
+            raise ValueError(WRONG_SIZE)
+        record = records[0]
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        fill_constants(record, lane, constants, stamp, is_first, places)
+        set_gate(record.gyro, lane, places.gyro)
+        set_gate(record.accelerometer_x, lane, places.accelerometers[0])
+        set_gate(record.accelerometer_y, lane, places.accelerometers[1])
+        kernel(lane, inputs, constants)
+        empty_lane(lane, x, P, regressors, memory, places)
+        record.stamp, record.stands = stamp, int(lane[places.stood, 0])
+        count_sample(
+            record.accelerometer_x, stamp, record.imu.interval, lane, places.accelerometers[0]
+        )
+        count_sample(
+            record.accelerometer_y, stamp, record.imu.interval, lane, places.accelerometers[1]
+        )
+        return count_sample(record.gyro, stamp, record.imu.interval, lane, places.gyro)
+
+    return imu_step
+
+
+def step_without_imu(kernel: Any, places: LanePlaces, *, arrives: bool) -> Any:
+    """Make a step without an IMU sample, or a part of one.
+
+    Args:
+        kernel: the kernel.
+        places: places in the workspace.
+        arrives: it goes to the end of the step.
+    """
+
+    def time_step(
+        records: Any,
+        x: Floats,
+        P: Floats,
+        regressors: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        stamp: int,
+        is_first: bool,
+    ) -> None:
+        """Draw the fast slip and propagate, or one of these; arguments as in `imu_step`."""
+        if inputs.shape != (ROWS, 1):
+            raise ValueError(WRONG_SIZE)
+        record = records[0]
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        fill_constants(record, lane, constants, stamp, is_first, places)
+        lane[places.stood, 0] = 0.0
+        kernel(lane, inputs, constants)
+        empty_lane(lane, x, P, regressors, memory, places)
+        if arrives:
+            record.stamp = stamp
+
+    return time_step
+
+
+def position_update(kernel: Any, places: LanePlaces) -> Any:
+    """Make an update with a position fix."""
+
+    def update_position(
+        records: Any,
+        x: Floats,
+        P: Floats,
+        regressors: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        stamp: int,
+        rejected_for: float,
+    ) -> Any:
+        """Gate and update; return the flags of the kernel, see `fixes.position_kernel`.
+
+        Arguments are as in `imu_step`, and the time of rejected fixes so far [s].
+        """
+        if inputs.shape != (ROWS, 1):
+            raise ValueError(WRONG_SIZE)
+        record = records[0]
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        fill_constants(record, lane, constants, stamp, False, places)
+        lane[places.position_rejected_for, 0] = rejected_for
+        lane[places.position_admitted, 0] = 0.0
+        rows = places.of_record
+        lane[rows[0], 0], lane[rows[1], 0] = record.slip_factor, record.present_factor
+        lane[rows[2], 0], lane[rows[3], 0] = record.trend_forward, record.trend_left
+        lane[rows[4], 0], lane[rows[5], 0] = record.trend_size, record.departed_for
+        lane[rows[6], 0], lane[rows[7], 0] = record.departed_from_x, record.departed_from_y
+        lane[rows[8], 0], lane[rows[9], 0] = record.departed_by_x, record.departed_by_y
+        flags = kernel(lane, inputs, constants)
+        empty_lane(lane, x, P, regressors, memory, places)
+        record.slip_factor, record.present_factor = lane[rows[0], 0], lane[rows[1], 0]
+        record.trend_forward, record.trend_left = lane[rows[2], 0], lane[rows[3], 0]
+        record.trend_size, record.departed_for = lane[rows[4], 0], lane[rows[5], 0]
+        record.departed_from_x, record.departed_from_y = lane[rows[6], 0], lane[rows[7], 0]
+        record.departed_by_x, record.departed_by_y = lane[rows[8], 0], lane[rows[9], 0]
+        return flags
+
+    return update_position
+
+
+def twist_function(kernel: Any, places: LanePlaces) -> Any:
+    """Make the body velocity with its derivatives."""
+
+    def evaluate_twist(
+        x: Floats,
+        memory: Floats,
+        lane: Floats,
+        inputs: Floats,
+        constants: Floats,
+        left: float,
+        right: float,
+        share_x: float,
+        share_y: float,
+        share_w: float,
+        twist: Floats,
+        jacobian: Floats,
+        by_speeds: Floats,
+    ) -> Any:
+        """Evaluate the body velocity, see `Ekf.twist_model`.
+
+        Args:
+            x: (SIZE,) the state.
+            memory: memory of the motion model.
+            lane: workspace.
+            inputs: (n, 1) inputs of the kernel.
+            constants: constants of the kernel.
+            left: speed of the left track [m/s].
+            right: speed of the right track [m/s].
+            share_x: factor on the slip of v_x.
+            share_y: that of v_y.
+            share_w: that of w.
+            twist: (3,) written to.
+            jacobian: (3, SIZE) written to.
+            by_speeds: (3, 2) written to.
+
+        Returns:
+            zeta, epsilon, eta, u and force, see `Motion`.
+
+        Raises:
+            ValueError: an array has the wrong size.
+        """
+        sizes_fit = twist.shape == (3,) and jacobian.shape == (3, places.size)
+        if not sizes_fit or by_speeds.shape != (3, 2) or inputs.shape != (ROWS, 1):
+            raise ValueError(WRONG_SIZE)
+        fill_state(lane, constants, x, memory, places)
+        inputs[LEFT, 0], inputs[RIGHT, 0] = left, right
+        first = places.slip_shares
+        constants[first], constants[first + 1], constants[first + 2] = share_x, share_y, share_w
+        kernel(lane, inputs, constants)
+        jacobian[:] = 0.0
+        for axis in range(3):
+            twist[axis] = lane[places.twist + axis, 0]
+            for a in range(len(places.states)):
+                jacobian[axis, places.states[a]] = lane[places.by_state[axis, a], 0]
+            for side in range(2):
+                by_speeds[axis, side] = lane[places.motion + 5 + 2 * axis + side, 0]
+        m = places.motion
+        return lane[m, 0], lane[m + 1, 0], lane[m + 2, 0], lane[m + 3, 0], lane[m + 4, 0]
+
+    return evaluate_twist
