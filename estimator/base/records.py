@@ -105,7 +105,7 @@ def copied(record: Record) -> Record:
 
 
 def assign(record: Any, source: Any) -> None:
-    """Copy the values of a record to another one, but for named tuples: they are settings."""
+    """Copy the values of a record to another one, except settings (named tuples)."""
     if isinstance(source, SharedRecord):
         ctypes.memmove(ctypes.addressof(record), ctypes.addressof(source), ctypes.sizeof(source))
         return
@@ -120,7 +120,7 @@ def assign(record: Any, source: Any) -> None:
 
 
 def shifted(record: Record, by: int) -> Record:
-    """Copy a record for a clock that is ahead by so much [ns]: all its `Stamp` are later.
+    """Copy a record for a clock that is ahead: all its `Stamp` are later.
 
     Args:
         record: record, with records and tuples of records in it.

@@ -72,7 +72,7 @@ def _feed_each(estimator: PoseEstimator, log: Log) -> int:
 
 
 def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
-    """Interval (begin, end] of stamps to process as arrays [ns]; None if there is none."""
+    """Interval (begin, end] of stamps to process as arrays [ns], or None."""
     stamps = NO_STAMPS if log.imu is None else log.imu.stamps
     if any((np.diff(of_sensor) <= 0).any() for of_sensor in (log.tracks.stamps, stamps)):
         return None

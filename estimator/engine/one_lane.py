@@ -136,10 +136,10 @@ def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
 
     shape = shape_of(model, considered, wanders)
     digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
-    kernels = {
-        name: kernel_on_demand(name, make, 1, shape.bits)
-        for name, make in kernel_makers(shape).items()
-    }
+    kernels, silent = (
+        {name: kernel_on_demand(name, make, 1) for name, make in kernel_makers(one).items()}
+        for one in (shape, shape._replace(reports=False))
+    )
 
     def of_shape(function: Any, name: str) -> Any:
         # Functions of one name would share their machine code.
@@ -148,7 +148,16 @@ def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
     def called(function: Any, name: str) -> Any:
         return inner(f"{digest}_{name}")(function)
 
-    return _functions(shape, kernels, of_shape, called, _entry)
+    found = _functions(shape, kernels, of_shape, _entry)
+
+    @cache
+    def loop() -> Any:
+        places = places_of(shape)
+        imu_step = called(step_with_imu(silent["imu_step"], places), "imu_step")
+        time_step = step_without_imu(silent["time_step"], places, arrives=True)
+        return of_shape(sample_loop(imu_step, called(time_step, "time_step")), "loop")
+
+    return found._replace(loop=loop)
 
 
 @cache
@@ -171,14 +180,7 @@ def _plain(
         return plain_kernel(lambda numbers: make(numbers=numbers), of_user)
 
     kernels = {name: plain(make) for name, make in kernel_makers(shape).items()}
-    found = _functions(
-        shape,
-        kernels,
-        lambda function, _: function,
-        lambda function, _: function,
-        lambda function: function,
-    )
-    return found._replace(is_plain=True)
+    return _functions(shape, kernels, _as_it_is, _as_it_is)._replace(is_plain=True)
 
 
 def _as_it_is(function: Any, _name: str = "") -> Any:
@@ -189,7 +191,6 @@ def _functions(
     shape: FilterShape,
     kernels: dict[str, Any],
     of_shape: Callable[[Any, str], Any],
-    called: Callable[[Any, str], Any],
     of_all: Callable[[Any], Any],
 ) -> OneLane:
     """Make the functions of one lane.
@@ -198,10 +199,9 @@ def _functions(
         shape: shape of the filter.
         kernels: kernels by name.
         of_shape: compiles a function that depends on the shape, under a name, or returns it as it is.
-        called: the same of one that only others call.
         of_all: the same of one that does not depend on it.
     """
-    places, rows = _places(shape), shape.layout.rows
+    places, rows = places_of(shape), shape.layout.rows
     made = {name: position_update(kernels[name], places) for name in FIXES}
     for name, kind in STEPS.items():
         if kind.imu:
@@ -210,10 +210,8 @@ def _functions(
             made[name] = step_without_imu(kernels[name], places, arrives=kind.moves)
     steps = {name: of_shape(function, name) for name, function in made.items()}
 
-    @cache
     def loop() -> Any:
-        parts = (called(made[name], name) for name in ("imu_step", "time_step"))
-        return of_shape(sample_loop(*parts), "loop")
+        return sample_loop(made["imu_step"], made["time_step"])
 
     innovation = [f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")]
     return OneLane(
@@ -230,7 +228,8 @@ def _functions(
     )
 
 
-def _places(shape: FilterShape) -> LanePlaces:
+def places_of(shape: FilterShape) -> LanePlaces:
+    """Places in the workspace of a filter shape."""
     layout, rows, constants = shape.layout, shape.layout.rows, shape.layout.constants
     states = (*shape.states, *FAST)
 

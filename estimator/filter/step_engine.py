@@ -9,6 +9,8 @@ from icreckon.estimator.base.records import Record
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
+from icreckon.estimator.log.input_checks import RANKS
+from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.standstill import QuietReadings
@@ -52,6 +54,11 @@ class SampleArrays(NamedTuple):
     imu_stamps: Stamps
     rates: Floats
     forces: Floats
+
+    def newest(self, tracks: int, imu: int) -> tuple[int, int]:
+        """Key of the last of so many track speeds and IMU samples, at least one."""
+        streams = (TrackSpeeds, self.track_stamps, tracks), (ImuSample, self.imu_stamps, imu)
+        return max((int(at[count - 1]), RANKS[kind]) for kind, at, count in streams if count)
 
     def after(self, tracks: int, imu: int) -> SampleArrays:
         """Samples without so many track speeds and IMU samples at the start."""
@@ -120,7 +127,7 @@ class Steps(Protocol):
         ...
 
     def take_samples(self, samples: SampleArrays, *, uses_force: bool) -> Sampled:
-        """Take the steps of samples without gaps; stop before one that needs more than a step."""
+        """Take the steps of samples; stop before one that needs more than a step."""
         ...
 
     def take_position(

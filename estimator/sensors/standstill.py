@@ -317,7 +317,7 @@ class QuietReadings:
         return float(quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, settings))
 
     def memory(self, still: StandstillRecord) -> QuietMemory:
-        """Copy of the readings that count; the record's places are those in it from now on."""
+        """Copy of the readings that count; the record gets their places in it."""
         kept = slice(still.first, still.end)
         found = QuietMemory(tuple(self.stamps[kept].tolist()), tuple(self.rates[kept].tolist()))
         still.first, still.end = 0, still.end - still.first

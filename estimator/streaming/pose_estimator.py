@@ -21,7 +21,6 @@ from icreckon.estimator.log.input_checks import (
     EARLIEST,
     LATEST,
     OUT_OF_RANGE,
-    RANKS,
     STREAMS,
     Admission,
     as_plain,
@@ -31,7 +30,7 @@ from icreckon.estimator.log.input_checks import (
     key_of,
     measurement_of,
 )
-from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement, TrackSpeeds
+from icreckon.estimator.log.measurements import Mark, Measurement
 from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
@@ -127,7 +126,6 @@ class PoseEstimator:
         # Counts of measurements that do not reach the filter; no checkpoint of the filter resets them.
         self._arrivals = Health()
         self._stamps = StampCorrection(robot, latencies or Latencies())
-        # There are no gates for kinds of measurements that are registered later.
         self._streams = dict(STREAMS)
 
     # --- outputs -----------------------------------------------------------------------------
@@ -155,9 +153,8 @@ class PoseEstimator:
     @property
     def twist_covariance(self) -> Floats:
         """(3, 3) covariance of `twist`."""
-        reckoning = self._reckoning
-        fastest = self.robot.vehicle.max_track_speed
-        return twist_covariance(reckoning.model().jacobian, reckoning.ekf.P, fastest)
+        jacobian, fastest = self._reckoning.model().jacobian, self.robot.vehicle.max_track_speed
+        return twist_covariance(jacobian, self._reckoning.ekf.P, fastest)
 
     @property
     def indices(self) -> IndexValues:
@@ -323,10 +320,7 @@ class PoseEstimator:
         return history.insert(key, measurement)
 
     def feed_samples(self, samples: SampleArrays) -> tuple[int, int, int]:
-        """Update with plausible track speeds and IMU samples; the history begins after them.
-
-        Args:
-            samples: the samples, newer than all measurements so far.
+        """Update with plausible samples, newer than all; the history begins after them.
 
         Returns:
             Number of track speeds and of IMU samples that were processed, fewer than there are if the
@@ -334,15 +328,7 @@ class PoseEstimator:
         """
         tracks, imu, used = self._reckoning.take_samples(samples)
         if tracks or imu:
-            newest = max(
-                (int(stamps[count - 1]), RANKS[kind])
-                for kind, stamps, count in (
-                    (TrackSpeeds, samples.track_stamps, tracks),
-                    (ImuSample, samples.imu_stamps, imu),
-                )
-                if count
-            )
-            self._history.begin_anew(newest, self._reckoning.checkpoint())
+            self._history.begin_anew(samples.newest(tracks, imu), self._reckoning.checkpoint())
         return tracks, imu, used
 
     def set_clock(self, by: int) -> None:
@@ -482,9 +468,9 @@ class PoseEstimator:
 
     def copy(self) -> PoseEstimator:
         """Copy the estimator; both continue alike, to the last bit, and independently."""
-        copied = PoseEstimator(self.robot, self.variant.name, settings=self.settings)
-        copied._continue(self._saved())
-        return copied
+        twin = PoseEstimator(self.robot, self.variant.name, settings=self.settings)
+        twin._continue(self._saved())
+        return twin
 
     def restarted(
         self,
@@ -551,7 +537,6 @@ class PoseEstimator:
 
     def _start_with(self, checkpoint: FilterCheckpoint, off: float) -> None:
         self._reckoning.warm_start(checkpoint, off)
-        # The history starts with a checkpoint of the new state.
         self._history = History(self._reckoning, self.settings.history)
 
     @classmethod

@@ -214,8 +214,10 @@ def test_the_readings_make_room_for_any_number_of_readings():
     assert np.isnan(means[:500]).all()
     assert means[500:] == pytest.approx([0.01] * 1500)
     other, others = StandstillRecord(), QuietReadings()
-    others.recall(other, readings.memory(still))
-    assert others.memory(other) == readings.memory(still)
+    kept = copy.copy(still)
+    others.recall(readings.memory(kept))
+    assign(other, kept)
+    assert others.memory(other) == readings.memory(copy.copy(still))
     assert len(others.memory(other).stamps) == 501
     assert others.mean(other, 2000 * 10**6, 0.01, 0.0, SETTINGS) == pytest.approx(0.01)
 
