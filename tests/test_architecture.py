@@ -15,7 +15,7 @@ ROOT = Path(__file__).parent.parent
 FLOORS = {
     "estimator": [
         "base", "log", "tracing", "motion", "robot", "faults", "sensors", "filter",
-        "engine", "streaming", "batch", "calibration", "",
+        "engine", "reference", "streaming", "batch", "calibration", "",
     ],
     "simulation": ["base", "contact", "drives", "truth", "sensors", "", "study", "running", "paper"],
     "replay": [
@@ -41,6 +41,7 @@ ONLY_IN = {
     "rosbags": ("replay/bags",),
     "mcap": ("replay/bags",),
     "rclpy": ("icreckon/ros2",),
+    "filterpy": ("estimator/reference",),
     "numba": ("estimator/tracing",),
     "llvmlite": ("estimator/tracing",),
 }

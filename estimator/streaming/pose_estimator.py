@@ -565,8 +565,7 @@ class PoseEstimator:
             settings: settings of the new estimator; None for those of the saved one.
             start: pose at the first track speeds: x, y [m], yaw [rad].
             start_sigma: its standard deviations [m, m, rad].
-            latencies: latencies of the stamps; None for those of the saved one. An estimate of the saved
-                one is the first here, if there is to be one.
+            latencies: latencies of the stamps; None for those of the saved one.
 
         Raises:
             EstimatorError: as for `restore`, or `off` is negative.
