@@ -8,7 +8,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
-from icreckon.estimator.filter.step_engine import SampleArrays
+from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries

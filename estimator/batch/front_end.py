@@ -15,41 +15,27 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.records import record_array, record_of
 from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
 from icreckon.estimator.engine.layout import FIX_INPUTS, INPUTS
 from icreckon.estimator.engine.schedule import (
     HEADING,
     MOVE_AND_UPDATE,
     POSITION,
-    SILENT,
     UPDATE,
     LogSteps,
     Steps,
 )
 from icreckon.estimator.faults.spinning_tracks import assumed_speeds
+from icreckon.estimator.filter.filter_record import FilterRecord, take_track_speeds
 from icreckon.estimator.filter.gate import GATED, LONGEST_COUNTED
-from icreckon.estimator.sensors.held_tracks import TrackRecord, speeds_at, take_motion, take_tracks
-from icreckon.estimator.sensors.imu_noise import (
-    NoiseRecord,
-    measure_noise,
-    measured_noise,
-    noise_of_step,
-)
+from icreckon.estimator.sensors.held_tracks import speeds_at
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.standstill import (
-    StandstillRecord,
-    quiet_mean,
-    stopped_after,
-)
-from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.tracing.jit_kernel import entry
 
-ROW_SLOW, ROW_QUIET_MEAN = INPUTS["slow"], INPUTS["quiet_mean"]
-ROW_RATE, ROW_NOISE = INPUTS["rate"], INPUTS["gyro_density"]
-ROW_FORCE_X, ROW_FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
 ROW_NOW_LEFT, ROW_NOW_RIGHT = INPUTS["now_left"], INPUTS["now_right"]
 ROW_FIX, ROW_INTERVAL = INPUTS[FIX_INPUTS[0]], INPUTS["fix_interval"]
 ROW_HEADING_INTERVAL = INPUTS["heading_interval"]
-ROWS, FIX_VALUES, TRACK_ROWS = len(INPUTS), len(FIX_INPUTS) - 3, len(StepInputs._fields)
+ROWS, FIX_VALUES = len(INPUTS), len(FIX_INPUTS) - 3
 YAW_OF_FIX = 2
 
 
@@ -80,17 +66,13 @@ class LaneRecords(NamedTuple):
     """Records of all lanes, see `icreckon.estimator.base.records`.
 
     Attributes:
-        held: (lanes,) `TrackRecord` of each.
-        still: (lanes,) `StandstillRecord` of each.
-        noise: (lanes,) `NoiseRecord` of each.
+        records: (lanes,) `FilterRecord` of each, of which the inputs are used.
         quiet_stamps: (lanes, n) buffers of the stamps of yaw-rate readings [ns].
         quiet_rates: (lanes, n) buffers of the readings [rad/s].
         stuck: (lanes,) number of times that a track was found stuck.
     """
 
-    held: Any
-    still: Any
-    noise: Any
+    records: Any
     quiet_stamps: Stamps
     quiet_rates: Floats
     stuck: NDArray[np.int64]
@@ -126,15 +108,16 @@ class FrontEnd:
         # Steps count their stamps from the first track speeds.
         since_first = measured.track_stamps - measured.track_stamps[0]
         self._measured, self._steps = measured._replace(track_stamps=since_first), steps
-        self._settings = settings
         lanes, imu = len(measured.tracks), measured.imu_stamps
         oldest = np.searchsorted(imu, imu - settings.duration_ns)
         # Twice as many as count at most, so that the buffers seldom have to be moved.
         room = 2 * (int((np.arange(len(imu)) - oldest).max(initial=0)) + 3)
+        start = FilterRecord(settings)
+        early = imu[imu < measured.track_stamps[0]]
+        if len(early):
+            start.imu.stamp = int(early[-1] - measured.track_stamps[0])
         self._lanes = LaneRecords(
-            record_array(TrackRecord(), lanes),
-            record_array(StandstillRecord(), lanes),
-            record_array(NoiseRecord(), lanes),
+            record_array(start, lanes),
             np.zeros((lanes, room), np.int64),
             np.zeros((lanes, room)),
             np.zeros(lanes, np.int64),
@@ -146,14 +129,9 @@ class FrontEnd:
         """(lanes,) number of times so far that a track was found stuck."""
         return self._lanes.stuck.copy()
 
-    def records(self, lane: int) -> tuple[TrackRecord, StandstillRecord, NoiseRecord]:
-        """Records of the track speeds, the standstill and the IMU's noise of a lane."""
-        lanes = self._lanes
-        return (
-            record_of(TrackRecord, lanes.held[lane]),
-            record_of(StandstillRecord, lanes.still[lane]),
-            record_of(NoiseRecord, lanes.noise[lane]),
-        )
+    def record(self, lane: int) -> FilterRecord:
+        """Record of the inputs of a lane."""
+        return record_of(FilterRecord, self._lanes.records[lane])
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
         """Compute the inputs of the steps from `begin` to before `end`.
@@ -164,7 +142,7 @@ class FrontEnd:
             inputs: (end - begin, rows, lanes) written to; lanes beyond those of the runs repeat the last.
         """
         steps = self._steps.part(begin, end)
-        fill_entry(inputs, self._lanes, self._measured, steps, self._added, self._settings)
+        fill_entry(inputs, self._lanes, self._measured, steps, self._added)
         if end > begin:
             self._added = int(steps.tracks[-1])
 
@@ -175,7 +153,6 @@ def fill_inputs(
     measured: Measured,
     steps: Steps,
     added: int,
-    settings: InputSettings,
 ) -> None:
     """Compute the inputs of some steps; see `FrontEnd.fill`.
 
@@ -185,80 +162,58 @@ def fill_inputs(
         measured: measurements; stamps of track speeds are since the first.
         steps: the steps.
         added: number of track-speed samples in the records already.
-        settings: settings of the filters.
 
     Raises:
         ValueError: an array has the wrong size.
     """
     check_sizes(inputs, lanes, measured, steps, added)
-    count = len(lanes.held)
+    count = len(lanes.records)
     for lane in range(count):
-        fill_lane(inputs, lane, lanes, measured, steps, added, settings)
+        fill_lane(inputs, lane, lanes, measured, steps, added)
     for lane in range(count, inputs.shape[2]):
         for k in range(len(steps.starts)):
             inputs[k, :, lane] = inputs[k, :, count - 1]
 
 
 def fill_lane(
-    inputs: Floats,
-    lane: int,
-    lanes: LaneRecords,
-    measured: Measured,
-    steps: Steps,
-    added: int,
-    settings: InputSettings,
+    inputs: Floats, lane: int, lanes: LaneRecords, measured: Measured, steps: Steps, added: int
 ) -> None:
     """Compute the inputs of one lane; see `fill_inputs`."""
-    held, still, noise = lanes.held[lane], lanes.still[lane], lanes.noise[lane]
+    record = lanes.records[lane]
     stamps, rates = lanes.quiet_stamps[lane], lanes.quiet_rates[lane]
     for k in range(len(steps.starts)):
         while added < steps.tracks[k]:
             left, right = measured.tracks[lane, added, 0], measured.tracks[lane, added, 1]
             if left == left:
                 stamp = measured.track_stamps[added]
-                lanes.stuck[lane] += take_tracks(held, stamp, left, right, settings)
-                stopped_after(still, stamp, left, right, settings.track_speed)
+                lanes.stuck[lane] += take_track_speeds(record, stamp, left, right)
             added += 1
-        start, end = steps.starts[k], steps.ends[k]
-        has_sample = steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE
-        if has_sample:
-            sample = steps.samples[k]
+        given, end, sample = inputs[k], steps.ends[k], steps.samples[k]
+        record.stamp = steps.starts[k]
+        if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
             rate, force = measured.rates[lane, sample], measured.forces[lane, sample]
-            rate = take_motion(held, end, rate, force[0], force[1], settings)
-            measure_noise(noise, end, rate, force[0], force[1], settings.hold)
-            spread = measured_noise(noise.gyro)
-            mean = quiet_mean(still, stamps, rates, end, rate, spread, settings)
-        found = step_inputs(held, still, start, end, settings)
-        for row in range(TRACK_ROWS):
-            inputs[k, row, lane] = found[row]
-        if steps.extras[k] & SILENT:
-            inputs[k, ROW_SLOW, lane] = 0.0
-        left, right = speeds_at(held, end, settings.hold_ns)
+            sample_inputs(record, stamps, rates, given, lane, end, rate, force[0], force[1], True)
+        else:
+            move_inputs(record, given, lane, end)
+        left, right = speeds_at(record.tracks, end, record.settings.hold_ns)
         newest = steps.output_tracks[k] - 1
         if newest >= steps.tracks[k]:
             one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
             stamp = measured.track_stamps[newest]
-            left, right = assumed_speeds(held.spin, stamp, one, other)
-        inputs[k, ROW_NOW_LEFT, lane], inputs[k, ROW_NOW_RIGHT, lane] = left, right
-        if has_sample:
-            inputs[k, ROW_RATE, lane] = rate
-            inputs[k, ROW_FORCE_X, lane], inputs[k, ROW_FORCE_Y, lane] = force[0], force[1]
-            inputs[k, ROW_QUIET_MEAN, lane] = mean
-            found_noise = noise_of_step(noise, still, settings)
-            for axis in range(3):
-                inputs[k, ROW_NOISE + axis, lane] = found_noise[axis]
+            left, right = assumed_speeds(record.tracks.spin, stamp, one, other)
+        given[ROW_NOW_LEFT, lane], given[ROW_NOW_RIGHT, lane] = left, right
         if steps.extras[k] & POSITION:
             fix = steps.fixes[k]
             for part in range(FIX_VALUES):
-                inputs[k, ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
-            inputs[k, ROW_FIX + FIX_VALUES, lane] = GATED
-            inputs[k, ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, fix - 1)
+                given[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
+            given[ROW_FIX + FIX_VALUES, lane] = GATED
+            given[ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, fix - 1)
             if steps.extras[k] & HEADING:
                 headed = fix - 1
                 while headed >= 0 and not np.isfinite(measured.fixes[lane, headed, YAW_OF_FIX]):
                     headed -= 1
                 interval = counted_interval(measured.fix_stamps, fix, headed)
-                inputs[k, ROW_HEADING_INTERVAL, lane] = interval
+                given[ROW_HEADING_INTERVAL, lane] = interval
 
 
 def counted_interval(stamps: Stamps, fix: int, before: int) -> float:
@@ -272,10 +227,9 @@ def check_sizes(
     inputs: Floats, lanes: LaneRecords, measured: Measured, steps: Steps, added: int
 ) -> None:
     """Compare sizes; see `fill_inputs`."""
-    count, n, tracks = len(lanes.held), len(steps.starts), len(measured.track_stamps)
+    count, n, tracks = len(lanes.records), len(steps.starts), len(measured.track_stamps)
     sizes_fit = len(inputs) >= n and inputs.shape[1] == ROWS and inputs.shape[2] >= count > 0
-    sizes_fit &= len(lanes.still) == len(lanes.stuck) == len(lanes.quiet_stamps) == count
-    sizes_fit &= len(lanes.noise) == count
+    sizes_fit &= len(lanes.stuck) == len(lanes.quiet_stamps) == count
     sizes_fit &= lanes.quiet_stamps.shape == lanes.quiet_rates.shape
     sizes_fit &= measured.tracks.shape == (count, tracks, 2) and 0 <= added <= tracks
     sizes_fit &= len(measured.rates) == count == len(measured.forces)

@@ -29,7 +29,6 @@ from icreckon.estimator.engine.schedule import (
     steps_of_log,
 )
 from icreckon.estimator.engine.work import ESTIMATE
-from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import add_gyro_faults, noise_health, slip_health, tilt_health
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
@@ -40,8 +39,8 @@ from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import tracks_rest
-from icreckon.estimator.streaming.engines import engine_of
 from icreckon.estimator.streaming.outputs import Run, Snapshot
+from icreckon.estimator.streaming.reckoning import Reckoning
 
 # Number of steps of a part; all filters run through a part before the next.
 PART = 1024
@@ -126,13 +125,15 @@ def run_side_by_side(
         health = before.health
         health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
         health.sensor("tracks").used = len(measured.track_stamps)
-        tracks, still, noise = front.records(0)
+        record = front.record(0)
         factor = float(lanes.workspace[one.rows["slip_factor"], 0])
-        health.slip = slip_health(tracks, still, factor, int(measured.track_stamps[0]))
-        health.noise = noise_health(noise, tracks_rest(still), chosen)
+        health.slip = slip_health(
+            record.tracks, record.still, factor, int(measured.track_stamps[0])
+        )
+        health.noise = noise_health(record.noise, tracks_rest(record.still), chosen)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
         health = found[name].health
-        add_gyro_faults(health, tracks, int(measured.track_stamps[0]))
+        add_gyro_faults(health, record.tracks, int(measured.track_stamps[0]))
         at_end = found[name].states[-1], found[name].state_sigmas[-1]
         health.tilt = tilt_health(*at_end, robot.imu)
     return found
@@ -246,9 +247,7 @@ def _begin(
     start_sigma: tuple[float, float, float],
 ) -> Reckoning:
     """Streaming filter after the first track speeds and all measurements before."""
-    found = Reckoning(
-        robot, find_variant(variant), settings, start, start_sigma, engine_of(settings.engine)
-    )
+    found = Reckoning(robot, find_variant(variant), settings, start, start_sigma)
     longest_gap = int(settings.longest_gap / NANOSECOND)
     for measurement in log.measurements():
         if found.stamp is not None and measurement.stamp - found.stamp > longest_gap:

@@ -1,4 +1,4 @@
-"""Steps of one filter at one lane, see `icreckon.estimator.filter.step_engine`."""
+"""Steps of one filter at one lane, compiled or in Python."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from icreckon.estimator.filter.changes import Event, tell
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.step_engine import PositionUpdate, SampleArrays, Sampled
+from icreckon.estimator.filter.samples import PositionUpdate, SampleArrays, Sampled
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
 from icreckon.estimator.motion.motion_model import Motion, TwistModel
 from icreckon.estimator.motion.propagation import Triple
@@ -32,7 +32,7 @@ MODE, INTERVAL = INPUTS["fix_mode"], INPUTS["fix_interval"]
 
 
 class LaneSteps:
-    """Steps of one filter; see `Steps`.
+    """Steps of one filter, which change its state and its record.
 
     Args:
         ekf: the filter.
@@ -77,13 +77,24 @@ class LaneSteps:
         return _made_again, (self._made_of, self._compiles)
 
     def take_track_speeds(self, stamp: int, left: float, right: float) -> int:
-        """Add track speeds, see `Steps`."""
+        """Add track speeds.
+
+        See `icreckon.estimator.filter.filter_record.take_track_speeds`.
+        """
         return cast(int, self._lane.take_tracks(self._records, stamp, left, right))
 
     def take_imu(
         self, stamp: int, rate: float, force_x: float, force_y: float, *, uses_force: bool
     ) -> bool:
-        """Add an IMU sample, and take the step that it ends, see `Steps`."""
+        """Add an IMU sample, and take the step that it ends; True if the yaw rate is used.
+
+        Args:
+            stamp: stamp of the sample, not before the estimate [ns].
+            rate: yaw rate from the gyros [rad/s].
+            force_x: specific force forward [m/s²], NaN if there is none.
+            force_y: specific force to the left [m/s²], likewise.
+            uses_force: update with the specific force, too.
+        """
         readings, records, inputs = self._readings, self._records, self._inputs
         sample = stamp, rate, force_x, force_y, uses_force
         fill = self._lane.fill_sample
@@ -102,22 +113,22 @@ class LaneSteps:
         return cast(bool, used)
 
     def move(self, stamp: int) -> None:
-        """Take a step without an IMU sample, see `Steps`."""
+        """Take a step without an IMU sample to a later stamp [ns]."""
         self._lane.fill_move(self._records, self._inputs, stamp)
         self._step("time_step", stamp)
 
     def begin(self, stamp: int) -> None:
-        """Begin a step, see `Steps`."""
+        """Begin a step to a later stamp [ns], with a new fast slip."""
         self._lane.fill_move(self._records, self._inputs, stamp)
         self._step("begin", stamp)
 
     def propagate(self, stamp: int) -> None:
-        """Finish a step, see `Steps`."""
+        """Finish a step that `begin` has begun to the same stamp [ns]."""
         self._lane.fill_move(self._records, self._inputs, stamp)
         self._step("propagate", stamp)
 
     def take_samples(self, samples: SampleArrays, *, uses_force: bool) -> Sampled:
-        """Take the steps of samples, see `Steps`."""
+        """Take the steps of samples; stop before one that needs more than a step."""
         readings, ekf, total = self._readings, self._ekf, np.zeros(5, int)
         memory = ekf.model.memory.copy()
         ekf.model.recall(memory)
@@ -151,7 +162,17 @@ class LaneSteps:
         interval: float,
         rejected_for: float,
     ) -> PositionUpdate:
-        """Update with a position fix, see `Steps`."""
+        """Update with a position fix.
+
+        Args:
+            stamp: its stamp [ns].
+            fix: x, y [m] and the variance of each [m²].
+            antenna: place of the antenna in base_link, forward and left [m].
+            ahead: it lies ahead of the estimate, before the end of the next step.
+            mode: one of `icreckon.estimator.engine.fixes`: skipped, gated or forced.
+            interval: time since the fix before, as far as the gate counts it [s].
+            rejected_for: time of rejected fixes so far [s].
+        """
         lane, inputs, ekf = self._lane, self._inputs, self._ekf
         lane.fill_move(self._records, inputs, stamp)
         inputs[[FIX_X, FIX_Y, FIX_VARIANCE], 0] = fix

@@ -19,7 +19,8 @@ from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, 
 from icreckon.estimator.sensors.standstill import is_full, quiet_mean
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 
-ROWS, TRACK_ROWS, SLOW = len(INPUTS), len(StepInputs._fields), INPUTS["slow"]
+ROWS = len(INPUTS)
+TRACK_ROWS, SLOW = len(StepInputs._fields), INPUTS["slow"]
 QUIET_MEAN, RATE = INPUTS["quiet_mean"], INPUTS["rate"]
 FORCE_X, FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
 NOISE = INPUTS["gyro_density"]
@@ -81,12 +82,70 @@ class LanePlaces(NamedTuple):
     constant_count: int
 
 
+def sample_inputs(
+    record: Any,
+    stamps: Stamps,
+    rates: Floats,
+    inputs: Floats,
+    lane: int,
+    stamp: int,
+    rate: float,
+    force_x: float,
+    force_y: float,
+    uses_force: bool,
+) -> None:
+    """Add an IMU sample, and fill the inputs of the step that it ends.
+
+    Args:
+        record: record of the filter, changed in place.
+        stamps: buffer for stamps of yaw-rate readings [ns].
+        rates: buffer for the readings [rad/s].
+        inputs: (n, lanes) inputs of the step, written to.
+        lane: lane of the filter.
+        stamp: stamp of the sample [ns].
+        rate: yaw rate [rad/s].
+        force_x: specific force forward [m/s²], NaN if there is none.
+        force_y: specific force to the left [m/s²], likewise.
+        uses_force: the step is to use the specific force.
+    """
+    settings = record.settings
+    rate = take_motion(record.tracks, stamp, rate, force_x, force_y, settings)
+    take_stamp(record.imu, stamp, settings.hold)
+    slow = 1.0 if may_be_pushed(record) else 0.0
+    measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
+    spread = measured_noise(record.noise.gyro)
+    mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, settings)
+    record.stands = 1 if mean == mean else 0
+    fill_tracks(record, inputs, lane, stamp)
+    inputs[SLOW, lane], inputs[QUIET_MEAN, lane], inputs[RATE, lane] = slow, mean, rate
+    inputs[FORCE_X, lane] = force_x if uses_force else math.nan
+    inputs[FORCE_Y, lane] = force_y if uses_force else math.nan
+
+
+def move_inputs(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
+    """Fill the inputs of a step without an IMU sample; see `sample_inputs`."""
+    fill_tracks(record, inputs, lane, stamp)
+    inputs[SLOW, lane] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
+    inputs[QUIET_MEAN, lane], inputs[RATE, lane] = math.nan, 0.0
+    inputs[FORCE_X, lane] = inputs[FORCE_Y, lane] = math.nan
+
+
+def fill_tracks(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
+    """Fill the inputs of a step from the track speeds, and the noise of the IMU."""
+    found = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
+    for row in range(TRACK_ROWS):
+        inputs[row, lane] = found[row]
+    noise = noise_of_step(record.noise, record.still, record.settings)
+    for axis in range(3):
+        inputs[NOISE + axis, lane] = noise[axis]
+
+
 def take_tracks_of(records: Any, stamp: int, left: float, right: float) -> int:
     """Add track speeds to the record in an array (1,), see `take_track_speeds`."""
     return take_track_speeds(records[0], stamp, left, right)
 
 
-def sample_inputs(
+def sample_of(
     records: Any,
     stamps: Stamps,
     rates: Floats,
@@ -97,68 +156,21 @@ def sample_inputs(
     force_y: float,
     uses_force: bool,
 ) -> bool:
-    """Add an IMU sample, and fill the inputs of the step that it ends.
-
-    Args:
-        records: (1,) record of the filter, changed in place.
-        stamps: buffer for stamps of yaw-rate readings [ns].
-        rates: buffer for the readings [rad/s].
-        inputs: (n, 1) inputs of the step, written to.
-        stamp: stamp of the sample [ns].
-        rate: yaw rate [rad/s].
-        force_x: specific force forward [m/s²], NaN if there is none.
-        force_y: specific force to the left [m/s²], likewise.
-        uses_force: the step is to use the specific force.
-
-    Returns:
-        False if the buffers are full; nothing was done then.
-
-    Raises:
-        ValueError: an array has the wrong size.
-    """
+    """Fill the inputs of one filter, see `sample_inputs`; False if the buffers are full."""
     record = records[0]
+    if inputs.shape != (ROWS, 1):
+        raise ValueError(WRONG_SIZE)
     if is_full(record.still, stamps):
         return False
-    rate = take_motion(record.tracks, stamp, rate, force_x, force_y, record.settings)
-    settings = record.settings
-    take_stamp(record.imu, stamp, settings.hold)
-    slow = 1.0 if may_be_pushed(record) else 0.0
-    measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
-    spread = measured_noise(record.noise.gyro)
-    mean = quiet_mean(record.still, stamps, rates, stamp, rate, spread, settings)
-    fill_tracks(record, inputs, stamp)
-    inputs[SLOW, 0], inputs[QUIET_MEAN, 0] = slow, mean
-    fill_noise(record, inputs)
-    inputs[RATE, 0] = rate
-    inputs[FORCE_X, 0] = force_x if uses_force else math.nan
-    inputs[FORCE_Y, 0] = force_y if uses_force else math.nan
+    sample_inputs(record, stamps, rates, inputs, 0, stamp, rate, force_x, force_y, uses_force)
     return True
 
 
-def move_inputs(records: Any, inputs: Floats, stamp: int) -> None:
-    """Fill the inputs of a step without an IMU sample; see `sample_inputs`."""
-    record = records[0]
-    fill_tracks(record, inputs, stamp)
-    inputs[SLOW, 0] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
-    inputs[QUIET_MEAN, 0], inputs[RATE, 0] = math.nan, 0.0
-    inputs[FORCE_X, 0] = inputs[FORCE_Y, 0] = math.nan
-    fill_noise(record, inputs)
-
-
-def fill_noise(record: Any, inputs: Floats) -> None:
-    """Fill the noise of the IMU that a step assumes."""
-    found = noise_of_step(record.noise, record.still, record.settings)
-    for axis in range(3):
-        inputs[NOISE + axis, 0] = found[axis]
-
-
-def fill_tracks(record: Any, inputs: Floats, stamp: int) -> None:
-    """Fill the inputs of a step from the track speeds."""
+def move_of(records: Any, inputs: Floats, stamp: int) -> None:
+    """Fill the inputs of one filter, see `move_inputs`."""
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
-    found = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
-    for row in range(TRACK_ROWS):
-        inputs[row, 0] = found[row]
+    move_inputs(records[0], inputs, 0, stamp)
 
 
 def sample_loop(imu_step: Any, time_step: Any) -> Any:
@@ -207,7 +219,7 @@ def sample_loop(imu_step: Any, time_step: Any) -> Any:
                 if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
                     break
                 if record.stamp < newest:
-                    move_inputs(records, inputs, newest)
+                    move_inputs(record, inputs, 0, newest)
                     time_step(
                         records, x, P, regressors, memory, lane, inputs, constants, newest, False
                     )
@@ -220,7 +232,7 @@ def sample_loop(imu_step: Any, time_step: Any) -> Any:
                 break
             rate, x_force, y_force = yaw_rates[samples], forces[samples, 0], forces[samples, 1]
             sample = (stamp, rate, x_force, y_force, uses_force)
-            if not sample_inputs(records, stamps, rates, inputs, *sample):
+            if not sample_of(records, stamps, rates, inputs, *sample):
                 break
             arrays = (lane, inputs, constants)
             if imu_step(records, x, P, regressors, memory, *arrays, stamp, False):

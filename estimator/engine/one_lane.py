@@ -19,10 +19,10 @@ from icreckon.estimator.engine.fixes import FixKind, position_kernel
 from icreckon.estimator.engine.lane import FAST, FilterShape, plain_kernel
 from icreckon.estimator.engine.lane_functions import (
     LanePlaces,
-    move_inputs,
+    move_of,
     position_update,
-    sample_inputs,
     sample_loop,
+    sample_of,
     step_with_imu,
     step_without_imu,
     take_tracks_of,
@@ -221,8 +221,8 @@ def _functions(
         loop,
         of_shape(twist_function(kernels["twist"], places), "twist"),
         of_all(take_tracks_of),
-        of_all(sample_inputs),
-        of_all(move_inputs),
+        of_all(sample_of),
+        of_all(move_of),
         rows["report0"],
         np.array([rows[name] for name in (*innovation, *PLACES)]),
     )

@@ -1,8 +1,8 @@
 """Schedule of the steps of filters side by side, from the stamps of measurements.
 
-`walk_stamps` makes the steps that `icreckon.estimator.filter.filter` takes with each measurement, and
-finds the fixes that wait for the IMU. Of a log it also finds the estimates that
-`icreckon.estimator.streaming.run` writes as rows. `fill_table` computes the constants of each step.
+`walk_stamps` makes the steps that `streaming.reckoning` takes with each measurement, and finds the fixes
+that wait for the IMU. Of a log it also finds the estimates that `streaming.run` writes as rows.
+`fill_table` computes the constants of each step.
 """
 
 from __future__ import annotations
@@ -39,9 +39,8 @@ Places = NDArray[np.int32]
 # Kinds of steps: propagation up to an IMU sample, an IMU sample alone, propagation alone, and a fix
 # alone, ahead of the next step.
 MOVE_AND_UPDATE, UPDATE, MOVE, AHEAD = range(4)
-# Bits of a step: a fix at its end or ahead of it; the fix has a heading; a tick; and an IMU that was
-# silent before its start.
-POSITION, HEADING, TICK, SILENT = 1, 2, 4, 8
+# Bits of a step: a fix at its end or ahead of it; the fix has a heading; and a tick.
+POSITION, HEADING, TICK = 1, 2, 4
 # After the last measurement.
 END = 2**62
 # Reasons why a walk through the stamps of a log ends early, by number.
@@ -383,15 +382,15 @@ def walk_to_tracks(
     """Add track speeds: old ones hold up to their stamp, or up to the new interval."""
     begun = walk.tracks > 0
     if begun and is_hole(tracks, stamp, hold):
-        move(walk, imu, interval_start(tracks, stamp), hold, steps)
+        move(walk, imu, interval_start(tracks, stamp), steps)
         walk.gaps += 1
     elif begun:
-        move(walk, imu, tracks.stamp, hold, steps)
+        move(walk, imu, tracks.stamp, steps)
     take_stamp(tracks, stamp, hold)
     walk.tracks += 1
     walk.due = 1
     if not is_alive(imu, stamp, hold):
-        move(walk, imu, stamp, hold, steps)
+        move(walk, imu, stamp, steps)
 
 
 def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps: LogSteps) -> None:
@@ -404,7 +403,7 @@ def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps:
         return
     take_stamp(imu, stamp, hold)
     if (stamp - walk.now) * NANOSECOND > hold:
-        move(walk, imu, interval_start(imu, stamp), hold, steps)
+        move(walk, imu, interval_start(imu, stamp), steps)
     if stamp <= walk.now and walk.steps > 0:
         walk.reason = 1
         return
@@ -424,7 +423,7 @@ def walk_to_fix(
     # Before the first step, no step ends at the stamp of the fix.
     waits = walk.steps == 0 if stamp == walk.now else stamp > walk.now and is_due_after(imu, stamp)
     if not waits:
-        move(walk, imu, stamp, hold, steps)
+        move(walk, imu, stamp, steps)
     walk.newest_fix = number
     # Innovations of fixes are output in any case, of a fix ahead with the step before.
     for k in range(max(walk.last_step, 0), walk.steps):
@@ -434,12 +433,11 @@ def walk_to_fix(
     steps.fixes[step] = number
 
 
-def move(walk: Walk, imu: ClockRecord, to: int, hold: float, steps: LogSteps) -> None:
+def move(walk: Walk, imu: ClockRecord, to: int, steps: LogSteps) -> None:
     """Add a step of propagation to a stamp [ns], unless the filter is there already."""
     if to > walk.now:
-        step = add_step(walk, imu, to, MOVE, steps)
-        steps.extras[step] = 0 if is_alive(imu, walk.now, hold) else SILENT
-        walk.last_step, walk.now = step, to
+        walk.last_step = add_step(walk, imu, to, MOVE, steps)
+        walk.now = to
 
 
 def add_step(walk: Walk, imu: ClockRecord, end: int, kind: int, steps: LogSteps) -> int:

@@ -12,10 +12,10 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
-from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import HISTORY_FULL, TOO_OLD
 from icreckon.estimator.log.input_checks import Event, Key, event_of, event_row, key_of
 from icreckon.estimator.log.measurements import Mark
+from icreckon.estimator.streaming.reckoning import Reckoning
 
 # Before any measurement.
 BEFORE_ALL: Key = (-(2**63), -1)

@@ -13,10 +13,9 @@ from icreckon.estimator.base.checks import require_kind, three_numbers
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
-from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
 from icreckon.estimator.filter.process_noise import twist_covariance
-from icreckon.estimator.filter.step_engine import SampleArrays
+from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.input_checks import (
     EARLIEST,
     LATEST,
@@ -40,7 +39,6 @@ from icreckon.estimator.robot.variants import (
     state_names,
     used_parameters,
 )
-from icreckon.estimator.streaming.engines import engine_of
 from icreckon.estimator.streaming.late_measurements import History
 from icreckon.estimator.streaming.latencies import Latencies, StampCorrection
 from icreckon.estimator.streaming.outputs import (
@@ -49,6 +47,7 @@ from icreckon.estimator.streaming.outputs import (
     Snapshot,
     icr_points,
 )
+from icreckon.estimator.streaming.reckoning import Reckoning
 from icreckon.estimator.streaming.save import (
     SavedEstimator,
     read_saved,
@@ -117,9 +116,7 @@ class PoseEstimator:
         self.robot = robot
         self.variant = find_variant(variant)
         self.settings = settings if settings is not None else Settings()
-        self._reckoning = Reckoning(
-            robot, self.variant, self.settings, start, start_sigma, engine_of(self.settings.engine)
-        )
+        self._reckoning = Reckoning(robot, self.variant, self.settings, start, start_sigma)
         warm_up(self._reckoning.ekf.model, robot, self.variant, self.settings)
         self._history = History(self._reckoning, self.settings.history)
         self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from icreckon.estimator.filter.filter import Reckoning
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -24,7 +23,7 @@ from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.streaming.engines import engine_of
+from icreckon.estimator.streaming.reckoning import Reckoning
 
 # Time between IMU samples [ns]; track speeds come at every second one.
 INTERVAL = 10_000_000
@@ -52,7 +51,7 @@ def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settin
     shape = (type(model), traced_model(model), settings.considered, wanders)
     if shape in READY:
         return
-    filter_ = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN, engine_of(settings.engine))
+    filter_ = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN)
     for measurement in _one_of_each_kind(settings):
         filter_.take(measurement)
     READY.add(shape)

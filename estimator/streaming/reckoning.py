@@ -13,7 +13,8 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, assign, copied, or_none
+from icreckon.estimator.base.records import NEVER, Record, assign, copied, or_none, shared_record
+from icreckon.estimator.engine.lane_filter import LaneSteps
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter import slip_factor
@@ -36,7 +37,7 @@ from icreckon.estimator.filter.health import (
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
-from icreckon.estimator.filter.step_engine import SampleArrays, StepEngine
+from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
     ImuSample,
@@ -77,7 +78,6 @@ class Reckoning:
         settings: settings that are no property of the robot.
         start: pose at the first track speeds: x, y [m], yaw [rad].
         start_sigma: its standard deviations [m, m, rad].
-        engine: factory of the filter's steps.
 
     Attributes:
         ekf: the extended Kalman filter.
@@ -94,7 +94,6 @@ class Reckoning:
         settings: Settings,
         start: tuple[float, float, float],
         start_sigma: tuple[float, float, float],
-        engine: StepEngine,
     ) -> None:
         model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self.parameter_sigmas = sigmas[s.PARAMETERS].copy()
@@ -114,18 +113,19 @@ class Reckoning:
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._sensors = SensorModels(robot)
         self._prior = robot.imu
-        self._record = engine.make_record(FilterRecord(input_settings(robot, settings)))
+        compiles = settings.engine == "compiled"
+        make_record = shared_record if compiles else _as_it_is
+        self._record = make_record(FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
         self._readings = QuietReadings()
         # Position fixes since one was used.
         self._rejected_fixes: tuple[RejectedFix, ...] = ()
         self._scatter = Scatter()
         of_imu = {name: getattr(self._record, name) for name in IMU_SENSORS}
-        self._gates = gates_of(innovation_components(), settings.gates, of_imu, engine.make_record)
+        self._gates = gates_of(innovation_components(), settings.gates, of_imu, make_record)
         self._fix_gates = {n: gate for n, gate in self._gates.items() if n not in of_imu}
-        self._steps = engine.make_steps(
-            self.ekf, self._disturbances, robot, settings, self._record, self._readings
-        )
+        parts = self.ekf, self._disturbances, robot, settings, self._record, self._readings
+        self._steps = LaneSteps(*parts, compiles=compiles)
 
     @property
     def stamp(self) -> int | None:
@@ -468,3 +468,7 @@ class Reckoning:
             record.stamp = stamp
         elif record.stamp < stamp:
             self._steps.move(stamp)
+
+
+def _as_it_is(record: Record) -> Record:
+    return record

@@ -1,0 +1,83 @@
+"""Samples as arrays, and results of steps."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.log.input_checks import RANKS
+from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
+
+
+class PositionUpdate(NamedTuple):
+    """Update with a position fix.
+
+    Attributes:
+        z: innovation, x and y [m].
+        S: its covariance, xx, xy and yy [m²].
+        admitted: the gate admitted it.
+        lost: it was not used, and the filter is to be relocated.
+        used: it was used.
+        predicted: place of the antenna and yaw before it [m, m, rad].
+        updated: the same after it.
+    """
+
+    z: tuple[float, float]
+    S: tuple[float, float, float]
+    admitted: bool
+    lost: bool
+    used: bool
+    predicted: tuple[float, float, float]
+    updated: tuple[float, float, float]
+
+
+class SampleArrays(NamedTuple):
+    """Track speeds and IMU samples of one robot.
+
+    Attributes:
+        track_stamps: (n,) stamps, ascending [ns].
+        speeds: (n, 2) speeds of the left and the right track [m/s].
+        imu_stamps: (m,) stamps, ascending [ns].
+        rates: (m,) yaw rates by the gyros [rad/s].
+        forces: (m, 2) specific forces forward and to the left [m/s²], NaN if there are none.
+    """
+
+    track_stamps: Stamps
+    speeds: Floats
+    imu_stamps: Stamps
+    rates: Floats
+    forces: Floats
+
+    def newest(self, tracks: int, imu: int) -> tuple[int, int]:
+        """Key of the last of so many track speeds and IMU samples, at least one."""
+        streams = (TrackSpeeds, self.track_stamps, tracks), (ImuSample, self.imu_stamps, imu)
+        return max((int(at[count - 1]), RANKS[kind]) for kind, at, count in streams if count)
+
+    def after(self, tracks: int, imu: int) -> SampleArrays:
+        """Samples without so many track speeds and IMU samples at the start."""
+        first, second = slice(tracks, None), slice(imu, None)
+        return SampleArrays(
+            self.track_stamps[first],
+            self.speeds[first],
+            self.imu_stamps[second],
+            self.rates[second],
+            self.forces[second],
+        )
+
+
+class Sampled(NamedTuple):
+    """Samples that were processed.
+
+    Attributes:
+        tracks: number of track speeds.
+        imu: number of IMU samples.
+        rates_used: number of yaw rates that were used.
+        stuck: number of tracks that were newly found stuck.
+        stood: number of IMU samples at which the robot stood.
+    """
+
+    tracks: int
+    imu: int
+    rates_used: int
+    stuck: int
+    stood: int
