@@ -156,7 +156,7 @@ def sample_of(
     force_y: float,
     uses_force: bool,
 ) -> bool:
-    """Fill the inputs of one filter, see `sample_inputs`; False if the buffers are full."""
+    """Fill the inputs of one filter; return False if the buffers are full."""
     record = records[0]
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)

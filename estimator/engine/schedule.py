@@ -371,7 +371,7 @@ def walk_stamps(
             walk_to_sample(walk, imu, stamp, limits.hold, steps)
         else:
             bits = POSITION | (HEADING if stamps.headings[walk.fixes] else 0)
-            walk_to_fix(walk, imu, stamp, limits.hold, bits, steps)
+            walk_to_fix(walk, imu, stamp, bits, steps)
         if walk.reason:
             return
 
@@ -412,9 +412,7 @@ def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps:
     walk.last_step, walk.last_sample, walk.now = step, step, stamp
 
 
-def walk_to_fix(
-    walk: Walk, imu: ClockRecord, stamp: int, hold: float, bits: int, steps: LogSteps
-) -> None:
+def walk_to_fix(walk: Walk, imu: ClockRecord, stamp: int, bits: int, steps: LogSteps) -> None:
     """Add a fix: at the end of a step, or before the end of a step under way."""
     number = walk.fixes
     walk.fixes += 1

@@ -5,8 +5,6 @@ turning of both. Slip in bends is a share of the turning; such a track is beyond
 of one jumped when the mismatch began, it is the one that spins. If none did, it is the one with less
 load: on a slope the upper one, in a fast bend the inner one. Until it grips again its speed is the one at
 which the tracks turn as the gyro does. A track sensor that fails looks the same, and is treated the same.
-A motion model with the loads of the tracks explains a track that slides for want of load, and needs its
-true speed: for such a model only a jump counts.
 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
@@ -37,8 +35,6 @@ LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
 # Ways of the mismatch after which a track may spin, and does [m]; time without it after which it grips
 # again [s]. What is shorter is a sample of the gyro that is older than that of the tracks.
 LIKELY_WAY, LEAST_WAY, OVER = 0.04, 0.1, 0.2
-# Time for which the jump of a track is remembered while nothing can be decided [s].
-REMEMBERED = 1.0
 # Greatest change of a robot's yaw rate [rad/s²]; beyond it the gyro fails, if its jump is this share of
 # the mismatch that counts.
 MOST_ACCELERATION, OF_JUMP = 30.0, 0.5
@@ -61,10 +57,6 @@ class SpinRecord(msgspec.Struct):
         mismatch: newest difference of the track speeds that no slip in bends explains [m/s].
         side: `LEFT` or `RIGHT`, the track that spins, or `UNKNOWN`.
         jumped: 1 if that is the track whose speed jumped when the mismatch began.
-        jump: newest jump of one track while nothing could be decided, as a difference of the speeds
-            [m/s].
-        jump_side: `LEFT` or `RIGHT`, the track that jumped then, or `UNKNOWN`.
-        jump_stamp: stamp of that jump [ns], or NEVER.
         since: stamp at which the mismatch began [ns], or NEVER.
         newest: stamp of the newest mismatch [ns], or NEVER.
         way: way of the mismatch since it began [m].
@@ -84,9 +76,6 @@ class SpinRecord(msgspec.Struct):
     mismatch: float = 0.0
     side: Side = UNKNOWN
     jumped: Flag = 0
-    jump: float = 0.0
-    jump_side: Side = UNKNOWN
-    jump_stamp: Stamp = NEVER
     since: Stamp = NEVER
     newest: Stamp = NEVER
     way: float = 0.0
@@ -166,34 +155,6 @@ def least_mismatch(fastest: float) -> float:
     return max(LEAST_MISMATCH, OF_FASTEST * fastest)
 
 
-def remember_jump(
-    spin: SpinRecord, stamp: int, change_left: float, change_right: float, fastest: float
-) -> None:
-    """Remember that one track jumped, and not the other.
-
-    Args:
-        spin: record, changed in place.
-        stamp: stamp of the IMU sample [ns].
-        change_left: newest change of the left track's speed [m/s].
-        change_right: newest change of the right track's speed [m/s].
-        fastest: highest speed of a track [m/s].
-    """
-    limit = least_mismatch(fastest)
-    if max(abs(change_left), abs(change_right)) < limit:
-        return
-    if min(abs(change_left), abs(change_right)) > OF_JUMP * limit:
-        spin.jump_side = UNKNOWN
-        return
-    spin.jump_side = LEFT if abs(change_left) > abs(change_right) else RIGHT
-    spin.jump, spin.jump_stamp = change_right - change_left, stamp
-
-
-def remembers_jump(spin: SpinRecord, stamp: int, mismatch: float) -> bool:
-    """Return True if one track jumped not long ago, towards a mismatch [m/s]."""
-    recent = spin.jump_stamp != NEVER and (stamp - spin.jump_stamp) * NANOSECOND < REMEMBERED
-    return recent and spin.jump_side != UNKNOWN and spin.jump * mismatch > 0.0
-
-
 def side_with_less_load(force: float) -> int:
     """Find the track with less load, at an averaged specific force to the left [m/s²]."""
     if abs(force) < LEAST_FORCE:
@@ -260,8 +221,6 @@ def watch_spin(
         spin.gyro_jumped = 0
     elif spin.since == NEVER and abs(change) > MOST_ACCELERATION * dt:
         spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > OF_JUMP * limit)
-    if width_of_bends(spin) == 0.0:
-        remember_jump(spin, stamp, change_left, change_right, fastest)
     # Tracks at rest do not begin to spin; the robot is pushed or carried.
     turns = was_found or max(abs(spin.left), abs(spin.right)) > limit
     least = GONE * limit if was_found else limit
@@ -271,8 +230,6 @@ def watch_spin(
         if spin.since == NEVER:
             spin.since, spin.way = stamp, 0.0
             spin.side = side_that_changed(mismatch, change_left, change_right, limit)
-            if spin.side == UNKNOWN and remembers_jump(spin, stamp, mismatch):
-                spin.side = spin.jump_side
             spin.jumped = int(spin.side != UNKNOWN)
         if spin.side == UNKNOWN:
             spin.side = side_with_less_load(spin.force)

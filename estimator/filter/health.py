@@ -239,7 +239,6 @@ class SlipHealth:
         mismatch: difference of the track speeds that the gyro does not confirm [m/s].
         times: number of times that a track was found spinning.
         forward: slide of both tracks, forward or back, as far as the accelerometer shows it; or None.
-        sideways: slide to the left or the right, likewise.
         slides: number of slides that were found.
         carried: stamp at which the robot, with its tracks at rest, had been shaken for a second: it is
             carried, pushed or worked on [ns]; None if it is not.
@@ -255,7 +254,6 @@ class SlipHealth:
     mismatch: float = 0.0
     times: int = 0
     forward: Slide | None = None
-    sideways: Slide | None = None
     slides: int = 0
     carried: int | None = None
     carries: int = 0
@@ -283,8 +281,7 @@ def slip_health(
     found = SlipHealth(
         times=spin.times,
         forward=_slide(held.forward, ahead),
-        sideways=_slide(held.sideways, ahead),
-        slides=held.forward.times + held.sideways.times,
+        slides=held.forward.times,
         carried=None if still.carried_since == NEVER else still.carried_since + ahead,
         carries=still.carries,
         factor=factor,

@@ -19,7 +19,6 @@ from icreckon.estimator.faults.spinning_tracks import (
     assumed_speeds,
     forget_mismatch,
     is_found,
-    remember_jump,
     watch_spin,
     width_of_bends,
 )
@@ -61,7 +60,6 @@ class TrackRecord(msgspec.Struct):
         right_wheels: record of the wheels of the right side.
         spin: record of a spinning track.
         forward: record of slides along the tracks.
-        sideways: record of slides to the side.
         gyro: record of the gyro's faults.
     """
 
@@ -79,7 +77,6 @@ class TrackRecord(msgspec.Struct):
     right_wheels: WheelsRecord = msgspec.field(default_factory=WheelsRecord)
     spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
-    sideways: SlideRecord = msgspec.field(default_factory=SlideRecord)
     gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)
 
 
@@ -200,7 +197,6 @@ def take_motion(
         return rate
     mean = 0.5 * (held.left + held.right)
     watch_slide(held.forward, stamp, force_x, mean, 0.0)
-    watch_slide(held.sideways, stamp, force_y, 0.0, rate * mean)
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
@@ -208,7 +204,6 @@ def take_motion(
     sticks = sticks or frozen_from(*repeating, settings.track_speed) != NEVER
     if sticks and not is_found(spin):
         forget_mismatch(spin)
-        remember_jump(spin, stamp, left, right, settings.fastest)
         spin.stamp = stamp
         return rate
     watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest)

@@ -276,15 +276,11 @@ def slip_status(
                 f"{side}_wheels_samples": str(odd.samples),
             }
             texts.append(_odd_wheel(side, odd, names))
-    for way, slide in (("forward", slip.forward), ("sideways", slip.sideways)):
-        if slide is not None:
-            values |= {f"{way}_since_ns": str(slide.since), f"{way}_m_s": f"{slide.speed:.3f}"}
     if slip.forward is not None:
+        values["forward_since_ns"] = str(slip.forward.since)
+        values["forward_m_s"] = f"{slip.forward.speed:.3f}"
         than = "slower" if slip.forward.speed < 0.0 else "faster"
         texts.append(f"the robot is {abs(slip.forward.speed):.2f} m/s {than} than its tracks")
-    if slip.sideways is not None:
-        to = "left" if slip.sideways.speed > 0.0 else "right"
-        texts.append(f"the robot slides to the {to} at {abs(slip.sideways.speed):.2f} m/s")
     if slip.factor > LARGE_FACTOR:
         texts.append(
             f"position fixes show {slip.factor:.1f} times the slip expected, or they wander"

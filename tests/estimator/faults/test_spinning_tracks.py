@@ -24,7 +24,6 @@ from faulty_drives import (
     with_free_track,
 )
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import shifted
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.spinning_tracks import (
@@ -36,8 +35,6 @@ from icreckon.estimator.faults.spinning_tracks import (
     forget_mismatch,
     is_found,
     is_likely,
-    remember_jump,
-    remembers_jump,
     side_that_changed,
     side_with_less_load,
     spin_density,
@@ -198,35 +195,6 @@ def test_the_tracks_turn_as_the_gyro_does_while_one_spins() -> None:
     spin.side = UNKNOWN
     half = 0.5 * WIDTH * rate
     assert assumed() == pytest.approx((0.8 - half, 0.8 + half), rel=0.01)
-
-
-def test_the_track_that_jumps_while_the_robot_stands_is_found_later(robot: Robot) -> None:
-    """A track at rest beside one that moves may be stuck; when it is not, the jump is over."""
-    chosen, tracks = (
-        input_settings(robot, Settings()),
-        TrackRecord(),
-    )
-    tracks.spin = after_bends()
-    begin = tracks.spin.stamp // STEP + 1
-    for k in range(begin, begin + 400):
-        speeds = (
-            (0.0, 0.0) if k < begin + 300 else (0.8, 0.0 if k < begin + 340 else 1e-3 * (k % 7))
-        )
-        take_tracks(tracks, k * STEP, *speeds, chosen)
-        take_motion(tracks, k * STEP, 0.0, math.nan, math.nan, chosen)
-    assert (is_found(tracks.spin), tracks.spin.side, tracks.spin.jumped) == (True, LEFT, 1)
-
-
-def test_a_jump_is_remembered_for_a_second() -> None:
-    spin = SpinRecord()
-    remember_jump(spin, 0, 0.8, 0.0, FASTEST)
-    assert remembers_jump(spin, STEP, -0.8)
-    assert not remembers_jump(spin, STEP, 0.8)
-    assert not remembers_jump(spin, 200 * STEP, -0.8)
-    assert shifted(spin, 300 * STEP).jump_stamp == 300 * STEP
-    # Both tracks jump where the robot begins to turn on the spot.
-    remember_jump(spin, STEP, -0.8, 0.8, FASTEST)
-    assert not remembers_jump(spin, 2 * STEP, 0.8)
 
 
 @given(force=st.floats(-3.0, 3.0))

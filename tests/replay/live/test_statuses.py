@@ -43,8 +43,6 @@ from icreckon.replay.live.statuses import (
             WARN,
             "the robot is 0.90 m/s faster than its tracks",
         ),
-        (SlipHealth(sideways=Slide(7, 0.9)), WARN, "the robot slides to the left at 0.90 m/s"),
-        (SlipHealth(sideways=Slide(7, -0.9)), WARN, "the robot slides to the right at 0.90 m/s"),
         (
             SlipHealth(left_wheels=OddWheel(5, 1, 0.8, 9), odd_wheels=1),
             WARN,
