@@ -123,26 +123,24 @@ def shifted(record: Record, by: int) -> Record:
     """Copy a record for a clock that is ahead: all its `Stamp` are later.
 
     Args:
-        record: record, with records and tuples of records in it.
+        record: record, with records and named tuples in it, and tuples and dicts of them.
         by: time that the clock is ahead [ns].
     """
     kind: Any = record.kind if isinstance(record, SharedRecord) else type(record)
-    return cast(Record, _later(plain_copy(kind, record), _hints(cast(Any, kind)), by))
+    return cast(Record, _later(plain_copy(kind, record), False, by))
 
 
-def _later(record: Any, hints: dict[str, Any], by: int) -> Any:
-    changed: dict[str, Any] = {}
-    for name, hint in hints.items():
-        value = getattr(record, name)
-        if isinstance(value, msgspec.Struct):
-            changed[name] = _later(value, _hints(cast(Any, type(value))), by)
-        elif isinstance(value, tuple) and value and isinstance(value[0], msgspec.Struct):
-            changed[name] = tuple(_later(one, _hints(cast(Any, type(one))), by) for one in value)
-        elif _is_stamp(hint) and value is not None:
-            is_many = isinstance(value, tuple)
-            later = [one if one == NEVER else one + by for one in (value if is_many else (value,))]
-            changed[name] = tuple(later) if is_many else later[0]
-    return msgspec.structs.replace(record, **changed)
+def _later(value: Any, is_stamp: bool, by: int) -> Any:
+    if _names(value):
+        hints = _hints(cast(Any, type(value)))
+        fields = {name: _later(getattr(value, name), _is_stamp(hints[name]), by) for name in hints}
+        is_tuple = isinstance(value, tuple)
+        return value._replace(**fields) if is_tuple else msgspec.structs.replace(value, **fields)
+    if isinstance(value, dict):
+        return {key: _later(one, is_stamp, by) for key, one in value.items()}
+    if isinstance(value, tuple):
+        return tuple(_later(one, is_stamp, by) for one in value)
+    return value + by if is_stamp and value is not None and value != NEVER else value
 
 
 @cache

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
+from icreckon.estimator.base import state as s
 from icreckon.estimator.base.records import (
     NEVER,
     array_on,
@@ -22,13 +23,17 @@ from icreckon.estimator.base.records import (
     shifted,
 )
 from icreckon.estimator.faults.stuck_tracks import OTHERS, Repeating, repeating_after, stuck_from
+from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.filter_record import FilterRecord
+from icreckon.estimator.filter.gate import GateRecord
+from icreckon.estimator.filter.health import Health
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_due_after, take_stamp
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import (
+    QuietMemory,
     QuietReadings,
     StandstillRecord,
     quiet_mean,
@@ -253,3 +258,26 @@ def test_copies_of_a_shared_record_have_their_own_memory():
         assert record_of(FilterRecord, array_on(other)[0]).settings == SETTINGS
         assign(other.tracks, TrackRecord())
         assert (shared.tracks.left, shared.tracks.repeating_right.others[3]) == (0.25, 0.5)
+
+
+def test_a_checkpoint_is_shifted_with_its_quiet_readings_and_gates():
+    record = FilterRecord(settings=SETTINGS, stamp=EPOCH)
+    record.still.end, record.gyro.stamp = 2, EPOCH
+    found = shifted(
+        FilterCheckpoint(
+            np.zeros(s.SIZE),
+            np.eye(s.SIZE),
+            record,
+            QuietMemory((EPOCH, EPOCH + STEP), (0.1, 0.2)),
+            {"position": GateRecord(stamp=EPOCH), "heading": GateRecord()},
+            Health(),
+        ),
+        STEP,
+    )
+    assert found.quiet == QuietMemory((EPOCH + STEP, EPOCH + 2 * STEP), (0.1, 0.2))
+    assert {name: gate.stamp for name, gate in found.gates.items()} == {
+        "position": EPOCH + STEP,
+        "heading": NEVER,
+    }
+    assert found.record.stamp == found.record.gyro.stamp == EPOCH + STEP
+    assert found.record.accelerometer_x.stamp == NEVER

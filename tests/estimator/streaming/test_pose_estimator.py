@@ -886,6 +886,23 @@ def test_a_clock_that_is_set_back_for_good_is_followed(back):
     assert stepped.pose_covariance == pytest.approx(whole.pose_covariance, rel=1e-3)
 
 
+@pytest.mark.parametrize("by", [-3600.0, 3600.0])
+def test_a_clock_that_is_set_during_a_standstill_keeps_the_quiet_readings(by):
+    whole, stepped = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
+    rng, noise = np.random.default_rng(4), 0.3 * ALPHA.imu.gyro_noise_density
+    for k in range(600):
+        if k == 300:
+            assert whole.stands
+            stepped.set_clock(seconds(by))
+        stamp, rate = EPOCH + k * 10_000_000, 0.02 + noise * rng.normal()
+        for m in (TrackSpeeds(stamp, 0.0, 0.0), ImuSample(stamp, (0.0, 0.0, rate), None)):
+            whole.feed(m)
+            stepped.feed(replace(m, stamp=stamp + (seconds(by) if k >= 300 else 0)))
+    assert stepped.stamp == whole.stamp + seconds(by)
+    assert stepped.state.tobytes() == whole.state.tobytes()
+    assert stepped.covariance.tobytes() == whole.covariance.tobytes()
+
+
 def test_one_sensor_that_is_late_is_no_clock_set_back():
     log = replace(simulate(Scenario(duration=10.0, seed=3), ALPHA), fixes=None)
     estimator = PoseEstimator(ALPHA)
