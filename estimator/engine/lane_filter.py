@@ -58,13 +58,12 @@ class LaneSteps:
         self._made_of = ekf, disturbances, robot, settings, record, readings
         self._compiles, self._ekf, self._readings = compiles, ekf, readings
         self._record = record
-        self._records: Any = array_on(record) if isinstance(record, SharedRecord) else [record]
         self._lane = lane = one_lane(
             ekf.model, ekf.considered, wanders=ekf.wanders, compiles=compiles
         )
-        if lane.is_plain:
-            # Functions in Python take the record itself.
-            self._records = [record]
+        # Functions in Python take the record itself.
+        is_shared = isinstance(record, SharedRecord) and not lane.is_plain
+        self._records: Any = array_on(record) if is_shared else [record]
         self._constants = shared_constants(
             lane.shape, ekf.model, disturbances, robot, settings, ekf.x[: s.SIZE]
         )
@@ -102,15 +101,7 @@ class LaneSteps:
             readings.make_room()
         if stamp > self._record.stamp:
             return cast(bool, self._step("imu_step", stamp))
-        ekf, regressors = self._ekf, self._ekf.regressors
-        if regressors is None:
-            # Before the first step there is nothing to smooth.
-            speeds = float(inputs[INPUTS["left"], 0]), float(inputs[INPUTS["right"], 0])
-            ekf.regressors = ekf.twist_model(*speeds).jacobian[:, s.PARAMETERS].copy()
-        used = self._step("imu_update", stamp)
-        if regressors is None:
-            ekf.regressors = None
-        return cast(bool, used)
+        return cast(bool, self._update("imu_update", stamp))
 
     def move(self, stamp: int) -> None:
         """Take a step without an IMU sample to a later stamp [ns]."""
@@ -169,24 +160,16 @@ class LaneSteps:
             fix: x, y [m] and the variance of each [m²].
             antenna: place of the antenna in base_link, forward and left [m].
             ahead: it lies ahead of the estimate, before the end of the next step.
-            mode: one of `icreckon.estimator.engine.fixes`: skipped, gated or forced.
+            mode: one of `icreckon.estimator.filter.gate`: skipped, gated or forced.
             interval: time since the fix before, as far as the gate counts it [s].
             rejected_for: time of rejected fixes so far [s].
         """
-        lane, inputs, ekf = self._lane, self._inputs, self._ekf
+        lane, inputs = self._lane, self._inputs
         lane.fill_move(self._records, inputs, stamp)
         inputs[[FIX_X, FIX_Y, FIX_VARIANCE], 0] = fix
         inputs[[FORWARD, LEFT], 0] = antenna
         inputs[[MODE, INTERVAL], 0] = mode, interval
-        regressors = ekf.regressors
-        if regressors is None and ahead:
-            model = ekf.twist_model(
-                float(inputs[INPUTS["left"], 0]), float(inputs[INPUTS["right"], 0])
-            )
-            ekf.regressors = model.jacobian[:, s.PARAMETERS].copy()
-        flags = self._step("position_ahead" if ahead else "position", stamp, rejected_for)
-        if regressors is None:
-            ekf.regressors = None
+        flags = self._update("position_ahead" if ahead else "position", stamp, rejected_for)
         z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[lane.position, 0].tolist()
         return PositionUpdate(
             (z_x, z_y),
@@ -215,6 +198,17 @@ class LaneSteps:
         v_x, v_y, w = twist.tolist()
         motion = Motion(PaperTwist(-v_y, v_x, w), IndexValues(zeta, epsilon, eta), u, force)
         return TwistModel(twist, jacobian, by_speeds, motion)
+
+    def _update(self, name: str, stamp: int, last: float | None = None) -> Any:
+        """Update without a step; before the first step there are no regressors to smooth."""
+        ekf = self._ekf
+        if ekf.regressors is not None:
+            return self._step(name, stamp, last)
+        left, right = self._inputs[[INPUTS["left"], INPUTS["right"]], 0].tolist()
+        ekf.regressors = ekf.twist_model(left, right).jacobian[:, s.PARAMETERS].copy()
+        found = self._step(name, stamp, last)
+        ekf.regressors = None
+        return found
 
     def _step(self, name: str, stamp: int, last: float | None = None) -> Any:
         """Take a step to a stamp [ns], and report its changes."""

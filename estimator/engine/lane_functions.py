@@ -244,6 +244,24 @@ def sample_loop(imu_step: Any, time_step: Any) -> Any:
     return feed_samples
 
 
+def fill_lane(
+    record: Any,
+    x: Floats,
+    P: Floats,
+    regressors: Floats,
+    memory: Floats,
+    lane: Floats,
+    constants: Floats,
+    stamp: int,
+    is_first: bool,
+    places: LanePlaces,
+) -> None:
+    """Copy the filter into the workspace, and compute the constants; arguments as in `imu_step`."""
+    fill_state(lane, constants, x, memory, places)
+    fill_covariance(lane, P, regressors, places)
+    fill_constants(record, lane, constants, stamp, is_first, places)
+
+
 def fill_state(
     lane: Floats, constants: Floats, x: Floats, memory: Floats, places: LanePlaces
 ) -> None:
@@ -381,15 +399,13 @@ def step_with_imu(kernel: Any, places: LanePlaces) -> Any:
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         record = records[0]
-        fill_state(lane, constants, x, memory, places)
-        fill_covariance(lane, P, regressors, places)
-        fill_constants(record, lane, constants, stamp, is_first, places)
+        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
         set_gate(record.gyro, lane, places.gyro)
         set_gate(record.accelerometer_x, lane, places.accelerometers[0])
         set_gate(record.accelerometer_y, lane, places.accelerometers[1])
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, memory, places)
-        record.stamp, record.stands = stamp, int(lane[places.stood, 0])
+        record.stamp = stamp
         count_sample(
             record.accelerometer_x, stamp, record.imu.interval, lane, places.accelerometers[0]
         )
@@ -426,9 +442,7 @@ def step_without_imu(kernel: Any, places: LanePlaces, *, arrives: bool) -> Any:
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         record = records[0]
-        fill_state(lane, constants, x, memory, places)
-        fill_covariance(lane, P, regressors, places)
-        fill_constants(record, lane, constants, stamp, is_first, places)
+        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
         lane[places.stood, 0] = 0.0
         kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, memory, places)
@@ -460,9 +474,7 @@ def position_update(kernel: Any, places: LanePlaces) -> Any:
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         record = records[0]
-        fill_state(lane, constants, x, memory, places)
-        fill_covariance(lane, P, regressors, places)
-        fill_constants(record, lane, constants, stamp, False, places)
+        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, False, places)
         lane[places.position_rejected_for, 0] = rejected_for
         lane[places.position_admitted, 0] = 0.0
         rows = places.of_record

@@ -30,7 +30,6 @@ from icreckon.estimator.engine.lane_functions import (
 )
 from icreckon.estimator.engine.layout import (
     FACTORS,
-    INPUTS,
     MOTION,
     PLACES,
     SLIP_SHARES,
@@ -45,9 +44,6 @@ from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.tracing.kernel import Kernel
 
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
-ROWS = len(INPUTS)
-# Places of a constant of a step, and of inputs of a kernel.
-LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 # Steps of a filter that reports its changes: with an IMU sample at its end, and at its start; without
 # one; its two halves; and position fixes, at its end and ahead of it.
 OF_SAMPLE = StepKind(stands=True, may_lack_force=True, innovations=True, fast_slip=True)

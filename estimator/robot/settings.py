@@ -138,7 +138,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     Attributes:
         engine: "compiled" by numba (making the first estimator ever takes some 20 s), or "plain"
-            Python, number by number, for debugging: two hundred times slower. They agree to rounding.
+            Python, number by number, for debugging: almost 300 times slower. They agree to rounding.
         slip: the slip residual, or None for the variant's default.
         adaptation: prior and random walk of the parameters, or None for the variant's default.
         hold: age from which track speeds are stale [s].
