@@ -256,7 +256,10 @@ def fill_lane(
     is_first: bool,
     places: LanePlaces,
 ) -> None:
-    """Copy the filter into the workspace, and compute the constants; arguments as in `imu_step`."""
+    """Copy the filter into the workspace, and compute the constants.
+
+    Arguments as in `imu_step`.
+    """
     fill_state(lane, constants, x, memory, places)
     fill_covariance(lane, P, regressors, places)
     fill_constants(record, lane, constants, stamp, is_first, places)
