@@ -16,6 +16,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 FILTER = ("estimator", "simulation")
 """Packages that every simulated figure depends on."""
+ESTIMATES = "benchmarks/estimates.json"
+"""Figures of runs with all parts of the filter: code that leaves them the same makes no table older."""
 KINDS = (".py", ".toml")
 LENGTH = 8
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-from _digests import FILTER, ROOT, digest
+from _digests import ESTIMATES, FILTER, ROOT, digest
 from _study import PROGRESS_EVERY
 
 from icreckon.estimator.base.array_types import Floats
@@ -113,8 +113,9 @@ def excluded(health: Any) -> tuple[dict[str, int], dict[str, int]]:
 class Cache:
     """Results of finished jobs, one JSON line each, in a file beside the result."""
 
-    def __init__(self, path: Path, depends: Sequence[str]) -> None:
-        self.path, self.digest, self.known = path, digest(*depends), dict[str, Any]()
+    def __init__(self, path: Path, part: str) -> None:
+        self.path, self.known = path, dict[str, Any]()
+        self.digest = digest(*FILTER, "replay", *depends_on(part))
         if path.is_file():
             for line in path.read_text(encoding="utf-8").splitlines():
                 # A run that was interrupted while it wrote leaves half a line.
@@ -147,13 +148,13 @@ def depends_on(part: str) -> tuple[str, ...]:
     """Sources that the figures of a part depend on."""
     own = ("benchmarks/_scoreboard_cells.py", "benchmarks/_scoreboard_drives.py")
     if part == "healthy":
-        return (*FILTER, *own)
+        return (ESTIMATES, *own)
     if part == "faults":
         put = "benchmarks/_scoreboard_put.py"
-        return (*FILTER, "replay", *own, put, "benchmarks/_scoreboard_faults.py")
+        return (ESTIMATES, *own, put, "benchmarks/_scoreboard_faults.py")
     if part == "cost":
         return (*FILTER, "replay", "icreckon", "benchmarks/_scoreboard_cost.py")
-    return (*FILTER, "replay", *own, "benchmarks/_scoreboard_real.py", "benchmarks/accuracy.py")
+    return (ESTIMATES, *own, "benchmarks/_scoreboard_real.py", "benchmarks/accuracy.py")
 
 
 def work_off(

@@ -2,8 +2,8 @@
 
     <!-- figures: python benchmarks/NAME.py OPTIONS; of: DIGEST -->
 
-stands before such a table. The digest is that of estimator, simulation and the script when the table was
-made; DATA in a command is the folder of the sample logs.
+stands before such a table. The digest is that of the script, and of the estimates of the filter (see
+estimates.py), when the table was made; DATA in a command is the folder of the sample logs.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from _digests import FILTER, ROOT, digest
+from _digests import ESTIMATES, ROOT, digest
 
 DOCS = ROOT / "docs" / "explanation"
 PAGES = (ROOT / "README.md", DOCS / "proof.md", *sorted((DOCS / "proof").glob("*.md")))
 MARK = re.compile(r"<!-- figures: (?P<command>.*); of: (?P<of>\w+) -->")
 SCRIPT = re.compile(r"benchmarks/\w+\.py")
 SCOREBOARD = "benchmarks/scoreboard.py"
-STUDY = "benchmarks/study_table.py"
 RULE = re.compile(r"^\|( ?:?-+:? ?\|)+$")
 Rows = list[tuple[str, ...]]
 
@@ -66,10 +65,7 @@ def current(command: str) -> str:
         from _scoreboard_cells import depends_on
 
         return digest(*depends_on(command.split()[-1]))
-    more = ("replay",) if "DATA" in command else ()
-    if script[0] == STUDY:
-        more = ("icreckon",)
-    return digest(*FILTER, *more, script[0])
+    return digest(ESTIMATES, script[0])
 
 
 def cells(line: str) -> tuple[str, ...]:
