@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
@@ -130,7 +131,9 @@ class SensorHealth:
 
     def copy(self) -> SensorHealth:
         """Copy the counts."""
-        return replace(self, rejected=self.rejected.copy())
+        found = copy(self)
+        found.rejected = self.rejected.copy()
+        return found
 
     def add(self, other: SensorHealth) -> None:
         """Add the counts of another."""
@@ -504,8 +507,10 @@ class Health:
 
     def copy(self) -> Health:
         """Copy the counts."""
-        sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
-        return replace(self, sensors=sensors, noise=self.noise.copy())
+        found = copy(self)
+        found.sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
+        found.noise = self.noise.copy()
+        return found
 
     def add(self, other: Health) -> None:
         """Add the counts of another, and take over its events and estimates."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.input_checks import STREAMS, Admission, Key, as_plain, key_of
+from icreckon.estimator.log.input_checks import STREAMS, Admission, Key, key_of
 from icreckon.estimator.log.measurements import (
     HeadingFix,
     ImuSample,
@@ -45,9 +45,8 @@ def gathered(measurements: Iterable[Measurement]) -> Gathered:
     """Sort measurements into series; see `Log.from_measurements`."""
     admission, dropped = Admission(0.0, NO_LIMIT), dict[str, int]()
     kept: dict[Key, Measurement] = {}
-    for measurement in map(as_plain, measurements):
+    for measurement, reason in map(admission.checked, measurements):
         key = key_of(measurement)
-        reason = admission.objection(measurement)
         if reason is None and key in kept:
             reason = "duplicate stamp"
         if reason is None:

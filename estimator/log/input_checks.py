@@ -8,7 +8,7 @@ from contextlib import suppress
 from decimal import Decimal
 from functools import cache
 from numbers import Real
-from typing import Any, get_type_hints
+from typing import Any, cast, get_type_hints
 
 import numpy as np
 
@@ -114,16 +114,6 @@ def as_plain(measurement: Measurement) -> Measurement:
     Raises:
         EstimatorError: it is not a measurement, or holds a value that is not a number.
     """
-    # The two kinds that come hundreds of times a second.
-    if type(measurement) is TrackSpeeds:
-        is_plain = type(measurement.left) is type(measurement.right) is float
-        is_plain = is_plain and _are_plain(measurement.left_wheels, measurement.right_wheels)
-        if is_plain and type(measurement.stamp) is int:
-            return measurement
-    elif type(measurement) is ImuSample and type(measurement.stamp) is int:
-        force = measurement.linear_acceleration
-        if _is_plain(measurement.angular_velocity) and (force is None or _is_plain(force)):
-            return measurement
     kind = kind_of(measurement)
     stream = STREAMS[kind]
     stamp = as_stamp(stream, measurement.stamp)
@@ -302,6 +292,33 @@ class Admission:
         self.witnesses: dict[str, tuple[int, int]] = {}
         self.behind: list[Measurement] = []
 
+    def checked(self, measurement: Measurement) -> tuple[Measurement, str | None]:
+        """Measurement of plain numbers, see `as_plain`, and the reason to reject it, see `objection`."""
+        if self._is_usual(measurement):
+            return measurement, None
+        plain = as_plain(measurement)
+        return plain, self.objection(plain)
+
+    def _is_usual(self, measurement: Measurement) -> bool:
+        """Return True for a sample of plain numbers without an objection.
+
+        Only for the two kinds that come hundreds of times a second.
+        """
+        m, kind = cast(Any, measurement), type(measurement)
+        if kind is ImuSample:
+            rates, force = m.angular_velocity, m.linear_acceleration
+            usual = _is_usual(rates, ABSURD_RATE)
+            usual = usual and (force is None or _is_usual(force, ABSURD_FORCE))
+        elif kind is TrackSpeeds:
+            left, right, most = m.left, m.right, self._absurd
+            usual = type(left) is type(right) is float and -most <= left <= most
+            usual = usual and -most <= right <= most
+            usual = usual and type(m.left_wheels) is type(m.right_wheels) is tuple
+            usual = usual and not m.left_wheels and not m.right_wheels
+        else:
+            return False
+        return usual and type(m.stamp) is int and EARLIEST <= m.stamp <= LATEST
+
     def in_time(self) -> None:
         """Record a measurement that was in time."""
         if self.behind:
@@ -389,17 +406,13 @@ def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str
     return None
 
 
-def _is_plain(values: Any) -> bool:
+def _is_usual(values: Any, most: float) -> bool:
+    """Return True for a tuple of three floats of at most a size."""
     if type(values) is not tuple or len(values) != 3:
         return False
-    first, second, third = values
-    return type(first) is type(second) is type(third) is float
-
-
-def _are_plain(*sides: Any) -> bool:
-    return all(
-        type(side) is tuple and all(type(speed) is float for speed in side) for side in sides
-    )
+    x, y, z = values
+    is_plain = type(x) is type(y) is type(z) is float
+    return is_plain and -most <= x <= most and -most <= y <= most and -most <= z <= most
 
 
 def _objection_to_fields(measurement: Measurement) -> str | None:

@@ -80,19 +80,21 @@ class SensorModels:
         self._leftward: list[float]
         self._upward: list[float]
         self._forward, self._leftward, self._upward = robot.imu_rotation.tolist()
+        of_z, scale = self._upward[2], imu.gyro_scale
+        self._of_rates: list[float]
+        self._of_rates = (
+            [0.0, 0.0, 1.0 / (of_z * scale)]
+            if imu.gyro_axes == "z"
+            else [one / scale for one in self._upward]
+        )
 
     def yaw_rate(self, sample: ImuSample) -> float:
         """Rate about base_link's z axis, measured by the gyros [rad/s]."""
-        if self._imu.gyro_axes == "z":
-            return sample.angular_velocity[2] / (self._upward[2] * self._imu.gyro_scale)
-        return _dot(self._upward, sample.angular_velocity) / self._imu.gyro_scale
+        return _dot(self._of_rates, sample.angular_velocity)
 
     def yaw_rates(self, angular_velocities: Floats) -> Floats:
         """Rates (n,) about base_link's z axis of gyro samples (n, 3) [rad/s]."""
-        x, y, z = angular_velocities.T
-        if self._imu.gyro_axes == "z":
-            return np.asarray(z / (self._upward[2] * self._imu.gyro_scale))
-        return np.asarray(_dot(self._upward, (x, y, z)) / self._imu.gyro_scale)
+        return np.asarray(_dot(self._of_rates, angular_velocities.T))
 
     def along_ground_of(self, forces: Floats) -> Floats:
         """Components (n, 2) forward and left of specific forces (n, 3) in IMU axes [m/s²]."""

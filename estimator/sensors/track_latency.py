@@ -162,6 +162,10 @@ class TrackLatencyEstimator:
         self._blocks: deque[Floats] = deque(maxlen=MOST_BLOCKS)
         self._open = np.zeros((6, len(SHIFTS)))
         self._turned = 0.0
+        # Samples that are not integrated yet: time [s], rate, and whether it is of the tracks.
+        self._waiting: list[tuple[float, float, bool]] = []
+        # Time from which on both angles may cover the next windows [s].
+        self._due: float
         self._next: float | None
         self._begin()
 
@@ -177,10 +181,8 @@ class TrackLatencyEstimator:
             True if a block was completed, so that the estimate may have changed.
         """
         second = self._second(stamp)
-        if not self._tracks.take(second, right - left):
-            self._begin()
-            self._tracks.take(second, right - left)
-        return self._use_windows(second)
+        self._waiting.append((second, right - left, True))
+        return second >= self._due and self._use_windows()
 
     def take_gyro(self, stamp: int, yaw_rate: float) -> None:
         """Add a yaw rate.
@@ -189,10 +191,9 @@ class TrackLatencyEstimator:
             stamp: raw stamp [ns].
             yaw_rate: by the gyro, its bias included [rad/s].
         """
-        second = self._second(stamp)
-        if not self._gyro.take(second, yaw_rate):
-            self._begin()
-            self._gyro.take(second, yaw_rate)
+        self._waiting.append((self._second(stamp), yaw_rate, False))
+        if len(self._waiting) >= CAPACITY:
+            self._integrate()
 
     def estimate(self) -> TrackLatency | None:
         """Estimate the latency; None while it is not observable."""
@@ -211,6 +212,7 @@ class TrackLatencyEstimator:
 
     def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the estimator."""
+        self._integrate()
         return TrackLatencyMemory(
             self._origin,
             np.array(self._blocks),
@@ -223,6 +225,8 @@ class TrackLatencyEstimator:
 
     def recall(self, memory: TrackLatencyMemory) -> None:
         """Restore a checkpoint."""
+        self._begin()
+        self._waiting.clear()
         self._origin, self._turned = memory.origin, memory.turned
         self._blocks = deque(memory.blocks.copy(), maxlen=MOST_BLOCKS)
         self._open, self._next = memory.open.copy(), memory.next_window
@@ -240,18 +244,28 @@ class TrackLatencyEstimator:
     def _begin(self) -> None:
         """Begin new windows; completed blocks stay."""
         self._gyro, self._tracks = _Angle(held=False), _Angle(held=True)
-        self._next = None
+        self._next, self._due = None, -math.inf
 
-    def _use_windows(self, newest: float) -> bool:
+    def _integrate(self) -> None:
+        """Integrate the samples that wait; after a hole in either sensor, begin anew."""
+        for second, rate, is_of_tracks in self._waiting:
+            if not (self._tracks if is_of_tracks else self._gyro).take(second, rate):
+                self._begin()
+                (self._tracks if is_of_tracks else self._gyro).take(second, rate)
+        self._waiting.clear()
+
+    def _use_windows(self) -> bool:
         """Use windows that both angles cover; return True if a block was completed."""
+        self._integrate()
         gyro, tracks = self._gyro, self._tracks
         if self._next is None:
             if len(gyro.seconds) < 2 or len(tracks.seconds) < 2:
                 return False
             first = max(gyro.seconds[0], tracks.seconds[0] - SHIFTS[0])
             self._next = math.ceil(first / WINDOW_STEP) * WINDOW_STEP
-        end = min(newest - LATEST, gyro.newest)
-        if self._next + WINDOW + AT_ONCE * WINDOW_STEP > end:
+        end, after = min(tracks.newest - LATEST, gyro.newest), WINDOW + AT_ONCE * WINDOW_STEP
+        self._due = self._next + after + LATEST
+        if self._next + after > end:
             return False
         starts = np.arange(self._next, end - WINDOW, WINDOW_STEP)
         self._next = float(starts[-1]) + WINDOW_STEP
@@ -264,6 +278,7 @@ class TrackLatencyEstimator:
                 completed |= self._use_window(x, y)
         for angle in (gyro, tracks):
             angle.drop_before(self._next + SHIFTS[0])
+        self._due = self._next + after + LATEST
         return completed
 
     def _use_window(self, x: Floats, y: float) -> bool:

@@ -22,7 +22,6 @@ from icreckon.estimator.log.input_checks import (
     OUT_OF_RANGE,
     STREAMS,
     Admission,
-    as_plain,
     as_stamp,
     event_of,
     event_row,
@@ -279,7 +278,8 @@ class PoseEstimator:
         Raises:
             EstimatorError: not a measurement, not a number, or its type was registered afterwards.
         """
-        return self._feed_plain(self._stamps.corrected(as_plain(measurement)))
+        plain, reason = self._admission.checked(measurement)
+        return self._feed_plain(self._stamps.corrected(plain), reason)
 
     @property
     def latencies(self) -> Latencies:
@@ -292,9 +292,9 @@ class PoseEstimator:
 
     def feed_corrected(self, measurement: Measurement) -> bool:
         """Update with one measurement whose stamp is its time of measurement; see `feed`."""
-        return self._feed_plain(as_plain(measurement))
+        return self._feed_plain(*self._admission.checked(measurement))
 
-    def _feed_plain(self, measurement: Measurement) -> bool:
+    def _feed_plain(self, measurement: Measurement, objection: str | None) -> bool:
         stream, key = self._streams.get(type(measurement)), key_of(measurement)
         if stream is None:
             name = type(measurement).__name__
@@ -302,7 +302,7 @@ class PoseEstimator:
         admission, history = self._admission, self._history
         in_order = history.is_newest(key)
         reason = (
-            admission.objection(measurement)
+            objection
             or (None if in_order else history.objection(key))
             or admission.objection_to_stamp(stream, measurement.stamp, self._reckoning.stamp)
         )
