@@ -21,11 +21,6 @@ def is_number(value: object) -> bool:
     return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
-def is_whole(value: object) -> bool:
-    """Return True for a whole number, but not for a bool."""
-    return isinstance(value, numbers.Integral) and is_number(value)
-
-
 def is_finite(value: object) -> bool:
     """Return True for a finite real number within the range of a float."""
     try:

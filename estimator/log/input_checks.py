@@ -293,7 +293,7 @@ class Admission:
         self.behind: list[Measurement] = []
 
     def checked(self, measurement: Measurement) -> tuple[Measurement, str | None]:
-        """Measurement of plain numbers, see `as_plain`, and the reason to reject it, see `objection`."""
+        """Measurement by `as_plain`, and the reason to reject it by `objection`."""
         if self._is_usual(measurement):
             return measurement, None
         plain = as_plain(measurement)

@@ -76,19 +76,6 @@ def point_on_robot(pose: Prediction, forward: float, left: float) -> Prediction:
     return Prediction(values, by_pose @ pose.H, by_pose @ pose.R @ by_pose.T)
 
 
-def with_wander(pose: Prediction, x: Floats) -> Prediction:
-    """Add the wander of position fixes, part of the state, to a predicted pose.
-
-    Args:
-        pose: predicted pose.
-        x: (n,) the state.
-    """
-    values, H = pose.values.copy(), pose.H.copy()
-    values[:2] += x[s.WANDER]
-    H[:2, s.WANDER] += np.eye(2)
-    return Prediction(values, H, pose.R)
-
-
 def twist_now(model: TwistModel) -> Prediction:
     """Twist of the present step."""
     return Prediction(model.twist, model.jacobian, NO_NOISE)

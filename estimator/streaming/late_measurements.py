@@ -20,7 +20,7 @@ from icreckon.estimator.streaming.reckoning import Reckoning
 # Before any measurement.
 BEFORE_ALL: Key = (-(2**63), -1)
 # Number of measurements between two checkpoints.
-CHECKPOINT_EVERY = 16
+CHECKPOINT_EVERY = 32
 # Highest number of measurements that a late one may be behind, however fast they come.
 MOST_MEASUREMENTS = 16_000
 

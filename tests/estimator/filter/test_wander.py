@@ -25,8 +25,6 @@ from icreckon.estimator.log.scores import pose_nees
 from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import Imu, load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
-from icreckon.estimator.sensors.measurement_models import Position
-from icreckon.estimator.sensors.predictions import point_on_robot, pose_now, with_wander
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth
@@ -88,23 +86,6 @@ def assert_close(found: PoseEstimator, expected: PoseEstimator, rounding: float)
 
 
 # --- the states -------------------------------------------------------------------------------------
-
-
-def test_jacobian_of_a_fix_by_pose_and_wander() -> None:
-    rng = np.random.default_rng(3)
-    for _ in range(10):
-        x = rng.normal(size=s.WANDER.stop)
-        fix = PositionFix(0, 1.0, 2.0, 0.3, *rng.normal(size=2).tolist())
-
-        def innovation(at: np.ndarray, fix: PositionFix = fix) -> np.ndarray:
-            return Position().linearise(fix, with_wander(pose_now(at), at)).z
-
-        _, H, _ = Position().linearise(fix, with_wander(pose_now(x), x))
-        steps = 1e-6 * np.eye(len(x))
-        by_state = [(innovation(x + step) - innovation(x - step)) / 2e-6 for step in steps]
-        assert -np.transpose(by_state) == pytest.approx(H, abs=1e-8)
-        there = point_on_robot(pose_now(x), fix.forward, fix.left).values[:2] + x[s.WANDER]
-        assert innovation(x) == pytest.approx(np.array([1.0, 2.0]) - there)
 
 
 @pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
