@@ -13,7 +13,7 @@ from icreckon.estimator.engine.constants import aligned, shared_constants
 from icreckon.estimator.engine.lane import FilterShape, Numbers
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.one_lane import kernel_makers, one_lane
-from icreckon.estimator.filter.changes import Event, tell
+from icreckon.estimator.filter.changes import Events
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
@@ -234,12 +234,12 @@ class LaneSteps:
         )
         if ekf.clones is not None or ekf.observer is not None:
             values = self._workspace[self._lane.first_report :, 0]
-            tell(events_of(self._lane.shape, name), values, len(ekf.x), yaw, ekf)
+            events_of(self._lane.shape, name).tell(values, len(ekf.x), yaw, ekf)
         return found
 
 
 @cache
-def events_of(shape: FilterShape, name: str) -> tuple[Event, ...]:
+def events_of(shape: FilterShape, name: str) -> Events:
     """Changes that a kernel reports; their values are those of a filter of zeros."""
     if shape.model.kind == "plain":
         # What a user's model reports does not depend on its equations.
@@ -250,7 +250,7 @@ def events_of(shape: FilterShape, name: str) -> tuple[Event, ...]:
     )
     with np.errstate(all="ignore"):
         made = kernel_makers(shape)[name](numbers=zeros)
-    return tuple(made.events)
+    return Events(made.events)
 
 
 def _made_again(made_of: Any, compiles: bool) -> LaneSteps:

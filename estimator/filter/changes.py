@@ -1,15 +1,17 @@
 """Changes of a filter that its kernels report, for marks and the smoother.
 
 A kernel of a shape with `FilterShape.reports` stores the numbers of each change in rows of the workspace.
-Which changes these are, and of which states, is the same in each call (`Event`). `tell` passes them on.
+Which changes these are, and of which states, is the same in each call (`Event`). `Events` pass them on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
@@ -97,44 +99,53 @@ class Listener(Protocol):
         """Step."""
 
 
-def tell(
-    events: Sequence[Event], values: Floats, size: int, yaw: float, listener: Listener
-) -> None:
-    """Pass the changes of one call of a kernel on.
+class Events:
+    """Changes that one call of a kernel reports.
 
     Args:
-        events: the changes that the kernel reports.
-        values: (m,) their numbers.
-        size: number of states of the filter.
-        yaw: yaw before the call [rad].
-        listener: receiver.
+        events: the changes; their values are not used.
     """
-    begin = 0
-    for event in events:
-        states, end = event.states, begin + len(event.values)
-        of_event, begin = values[begin:end], end
-        match event.kind:
-            case "renewed":
-                listener.renewed(_symmetric(of_event, 3))
-            case "inflated" | "motion":
-                if of_event.any():
-                    at = yaw if event.kind == "motion" else None
-                    listener.inflated(states, _symmetric(of_event, len(states)), at)
-            case "updated":
-                z, r, inverse_S, is_sharp = of_event[:4].tolist()
+
+    def __init__(self, events: Iterable[Event]) -> None:
+        self._events = [(one.kind, list(one.states), one.fixed) for one in events]
+        self._ends = np.cumsum([len(one.values) for one in events])
+        self._begins = np.concatenate([[0], self._ends[:-1]])
+
+    def tell(self, values: Floats, size: int, yaw: float, listener: Listener) -> None:
+        """Pass the changes of a call on.
+
+        Args:
+            values: (m,) their numbers; the rest is not used.
+            size: number of states of the filter.
+            yaw: yaw before the call [rad].
+            listener: receiver.
+        """
+        if not self._events:
+            return
+        acts = np.logical_or.reduceat(values[: self._ends[-1]] != 0.0, self._begins)
+        places = zip(self._begins.tolist(), self._ends.tolist(), acts.tolist(), strict=True)
+        for (kind, states, fixed), (begin, end, is_any) in zip(self._events, places, strict=True):
+            if kind == "renewed":
+                listener.renewed(_symmetric(values[begin:end], 3))
+            elif not is_any:
+                continue
+            elif kind == "updated":
+                z, r, inverse_S, is_sharp = values[begin : begin + 4].tolist()
                 if inverse_S > 0.0:
                     vectors = np.zeros((3, size))
-                    vectors[:, states] = of_event[4:].reshape(3, -1)
+                    vectors[:, states] = values[begin + 4 : end].reshape(3, -1)
                     h, cross, gain = vectors
-                    of = Updated(z, r, 1.0 / inverse_S, is_sharp > 0.0, h, cross, gain, event.fixed)
+                    of = Updated(z, r, 1.0 / inverse_S, is_sharp > 0.0, h, cross, gain, fixed)
                     listener.updated(of)
-            case "projected":
-                if of_event.any():
-                    change = np.zeros(size)
-                    change[list(states)] = of_event
-                    listener.projected(change)
-            case "moved":
-                listener.moved(_moved(of_event, list(states), size))
+            elif kind == "moved":
+                listener.moved(_moved(values[begin:end], states, size))
+            elif kind == "projected":
+                change = np.zeros(size)
+                change[states] = values[begin:end]
+                listener.projected(change)
+            else:
+                at = yaw if kind == "motion" else None
+                listener.inflated(states, _symmetric(values[begin:end], len(states)), at)
 
 
 def moved_values(
@@ -176,6 +187,12 @@ def _moved(values: Floats, states: list[int], size: int) -> Moved:
 
 def _symmetric(upper: Floats, n: int) -> Floats:
     """Matrix (n, n) of its upper triangle, row by row."""
-    found = np.zeros((n, n))
-    found[np.triu_indices(n)] = upper
-    return found + np.triu(found, 1).T
+    return upper[_entries(n)]
+
+
+@cache
+def _entries(n: int) -> NDArray[np.intp]:
+    """Places of all entries of a matrix (n, n) in its upper triangle."""
+    places = np.zeros((n, n), np.intp)
+    places[np.triu_indices(n)] = np.arange(n * (n + 1) // 2)
+    return np.maximum(places, places.T)

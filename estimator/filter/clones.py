@@ -175,18 +175,17 @@ class Clones(msgspec.Struct, frozen=True):
             more: share of its variances before the update by which the covariance is inflated.
         """
         z, h, c, K, S = of.z, of.h, of.cross, of.gain, of.S
-        own = (_each(self.cross) @ h).ravel()
-        own_gain = np.zeros_like(own) if fixed else own / S
-        half = np.outer(own_gain, own - 0.5 * S * own_gain)
-        covariance = self.covariance - (half + half.T)
+        own = self.cross @ h
+        poses, covariance = self.poses, self.covariance
+        cross = self.cross - own[:, None] * K
+        if not fixed:
+            own_gain = own / S
+            half = np.outer(own_gain, own - 0.5 * S * own_gain)
+            poses, covariance = poses + z * own_gain.reshape(-1, 3), covariance - (half + half.T)
+            cross -= np.outer(own_gain, c - S * K)
         if more:
-            covariance += more * np.diag(self.covariance.diagonal())
-        return Clones(
-            self.stamps,
-            self.poses + z * own_gain.reshape(-1, 3),
-            self.cross - np.outer(own, K) - np.outer(own_gain, c - S * K),
-            covariance,
-        )
+            covariance = covariance + more * np.diag(self.covariance.diagonal())
+        return Clones(self.stamps, poses, cross, covariance)
 
     def between(self, from_stamp: int, to_stamp: int | None, now: int) -> RelativeMotion:
         """Relative motion from one mark to another.

@@ -74,19 +74,13 @@ class SensorModels:
     """
 
     def __init__(self, robot: Robot) -> None:
-        imu = self._imu = robot.imu
+        imu = robot.imu
         self.constants = ImuConstants(imu.position[0], imu.position[1])
         self._forward: list[float]
         self._leftward: list[float]
-        self._upward: list[float]
-        self._forward, self._leftward, self._upward = robot.imu_rotation.tolist()
-        of_z, scale = self._upward[2], imu.gyro_scale
-        self._of_rates: list[float]
-        self._of_rates = (
-            [0.0, 0.0, 1.0 / (of_z * scale)]
-            if imu.gyro_axes == "z"
-            else [one / scale for one in self._upward]
-        )
+        self._forward, self._leftward, upward = robot.imu_rotation.tolist()
+        used = [0.0, 0.0, 1.0 / upward[2]] if imu.gyro_axes == "z" else upward
+        self._of_rates = [one / imu.gyro_scale for one in used]
 
     def yaw_rate(self, sample: ImuSample) -> float:
         """Rate about base_link's z axis, measured by the gyros [rad/s]."""
