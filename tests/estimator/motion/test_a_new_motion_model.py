@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from complex_step import assert_derivatives
-from conftest import thorough
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.many import run_many
@@ -28,7 +27,6 @@ from icreckon.estimator.motion.motion_model import (
     through_channels,
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant, motion_model, register, unregister
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
@@ -125,13 +123,9 @@ def test_its_derivatives_are_those_of_a_complex_step():
         assert_derivatives(FastTurns(ALPHA.constants), V_l, V_r, parameters, slip)
 
 
-@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
-def test_without_its_gain_it_is_the_model_of_constant_icrs(engine: str):
+def test_without_its_gain_it_is_the_model_of_constant_icrs():
     log = simulate(Scenario(duration=8.0, truth="kinematic", seed=3), ALPHA)
-    shipped, own = (
-        PoseEstimator(ALPHA, name, settings=Settings(engine=engine))
-        for name in (SHIPPED, "no-gain")
-    )
+    shipped, own = (PoseEstimator(ALPHA, name) for name in (SHIPPED, "no-gain"))
     for measurement in log.measurements():
         assert own.feed(measurement) == shipped.feed(measurement)
     sigma = np.sqrt(np.diagonal(shipped.covariance))
