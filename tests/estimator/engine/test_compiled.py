@@ -70,7 +70,7 @@ NASTY = [
 
 def points():
     rng = np.random.default_rng(1)
-    for V_l, V_r in [*rng.uniform(-1.2, 1.2, (60, 2)).tolist(), *NASTY]:
+    for V_l, V_r in [*rng.uniform(-1.2, 1.2, (20, 2)).tolist(), *NASTY]:
         slip = tuple(rng.normal(scale=0.1, size=3).tolist())
         yield V_l, V_r, rng.uniform(0.7, 1.3, 9), slip
         yield V_l, V_r, np.ones(9), (0.0, 0.0, 0.0)

@@ -1,6 +1,7 @@
 """Position fixes that scatter more than stated, and those that do not."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -186,6 +187,7 @@ def test_white_and_walking_are_apart():
 # --- in the filter -------------------------------------------------------------------------------
 
 
+@cache
 def driven(white: float, wander: float = 0.0, *, rate: float = 1.0, seed: int = 8) -> Log:
     """A drive of two minutes whose fixes state 5 cm."""
     errors = FixSpec(sigma=white, wander_sigma=wander, wander_time=60.0)
