@@ -124,7 +124,7 @@ def test_its_derivatives_are_those_of_a_complex_step():
 
 
 def test_without_its_gain_it_is_the_model_of_constant_icrs():
-    log = simulate(Scenario(duration=8.0, truth="kinematic", seed=3), ALPHA)
+    log = simulate(Scenario(duration=4.0, truth="kinematic", seed=3), ALPHA)
     shipped, own = (PoseEstimator(ALPHA, name) for name in (SHIPPED, "no-gain"))
     for measurement in log.measurements():
         assert own.feed(measurement) == shipped.feed(measurement)
