@@ -261,7 +261,7 @@ SCENES = {
     "states that are considered": Scene(
         lambda: drive(fix_rate=5.0),
         ("inertia-online",),
-        Settings(considered=("eta0", "accelerometer_bias_y")),
+        Settings(considered=("eta0", "gyro_bias")),
     ),
     "a gyro noisier than its file says": Scene(
         drive, ("inertia-online",), robot=robot_with("imu", gyro_noise_density=GYRO_NOISE / 30.0)
@@ -363,7 +363,7 @@ PLAIN = {
     "inertia-online": Scene(short, ("inertia-online",)),
     "full-linear": Scene(lambda: short(seconds=2.0), ("full-linear",)),
     "states that are considered": Scene(
-        short, ("inertia-online",), Settings(considered=("eta0", "accelerometer_bias_y"))
+        short, ("inertia-online",), Settings(considered=("eta0", "gyro_bias"))
     ),
     "fixes that wander": Scene(short, settings=Settings(wander=FixWander(1.2, 60.0))),
     "slow IMU, no track speeds": Scene(
@@ -542,7 +542,7 @@ BLOCKS = {
     ),
     "gates that reject nothing": Block(logs_of, settings=Settings(gates=GateSettings(patience=0))),
     "states that are considered": Block(
-        logs_of, settings=Settings(considered=("eta0", "accelerometer_bias_y"))
+        logs_of, settings=Settings(considered=("eta0", "gyro_bias"))
     ),
     "a bias that nobody expects": Block(
         lambda: [knocked(log) for log in logs_of(trajectory="aggressive", duration=20.0)],

@@ -288,8 +288,8 @@ def test_fixes_that_come_late_show_the_same_departure(biased: Log, robot: Robot)
 
 
 def test_a_bias_that_is_considered_keeps_its_uncertainty(biased: Log, robot: Robot) -> None:
-    kept = Settings(considered=("gyro_bias",))
-    one = run(biased, robot, "constant-online", settings=kept)
+    kept = Settings(considered=("eta0", "gyro_bias"))
+    one = run(biased, robot, "inertia-online", settings=kept)
     sigmas = one.state_sigmas[1:, s.GYRO_BIAS]
     assert sigmas == pytest.approx(sigmas[0], rel=0.02)
 
