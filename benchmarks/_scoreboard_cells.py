@@ -153,7 +153,7 @@ def depends_on(part: str) -> tuple[str, ...]:
         put = "benchmarks/_scoreboard_put.py"
         return (ESTIMATES, *own, put, "benchmarks/_scoreboard_faults.py")
     if part == "cost":
-        return (*FILTER, "replay", "icreckon", "benchmarks/_scoreboard_cost.py")
+        return (ESTIMATES, "benchmarks/_scoreboard_cost.py")
     return (ESTIMATES, *own, "benchmarks/_scoreboard_real.py", "benchmarks/accuracy.py")
 
 

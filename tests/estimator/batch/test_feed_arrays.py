@@ -159,8 +159,8 @@ def test_an_imu_without_accelerometers() -> None:
 
 
 def test_marks_and_the_plain_engine_take_samples_one_by_one() -> None:
+    fed_both_ways(drive(duration=2.0), "constant-online", Settings(engine="plain"))
     log = drive(duration=8.0)
-    fed_both_ways(log, "constant-online", Settings(engine="plain"))
     by_arrays, one_by_one = estimators("constant-online")
     assert log.imu is not None
     for one in (by_arrays, one_by_one):

@@ -70,7 +70,7 @@ NASTY = [
 
 def points():
     rng = np.random.default_rng(1)
-    for V_l, V_r in [*rng.uniform(-1.2, 1.2, (60, 2)).tolist(), *NASTY]:
+    for V_l, V_r in [*rng.uniform(-1.2, 1.2, (20, 2)).tolist(), *NASTY]:
         slip = tuple(rng.normal(scale=0.1, size=3).tolist())
         yield V_l, V_r, rng.uniform(0.7, 1.3, 9), slip
         yield V_l, V_r, np.ones(9), (0.0, 0.0, 0.0)
@@ -141,7 +141,7 @@ def test_explicit_models_are_the_same_compiled(name):
 def everything():
     """All kinds of measurements: standstill, wrong ones that are gated and believed, holes, late ones."""
     scenario = Scenario(
-        duration=40.0, trajectory="aggressive", track_rate=25.0, imu_rate=50.0, seed=5,
+        duration=12.8, trajectory="aggressive", track_rate=25.0, imu_rate=50.0, fix_rate=10.0, seed=5,
         terrain=Terrain(slope_deg=5.0, uphill_deg=40.0),
     )  # fmt: skip
     log = simulate(scenario, ALPHA)
@@ -151,38 +151,38 @@ def everything():
         time = (m.stamp - log.start) * 1e-9
         match m:
             case TrackSpeeds():
-                if 12.0 < time < 12.8 or 20.0 < time < 24.0:
+                if 4.3 < time < 4.9 or 5.2 < time < 6.0:
                     continue
-                if 28.0 < time < 31.0:
+                if 8.0 < time < 10.5:
                     m = TrackSpeeds(m.stamp, 0.0, 0.0)
                 # Stuck.
-                if 36.0 < time < 38.0:
+                if 10.6 < time < 12.6:
                     m = TrackSpeeds(m.stamp, 0.123, m.right)
             case ImuSample(stamp, (_, _, w), force):
-                if 15.0 < time < 16.0:
+                if 4.0 < time < 4.3:
                     continue
-                if 28.5 < time < 31.0:
+                if 8.3 < time < 10.5:
                     w, force = 0.002 + 1e-4 * rng.normal(), (0.0, 0.01 * rng.normal(), 9.81)
-                if 33.0 < time < 33.4:
+                if 6.2 < time < 6.6:
                     w += 30.0
-                if 33.8 < time < 34.6:
+                if 6.7 < time < 7.5:
                     # Too slowly for a jump.
-                    w += 20.0 * (1.0 - abs(time - 34.2) / 0.4)
-                if 35.0 < time < 35.4:
+                    w += 20.0 * (1.0 - abs(time - 7.1) / 0.4)
+                if 7.5 < time < 7.9:
                     force = (0.0, 40.0, 9.81)
-                if 8.0 < time < 9.0:
+                if 0.5 < time < 0.9:
                     force = None
                 m = ImuSample(stamp, (0.0, 0.0, w), force)
             case PositionFix():
-                if time > 25.0 and len(measurements) % 3 == 0:
+                if time > 4.0 and len(measurements) % 3 == 0:
                     continue
         measurements.append(m)
-        if isinstance(m, TrackSpeeds) and 28.2 < time < 30.5:
+        if isinstance(m, TrackSpeeds) and 8.2 < time < 10.3:
             measurements.append(ZeroVelocity(m.stamp + 10_000_000 * (int(10.0 * time) % 3)))
-        if isinstance(m, PositionFix) and 10.0 < time < 26.0:
-            away = 20.0 if 18.0 < time < 25.0 else 0.0
+        if isinstance(m, PositionFix) and 1.0 < time < 4.0:
+            away = 3.0 if 1.8 < time < 3.8 else 0.0
             # Some with an IMU sample, some between two.
-            stamp = m.stamp + 7_000_000 * (int(time) % 2)
+            stamp = m.stamp + 7_000_000 * (int(10.0 * time) % 2)
             measurements[-1] = PositionFix(stamp, m.x + away, m.y, m.variance)
             measurements.append(BodyVelocity(stamp, 0.4, 0.01, 0.01))
             measurements.append(HeadingFix(stamp, 0.3 * rng.normal(), 0.5))
@@ -191,14 +191,16 @@ def everything():
                 measurements += [pose, ZeroVelocity(at)]
     # Some come late.
     arrival = [
-        m.stamp + (400_000_000 if rng.random() < 0.03 else 0) - log.start for m in measurements
+        m.stamp + (200_000_000 if rng.random() < 0.02 else 0) - log.start for m in measurements
     ]
     return [measurements[index] for index in np.argsort(arrival, kind="stable")]
 
 
 EVERYTHING = everything()
 # When the left track has been stuck for a second and a half.
-STUCK = min(m.stamp for m in EVERYTHING) + 37_500_000_000
+STUCK = min(m.stamp for m in EVERYTHING) + 12_100_000_000
+# A part of it, with late ones.
+SOME = EVERYTHING[200:400]
 
 
 def fed(engine, variant="inertia-online", measurements=EVERYTHING, **options):
@@ -219,12 +221,11 @@ def apart(one, other, before=0.0):
     return of_state, np.abs((one.covariance - other.covariance) / np.outer(unit, unit)).max()
 
 
-OFTEN = ("inertia-online", "full-linear")
-
-
-@pytest.mark.parametrize("variant", [one if one in OFTEN else thorough(one) for one in VARIANTS])
+@pytest.mark.parametrize(
+    "variant", ["inertia-online", *map(thorough, VARIANTS.keys() - {"inertia-online"})]
+)
 def test_compiled_agrees_with_plain(variant):
-    gates = GateSettings(patience=0.5)
+    gates = GateSettings(patience=0.2)
     settings = [Settings(engine=engine, gates=gates) for engine in ("plain", "compiled")]
     plain, compiled = (PoseEstimator(ALPHA, variant, settings=one, **START) for one in settings)
     worst, before = np.zeros(2), 0.0
@@ -273,16 +274,8 @@ def test_everything_has_a_stuck_track():
     assert stuck > 0.0
 
 
-def test_consider_states_are_the_same_compiled():
-    considered, some = ("eta0", "accelerometer_bias_y", "gyro_scale"), EVERYTHING[600:1200]
-    plain, used = fed("plain", measurements=some, considered=considered)
-    compiled, used_compiled = fed("compiled", measurements=some, considered=considered)
-    assert used == used_compiled
-    assert max(apart(compiled, plain)) < 1e-9
-
-
 def test_smoother_works_with_both():
-    log = simulate(Scenario(duration=4.0, seed=7), ALPHA)
+    log = simulate(Scenario(duration=2.0, seed=7), ALPHA)
     plain, compiled = (
         smooth(log, ALPHA, "inertia-online", settings=Settings(engine=engine))
         for engine in ("plain", "compiled")
@@ -295,17 +288,16 @@ def test_smoother_works_with_both():
 
 def test_copies_and_pickles_go_on_to_the_last_bit_and_do_not_carry_the_table():
     half = len(EVERYTHING) // 2
-    for variant in ("inertia-online",):
-        estimator, _ = fed("compiled", variant, EVERYTHING[:half])
-        pickled = pickle.dumps(estimator)
-        assert len(pickled) < 2_000_000
-        others = [copy.deepcopy(estimator), pickle.loads(pickled)]  # noqa: S301 - our own bytes
-        for m in EVERYTHING[half : half + 400]:
-            used = estimator.feed(m)
-            assert [other.feed(m) for other in others] == [used, used]
-        for other in others:
-            assert (other.state == estimator.state).all()
-            assert (other.covariance == estimator.covariance).all()
+    estimator, _ = fed("compiled", measurements=EVERYTHING[:half])
+    pickled = pickle.dumps(estimator)
+    assert len(pickled) < 2_000_000
+    others = [copy.deepcopy(estimator), pickle.loads(pickled)]  # noqa: S301 - our own bytes
+    for m in EVERYTHING[half : half + 400]:
+        used = estimator.feed(m)
+        assert [other.feed(m) for other in others] == [used, used]
+    for other in others:
+        assert (other.state == estimator.state).all()
+        assert (other.covariance == estimator.covariance).all()
 
 
 def test_plain_engine_needs_no_numba():
@@ -400,30 +392,27 @@ def sluggish():
 
 
 def test_model_that_is_not_compiled_is_asked_in_python(sluggish):
-    some = EVERYTHING[600:1200]
-    ours, used = fed("compiled", measurements=some)
+    ours, used = fed("compiled", measurements=SOME)
     sluggish(0.0)
-    theirs, theirs_used = fed("compiled", "sluggish", some)
+    theirs, theirs_used = fed("compiled", "sluggish", SOME)
     assert isinstance(theirs._reckoning.ekf.model, Sluggish)
     assert used == theirs_used
     assert max(apart(theirs, ours)) < 1e-9
 
 
-@pytest.mark.parametrize("engine", ["compiled"])
-def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, engine, tmp_path):
+def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, tmp_path):
     sluggish(0.2)
-    some = EVERYTHING[800:1600]
-    late, _ = fed(engine, "sluggish", some, history=2.0)
-    in_order, _ = fed(engine, "sluggish", sorted(some, key=lambda m: m.stamp), history=2.0)
+    late, _ = fed("compiled", "sluggish", SOME, history=2.0)
+    in_order, _ = fed("compiled", "sluggish", sorted(SOME, key=lambda m: m.stamp), history=2.0)
     memory = late._reckoning.ekf.model.memory
     assert np.abs(memory).max() > 0.01
     assert (memory == in_order._reckoning.ekf.model.memory).all()
     assert (late.state == in_order.state).all()
 
-    before, _ = fed(engine, "sluggish", some[:400])
+    before, _ = fed("compiled", "sluggish", SOME[:100])
     before.save(tmp_path / "saved.json")
     after = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
-    for m in some[400:600]:
+    for m in SOME[100:]:
         assert before.feed(m) == after.feed(m)
     assert (before.state == after.state).all()
     assert (before._reckoning.ekf.model.memory == after._reckoning.ekf.model.memory).all()

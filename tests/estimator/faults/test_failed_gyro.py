@@ -14,12 +14,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import faulty_drives
-from conftest import thorough
 from faulty_drives import BEGINS, imu_of, motion_over, with_rates
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.base.records import shifted
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.failed_gyro import (
     LEARNT,
     LEAST_REPEATS,
@@ -275,21 +273,6 @@ def test_the_uncertainty_covers_a_gyro_that_lies(
     assert found.error < 3.0 * found.sigma
     # Without a gyro, the variant `gyro` has no idea of the turning.
     assert found.yaw_sigma < math.radians(45.0) or variant == "gyro"
-
-
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
-def test_engines_agree_on_a_failed_gyro(variant: str, robot: Robot, healthy: Log) -> None:
-    faulty = clipped(healthy)
-    middle = faulty.between(faulty.start, faulty.start + 36 * SECOND)
-    compiled = run(middle, robot, variant)
-    plain = run(middle, robot, variant)
-    (side,) = run_side_by_side(middle, robot, [variant]).values()
-    rejected = compiled.health.sensors["gyro"].rejected["repeats itself"]
-    assert rejected > 50
-    for other in (plain, side):
-        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
-        assert other.health.gyro == compiled.health.gyro
-        assert other.health.sensors["gyro"].rejected == compiled.health.sensors["gyro"].rejected
 
 
 def test_a_restored_estimator_knows_of_the_fault(

@@ -11,7 +11,7 @@ import pytest
 from _logs import WITH_TRUTH
 
 import faulty_drives
-from conftest import sample_log, thorough
+from conftest import sample_log
 from faulty_drives import (
     BEGINS,
     EXCESS,
@@ -195,24 +195,11 @@ def test_health_names_the_wheel_while_it_spins(robot: Robot, drive: Log) -> None
     assert seen == {(None, None, 0), (0, None, 1), (None, None, 1)}
 
 
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
-def test_engines_agree_on_an_odd_wheel(variant: str, robot: Robot, drive: Log) -> None:
-    compiled = run(drive, robot, variant)
-    plain = run(drive, robot, variant)
-    assert plain.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
-    assert plain.health.slip == compiled.health.slip
-    assert compiled.health.slip.odd_wheels == 1
-
-
-def test_engines_agree_while_in_doubt(robot: Robot) -> None:
-    """Without a gyro the mean counts, and its error grows."""
+def test_in_doubt_without_a_gyro_the_error_grows(robot: Robot) -> None:
     drive = with_wheels(faulty_drives.drive(robot, 1, 10.0), 2, 1)
     odd = replace(with_free_wheel(drive, 2.0), imu=None)
-    compiled, certain = run(odd, robot, "inertia-online"), run(drive, robot, "inertia-online")
-    plain = run(odd, robot, "inertia-online")
-    assert plain.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
-    assert plain.state_sigmas == pytest.approx(compiled.state_sigmas, rel=1e-7, abs=1e-9)
-    assert compiled.state_sigmas[-1, 0] > 0.3 + certain.state_sigmas[-1, 0]
+    doubt, certain = run(odd, robot, "inertia-online"), run(drive, robot, "inertia-online")
+    assert doubt.state_sigmas[-1, 0] > 0.3 + certain.state_sigmas[-1, 0]
 
 
 def test_lanes_leave_such_logs_to_the_streaming_filter(robot: Robot, drive: Log) -> None:

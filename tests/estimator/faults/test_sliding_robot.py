@@ -11,11 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import faulty_drives
-from conftest import thorough
 from faulty_drives import BEGINS, motion_over, with_free_tracks
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import shifted
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.sliding_robot import (
     LONGEST_SLIDE,
     SlideRecord,
@@ -32,7 +30,6 @@ from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import StandstillRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 CALM = SlideRecord(square=1e-3, averaged=20.0)
@@ -171,21 +168,6 @@ def test_the_uncertainty_covers_both_tracks_spinning(
     assert found.delay < 0.3
     assert found.error < 3.0 * found.sigma
     assert found.sigma < 2.0 * 1.2 * 3.0
-
-
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
-def test_engines_agree_on_a_slide(variant: str, robot: Robot, drive: Log) -> None:
-    middle = drive.between(drive.start, drive.start + SPINNING)
-    compiled = run(middle, robot, variant)
-    plain = run(middle, robot, variant)
-    (side,) = run_side_by_side(middle, robot, [variant]).values()
-    slide = compiled.health.slip.forward
-    assert slide is not None
-    for other in (plain, side):
-        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
-        assert other.health.slip.forward == pytest.approx(slide, rel=1e-9)
-    assert compiled.health.slip.slides == 1
-    assert (slide.since - drive.start) * NANOSECOND - BEGINS < 0.3
 
 
 def test_a_restored_estimator_knows_of_the_slide(robot: Robot, drive: Log, tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from _logs import logs_without
@@ -14,7 +13,7 @@ from hypothesis import strategies as st
 from jackal_spins import shares_of_force
 
 import faulty_drives
-from conftest import sample_log, thorough
+from conftest import sample_log
 from faulty_drives import (
     BEGINS,
     SECOND,
@@ -50,11 +49,9 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_motion, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 
 STEP = 10_000_000
 
@@ -288,30 +285,6 @@ def test_health_names_the_track_while_it_spins(robot: Robot, drive: Log) -> None
             assert slip.mismatch > 0.25
         seen.add((slip.track, slip.times))
     assert seen == {(None, 0), ("left", 1), (None, 1)}
-
-
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
-def test_engines_agree_on_a_free_track(variant: str, robot: Robot, drive: Log) -> None:
-    compiled = run(drive, robot, variant)
-    plain = run(drive, robot, variant)
-    (side,) = run_side_by_side(drive, robot, [variant]).values()
-    for other in (plain, side):
-        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
-        assert other.health.slip == compiled.health.slip
-    assert compiled.health.slip.times == 1
-
-
-def test_engines_agree_on_a_slope_on_which_the_upper_track_slides(robot: Robot) -> None:
-    """Each variant has the speeds that it takes, beside others in one replay."""
-    low = msgspec.structs.replace(robot.vehicle, centre_of_mass=(0.04, 0.015, 0.3))
-    robot = msgspec.structs.replace(robot, vehicle=low)
-    terrain = Terrain(slope_deg=10.0, uphill_deg=30.0)
-    log = simulate(Scenario(duration=60.0, seed=1, trajectory="random", terrain=terrain), robot)
-    variants = ["gyro", "inertia-online", "constant-online"]
-    for name, side in run_side_by_side(log, robot, variants).items():
-        alone = run(log, robot, name)
-        assert side.health.slip.times == alone.health.slip.times > 0
-        assert side.states == pytest.approx(alone.states, rel=1e-8, abs=1e-9)
 
 
 def test_arrays_agree_on_a_free_track(robot: Robot, drive: Log) -> None:

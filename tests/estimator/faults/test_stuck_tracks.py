@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from conftest import thorough
 from icreckon.estimator.base.records import assign, plain_copy
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
@@ -89,10 +88,9 @@ def test_what_repeats_itself_by_nature_is_believed(left, right):
     )
 
 
-@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
-def test_gyro_and_other_track_tell_the_speed_of_a_robot_with_a_stuck_encoder(engine):
+def test_gyro_and_other_track_tell_the_speed_of_a_robot_with_a_stuck_encoder():
     # Straight at 0.3 m/s, then faster and faster; the left encoder is stuck from then on.
-    estimator = PoseEstimator(ALPHA, "constant-online", settings=Settings(engine=engine))
+    estimator = PoseEstimator(ALPHA, "constant-online")
     rng = np.random.default_rng(2)
     for k in range(6 * RATE):
         speed = 0.3 + 0.1 * max(0.0, k / RATE - 3.0)

@@ -13,7 +13,6 @@ import faulty_drives
 from faulty_drives import RESTS, motion_over, with_tracks
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip, load_robot
@@ -33,7 +32,6 @@ from icreckon.estimator.sensors.standstill import (
 )
 from icreckon.estimator.sensors.step_inputs import hidden_density
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
@@ -152,21 +150,6 @@ def test_expected_slip_covers_tracks_that_spin_slowly(
     found = motion_over(spinning, expecting, variant, slides, 10.0)
     assert found.error < 3.0 * found.sigma < 30.0
     assert math.isnan(found.delay)
-
-
-@pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
-def test_engines_agree_on_a_robot_that_is_carried(variant: str, robot: Robot, healthy: Log) -> None:
-    slipping = msgspec.structs.replace(robot, undetected_slip=UndetectedSlip(share=0.1))
-    faulty = carried(healthy)
-    part = faulty.between(faulty.start, faulty.start + 8 * SECOND)
-    compiled = run(part, slipping, variant)
-    plain = run(part, slipping, variant)
-    (side,) = run_side_by_side(part, slipping, [variant]).values()
-    assert compiled.health.slip.carries == 1
-    for other in (plain, side):
-        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-9)
-        assert other.state_sigmas == pytest.approx(compiled.state_sigmas, rel=1e-7, abs=1e-9)
-        assert other.health.slip == compiled.health.slip
 
 
 def test_a_restored_estimator_knows_that_it_is_carried(

@@ -6,7 +6,6 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.health import (
@@ -192,9 +191,9 @@ def test_recent_innovations_tell_a_fault_that_the_mean_since_the_start_hides():
 # --- innovations ------------------------------------------------------------------------------------
 
 
-def one_of_each(engine):
+def one_of_each():
     """An estimator that was fed each kind of measurement, and what each was, by its sensor."""
-    settings = Settings(engine=engine, gates=GateSettings(patience=0.3e-9))
+    settings = Settings(gates=GateSettings(patience=0.3e-9))
     estimator = PoseEstimator(ALPHA, settings=settings, start_sigma=(0.1, 0.2, 0.3))
     scenario = Scenario(duration=8.0, seed=3, trajectory="slalom", fix_rate=0.0, imu_rate=50.0)
     for measurement in simulate(scenario, ALPHA).measurements():
@@ -214,9 +213,8 @@ def one_of_each(engine):
     return estimator, fed
 
 
-@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
-def test_the_newest_innovation_of_each_sensor_is_what_its_gate_has_judged(engine):
-    estimator, fed = one_of_each(engine)
+def test_the_newest_innovation_of_each_sensor_is_what_its_gate_has_judged():
+    estimator, fed = one_of_each()
     sensors = estimator.health.sensors
     for name in ("gyro", "accelerometer_x", "accelerometer_y", *fed):
         newest = sensors[name].newest
@@ -239,7 +237,7 @@ def test_the_newest_innovation_of_each_sensor_is_what_its_gate_has_judged(engine
 
 
 def test_verdicts_are_told_in_words_and_a_copy_is_the_same():
-    estimator, fed = one_of_each("compiled")
+    estimator, fed = one_of_each()
     far, told = fed["position"], []
     for k in range(1, 4):
         fix = PositionFix(far.stamp + k, far.x + 50.0, far.y, 1e-4)
@@ -254,7 +252,7 @@ def test_verdicts_are_told_in_words_and_a_copy_is_the_same():
 
 
 def test_innovations_outlive_a_program(tmp_path):
-    estimator, _ = one_of_each("compiled")
+    estimator, _ = one_of_each()
     estimator.save(tmp_path / "saved.json")
     restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
     for name, sensor in estimator.health.sensors.items():
@@ -265,7 +263,7 @@ def test_innovations_outlive_a_program(tmp_path):
 
 
 def test_what_is_believed_after_many_rejections_is_counted_apart():
-    estimator, fed = one_of_each("compiled")
+    estimator, fed = one_of_each()
     assert {sensor.reacquired for sensor in estimator.health.sensors.values()} == {0}
     far = fed["position"]
     for k in range(1, 5):
@@ -275,7 +273,7 @@ def test_what_is_believed_after_many_rejections_is_counted_apart():
 
 
 def test_what_comes_too_late_is_not_among_what_comes_late():
-    estimator, fed = one_of_each("compiled")
+    estimator, fed = one_of_each()
     position = fed["position"]
     for late in (0.1, 0.5, 1.5, 2.5, 3.5):
         stamp = position.stamp - round(late * 1e9)
@@ -285,9 +283,8 @@ def test_what_comes_too_late_is_not_among_what_comes_late():
     assert estimator.health.sensors["gyro"].too_late == 0
 
 
-@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
-def test_gaps_and_stuck_tracks_are_counted_once_each(engine):
-    estimator = PoseEstimator(ALPHA, settings=Settings(engine=engine))
+def test_gaps_and_stuck_tracks_are_counted_once_each():
+    estimator = PoseEstimator(ALPHA)
     rng, told = np.random.default_rng(0), []
     for k in range(1500):
         left, right = (0.4 + 0.01 * rng.normal(size=2)).tolist()

@@ -14,7 +14,6 @@ from icreckon.estimator.log.measurements import (
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.measurement_models import MODELS
 from icreckon.estimator.sensors.predictions import pose_ahead, pose_now, twist_ahead
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -76,9 +75,9 @@ def test_the_noise_of_a_prediction_is_the_fast_slip_to_come():
 # --- the estimator ------------------------------------------------------------------------------------
 
 
-def driven(engine="compiled", duration=2.0):
+def driven(duration=2.0):
     """An estimator in a bend, with sensors that agree with the robot file, and where it is."""
-    estimator = PoseEstimator(ALPHA, settings=Settings(engine=engine))
+    estimator = PoseEstimator(ALPHA)
     estimator.feed(TrackSpeeds(EPOCH - STEP, 0.3, 0.6))
     v_x, v_y, w = estimator.twist
     for k in range(int(duration * 100)):
@@ -100,9 +99,8 @@ def where_it_will_be(estimator, elapsed):
     )
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
-def test_what_agrees_with_the_motion_moves_nothing_and_leaves_the_stamp(engine):
-    estimator, stamp = driven(engine)
+def test_what_agrees_with_the_motion_moves_nothing_and_leaves_the_stamp():
+    estimator, stamp = driven()
     x, y, yaw = where_it_will_be(estimator, BETWEEN * 1e-9)
     before, sigmas = estimator.state, np.sqrt(np.diagonal(estimator.covariance))
     later = stamp + BETWEEN

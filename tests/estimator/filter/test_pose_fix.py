@@ -27,9 +27,9 @@ START = {"start": (1.0, 2.0, 3.0), "start_sigma": (0.3, 0.2, 0.1)}
 SMALL = ((0.01, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.001))
 
 
-def driven(seconds=9.0, engine="compiled", **options):
+def driven(seconds=9.0, **options):
     """An estimator in a slalom, its covariance full; at its stamp there was an IMU sample."""
-    settings = Settings(engine=engine, **options)
+    settings = Settings(**options)
     estimator = PoseEstimator(ALPHA, settings=settings, **START)
     log = simulate(
         Scenario(duration=seconds, trajectory="slalom", fix_rate=0.0, seed=4, imu_rate=50.0), ALPHA
@@ -59,11 +59,10 @@ def assert_close(estimator, x, P):
     assert np.abs((estimator.covariance - P) / np.outer(unit, unit)).max() < 1e-9
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
 @pytest.mark.parametrize("seed", range(6))
-def test_it_is_the_dense_update(engine, seed):
+def test_it_is_the_dense_update(seed):
     rng = np.random.default_rng(seed)
-    estimator, R = driven(engine=engine), random_covariance(rng)
+    estimator, R = driven(), random_covariance(rng)
     x, P = estimator.state, estimator.covariance
     H = np.eye(s.SIZE)[s.POSE]
     residual = rng.multivariate_normal(np.zeros(3), H @ P @ H.T + R)

@@ -348,9 +348,9 @@ def test_forgotten_marks_are_gone_and_stay_gone():
 
 def test_a_fix_at_a_forgotten_mark_is_kept_when_later_ones_are_late():
     """The history has a checkpoint right behind the mark."""
-    plain, unsure = Settings(engine="plain"), (1.0, 1.0, 0.1)
+    unsure = (1.0, 1.0, 0.1)
     with_mark, without = (
-        PoseEstimator(ALPHA, "inertia-online", settings=plain, start_sigma=unsure) for _ in range(2)
+        PoseEstimator(ALPHA, "inertia-online", start_sigma=unsure) for _ in range(2)
     )
     stamp = EPOCH
     for estimator in (with_mark, without):

@@ -8,13 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import thorough
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -68,13 +66,12 @@ def fixes_turned(log: Log, angle: float, since: float) -> Log:
     return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances))
 
 
-@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 @pytest.mark.parametrize("angle", [0.6, 1.5, 2.5, math.pi])
-def test_a_heading_that_is_wrong_is_found_from_positions(angle: float, engine: str) -> None:
+def test_a_heading_that_is_wrong_is_found_from_positions(angle: float) -> None:
     log = simulate(Scenario(duration=90.0, seed=2, truth_rate=5.0), ALPHA)
     truth = log.truth
     assert truth is not None
-    estimator = PoseEstimator(ALPHA, "constant-online", settings=Settings(engine=engine))  # type: ignore[arg-type]
+    estimator = PoseEstimator(ALPHA, "constant-online")  # type: ignore[arg-type]
     for measurement in fixes_turned(log, angle, 30.0).measurements():
         estimator.feed(measurement)
     end = truth.poses.poses[-1]

@@ -9,9 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from conftest import thorough
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.filter.process_noise import GROUND_TIME, slip_times
 from icreckon.estimator.filter.slip_factor import (
     FACTOR_WEIGHT,
@@ -26,7 +24,6 @@ from icreckon.estimator.filter.slip_factor import (
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
@@ -175,17 +172,6 @@ def test_changing_ground_raises_it_and_even_ground_does_not(changing: Log, robot
     even = run(drive((), robot), robot, "constant-online").health.slip.factor
     assert found > 2.0
     assert even < 1.2
-
-
-@pytest.mark.parametrize("variant", [thorough("constant-online"), "inertia-online"])
-def test_engines_agree(variant: str, changing: Log, robot: Robot) -> None:
-    compiled = run(changing, robot, variant)
-    plain = run(changing, robot, variant, settings=Settings(engine="plain"))
-    (side,) = run_side_by_side(changing, robot, [variant]).values()
-    for other in (plain, side):
-        assert other.states == pytest.approx(compiled.states, rel=1e-8, abs=1e-8)
-        assert other.health.slip.factor == pytest.approx(compiled.health.slip.factor, rel=1e-8)
-    assert compiled.health.slip.factor > 1.5
 
 
 def test_a_restored_estimator_goes_on(changing: Log, robot: Robot, tmp_path) -> None:

@@ -28,21 +28,18 @@ BIAS = 0.012
 BLIND = StandstillSettings(duration=60.0)
 
 
-def brought_to_a_stop(
-    told_every=None, *, engine="compiled", after=10.0, shift=STEP // 3, standstill=BLIND
-):
+def brought_to_a_stop(told_every=None, *, after=10.0, shift=STEP // 3, standstill=BLIND):
     """Two seconds of a bend, the last half of one slowing down, then at rest; IMU at 100 Hz.
 
     The gyro has some bias and noise.
 
     Args:
         told_every: so many IMU samples pass between two zero velocities; None for none.
-        engine: of the filter.
         after: time at rest [s].
         shift: of the stamps of the zero velocities against those of the IMU [ns].
         standstill: detection.
     """
-    settings = Settings(engine=engine, standstill=standstill)
+    settings = Settings(standstill=standstill)
     estimator, rng = PoseEstimator(ALPHA, settings=settings), np.random.default_rng(0)
     probe = PoseEstimator(ALPHA, "inertia-fixed")
     probe.feed(TrackSpeeds(0, 0.3, 0.6))
@@ -67,11 +64,10 @@ def sigma_of(estimator, index):
 
 
 @pytest.mark.parametrize("shift", [0, STEP // 3])
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
-def test_the_gyro_tells_its_bias_once_the_robot_is_known_to_stand(engine, shift):
-    untold = brought_to_a_stop(engine=engine)
+def test_the_gyro_tells_its_bias_once_the_robot_is_known_to_stand(shift):
+    untold = brought_to_a_stop()
     assert sigma_of(untold, s.GYRO_BIAS) > 5e-3, "or there is nothing to gain"
-    told = brought_to_a_stop(10, engine=engine, shift=shift)
+    told = brought_to_a_stop(10, shift=shift)
     # The noise of the gyro over a hundred samples that were taken at a known rest.
     sigma = sigma_of(told, s.GYRO_BIAS)
     assert 5e-3 / math.sqrt(100.0) < sigma < 1.3 * 5e-3 / math.sqrt(100.0) + 1e-4
@@ -164,27 +160,17 @@ def test_the_gate_asks_all_three_together():
 
 
 def test_spinning_tracks_of_a_robot_that_is_held_are_found_out():
-    both = []
-    for engine in ("plain", "compiled"):
-        settings = Settings(engine=engine, gates=GateSettings(patience=0.395))
-        estimator, used = PoseEstimator(ALPHA, settings=settings), []
-        for k in range(600):
-            stamp = EPOCH + k * STEP
-            estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
-            estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
-            if k >= 100 and k % 10 == 0:
-                used.append(estimator.feed(ZeroVelocity(stamp)))
-                if used[-1]:
-                    assert np.abs(estimator.twist).max() < 0.01
-        assert used[:6] == [False] * 5 + [True]
-        assert used == [False] + ([False] * 4 + [True]) * 9 + [False] * 4
-        both.append(estimator)
-    plain, compiled = both
-    sigmas = np.sqrt(np.diagonal(plain.covariance))
-    unit = np.where(sigmas > 0.0, sigmas, 1.0)
-    apart = np.abs(plain.covariance - compiled.covariance) / np.outer(unit, unit)
-    assert apart.max() < 1e-9
-    assert (np.abs(plain.state - compiled.state) / unit).max() < 1e-9
+    settings = Settings(gates=GateSettings(patience=0.395))
+    estimator, used = PoseEstimator(ALPHA, settings=settings), []
+    for k in range(600):
+        stamp = EPOCH + k * STEP
+        estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
+        if k >= 100 and k % 10 == 0:
+            used.append(estimator.feed(ZeroVelocity(stamp)))
+            if used[-1]:
+                assert np.abs(estimator.twist).max() < 0.01
+    assert used == [False] + ([False] * 4 + [True]) * 9 + [False] * 4
 
 
 @pytest.mark.parametrize(
@@ -224,9 +210,8 @@ def test_before_any_track_speeds_it_does_no_harm():
     assert estimator.state == pytest.approx(fresh.state, abs=1e-12)
 
 
-@pytest.mark.parametrize("engine", ["plain", "compiled"])
-def test_a_late_one_counts_as_if_it_had_come_in_time_and_outlives_a_program(engine, tmp_path):
-    estimators = [brought_to_a_stop(after=2.0, engine=engine) for _ in range(2)]
+def test_a_late_one_counts_as_if_it_had_come_in_time_and_outlives_a_program(tmp_path):
+    estimators = [brought_to_a_stop(after=2.0) for _ in range(2)]
     stamp = estimators[0].stamp
     word = ZeroVelocity(stamp + STEP // 2, (2e-3, 1e-3, 1e-3))
     estimators[0].feed(word)

@@ -4,12 +4,10 @@ import threading
 from functools import cache
 
 import numpy as np
-import pytest
 from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from conftest import thorough
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -50,13 +48,12 @@ SIGMAS = st.sampled_from([0.0, 1e-3, 10.0, 1e6])
 
 
 @cache
-def made(variant, engine, history, patience, wanders, sigma, watches):
+def made(variant, history, patience, wanders, sigma, watches):
     """A new estimator, of which copies are made."""
     return PoseEstimator(
         ALPHA,
         variant,
         settings=Settings(
-            engine=engine,
             history=history,
             gates=GateSettings(patience),
             wander=FixWander(1.0, 10.0) if wanders else None,
@@ -102,7 +99,6 @@ class AnySequence(RuleBasedStateMachine):
 
     @initialize(
         variant=st.sampled_from(["inertia-online", "constant-online", "differential"]),
-        engine=st.sampled_from(["compiled", "compiled", "plain"]),
         history=st.sampled_from([0.0, 1.0]),
         patience=st.sampled_from([0, 3]),
         wanders=st.booleans(),
@@ -273,11 +269,9 @@ def fed(estimator, measurements):
     return known(estimator)
 
 
-@pytest.mark.parametrize("engine", ["compiled", thorough("plain")])
-def test_estimators_in_several_threads_are_those_of_one(engine):
-    variants = list(VARIANTS) if engine == "compiled" else ["inertia-online"]
-    jobs = [(variant, seed) for variant in variants for seed in range(2)]
-    options = {"settings": Settings(engine=engine), "start_sigma": (0.1, 0.1, 0.1)}
+def test_estimators_in_several_threads_are_those_of_one():
+    jobs = [(variant, seed) for variant in VARIANTS for seed in range(2)]
+    options = {"start_sigma": (0.1, 0.1, 0.1)}
     drives = {seed: list(drive(seed)) for seed in range(2)}
     alone = [fed(PoseEstimator(ALPHA, name, **options), drives[seed]) for name, seed in jobs]
     together = [None] * len(jobs)

@@ -9,14 +9,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from conftest import sample_log, thorough
+from conftest import sample_log
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PoseFix, TrackSpeeds
 from icreckon.estimator.motion.icr import IndexValues, direct
 from icreckon.estimator.robot.robot_file import Indices, Robot, load_robot
-from icreckon.estimator.robot.settings import Engine, Settings
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
@@ -88,21 +87,13 @@ def driven(
     return pose
 
 
-def fresh(
-    variant: str = "constant-online", robot: Robot = CONSTANT, **options: str
-) -> PoseEstimator:
-    return PoseEstimator(robot, variant, settings=Settings(**options))  # type: ignore[arg-type]
+def fresh(variant: str = "constant-online", robot: Robot = CONSTANT) -> PoseEstimator:
+    return PoseEstimator(robot, variant)
 
 
-ENGINES = pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
-
-
-@ENGINES
 @pytest.mark.parametrize("variant", ["inertia-online", "constant-online"])
-def test_standing_on_a_slope_shows_gravity_less_bias_and_the_gyros_bias(
-    variant: str, engine: str
-) -> None:
-    estimator = fresh(variant, engine=engine)
+def test_standing_on_a_slope_shows_gravity_less_bias_and_the_gyros_bias(variant: str) -> None:
+    estimator = fresh(variant)
     driven(estimator, np.zeros((1500, 2)))
     assert estimator.stands
     assert np.abs(estimator.pose).max() < 0.02
@@ -124,9 +115,8 @@ def robot_sigma(estimator: PoseEstimator) -> float:
     return float(estimator.robot.imu.accelerometer_bias_sigma)
 
 
-@ENGINES
-def test_turning_on_a_slope_tells_gravity_from_bias(engine: str) -> None:
-    estimator = fresh(engine=engine)
+def test_turning_on_a_slope_tells_gravity_from_bias() -> None:
+    estimator = fresh()
     speeds = np.tile([-0.2, 0.4], (2000, 1))
     end = driven(estimator, speeds, fix_every=50)
     assert abs(end[2]) > 4.0 * np.pi
@@ -212,15 +202,14 @@ def test_the_robot_file_gives_the_first_values() -> None:
     ("variant", "eta0"),
     [("inertia-online", 2.6), ("inertia-online", 1.02)],
 )
-@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
-def test_a_gyro_alone_teaches_no_gravity(variant: str, eta0: float, engine: Engine) -> None:
+def test_a_gyro_alone_teaches_no_gravity(variant: str, eta0: float) -> None:
     """Neither does a bound of eta that is met: it would take the model's errors for slopes."""
     indices = msgspec.structs.replace(ALPHA.indices, eta0=eta0)
     robot = msgspec.structs.replace(ALPHA, indices=indices)
     log = simulate(Scenario(duration=40.0, seed=3, terrain=Terrain(slope_deg=6.0)), ALPHA)
     assert log.imu is not None
     gyro_alone = replace(log, fixes=None, imu=replace(log.imu, linear_acceleration=None))
-    found = run(gyro_alone, robot, variant, settings=Settings(engine=engine))
+    found = run(gyro_alone, robot, variant)
     assert np.abs(found.states[:, s.GRAVITY]).max() < 1e-12
     assert found.state_sigmas[-1, s.GRAVITY] == pytest.approx(ALPHA.slope.sigma, rel=0.1)
 

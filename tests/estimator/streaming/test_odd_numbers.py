@@ -7,7 +7,6 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from conftest import thorough
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -114,10 +113,9 @@ def count_of(estimator):
     return sum(estimator.health.rejections().values())
 
 
-@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 @pytest.mark.parametrize("started", [False, True])
-def test_what_is_no_number_is_an_error_and_what_is_beyond_floats_is_rejected(engine, started):
-    settings = Settings(engine=engine)
+def test_what_is_no_number_is_an_error_and_what_is_beyond_floats_is_rejected(started):
+    settings = Settings()
     odd, even = (PoseEstimator(ALPHA, settings=settings) for _ in range(2))
     if started:
         for estimator in (odd, even):

@@ -395,11 +395,10 @@ def test_a_random_drive_goes_on_alike_wherever_it_was_saved(seed, tmp_path):
         longest_gap=float(rng.choice([0.5, 5.0])),
         gates=GateSettings(int(rng.choice([0, 3, 10]))),
         wander=FixWander(1.0, 10.0) if seed % 2 else None,
-        engine="plain" if seed == 5 else "compiled",
     )
     latencies = Latencies(estimate_tracks=True) if seed % 2 else Latencies(tracks=0.05)
     original = PoseEstimator(ALPHA, settings=settings, latencies=latencies, start_sigma=(0.1,) * 3)
-    acts = random_drive(rng, 250 if settings.engine == "plain" else 800)
+    acts = random_drive(rng, 800)
     saves = set(rng.choice(len(acts), 5, replace=False).tolist())
     copies = []
     for k, act in enumerate(acts):

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.batch import replay
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -87,14 +86,11 @@ def drive(rng, count, precise):
             yield PoseFix(at, x + error[0], y + error[1], yaw + error[2], 0.5 * (P + P.T))
 
 
-@pytest.mark.parametrize("engine", [thorough("plain"), "compiled"])
 @pytest.mark.parametrize("sigma", [0.0, 1e6, 1e9])
-def test_the_covariance_stays_positive_whatever_precision_is_claimed(engine, sigma):
-    count = 8 if engine == "compiled" else 2
-    for seed in range(count):
+def test_the_covariance_stays_positive_whatever_precision_is_claimed(sigma):
+    for seed in range(8):
         rng = np.random.default_rng(seed)
         settings = Settings(
-            engine=engine,
             gates=GateSettings(patience=int(rng.choice([0, 3]))),
             wander=FixWander(1.0, 10.0) if rng.random() < 0.3 else None,
         )

@@ -114,11 +114,11 @@ def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -
     words = ("--duration", 30, "--format", kind, "--seed", 5, "--outage", "10:30")
     made = command("simulate", "--out", bag, *words, cwd=tmp_path)
     assert made.returncode == 0, made.stderr
-    words = ("--variants", "constant-fixed, inertia-online", "--json", "--workers", 1)
+    words = ("--variants", "constant-online, inertia-online", "--json", "--workers", 1)
     replayed = command("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
     assert replayed.returncode == 0, replayed.stderr
     results = json.loads(replayed.stdout)
-    assert list(results["variants"]) == ["constant-fixed", "inertia-online"]
+    assert list(results["variants"]) == ["constant-online", "inertia-online"]
     assert results["log"]["fixes"] == 10
     assert results["variants"]["inertia-online"]["final_position_error_m"] < 0.5
     found = command("inspect", bag, "--write", "robot.toml", cwd=tmp_path)

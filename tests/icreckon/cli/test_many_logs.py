@@ -63,48 +63,47 @@ def test_a_log_that_fails_is_named_with_its_reason(both: Done) -> None:
     assert "Traceback" not in both.stderr
 
 
-def test_the_table_of_all_logs_fits_80_columns(
-    folder: Path, both: Done, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture(scope="module")
+def robots(folder: Path) -> Done:
+    """Both drives with two robot files, on a terminal of 80 columns."""
+    words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS, "--out", "robots")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("COLUMNS", "80")
+        patch.setattr("icreckon.cli.console.TABLE_WIDTH", 80)
+        return icreckon("replay", *words, cwd=folder)
+
+
+def test_the_table_of_all_logs_fits_80_columns(both: Done, robots: Done) -> None:
     assert "All logs together: 2 logs" in both.stdout
     for name in ("gyro", "constant-online"):
         assert re.search(rf"│ {name} +│ +\d+\.\d\d │", both.stdout)
-    monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setattr("icreckon.cli.console.TABLE_WIDTH", 80)
-    words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS)
-    done = icreckon("replay", *words, "--out", "narrow", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    assert max(map(len, done.stdout.splitlines())) <= 80
-    assert "…" not in done.stdout
-    assert "--wide shows all columns" in done.stdout
+    assert robots.returncode == 0, robots.stderr
+    assert max(map(len, robots.stdout.splitlines())) <= 80
+    assert "…" not in robots.stdout
+    assert "--wide shows all columns" in robots.stdout
 
 
-def test_two_robot_files_are_compared_on_the_same_segments(folder: Path) -> None:
-    words = (*AURIGA, "--robot", "wide.toml", *WORDS, "--out", "robots", "--json")
-    done = icreckon("replay", "monday", *words, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    results = json.loads(done.stdout)
+def test_two_robot_files_are_compared_on_the_same_segments(folder: Path, robots: Done) -> None:
+    assert robots.returncode == 0, robots.stderr
+    results = json.loads((folder / "robots" / "results.json").read_text(encoding="utf-8"))
     assert list(results["pooled"]) == ["auriga-alpha", "wide"]
-    assert [one["folder"] for one in results["logs"]] == ["auriga-alpha", "wide"]
+    places = ["monday/auriga-alpha", "monday/wide", "tuesday <&>/auriga-alpha", "tuesday <&>/wide"]
+    assert [one["folder"] for one in results["logs"]] == places
+    assert all((folder / "robots" / place / "page.html").exists() for place in places)
     ratio = results["ratios"]["wide"]
     assert ratio["to"] == "auriga-alpha"
     assert set(ratio["variants"]) == {"gyro", "constant-online"}
     assert ratio["variants"]["gyro"]["segments_30s"] > 30
+    assert ratio["variants"]["gyro"]["logs"] == 2
     page = (folder / "robots" / "page.html").read_text(encoding="utf-8")
     assert "Robot files compared" in page
 
 
 @pytest.mark.thorough
-def test_many_logs_with_two_robot_files(folder: Path) -> None:
-    words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS)
-    done = icreckon("replay", *words, "--out", "all", "--json", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    results = json.loads(done.stdout)
-    places = ["monday/auriga-alpha", "monday/wide", "tuesday <&>/auriga-alpha", "tuesday <&>/wide"]
-    assert [one["folder"] for one in results["logs"]] == places
-    assert all((folder / "all" / place / "page.html").exists() for place in places)
-    assert results["ratios"]["wide"]["variants"]["gyro"]["logs"] == 2
-    again = icreckon("replay", *words, "--out", "all", "--overwrite", cwd=folder)
+def test_results_of_many_logs_are_overwritten_on_demand(folder: Path, robots: Done) -> None:
+    assert robots.returncode == 0, robots.stderr
+    words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS, "--out", "robots")
+    again = icreckon("replay", *words, "--overwrite", cwd=folder)
     assert again.returncode == 0, again.stderr
 
 

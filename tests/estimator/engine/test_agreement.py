@@ -1,0 +1,600 @@
+"""Streaming, side by side, in lanes of many logs, and plain: one filter, the same estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+import faulty_drives
+from conftest import thorough
+from faulty_drives import RESTS, with_free_track, with_free_tracks, with_rates, with_tracks
+from icreckon.estimator.base.state import FAST_SLIP, GRAVITY
+from icreckon.estimator.batch.inputs import has_heading, measured_of
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.batch.runs import scatters, work_through_runs
+from icreckon.estimator.engine.filters import BatchFilter
+from icreckon.estimator.engine.schedule import steps_of
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip
+from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
+from icreckon.estimator.streaming.outputs import Run
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
+from icreckon.simulation.simulate import simulate
+from icreckon.simulation.truth.terrain import Patch, Terrain
+from same_runs import FEW_DIGITS, ROBOT, ROUNDING, assert_same_run, drive, every, without
+
+SECOND, DEFAULT = 1_000_000_000, Settings()
+EVERYDAY = ("gyro", "constant-online", "inertia-online")
+START: dict[str, Any] = {"start": (1.0, -2.0, 0.3), "start_sigma": (0.02, 0.02, 0.01)}
+GYRO_NOISE = ROBOT.imu.gyro_noise_density
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A drive, the filters that run over it, and what must be seen in the run of the last variant.
+
+    Attributes:
+        log: makes the log.
+        variants: run in one pass.
+        settings: of the filters.
+        robot: the robot.
+        rounding: what rounding may come to, in standard deviations.
+        stale: see `assert_same_run`.
+        seen: true of a run in which the scene shows its effect.
+        start: pose at the start and its standard deviations.
+    """
+
+    log: Callable[[], Log]
+    variants: tuple[str, ...] = ("constant-online",)
+    settings: Settings = DEFAULT
+    robot: Robot = ROBOT
+    rounding: float = ROUNDING
+    stale: bool = False
+    seen: Callable[[Run], bool] = lambda _: True
+    start: tuple[float, float, float] = START["start"]
+
+    def options(self) -> dict[str, Any]:
+        return {"start": self.start, "start_sigma": START["start_sigma"]}
+
+
+def robot_with(part: str, **changes: object) -> Robot:
+    """The robot with other values in one table of its file."""
+    changed = msgspec.structs.replace(getattr(ROBOT, part), **changes)
+    return msgspec.structs.replace(ROBOT, **{part: changed})
+
+
+def with_fixes(change: Callable[[np.ndarray, np.ndarray], None], fix_rate: float = 5.0) -> Log:
+    """The drive whose poses and variances of fixes are changed."""
+    log = drive(fix_rate=fix_rate)
+    assert log.fixes is not None
+    poses, variances = log.fixes.poses.copy(), log.fixes.variances.copy()
+    change(poses, variances)
+    return replace(log, fixes=FixSeries(log.fixes.stamps, poses, variances))
+
+
+def with_yaw_rates(change: Callable[[np.ndarray], None]) -> Log:
+    log = drive()
+    assert log.imu is not None
+    rates = log.imu.angular_velocity.copy()
+    change(rates[:, 2])
+    return replace(log, imu=replace(log.imu, angular_velocity=rates))
+
+
+def some_headings(poses: np.ndarray, variances: np.ndarray) -> None:
+    poses[::2, 2], variances[::2, 1] = 0.2, 0.5
+
+
+def jump(poses: np.ndarray, _: np.ndarray) -> None:
+    poses[25:, 0] += 3.0
+
+
+def turn(poses: np.ndarray, _: np.ndarray) -> None:
+    poses[25:, :2] = np.column_stack([5.0 - poses[25:, 1], poses[25:, 0] - 3.0])
+
+
+def spikes(rates: np.ndarray) -> None:
+    rates[400:403] += 5.0
+    rates[700:720] += 50.0
+
+
+def slow_spike(rates: np.ndarray) -> None:
+    rates[700:740] += 6.0 - np.abs(np.linspace(-6.0, 6.0, 40))
+
+
+def stuck() -> Log:
+    log = drive()
+    speeds = log.tracks.speeds.copy()
+    speeds[200:450, 0] = speeds[200, 0]
+    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds))
+
+
+def wrong_headings() -> Log:
+    """Every third fix has a heading; those of 12 s are 0.6 rad off."""
+    log = simulate(Scenario(duration=34.0, seed=3, trajectory="random", fix_rate=5.0), ROBOT)
+    fixes, truth = log.fixes, log.truth
+    assert fixes is not None
+    assert truth is not None
+    at, poses, variances = (
+        (fixes.stamps - log.start) * 1e-9,
+        fixes.poses.copy(),
+        fixes.variances.copy(),
+    )
+    yaws = interpolate_poses(truth.poses, fixes.stamps)[:, 2] + 0.6 * ((at > 20.0) & (at < 32.0))
+    poses[::3, 2], variances[::3, 1] = yaws[::3], 1e-4
+    return replace(log, fixes=FixSeries(fixes.stamps, poses, variances))
+
+
+def antenna(*, turned: bool) -> Log:
+    """Fixes of an antenna that is not where it claims to be."""
+    log = drive(fix_rate=5.0, antenna=(0.4, -0.3))
+    assert log.fixes is not None
+    poses = log.fixes.poses.copy()
+    if turned:
+        turn(poses, poses)
+    return replace(log, fixes=replace(log.fixes, poses=poses))
+
+
+def first_fix_at(late: int) -> Log:
+    """The drive whose first fix comes so late after the first track speeds [ms]."""
+    log = drive(fix_rate=5.0)
+    assert log.fixes is not None
+    stamps = log.fixes.stamps.copy()
+    stamps[0] = log.tracks.stamps[0] + late * 1_000_000
+    return replace(log, fixes=replace(log.fixes, stamps=stamps))
+
+
+def without_forces() -> Log:
+    log = drive()
+    assert log.imu is not None
+    return replace(log, imu=replace(log.imu, linear_acceleration=None))
+
+
+def first(log: Log, seconds: float) -> Log:
+    return log.between(log.start, log.start + round(seconds * SECOND))
+
+
+@cache
+def healthy() -> Log:
+    return faulty_drives.drive(ROBOT, 1, 36.0)
+
+
+@cache
+def fixed(rate: float, sigma: float) -> Log:
+    scenario = Scenario(
+        duration=45.0, seed=3, trajectory="random", fix_rate=rate, fixes=FixSpec(sigma=sigma)
+    )
+    return simulate(scenario, ROBOT)
+
+
+def changing_ground() -> Log:
+    ground = ((0.9, 0.07), (0.6, 0.03), (0.4, 0.1))
+    patches = tuple(
+        Patch(time=(20.0 * k, 20.0 * (k + 1)), friction=friction, rolling_resistance=rolling)
+        for k, (friction, rolling) in enumerate(ground)
+    )
+    scenario = Scenario(duration=60.0, seed=5, trajectory="random", patches=patches)
+    return simulate(scenario, ROBOT)
+
+
+def sloping() -> Log:
+    terrain = Terrain(slope_deg=10.0, uphill_deg=30.0)
+    return simulate(Scenario(duration=60.0, seed=1, trajectory="random", terrain=terrain), ROBOT)
+
+
+def rejected(sensor: str, reason: str, least: int = 1) -> Callable[[Run], bool]:
+    return lambda one: one.health.sensors[sensor].rejected.get(reason, 0) >= least
+
+
+def taken_back(sensor: str) -> Callable[[Run], bool]:
+    return lambda one: one.health.sensors[sensor].reacquired > 0
+
+
+def has_gaps(one: Run) -> bool:
+    return one.health.track_gaps > 0
+
+
+PATIENT = Settings(gates=GateSettings(patience=8))
+ALONG = robot_with("vehicle", centre_of_mass=(0.04, 0.015, 0.3))
+SCENES = {
+    "all everyday variants": Scene(
+        drive, EVERYDAY, seen=lambda one: one.health.standstill_updates > 0
+    ),
+    "linear models": Scene(drive, ("full-linear",)),
+    "fixes": Scene(lambda: drive(fix_rate=5.0), EVERYDAY),
+    "headings of some fixes": Scene(lambda: with_fixes(some_headings), ("inertia-online",)),
+    "fixes that jump": Scene(lambda: with_fixes(jump), seen=rejected("position", "gate")),
+    "fixes of a turned path": Scene(lambda: with_fixes(turn)),
+    "wrong headings": Scene(wrong_headings, rounding=FEW_DIGITS, seen=taken_back("heading")),
+    "an antenna": Scene(lambda: antenna(turned=False), ("inertia-online",)),
+    "an antenna on a turned path": Scene(
+        lambda: antenna(turned=True), seen=rejected("position", "gate")
+    ),
+    "fixes before the first track speeds": Scene(
+        lambda: without(drive(fix_rate=5.0), "tracks", -1.0, 2.0)
+    ),
+    "fixes before the first track speeds, far away": Scene(
+        lambda: without(drive(fix_rate=5.0), "tracks", -1.0, 2.0), start=(40.0, -2.0, 0.3)
+    ),
+    "a fix 2 ms before the first track speeds": Scene(lambda: first_fix_at(-2)),
+    "a fix with the first track speeds": Scene(lambda: first_fix_at(0)),
+    "a fix 3 ms after the first track speeds": Scene(lambda: first_fix_at(3)),
+    "a fix 6 ms after the first track speeds": Scene(lambda: first_fix_at(6)),
+    "track speeds that are seldom told": Scene(
+        lambda: every(drive(), "tracks", 25), rounding=FEW_DIGITS, stale=True
+    ),
+    "a track that is stuck": Scene(
+        stuck, rounding=FEW_DIGITS, seen=lambda one: one.health.stuck_tracks > 0
+    ),
+    "a gyro that jumps": Scene(
+        lambda: with_yaw_rates(spikes),
+        ("inertia-online",),
+        PATIENT,
+        seen=rejected("gyro", "jumped", 23),
+    ),
+    "a gyro that is wrong for a while": Scene(
+        lambda: with_yaw_rates(slow_spike), ("inertia-online",), PATIENT, seen=taken_back("gyro")
+    ),
+    "track speeds that are held for a short time": Scene(
+        drive, ("inertia-online",), Settings(hold=0.02), stale=True
+    ),
+    "an IMU without accelerometers": Scene(
+        without_forces, seen=lambda one: not {*ACCELEROMETERS} & {*one.health.sensors}
+    ),
+    "no accelerometers by the settings": Scene(
+        drive, ("inertia-online",), Settings(use_accelerometer=False)
+    ),
+    "a log of one sample": Scene(lambda: first(drive(), 0.03)),
+    "a log of some samples": Scene(lambda: first(drive(), 0.07)),
+    "states that are considered": Scene(
+        lambda: drive(fix_rate=5.0),
+        ("inertia-online",),
+        Settings(considered=("eta0", "gyro_bias")),
+    ),
+    "a gyro noisier than its file says": Scene(
+        drive, ("inertia-online",), robot=robot_with("imu", gyro_noise_density=GYRO_NOISE / 30.0)
+    ),
+    "a gyro less noisy than its file says": Scene(
+        drive, ("inertia-online",), robot=robot_with("imu", gyro_noise_density=GYRO_NOISE * 30.0)
+    ),
+    "ground that changes": Scene(
+        changing_ground, ("inertia-online",), seen=lambda one: one.health.slip.factor > 1.5
+    ),
+    "fixes that depart by a bias": Scene(
+        lambda: with_rates(fixed(1.0, 0.05), 99.0, lambda rates: rates + 0.1, 20.0),
+        seen=lambda one: one.health.slip.factor > 2.0,
+    ),
+    "fixes that depart by slip": Scene(
+        lambda: with_tracks(fixed(5.0, 0.02), 10.0, lambda speeds: speeds + 0.3, 30.0),
+        ("inertia-online",),
+        seen=lambda one: one.health.slip.factor > 2.0,
+    ),
+    "a track that spins": Scene(
+        lambda: with_free_track(healthy()),
+        ("inertia-online",),
+        seen=lambda one: one.health.slip.times == 1,
+    ),
+    "an upper track that slides": Scene(
+        sloping, EVERYDAY, robot=ALONG, seen=lambda one: one.health.slip.times > 0
+    ),
+    "a slide": Scene(
+        lambda: first(with_free_tracks(healthy(), 1.2), 32.0),
+        ("inertia-online",),
+        seen=lambda one: one.health.slip.forward is not None,
+    ),
+    "a gyro that is clipped": Scene(
+        lambda: with_rates(healthy(), 10.0, lambda rates: rates.clip(-0.3, 0.3)),
+        ("inertia-online",),
+        seen=rejected("gyro", "repeats itself", 20),
+    ),
+    "a robot that is carried": Scene(
+        lambda: first(with_tracks(healthy(), 10.0, np.zeros_like, RESTS), 8.0),
+        EVERYDAY[1:],
+        robot=msgspec.structs.replace(ROBOT, undetected_slip=UndetectedSlip(share=0.1)),
+        seen=lambda one: one.health.slip.carries == 1,
+    ),
+}
+"""Each is there for code that no other reaches."""
+
+
+def silent(change: Callable[[Log], Log], fix_rate: float = 5.0, *, gaps: bool = False) -> Scene:
+    """The drive whose sensors are silent or slow."""
+    seen = has_gaps if gaps else lambda one: not has_gaps(one)
+    return Scene(lambda: change(drive(fix_rate=fix_rate)), seen=seen)
+
+
+def both_silent(log: Log) -> Log:
+    return without(without(log, "tracks", 5.0, 7.0), "imu", 5.1, 7.1)
+
+
+SCENES |= {
+    "the IMU begins later": silent(lambda log: without(log, "imu", -1.0, 0.5)),
+    "track speeds begin later": silent(lambda log: without(log, "tracks", -1.0, 0.5), 0.0),
+    "no IMU for a moment": silent(lambda log: without(log, "imu", 8.0, 8.2)),
+    "no IMU for seconds": silent(lambda log: without(log, "imu", 5.0, 7.0), 0.0),
+    "the IMU ends early": silent(lambda log: without(log, "imu", 11.7, 99.0)),
+    "the IMU ends long before": silent(lambda log: without(log, "imu", 9.0, 99.0)),
+    "track speeds end early": silent(lambda log: without(log, "tracks", 10.0, 99.0)),
+    "no track speeds for seconds": silent(lambda log: without(log, "tracks", 5.0, 7.0), gaps=True),
+    "nothing for seconds": silent(both_silent, gaps=True),
+    "nothing for seconds, no fixes": silent(both_silent, 0.0, gaps=True),
+    "an IMU slower than the tracks": silent(lambda log: every(log, "imu", 5)),
+    "an IMU too slow to wait for": silent(lambda log: every(log, "imu", 40)),
+    "an IMU too slow to wait for, no fixes": silent(lambda log: every(log, "imu", 40), 0.0),
+    "slow IMU, no track speeds": silent(
+        lambda log: without(every(log, "imu", 5), "tracks", 5.0, 7.0), gaps=True
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_side_by_side_says_what_streaming_says(name: str) -> None:
+    scene = SCENES[name]
+    log = scene.log()
+    runs = run_side_by_side(
+        log, scene.robot, scene.variants, settings=scene.settings, **scene.options()
+    )
+    assert list(runs) == list(scene.variants)
+    for variant, found in runs.items():
+        expected = run(log, scene.robot, variant, settings=scene.settings, **scene.options())
+        assert_same_run(found, expected, scene.rounding, stale=scene.stale)
+    assert scene.seen(expected), expected.health
+
+
+def short(fix_rate: float = 5.0, seconds: float = 3.0) -> Log:
+    return first(drive(fix_rate=fix_rate), seconds)
+
+
+PLAIN = {
+    "gyro": Scene(lambda: short(seconds=2.0), ("gyro",)),
+    "constant-online": Scene(short),
+    "inertia-online": Scene(short, ("inertia-online",)),
+    "full-linear": Scene(lambda: short(seconds=2.0), ("full-linear",)),
+    "states that are considered": Scene(
+        short, ("inertia-online",), Settings(considered=("eta0", "gyro_bias"))
+    ),
+    "fixes that wander": Scene(short, settings=Settings(wander=FixWander(1.2, 60.0))),
+    "slow IMU, no track speeds": Scene(
+        lambda: without(every(short(seconds=5.0), "imu", 5), "tracks", 1.0, 2.5), seen=has_gaps
+    ),
+}
+
+
+@pytest.mark.parametrize("name", [*PLAIN, *map(thorough, VARIANTS.keys() - PLAIN.keys())])
+def test_plain_says_what_compiled_says(name: str) -> None:
+    scene = PLAIN.get(name) or Scene(short, (name,))
+    settings = msgspec.structs.replace(scene.settings, engine="plain")
+    for variant in scene.variants:
+        expected = run(scene.log(), ROBOT, variant, settings=scene.settings, **scene.options())
+        found = run(scene.log(), ROBOT, variant, settings=settings, **scene.options())
+        assert_same_run(found, expected)
+    assert scene.seen(expected)
+
+
+# --- lanes: many logs of equal stamps -----------------------------------------------------------------
+
+COUNTED = ("gyro", "accelerometer_x", "accelerometer_y", "position", "heading")
+BASE = Scenario(duration=10.0, seed=5, fix_rate=2.0)
+
+
+@cache
+def _logs_of(scenario: bytes, count: int) -> tuple[Log, ...]:
+    decoded = msgspec.json.decode(scenario, type=Scenario)
+    return tuple(simulate(decoded, ROBOT, run_index=run) for run in range(count))
+
+
+def logs_of(count: int = 2, **changes: object) -> tuple[Log, ...]:
+    return _logs_of(msgspec.json.encode(msgspec.structs.replace(BASE, **changes)), count)
+
+
+def streamed(log: Log, robot: Robot, variant: str, settings: Settings) -> PoseEstimator:
+    estimator = PoseEstimator(robot, variant, settings=settings)
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+    return estimator
+
+
+Counts = dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Block:
+    """Logs of equal stamps, the filter that runs over all of them, and what must be seen.
+
+    Attributes:
+        logs: makes the logs.
+        variant: of the filter.
+        settings: of the filter.
+        robot: the robot.
+        rounding: what rounding may come to, in standard deviations.
+        seen: true of counts and streaming filters in which the block shows its effect.
+    """
+
+    logs: Callable[[], Sequence[Log]]
+    variant: str = "inertia-online"
+    settings: Settings = DEFAULT
+    robot: Robot = ROBOT
+    rounding: float = 1e-9
+    seen: Callable[[Counts, list[PoseEstimator]], bool] = lambda *_: True
+
+
+def turned_from(log: Log, first: int) -> Log:
+    """A log whose fixes from one on are those of a path that is turned and moved."""
+    assert log.fixes is not None
+    poses = log.fixes.poses.copy()
+    x, y = poses[first:, 0].copy(), poses[first:, 1].copy()
+    poses[first:, 0], poses[first:, 1] = 5.0 - y, x - 3.0
+    return replace(log, fixes=replace(log.fixes, poses=poses))
+
+
+def moved_from(log: Log, first: int) -> Log:
+    assert log.fixes is not None
+    poses = log.fixes.poses.copy()
+    poses[first:, 0] += 30.0
+    return replace(log, fixes=replace(log.fixes, poses=poses))
+
+
+def knocked(log: Log) -> Log:
+    """A log whose accelerometers have another bias from 6 s on."""
+    assert log.imu is not None
+    assert log.imu.linear_acceleration is not None
+    forces = log.imu.linear_acceleration.copy()
+    forces[600:, :2] += 8.0
+    return replace(log, imu=replace(log.imu, linear_acceleration=forces))
+
+
+def with_stuck_track(log: Log) -> Log:
+    speeds = log.tracks.speeds.copy()
+    speeds[200:450, 0] = speeds[200, 0]
+    return replace(log, tracks=replace(log.tracks, speeds=speeds))
+
+
+SLOPE: dict[str, Any] = {
+    "terrain": Terrain(slope_deg=8.0, uphill_deg=30.0),
+    "trajectory": "aggressive",
+    "duration": 20.0,
+}
+# Radii that differ, and an IMU away from the origin.
+UNEVEN = msgspec.structs.replace(
+    robot_with("imu", position=(0.2, -0.1, 0.3)),
+    tracks=msgspec.structs.replace(ROBOT.tracks, difference=0.01, difference_sigma=0.02),
+)
+# The robot file says that there is neither bias nor slope.
+SURE = msgspec.structs.replace(
+    robot_with("imu", accelerometer_bias_sigma=0.0, accelerometer_bias_walk=0.0),
+    slope=msgspec.structs.replace(ROBOT.slope, sigma=0.0, walk=0.0),
+)
+
+
+def on_slope(_: Counts, streams: list[PoseEstimator]) -> bool:
+    return all(np.hypot(*one.state[GRAVITY]) > 0.3 for one in streams)
+
+
+def dropouts(reads: str) -> Callable[[], Sequence[Log]]:
+    encoders = EncoderSpec(dropouts_per_hour=2000.0, dropout_duration=1.0, dropout_reads=reads)
+    return lambda: logs_of(4, encoders=encoders, trajectory="aggressive")
+
+
+STRAY = FixSpec(heading_sigma=0.02, outlier_share=0.1, outlier_sigma=10.0)
+BLOCKS = {
+    "gyro": Block(lambda: logs_of(4), "gyro"),
+    "constant-online": Block(lambda: logs_of(4), "constant-online"),
+    "inertia-online": Block(
+        lambda: logs_of(4), seen=lambda counts, _: bool(counts["standstill"].min() > 0.0)
+    ),
+    "a slope": Block(lambda: logs_of(**SLOPE), robot=UNEVEN, seen=on_slope),
+    "a slope, linear model": Block(
+        lambda: logs_of(**SLOPE), "full-linear", robot=UNEVEN, seen=on_slope
+    ),
+    "tracks as fast as the IMU": Block(lambda: logs_of(track_rate=50.0, imu_rate=50.0)),
+    "slow tracks": Block(lambda: logs_of(track_rate=20.0, imu_rate=100.0)),
+    "rates that share no time": Block(lambda: logs_of(track_rate=25.0, imu_rate=60.0)),
+    # Where a hole is found to be standstill, a variance of 5000 (rad/s)² becomes one of 1e-8 in an
+    # update, which leaves few of the sixteen digits of a number to agree in.
+    "encoders that drop out": Block(dropouts("nothing"), rounding=1e-7),
+    "encoders that repeat": Block(dropouts("last")),
+    "encoders that read zero": Block(dropouts("zero")),
+    "encoders that count": Block(lambda: logs_of(encoders=EncoderSpec(resolution=2e-3))),
+    "a stuck encoder": Block(lambda: [with_stuck_track(log) for log in logs_of()]),
+    "stray fixes with headings between samples": Block(
+        lambda: logs_of(
+            3, duration=25.0, fix_rate=1.5, imu_rate=37.0, trajectory="aggressive", fixes=STRAY
+        ),
+        seen=lambda counts, _: bool(
+            counts["position_rejected"].max() > 0.0 and counts["heading_used"].min() > 10.0
+        ),
+    ),
+    "a lost filter, fixes between samples": Block(
+        lambda: [
+            turned_from(log, 30)
+            for log in logs_of(duration=50.0, trajectory="aggressive", fix_rate=1.5)
+        ],
+        "constant-online",
+    ),
+    "a lost filter": Block(
+        lambda: [
+            turned_from(log, 20)
+            for log in logs_of(duration=60.0, trajectory="aggressive", fix_rate=1.0)
+        ],
+        seen=lambda _, streams: any(one.health.sensors["position"].rejected for one in streams),
+    ),
+    "fixes that move away": Block(
+        lambda: [moved_from(log, 15) for log in logs_of(duration=40.0, fix_rate=1.0)],
+        "constant-online",
+        seen=lambda counts, _: bool(counts["position_rejected"].min() >= 10.0),
+    ),
+    "parameters at their bounds": Block(
+        logs_of,
+        robot=robot_with("indices", eta0=1.02, eta1=0.0, eta2=0.0),
+        seen=lambda _, streams: min(one.parameters["eta0"] for one in streams) >= 1.0,
+    ),
+    "gates that reject nothing": Block(logs_of, settings=Settings(gates=GateSettings(patience=0))),
+    "states that are considered": Block(
+        logs_of, settings=Settings(considered=("eta0", "gyro_bias"))
+    ),
+    "a bias that nobody expects": Block(
+        lambda: [knocked(log) for log in logs_of(trajectory="aggressive", duration=20.0)],
+        "constant-online",
+        robot=SURE,
+        seen=lambda counts, streams: all(
+            counts[f"accelerometer_{axis}_rejected"].min() >= 10.0
+            and all(abs(one.biases[f"accelerometer_bias_{axis}"]) > 1.0 for one in streams)
+            for axis in "xy"
+        ),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_lanes_say_what_streaming_says(name: str) -> None:
+    block = BLOCKS[name]
+    side_by_side = BatchFilter(block.robot, VARIANTS[block.variant], block.settings)
+    streams = [streamed(log, block.robot, block.variant, block.settings) for log in block.logs()]
+    logs = [block.logs()[k % len(streams)] for k in range(side_by_side.width)]
+    measured = measured_of(logs, block.robot)
+    steps = steps_of(
+        measured.track_stamps,
+        measured.imu_stamps,
+        measured.fix_stamps,
+        measured.imu_stamps[::10],
+        heading=has_heading(measured.fixes),
+    )
+    (worked,) = work_through_runs(
+        [side_by_side], [measured], steps, start=np.zeros(3), start_sigma=np.zeros(3)
+    )
+    counts, compared = side_by_side.counts(worked.lanes), 0
+    for lane in range(side_by_side.width):
+        stream = streams[lane % len(streams)]
+        of_fixes = stream.health.scatter
+        assert scatters(measured, steps, worked.lanes, lane) == bool(of_fixes.sigma + of_fixes.used)
+        if of_fixes.sigma + of_fixes.used:
+            continue
+        compared += 1
+        x, P = side_by_side.state(worked.lanes, lane)
+        kept = slice(0, FAST_SLIP.start)
+        sigma = np.sqrt(np.diagonal(stream.covariance))[kept]
+        scale = np.where(sigma > 0.0, sigma, 1.0)
+        assert np.abs((x - stream.state)[kept] / scale).max() < block.rounding
+        wrong = (P - stream.covariance)[kept, kept] / np.outer(scale, scale)
+        assert np.abs(wrong).max() < block.rounding
+        for sensor, health in stream.health.sensors.items():
+            if sensor in COUNTED:
+                assert counts[f"{sensor}_used"][lane] == health.used
+                assert counts[f"{sensor}_rejected"][lane] == health.rejected.get("gate", 0)
+                nis = counts[f"{sensor}_nis"][lane]
+                assert nis == pytest.approx(health.nis_sum, rel=block.rounding)
+        assert counts["standstill"][lane] == stream.health.standstill_updates
+    assert compared
+    assert block.seen(counts, streams)
