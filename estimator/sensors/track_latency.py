@@ -16,21 +16,16 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.lag_search import beside_lowest, jackknife_sigma
 
-STEP = 0.02
-"""Step of the grid of times [s]."""
-SHIFTS = np.arange(-0.3, 0.8, STEP)
+SHIFTS = np.arange(-0.3, 0.8, 0.02)
 """Grid of candidate latencies [s]."""
 LATEST = float(SHIFTS[-1])
 """Largest of them [s]."""
 WINDOW, WINDOW_STEP = 1.0, 0.1
 """Length and spacing of the windows [s]."""
-PER_WINDOW, PER_STEP = round(WINDOW / STEP), round(WINDOW_STEP / STEP)
-"""The same in steps of the grid."""
 BLOCK = 1.25
 """Turning that closes a block, by the gyro [rad]."""
 FEWEST_BLOCKS, MOST_BLOCKS = 4, 32
@@ -137,9 +132,9 @@ class _Angle:
         self.newest, self._rate = second, rate
         return True
 
-    def at(self, seconds: Any) -> Floats:
+    def at(self, seconds: Floats) -> Floats:
         """Angles at some times."""
-        return np.asarray(np.interp(seconds, self.seconds, self.values))
+        return np.interp(seconds, self.seconds, self.values)
 
     def drop_before(self, second: float) -> None:
         """Drop samples that angles from a time on do not depend on, once there are many."""
@@ -167,10 +162,6 @@ class TrackLatencyEstimator:
         self._blocks: deque[Floats] = deque(maxlen=MOST_BLOCKS)
         self._open = np.zeros((6, len(SHIFTS)))
         self._turned = 0.0
-        # Samples that are not integrated yet: time [s], rate, and whether it is of the tracks.
-        self._waiting: list[tuple[float, float, bool]] = []
-        # Time from which on both angles may cover the next windows [s].
-        self._due: float
         self._next: float | None
         self._begin()
 
@@ -186,8 +177,10 @@ class TrackLatencyEstimator:
             True if a block was completed, so that the estimate may have changed.
         """
         second = self._second(stamp)
-        self._waiting.append((second, right - left, True))
-        return second >= self._due and self._use_windows()
+        if not self._tracks.take(second, right - left):
+            self._begin()
+            self._tracks.take(second, right - left)
+        return self._use_windows(second)
 
     def take_gyro(self, stamp: int, yaw_rate: float) -> None:
         """Add a yaw rate.
@@ -196,9 +189,10 @@ class TrackLatencyEstimator:
             stamp: raw stamp [ns].
             yaw_rate: by the gyro, its bias included [rad/s].
         """
-        self._waiting.append((self._second(stamp), yaw_rate, False))
-        if len(self._waiting) >= CAPACITY:
-            self._integrate()
+        second = self._second(stamp)
+        if not self._gyro.take(second, yaw_rate):
+            self._begin()
+            self._gyro.take(second, yaw_rate)
 
     def estimate(self) -> TrackLatency | None:
         """Estimate the latency; None while it is not observable."""
@@ -217,7 +211,6 @@ class TrackLatencyEstimator:
 
     def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the estimator."""
-        self._integrate()
         return TrackLatencyMemory(
             self._origin,
             np.array(self._blocks),
@@ -230,8 +223,6 @@ class TrackLatencyEstimator:
 
     def recall(self, memory: TrackLatencyMemory) -> None:
         """Restore a checkpoint."""
-        self._begin()
-        self._waiting.clear()
         self._origin, self._turned = memory.origin, memory.turned
         self._blocks = deque(memory.blocks.copy(), maxlen=MOST_BLOCKS)
         self._open, self._next = memory.open.copy(), memory.next_window
@@ -249,65 +240,42 @@ class TrackLatencyEstimator:
     def _begin(self) -> None:
         """Begin new windows; completed blocks stay."""
         self._gyro, self._tracks = _Angle(held=False), _Angle(held=True)
-        self._next, self._due = None, -math.inf
+        self._next = None
 
-    def _integrate(self) -> None:
-        """Integrate the samples that wait; after a hole in either sensor, begin anew."""
-        for second, rate, is_of_tracks in self._waiting:
-            if not (self._tracks if is_of_tracks else self._gyro).take(second, rate):
-                self._begin()
-                (self._tracks if is_of_tracks else self._gyro).take(second, rate)
-        self._waiting.clear()
-
-    def _use_windows(self) -> bool:
+    def _use_windows(self, newest: float) -> bool:
         """Use windows that both angles cover; return True if a block was completed."""
-        self._integrate()
         gyro, tracks = self._gyro, self._tracks
         if self._next is None:
             if len(gyro.seconds) < 2 or len(tracks.seconds) < 2:
                 return False
             first = max(gyro.seconds[0], tracks.seconds[0] - SHIFTS[0])
             self._next = math.ceil(first / WINDOW_STEP) * WINDOW_STEP
-        end, after = min(tracks.newest - LATEST, gyro.newest), WINDOW + AT_ONCE * WINDOW_STEP
-        self._due = self._next + after + LATEST
-        if self._next + after > end:
+        end = min(newest - LATEST, gyro.newest)
+        if self._next + WINDOW + AT_ONCE * WINDOW_STEP > end:
             return False
         starts = np.arange(self._next, end - WINDOW, WINDOW_STEP)
-        # All windows, at all shifts, begin and end on one grid.
-        grid = STEP * np.arange((len(starts) - 1) * PER_STEP + PER_WINDOW + 1)
-        turned = _over_window(gyro.at(self._next + grid))[::PER_STEP]
-        more = STEP * np.arange(len(grid), len(grid) + len(SHIFTS) - 1)
-        angles = tracks.at(self._next + SHIFTS[0] + np.concatenate([grid, more]))
-        driven = sliding_window_view(_over_window(angles), len(SHIFTS))[::PER_STEP]
         self._next = float(starts[-1]) + WINDOW_STEP
+        turned = gyro.at(starts + WINDOW) - gyro.at(starts)
+        shifted = starts[:, None] + SHIFTS
+        driven = tracks.at(shifted + WINDOW) - tracks.at(shifted)
+        completed = False
+        for y, x in zip(turned.tolist(), driven, strict=True):
+            if x.any():  # not standing
+                completed |= self._use_window(x, y)
         for angle in (gyro, tracks):
             angle.drop_before(self._next + SHIFTS[0])
-        self._due = self._next + after + LATEST
-        is_moving = driven.any(axis=1)
-        return self._add(driven[is_moving], turned[is_moving])
-
-    def _add(self, x: Floats, y: Floats) -> bool:
-        """Add windows' turning by the tracks (n, m), for each shift, and by the gyro (n,)."""
-        completed, begin = False, 0
-        while begin < len(y):
-            turned = self._turned + np.cumsum(np.abs(y[begin:])) * WINDOW_STEP / WINDOW
-            end = begin + int(np.searchsorted(turned, BLOCK)) + 1
-            driven, turning = x[begin:end], y[begin:end, None]
-            one = np.ones_like(driven)
-            parts = one, driven, turning * one, driven**2, driven * turning, turning**2 * one
-            self._open += np.array(parts).sum(axis=1)
-            if begin + len(turned) < end:
-                self._turned = float(turned[-1])
-                return completed
-            self._blocks.append(self._open)
-            self._open, self._turned = np.zeros((6, len(SHIFTS))), 0.0
-            completed, begin = True, end
         return completed
 
-
-def _over_window(angles: Floats) -> Floats:
-    """Changes of an angle on the grid over a window."""
-    return angles[PER_WINDOW:] - angles[:-PER_WINDOW]
+    def _use_window(self, x: Floats, y: float) -> bool:
+        """Add a window's turning by the tracks, for each shift, and by the gyro."""
+        one = np.ones(len(SHIFTS))
+        self._open += np.array([one, x, y * one, x * x, x * y, y * y * one])
+        self._turned += abs(y) * WINDOW_STEP / WINDOW
+        if self._turned < BLOCK:
+            return False
+        self._blocks.append(self._open)
+        self._open, self._turned = np.zeros((6, len(SHIFTS))), 0.0
+        return True
 
 
 def _best(sums: Floats) -> float | None:
@@ -323,4 +291,4 @@ def _best(sums: Floats) -> float | None:
         return None
     if 1.0 - misfit[at] / variance[at] < LEAST_CORRELATION**2:
         return None
-    return float(SHIFTS[at] + beside_lowest(misfit, at) * STEP)
+    return float(SHIFTS[at] + beside_lowest(misfit, at) * (SHIFTS[1] - SHIFTS[0]))
