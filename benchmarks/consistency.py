@@ -8,22 +8,18 @@ gyro unknown by 1 % and 0.5 %. Standstill detection is off, since nothing stands
 NEES is taken each 5 s. Its mean over the runs should be the number of states, and lie in its 95 % band
 (chi-square over the runs) at 95 % of the times. NIS is per degree of freedom; beside it stands the
 share of runs in which it lies in the 95 % band. What the gates cut off is allowed for. The factor by
-which position fixes enlarge the slip is at least 1 in the filter and 1 in the truth; `--steady-slip`
-holds it at 1.
+which position fixes enlarge the slip is at least 1 in the filter and 1 in the truth.
 
     python benchmarks/consistency.py                     # all terms of the filter are true
     python benchmarks/consistency.py --without lateness  # one of the careful ones is not
     python benchmarks/consistency.py --each-without      # a row for each of them, and one for all
-    python benchmarks/consistency.py --steady-slip       # the factor on the slip stays at 1
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, fields, replace
-from unittest.mock import patch
 
 import msgspec
 import numpy as np
@@ -33,7 +29,6 @@ from scipy.stats import chi2
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -62,11 +57,7 @@ CAREFUL = {
 
 @dataclass(frozen=True)
 class Job:
-    """One run: its variant, index, length [s], drive, careful terms, and share of the initial spread.
-
-    Attributes:
-        steady_slip: whether the filter's factor on the slip is held at 1.
-    """
+    """One run: its variant, index, length [s], drive, careful terms, and share of the initial spread."""
 
     variant: str
     index: int
@@ -74,7 +65,6 @@ class Job:
     trajectory: str
     terms: Terms
     share: float
-    steady_slip: bool = False
 
 
 @dataclass(frozen=True)
@@ -117,13 +107,6 @@ def nees_of(error: Floats, covariance: Floats) -> float:
 
 def score(job: Job) -> Score:
     """One run."""
-    held = patch.object(slip_factor, "slip_factor_after", return_value=1.0)
-    with held if job.steady_slip else nullcontext():
-        return score_run(job)
-
-
-def score_run(job: Job) -> Score:
-    """One run, with the filter as it is."""
     robot, variant = studied_robot(), find_variant(job.variant)
     speeds = moving_speeds(robot, job.trajectory, job.duration, [SEED, job.index])
     sampler = ModelSampler(robot, variant, SETTINGS, FIXES, job.terms, share=job.share)
@@ -234,7 +217,6 @@ def jobs_of(arguments: argparse.Namespace, variants: Sequence[str], terms: Terms
             arguments.trajectory,
             terms,
             arguments.share,
-            arguments.steady_slip,
         )
         for name in variants
         for index in range(arguments.runs)
@@ -258,9 +240,6 @@ def main() -> None:
     )
     parser.add_argument(
         "--each-without", action="store_true", help="a row for each careful term, one variant"
-    )
-    parser.add_argument(
-        "--steady-slip", action="store_true", help="hold the factor on the slip at 1"
     )
     arguments = parser.parse_args()
     if arguments.each_without:
