@@ -1,4 +1,4 @@
-"""Tables of the pages that are older than the filter: list them, or run their commands and replace them.
+"""Tables of the pages that are older than their sources: list them, or make them again.
 
     python benchmarks/all_tables.py [--list] [--only NAME ...] [--data DATA]
 

@@ -55,7 +55,7 @@ from icreckon.simulation.study.plan import load_study
 RESULTS = ROOT / "benchmarks" / "estimates.json"
 SECOND = 1_000_000_000
 RELATIVE, ABSOLUTE = 1e-4, 1e-6
-"""Differences of two machines: rounding, and what a filter makes of it in some minutes."""
+"""Tolerances: two machines differ by rounding, and by what a filter makes of it within minutes."""
 CELLS = {
     ("auriga-alpha", "level"): "gentle",
     ("small", "plane 6° to 120°"): "on the spot",
@@ -91,7 +91,7 @@ def of_run(found: Run) -> list[float]:
 
 
 def of_healthy(key: tuple[str, str]) -> Figures:
-    """Runs over a healthy drive: by each engine, smoothed, with all kinds of fixes, with late ones."""
+    """Runs over a healthy drive: streamed, in lanes, smoothed, with all kinds of fixes, late ones too."""
     cell = next(one for one in cells() if (one.robot, one.ground, one.drive) == (*key, CELLS[key]))
     log, robot = simulated(cell, 0)
     log, truth = log.between(log.start, log.start + 130 * SECOND), log.truth
@@ -220,7 +220,8 @@ def changed(before: Figures, after: Figures) -> list[str]:
         if one.shape != other.shape:
             lines.append(f"{name}: {len(one)} figures, now {len(other)}")
         elif not np.allclose(one, other, RELATIVE, ABSOLUTE, equal_nan=True):
-            k = int(np.nanargmax(np.abs(one - other) / (ABSOLUTE + RELATIVE * np.abs(one))))
+            off = np.abs(one - other) / (ABSOLUTE + RELATIVE * np.abs(one))
+            k = int(np.argmax(np.where(np.isfinite(off), off, np.inf)))
             lines.append(f"{name}: {one[k]:.6g} is {other[k]:.6g} now (figure {k})")
     return lines
 
@@ -232,7 +233,7 @@ def kept() -> Figures:
 
 
 def main() -> None:
-    """Compare, and write the file if asked and if something differs; exit 1 if something does."""
+    """Compare, and write the file if asked; exit 1 if figures differ and it is not written."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -240,6 +241,7 @@ def main() -> None:
     given = parser.parse_args()
     before, after = (kept() if RESULTS.is_file() else {}), estimates()
     if not data_folder():
+        print("real logs: SKIPPED, their figures stay; ICRECKON_DATA names the folder of the logs")
         after |= {name: one for name, one in before.items() if name.startswith("real")}
     lines = changed(before, after)
     print("\n".join([*lines, f"{len(lines)} of {len(after)} runs differ"]))

@@ -43,7 +43,7 @@ class LanePlaces(NamedTuple):
         stood: row that is 1 if the robot was found standing.
         slip_factor: row of the factor on the slip.
         of_record: rows of `OF_RECORD`.
-        gyro: rows of the gyro: rejections in a row, number admitted, innovation, its variance.
+        gyro: rows of the gyro: time of rejections, number admitted, innovation, its variance.
         accelerometers: the same rows of the accelerometers, forward and left.
         position_rejected_for: row of the time of rejected position fixes.
         position_admitted: row of the number of admitted ones.

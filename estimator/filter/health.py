@@ -61,7 +61,7 @@ class JudgedInnovation(NamedTuple):
 
     Attributes:
         stamp: stamp of the measurement [ns].
-        verdict: "admitted", "rejected", or "reacquired": used after too many rejections in a row.
+        verdict: "admitted", "rejected", or "reacquired": used after too long a time of rejections.
         residual: (n,) innovation, measured less predicted; angles from -pi to pi.
         covariance: (n, n) innovation covariance S: of the prediction and of the measurement.
     """
@@ -87,7 +87,7 @@ class SensorHealth:
         recent_nis: mean NIS per degree of freedom of the newest hundred or so of these, rejected ones
             included; None before the first.
         newest_judged: innovation of the newest of these, for `newest`; None before the first.
-        reacquired: number of measurements that were used after too many rejections in a row.
+        reacquired: number of measurements that were used after too long a time of rejections.
     """
 
     used: Count = 0

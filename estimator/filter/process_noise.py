@@ -1,6 +1,7 @@
 """Process noise: slip, errors of the track speeds, and random walks.
 
-The functions are written for plain Python and for numba (`icreckon.estimator.tracing.jit_kernel`).
+The functions are written for plain Python, for numba (`icreckon.estimator.tracing.jit_kernel`) and,
+traced, for lanes (`icreckon.estimator.engine.model`).
 """
 
 from __future__ import annotations

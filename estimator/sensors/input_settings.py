@@ -24,7 +24,7 @@ class InputSettings(NamedTuple):
     Attributes:
         hold: age from which track speeds are stale [s].
         hold_ns: `hold` in whole nanoseconds.
-        gap_acceleration: random walk of stale speeds [m/s/√s].
+        gap_acceleration: random walk of speeds that are stale or stuck [m/s/√s].
         fastest: highest speed of a track [m/s].
         track_density: density of the error of a track's speed, from the noise of its sensor [m²/s].
         track_speed: slower tracks are stopped [m/s].

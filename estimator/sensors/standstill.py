@@ -1,4 +1,4 @@
-"""Standstill detection: both tracks stopped, a quiet gyro; its mean is the bias.
+"""Standstill detection: both tracks stopped and a quiet gyro, whatever its mean.
 
 A bias that differs from the estimate jumped, or walked, since the robot last stood. A robot that is
 turned slowly and steadily with its tracks at rest looks the same; the uncertainty of the yaw covers that.

@@ -15,6 +15,8 @@ def test_rounding_is_no_difference(after: list[float]) -> None:
 def test_each_difference_has_a_line() -> None:
     after = {"run": [1.0, -20.003, 0.0], "other": [0.0]}
     assert changed(BEFORE, after) == ["other: new", "run: -20 is -20.003 now (figure 1)"]
+    lost = [1.0, float("nan"), 0.0]
+    assert changed(BEFORE, {"run": lost}) == ["run: -20 is nan now (figure 1)"]
     assert changed(after, {"run": [1.0]}) == ["other: missing", "run: 3 figures, now 1"]
 
 
