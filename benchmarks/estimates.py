@@ -221,6 +221,7 @@ def changed(before: Figures, after: Figures) -> list[str]:
             lines.append(f"{name}: {len(one)} figures, now {len(other)}")
         elif not np.allclose(one, other, RELATIVE, ABSOLUTE, equal_nan=True):
             off = np.abs(one - other) / (ABSOLUTE + RELATIVE * np.abs(one))
+            off[np.isnan(one) & np.isnan(other)] = 0.0
             k = int(np.argmax(np.where(np.isfinite(off), off, np.inf)))
             lines.append(f"{name}: {one[k]:.6g} is {other[k]:.6g} now (figure {k})")
     return lines
