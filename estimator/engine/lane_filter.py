@@ -234,7 +234,7 @@ class LaneSteps:
         )
         if ekf.clones is not None or ekf.observer is not None:
             values = self._workspace[self._lane.first_report :, 0]
-            events_of(self._lane.shape, name).tell(values, len(ekf.x), yaw, ekf)
+            events_of(self._lane.shape, name).report(values, len(ekf.x), yaw, ekf)
         return found
 
 

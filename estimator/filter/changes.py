@@ -1,12 +1,13 @@
 """Changes of a filter that its kernels report, for marks and the smoother.
 
 A kernel of a shape with `FilterShape.reports` stores the numbers of each change in rows of the workspace.
-Which changes these are, and of which states, is the same in each call (`Event`). `Events` pass them on.
+Which changes these are, and of which states, is the same in each call (`Event`).
+`Events` reports them to a listener.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple, Protocol
 
@@ -106,13 +107,13 @@ class Events:
         events: the changes; their values are not used.
     """
 
-    def __init__(self, events: Iterable[Event]) -> None:
+    def __init__(self, events: Sequence[Event]) -> None:
         self._events = [(one.kind, list(one.states), one.fixed) for one in events]
         self._ends = np.cumsum([len(one.values) for one in events])
         self._begins = np.concatenate([[0], self._ends[:-1]])
 
-    def tell(self, values: Floats, size: int, yaw: float, listener: Listener) -> None:
-        """Pass the changes of a call on.
+    def report(self, values: Floats, size: int, yaw: float, listener: Listener) -> None:
+        """Report the changes of a call to a listener; those of zero are left out.
 
         Args:
             values: (m,) their numbers; the rest is not used.
@@ -122,12 +123,12 @@ class Events:
         """
         if not self._events:
             return
-        acts = np.logical_or.reduceat(values[: self._ends[-1]] != 0.0, self._begins)
-        places = zip(self._begins.tolist(), self._ends.tolist(), acts.tolist(), strict=True)
-        for (kind, states, fixed), (begin, end, is_any) in zip(self._events, places, strict=True):
+        is_nonzero = np.logical_or.reduceat(values[: self._ends[-1]] != 0.0, self._begins)
+        places = zip(self._begins.tolist(), self._ends.tolist(), is_nonzero.tolist(), strict=True)
+        for (kind, states, fixed), (begin, end, changes) in zip(self._events, places, strict=True):
             if kind == "renewed":
                 listener.renewed(_symmetric(values[begin:end], 3))
-            elif not is_any:
+            elif not changes:
                 continue
             elif kind == "updated":
                 z, r, inverse_S, is_sharp = values[begin : begin + 4].tolist()

@@ -307,8 +307,8 @@ class Admission:
         m, kind = cast(Any, measurement), type(measurement)
         if kind is ImuSample:
             rates, force = m.angular_velocity, m.linear_acceleration
-            usual = _is_usual(rates, ABSURD_RATE)
-            usual = usual and (force is None or _is_usual(force, ABSURD_FORCE))
+            usual = _are_usual(rates, ABSURD_RATE)
+            usual = usual and (force is None or _are_usual(force, ABSURD_FORCE))
         elif kind is TrackSpeeds:
             left, right, most = m.left, m.right, self._absurd
             usual = type(left) is type(right) is float and -most <= left <= most
@@ -406,7 +406,7 @@ def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str
     return None
 
 
-def _is_usual(values: Any, most: float) -> bool:
+def _are_usual(values: Any, most: float) -> bool:
     """Return True for a tuple of three floats of at most a size."""
     if type(values) is not tuple or len(values) != 3:
         return False

@@ -340,7 +340,7 @@ SCENES |= {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_side_by_side_says_what_streaming_says(name: str) -> None:
+def test_side_by_side_agrees_with_streaming(name: str) -> None:
     scene = SCENES[name]
     log = scene.log()
     runs = run_side_by_side(
@@ -373,7 +373,7 @@ PLAIN = {
 
 
 @pytest.mark.parametrize("name", [*PLAIN, *map(thorough, VARIANTS.keys() - PLAIN.keys())])
-def test_plain_says_what_compiled_says(name: str) -> None:
+def test_plain_agrees_with_compiled(name: str) -> None:
     scene = PLAIN.get(name) or Scene(short, (name,))
     settings = msgspec.structs.replace(scene.settings, engine="plain")
     for variant in scene.variants:
@@ -558,7 +558,7 @@ BLOCKS = {
 
 
 @pytest.mark.parametrize("name", BLOCKS)
-def test_lanes_say_what_streaming_says(name: str) -> None:
+def test_lanes_agree_with_streaming(name: str) -> None:
     block = BLOCKS[name]
     side_by_side = BatchFilter(block.robot, VARIANTS[block.variant], block.settings)
     streams = [streamed(log, block.robot, block.variant, block.settings) for log in block.logs()]
