@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings
+from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings, wheels_of
 from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
@@ -31,7 +31,7 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     Late measurements of the time before are `TOO_OLD` afterwards.
 
     All samples are fed one by one if values are implausible or missing, stamps do not rise, or there are
-    speeds of wheels or marks. The loop is compiled at the first call for a motion model.
+    marks. The loop is compiled at the first call for a motion model.
 
     Args:
         estimator: the estimator.
@@ -78,9 +78,7 @@ def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
         return None
     if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(log.tracks.stamps):
         return None
-    if log.tracks.left_wheels is not None or estimator.marks:
-        return None
-    if has_absurd_readings(log, estimator.robot.vehicle.max_track_speed):
+    if estimator.marks or has_absurd_readings(log, estimator.robot.vehicle.max_track_speed):
         return None
     newest = max(int(stamps[-1]), int(log.tracks.stamps[-1]))
     oldest_of_history = newest - round(estimator.settings.history / NANOSECOND)
@@ -93,13 +91,13 @@ def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
 def _samples(estimator: PoseEstimator, log: Log) -> SampleArrays:
     """Samples of a log, in the axes and units of the filter."""
     sensors, imu = SensorModels(estimator.robot), log.imu
-    if imu is None:
-        empty = np.zeros(0)
-        return SampleArrays(
-            log.tracks.stamps, log.tracks.speeds, NO_STAMPS, empty, np.zeros((0, 2))
-        )
-    force, count = imu.linear_acceleration, len(imu.stamps)
-    forces = np.full((count, 2), np.nan) if force is None else sensors.along_ground_of(force)
-    rates = np.ascontiguousarray(sensors.yaw_rates(imu.angular_velocity))
-    speeds = np.ascontiguousarray(log.tracks.speeds)
-    return SampleArrays(log.tracks.stamps, speeds, imu.stamps, rates, forces)
+    of_tracks = log.tracks.speeds, *wheels_of(log.tracks)
+    speeds, left, right = (np.ascontiguousarray(one) for one in of_tracks)
+    stamps, rates, forces = NO_STAMPS, np.zeros(0), np.zeros((0, 2))
+    if imu is not None:
+        stamps, force = imu.stamps, imu.linear_acceleration
+        forces = np.full((len(stamps), 2), np.nan)
+        if force is not None:
+            forces = sensors.along_ground_of(force)
+        rates = np.ascontiguousarray(sensors.yaw_rates(imu.angular_velocity))
+    return SampleArrays(log.tracks.stamps, speeds, left, right, stamps, rates, forces)

@@ -6,6 +6,7 @@ of `icreckon.estimator.sensors` that the streaming filter calls; here is the loo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,9 +26,10 @@ from icreckon.estimator.engine.schedule import (
     LogSteps,
     Steps,
 )
+from icreckon.estimator.faults.repeating_fixes import PlaceRecord, repeats
 from icreckon.estimator.faults.spinning_tracks import assumed_speeds
-from icreckon.estimator.filter.filter_record import FilterRecord, take_track_speeds
-from icreckon.estimator.filter.gate import GATED, LONGEST_COUNTED
+from icreckon.estimator.filter.filter_record import FilterRecord, take_track_sample
+from icreckon.estimator.filter.gate import GATED, LONGEST_COUNTED, SKIPPED
 from icreckon.estimator.sensors.held_tracks import speeds_at
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.tracing.jit_kernel import entry
@@ -45,6 +47,8 @@ class Measured(NamedTuple):
     Attributes:
         track_stamps: (n,) [ns].
         tracks: (runs, n, 2) speeds of the left and the right track [m/s]; NaN if a sample is missing.
+        left_wheels: (runs, n, k) speeds of the left wheels [m/s]; k is 0 if they are not known.
+        right_wheels: (runs, n, m) speeds of the right wheels [m/s].
         imu_stamps: (m,) [ns].
         rates: (runs, m) yaw rates of the gyros, see `SensorModels.yaw_rate` [rad/s].
         forces: (runs, m, 2) specific force forward and to the left [m/s²]; NaN without accelerometers.
@@ -55,11 +59,18 @@ class Measured(NamedTuple):
 
     track_stamps: Stamps
     tracks: Floats
+    left_wheels: Floats
+    right_wheels: Floats
     imu_stamps: Stamps
     rates: Floats
     forces: Floats
     fix_stamps: Stamps
     fixes: Floats
+
+    def of_runs(self, runs: Sequence[int]) -> Measured:
+        """Measurements of some of the runs."""
+        of_run = {name: value for name, value in self._asdict().items() if "stamps" not in name}
+        return self._replace(**{name: value[runs] for name, value in of_run.items()})
 
 
 class LaneRecords(NamedTuple):
@@ -70,12 +81,16 @@ class LaneRecords(NamedTuple):
         quiet_stamps: (lanes, n) buffers of the stamps of yaw-rate readings [ns].
         quiet_rates: (lanes, n) buffers of the readings [rad/s].
         stuck: (lanes,) number of times that a track was found stuck.
+        fixes: (lanes,) number of fixes so far.
+        judged: (lanes,) index of the newest fix that does not repeat a position; -1 for none.
     """
 
     records: Any
     quiet_stamps: Stamps
     quiet_rates: Floats
     stuck: NDArray[np.int64]
+    fixes: NDArray[np.int64]
+    judged: NDArray[np.int64]
 
 
 class FrontEnd:
@@ -106,8 +121,10 @@ class FrontEnd:
         if not np.isfinite(measured.tracks[:, 0]).all():
             raise BatchError("a run lacks its first track speeds")
         # Steps count their stamps from the first track speeds.
-        since_first = measured.track_stamps - measured.track_stamps[0]
-        self._measured, self._steps = measured._replace(track_stamps=since_first), steps
+        begin = measured.track_stamps[0]
+        since_first = measured.track_stamps - begin, measured.fix_stamps - begin
+        self._steps = steps
+        self._measured = measured._replace(track_stamps=since_first[0], fix_stamps=since_first[1])
         lanes, imu = len(measured.tracks), measured.imu_stamps
         oldest = np.searchsorted(imu, imu - settings.duration_ns)
         # Twice as many as count at most, so that the buffers seldom have to be moved.
@@ -121,6 +138,8 @@ class FrontEnd:
             np.zeros((lanes, room), np.int64),
             np.zeros((lanes, room)),
             np.zeros(lanes, np.int64),
+            np.zeros(lanes, np.int64),
+            np.full(lanes, -1),
         )
         self._added = 0
 
@@ -159,7 +178,7 @@ def fill_inputs(
     Args:
         inputs: (n, rows, lanes) written to.
         lanes: records of the lanes, changed in place.
-        measured: measurements; stamps of track speeds are since the first.
+        measured: measurements; stamps of track speeds and fixes are since the first track speeds.
         steps: the steps.
         added: number of track-speed samples in the records already.
 
@@ -183,10 +202,15 @@ def fill_lane(
     stamps, rates = lanes.quiet_stamps[lane], lanes.quiet_rates[lane]
     for k in range(len(steps.starts)):
         while added < steps.tracks[k]:
-            left, right = measured.tracks[lane, added, 0], measured.tracks[lane, added, 1]
-            if left == left:
-                stamp = measured.track_stamps[added]
-                lanes.stuck[lane] += take_track_speeds(record, stamp, left, right)
+            speeds, stamp = measured.tracks[lane, added], measured.track_stamps[added]
+            if np.isfinite(speeds[0]):
+                lanes.stuck[lane] += take_track_sample(
+                    record,
+                    stamp,
+                    speeds,
+                    measured.left_wheels[lane, added],
+                    measured.right_wheels[lane, added],
+                )
             added += 1
         given, end, sample = inputs[k], steps.ends[k], steps.samples[k]
         record.stamp = steps.starts[k]
@@ -195,7 +219,8 @@ def fill_lane(
             sample_inputs(record, stamps, rates, given, lane, end, rate, force[0], force[1], True)
         else:
             move_inputs(record, given, lane, end)
-        left, right = speeds_at(record.tracks, end, record.settings.hold_ns)
+        now = speeds_at(record.tracks, end, record.settings.hold_ns)
+        left, right = now
         newest = steps.output_tracks[k] - 1
         if newest >= steps.tracks[k]:
             one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
@@ -206,14 +231,38 @@ def fill_lane(
             fix = steps.fixes[k]
             for part in range(FIX_VALUES):
                 given[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
-            given[ROW_FIX + FIX_VALUES, lane] = GATED
-            given[ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, fix - 1)
+            is_new = add_fixes(
+                record.positions, lane, lanes, measured, fix, 0.5 * (now[0] + now[1])
+            )
+            given[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
+            before = lanes.judged[lane]
+            given[ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, before)
+            if is_new:
+                lanes.judged[lane] = fix
             if steps.extras[k] & HEADING:
                 headed = fix - 1
                 while headed >= 0 and not np.isfinite(measured.fixes[lane, headed, YAW_OF_FIX]):
                     headed -= 1
                 interval = counted_interval(measured.fix_stamps, fix, headed)
                 given[ROW_HEADING_INTERVAL, lane] = interval
+
+
+def add_fixes(
+    place: PlaceRecord, lane: int, lanes: LaneRecords, measured: Measured, fix: int, speed: float
+) -> bool:
+    """Add fixes up to an index; return False if the last repeats a position while driving.
+
+    Those before it came before the first track speeds.
+    """
+    found = False
+    while lanes.fixes[lane] <= fix:
+        k = lanes.fixes[lane]
+        x, y = measured.fixes[lane, k, 0], measured.fixes[lane, k, 1]
+        found = repeats(place, measured.fix_stamps[k], x, y, speed if k == fix else 0.0)
+        if k < fix:
+            lanes.judged[lane] = k
+        lanes.fixes[lane] = k + 1
+    return not found
 
 
 def counted_interval(stamps: Stamps, fix: int, before: int) -> float:
@@ -230,8 +279,11 @@ def check_sizes(
     count, n, tracks = len(lanes.records), len(steps.starts), len(measured.track_stamps)
     sizes_fit = len(inputs) >= n and inputs.shape[1] == ROWS and inputs.shape[2] >= count > 0
     sizes_fit &= len(lanes.stuck) == len(lanes.quiet_stamps) == count
+    sizes_fit &= len(lanes.fixes) == len(lanes.judged) == count
     sizes_fit &= lanes.quiet_stamps.shape == lanes.quiet_rates.shape
     sizes_fit &= measured.tracks.shape == (count, tracks, 2) and 0 <= added <= tracks
+    for wheels in (measured.left_wheels, measured.right_wheels):
+        sizes_fit &= wheels.shape[:2] == (count, tracks)
     sizes_fit &= len(measured.rates) == count == len(measured.forces)
     sizes_fit &= measured.forces.shape[1:] == (measured.rates.shape[1], 2)
     sizes_fit &= measured.fixes.shape[0] == count and measured.fixes.shape[2] == FIX_VALUES

@@ -9,10 +9,9 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.batch.front_end import FIX_VALUES, Measured
-from icreckon.estimator.faults.repeating_fixes import may_repeat
 from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import FixSeries, ImuSeries
+from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
@@ -51,15 +50,20 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
         track_stamps = logs[0].tracks.stamps
         if not all(np.array_equal(log.tracks.stamps, track_stamps) for log in logs):
             track_stamps = np.unique(np.concatenate([log.tracks.stamps for log in logs]))
-    tracks = np.full((len(logs), len(track_stamps), 2), np.nan)
-    for row, log in enumerate(logs):
-        stamps, speeds = log.tracks.stamps, log.tracks.speeds
-        if np.array_equal(stamps, track_stamps):
-            tracks[row] = speeds
-        elif np.isin(stamps, track_stamps).all():
-            tracks[row, np.searchsorted(track_stamps, stamps)] = speeds
-        else:
+    found = [wheels_of(log.tracks) for log in logs]
+    tracks, left, right = (
+        np.full((len(logs), len(track_stamps), most), np.nan)
+        for most in (2, *(max(one.shape[1] for one in side) for side in zip(*found, strict=True)))
+    )
+    for row, (log, of_wheels) in enumerate(zip(logs, found, strict=True)):
+        stamps = log.tracks.stamps
+        if not np.isin(stamps, track_stamps).all():
             raise BatchError(f"track speeds of {log.name!r} have stamps that no track speeds have")
+        at = np.searchsorted(track_stamps, stamps)
+        for values, one in zip((tracks, left, right), (log.tracks.speeds, *of_wheels), strict=True):
+            if values.shape[2] != one.shape[1]:
+                raise BatchError(f"{log.name!r} has the speeds of other wheels than the first log")
+            values[row, at] = one
     sensors = SensorModels(robot)
     rates = np.stack([sensors.yaw_rates(imu.angular_velocity) for imu in imus])
     forces = np.stack([sensors.along_ground_of(_forces(imu)) for imu in imus])
@@ -67,7 +71,15 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
     for row, log in enumerate(logs):
         if log.fixes is not None and len(fix_stamps):
             fixes[row] = fix_rows(log.fixes)
-    return Measured(track_stamps, tracks, imu_stamps, rates, forces, fix_stamps, fixes)
+    of_tracks = track_stamps, tracks, left, right
+    return Measured(*of_tracks, imu_stamps, rates, forces, fix_stamps, fixes)
+
+
+def wheels_of(tracks: TrackSpeedSeries) -> tuple[Floats, Floats]:
+    """Speeds (n, k) and (n, m) of the left and the right wheels [m/s]; none if they are not known."""
+    if tracks.left_wheels is None or tracks.right_wheels is None:
+        return np.zeros((len(tracks.stamps), 0)), np.zeros((len(tracks.stamps), 0))
+    return tracks.left_wheels, tracks.right_wheels
 
 
 def _imu(log: Log) -> ImuSeries:
@@ -113,11 +125,11 @@ def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
     imu = log.imu
     if imu is None:
         raise BatchError(f"the log {log.name!r} holds no IMU")
+    fastest, sides = ABSURD_SPEED * max_track_speed, wheels_of(log.tracks)
     readings = [
-        (log.tracks.speeds, ABSURD_SPEED * max_track_speed),
+        *((values, fastest) for values in (log.tracks.speeds, *sides)),
         (imu.angular_velocity, ABSURD_RATE),
     ]
     if imu.linear_acceleration is not None:
         readings.append((imu.linear_acceleration, ABSURD_FORCE))
-    absurd = any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)
-    return absurd or may_repeat(log)
+    return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)

@@ -9,7 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.inputs import has_absurd_readings, has_heading, measured_of
-from icreckon.estimator.batch.runs import SCATTERS, scatters, side_by_side, work_through_runs
+from icreckon.estimator.batch.runs import side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.log.log import Log
@@ -73,22 +73,13 @@ def run_many(
     for first in range(0, len(logs), filters.width):
         # A group that is not full runs its last log more than once.
         group = [min(first + lane, len(logs) - 1) for lane in range(filters.width)]
-        of_group = measured._replace(
-            tracks=measured.tracks[group],
-            rates=measured.rates[group],
-            forces=measured.forces[group],
-            fixes=measured.fixes[group],
-        )
         (worked,) = work_through_runs(
             [filters],
-            [of_group],
+            [measured.of_runs(group)],
             steps,
             start=np.array(start, dtype=float),
             start_sigma=np.array(start_sigma, dtype=float),
         )
-        for lane, number in enumerate(group):
-            if scatters(of_group, steps, worked.lanes, lane):
-                raise BatchError(f"the log {logs[number].name!r} {SCATTERS}")
         path = side_by_side(ticks, worked)
         found += [
             Trajectory(

@@ -11,10 +11,10 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.base.records import record_of
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
-from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings
+from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings, wheels_of
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
-from icreckon.estimator.batch.runs import SCATTERS, scatters
 from icreckon.estimator.engine.constants import SMOOTHING, aligned
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import INPUTS
@@ -29,7 +29,14 @@ from icreckon.estimator.engine.schedule import (
     steps_of_log,
 )
 from icreckon.estimator.engine.work import ESTIMATE
-from icreckon.estimator.filter.health import add_gyro_faults, noise_health, slip_health, tilt_health
+from icreckon.estimator.filter.filter_record import FixesRecord
+from icreckon.estimator.filter.health import (
+    add_estimates,
+    add_fix_faults,
+    add_gyro_faults,
+    noise_health,
+    slip_health,
+)
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
@@ -101,7 +108,7 @@ def run_side_by_side(
         return {}
     given = np.array(start, dtype=float), np.array(start_sigma, dtype=float)
     first = np.repeat(measured.tracks[:, 0], filters[0].width, axis=0)
-    begun = [one.begin(first, *given, len(measured.fix_stamps)) for one in filters]
+    begun = [one.begin(first, *given) for one in filters]
     row_stamps = steps.row_stamps + measured.track_stamps[0]
     rows = [ReplayRows(one, robot, steps, measured, headings, row_stamps) for one in filters]
     began = [_begin(log, robot, name, settings, start, start_sigma) for name in variants]
@@ -109,7 +116,8 @@ def run_side_by_side(
         checkpoint, by_parameters = before.checkpoint(), before.model().jacobian[:, s.PARAMETERS]
         if checkpoint.regressors is not None and steps.kinds[:1] == UPDATE:
             raise BatchError("there are fixes before the first track speeds")
-        one.continue_from(lanes, checkpoint, by_parameters)
+        begin_stamp = int(measured.track_stamps[0])
+        one.continue_from(lanes, checkpoint, by_parameters, begin_stamp)
     if steps.before_steps:
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before, robot))
@@ -117,9 +125,6 @@ def run_side_by_side(
     chosen = input_settings(robot, of_filters)
     front = FrontEnd(measured, steps, chosen)
     work_through_log(filters, begun, rows, steps, measured, front, progress, smoothed=smoothed)
-    for lanes, before in zip(begun, began, strict=True):
-        if scatters(measured, steps, lanes, before=before.checkpoint().scatter):
-            raise BatchError(f"the log {log.name!r} {SCATTERS}")
     found: dict[str, Run] = {}
     for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
         health = before.health
@@ -134,8 +139,9 @@ def run_side_by_side(
         found[name] = rows.pop(0).finish(name, one, lanes, health)
         health = found[name].health
         add_gyro_faults(health, record.tracks, int(measured.track_stamps[0]))
-        at_end = found[name].states[-1], found[name].state_sigmas[-1]
-        health.tilt = tilt_health(*at_end, robot.imu)
+        scatter = record_of(FixesRecord, lanes.fixes[0]).scatter
+        add_fix_faults(health, record.positions, record.poses, scatter)
+        add_estimates(health, *one.state(lanes, 0), robot.imu)
     return found
 
 
@@ -205,11 +211,6 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
         raise BatchError(
             f"the log {log.name!r} holds {kinds}, which filters side by side do not support"
         )
-    if log.tracks.left_wheels is not None:
-        raise BatchError(
-            f"the log {log.name!r} holds wheels of one side that disagree, which filters side by side do "
-            "not support"
-        )
     fix_stamps = NO_STAMPS if fixes is None else fixes.stamps
     if any((np.diff(one) <= 0).any() for one in (log.tracks.stamps, imu.stamps, fix_stamps)):
         raise BatchError(f"the stamps of {log.name!r} do not rise")
@@ -224,11 +225,14 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
     if not (np.isfinite(np.delete(values, 2, axis=1)).all() and (values[:, 3:5] > 0.0).all()):
         raise BatchError(f"the log {log.name!r} holds fixes that are no numbers")
     sensors, force = SensorModels(robot), imu.linear_acceleration
+    left, right = wheels_of(log.tracks)
     rates = sensors.yaw_rates(imu.angular_velocity)
     forces = np.full((len(rates), 2), np.nan) if force is None else sensors.along_ground_of(force)
     measured = Measured(
         log.tracks.stamps,
         np.ascontiguousarray(log.tracks.speeds)[None],
+        np.ascontiguousarray(left)[None],
+        np.ascontiguousarray(right)[None],
         imu.stamps,
         rates[None],
         forces[None],
@@ -260,7 +264,8 @@ def _begin(
 
 def _snapshot(reckoning: Reckoning, robot: Robot) -> Snapshot:
     """Make a snapshot of a filter, see `PoseEstimator.snapshot`."""
-    model, P = reckoning.model(), reckoning.ekf.P
-    covariance = twist_covariance(model.jacobian, P, robot.vehicle.max_track_speed)
+    model, fastest = reckoning.model(), robot.vehicle.max_track_speed
+    x, P = reckoning.ekf.x[: s.SIZE], reckoning.ekf.P[: s.SIZE, : s.SIZE]
+    covariance = twist_covariance(model.jacobian[:, : s.SIZE], P, fastest)
     stamp = reckoning.stamp or 0
-    return Snapshot(stamp, reckoning.ekf.x, P, model.twist, covariance, model.motion.indices)
+    return Snapshot(stamp, x, P, model.twist, covariance, model.motion.indices)

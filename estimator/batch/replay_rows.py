@@ -25,7 +25,7 @@ from icreckon.estimator.engine.schedule import (
     Steps,
 )
 from icreckon.estimator.engine.work import ESTIMATE
-from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, RECENT
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, RECENT, SKIPPED
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED, Health
 from icreckon.estimator.motion import lagged_index_model, linear_model
 from icreckon.estimator.motion.motion_model import NO_SLIP, gravity_in, track_factors
@@ -84,14 +84,15 @@ class ReplayRows:
         self._rows = Rows(count)
         self._rows.stamps[:], self._rows.states[:] = stamps, one.start
         self._robot = robot
-        fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
-        self._output_states = [i for i in (*one.layout.states, *fast) if i >= s.POSE.stop]
+        self._output_states = one.layout.output_states
         self._places = {
             name: len(ESTIMATE) + place for place, name in enumerate(one.layout.more_outputs)
         }
         self._kind = one.layout.model.kind
         self._output_memory = [self._places[f"memory{k}"] for k in range(one.shape.model.memory)]
         self._count = count
+        # True for each fix that was used or rejected by the gate.
+        self._is_judged = np.zeros(len(headings), dtype=bool)
         self._newest: dict[str, Gated] = {}
         self._nis: dict[str, deque[float]] = {}
 
@@ -112,8 +113,10 @@ class ReplayRows:
         at = np.flatnonzero(part.extras & TICK)
         if not len(at):
             return
-        values = room[: len(at)]
-        self._add_innovations(part, at, values)
+        values, with_fix = room[: len(at)], (part.extras[at] & POSITION) > 0
+        judged = inputs[at, INPUTS["fix_mode"]] != SKIPPED
+        self._is_judged[part.fixes[at[with_fix]]] = judged[with_fix]
+        self._add_innovations(part, at, values, with_fix & judged)
         rows = self._steps.rows[begin:end][at]
         is_row = rows >= 0
         # If an estimate is output again after a fix, the last counts.
@@ -142,7 +145,9 @@ class ReplayRows:
     def _column(self, values: Floats, name: str) -> Floats:
         return values[:, self._places[name]]
 
-    def _add_innovations(self, part: Steps, at: Indices, values: Floats) -> None:
+    def _add_innovations(
+        self, part: Steps, at: Indices, values: Floats, with_position: Truths
+    ) -> None:
         """Record the newest innovations of the gates."""
         extras = part.extras[at]
         when = dict.fromkeys(IMU_GATES, part.kinds[at] <= UPDATE)
@@ -154,7 +159,7 @@ class ReplayRows:
                 last, nis = gated[-1], z[gated] ** 2 / S[gated]
                 innovation = (float(z[last]),), ((float(S[last]),),)
                 self._record(gate, int(part.ends[at[last]]), *innovation, nis)
-        gated = np.flatnonzero(extras & POSITION)[-OUTPUT_AT_END:]
+        gated = np.flatnonzero(with_position)[-OUTPUT_AT_END:]
         if len(gated):
             x, y, xx, xy, yy = (
                 self._column(values, f"position_{name}")[gated]
@@ -188,13 +193,21 @@ class ReplayRows:
             self._write_normalised(gate, row_range, z, S, with_sample)
         if not with_fix.any():
             return
+        with_position = with_fix & self._has_judged(row_range, fixes)
         for axis in "xy":
             z = self._column(values, f"position_z_{axis}")
             S = self._column(values, f"position_S_{axis * 2}")
-            self._write_normalised(f"position_{axis}", row_range, z, S, with_fix)
+            self._write_normalised(f"position_{axis}", row_range, z, S, with_position)
         headed = with_fix & (self._headings[fixes] > 0)
         z, S = self._column(values, "heading_z"), self._column(values, "heading_S")
         self._write_normalised("heading", row_range, z, S, headed)
+
+    def _has_judged(self, row_range: slice, fixes: NDArray[np.int32]) -> Truths:
+        """True for rows since whose predecessor a fix came that does not repeat a position."""
+        counts = np.concatenate([[0], np.cumsum(self._is_judged)])
+        before = self._steps.row_fixes[: row_range.start].max(initial=-1)
+        newest = np.maximum.accumulate(np.concatenate([[before], fixes]))
+        return np.asarray(counts[newest[1:] + 1] > counts[newest[:-1] + 1])
 
     def _write_normalised(
         self, name: str, row_range: slice, z: Floats, S: Floats, when: Truths

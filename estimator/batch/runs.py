@@ -12,9 +12,8 @@ from icreckon.estimator.batch.front_end import FrontEnd, Measured
 from icreckon.estimator.engine.constants import aligned
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.schedule import POSITION, LogSteps, Steps
+from icreckon.estimator.engine.schedule import Steps
 from icreckon.estimator.engine.work import ESTIMATE
-from icreckon.estimator.faults.scattering_fixes import Scatter, scatters_in_run
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
 
@@ -66,7 +65,7 @@ def work_through_runs(
         key: aligned(PART * len(INPUTS) * width, key[2]).reshape(PART, -1, width) for key in fronts
     }
     begun = [
-        one.begin(data.tracks[:, 0], start, start_sigma, len(data.fix_stamps))
+        one.begin(data.tracks[:, 0], start, start_sigma)
         for one, data in zip(filters, measured, strict=True)
     ]
     tables = [one.prepare(steps) for one in filters]
@@ -81,33 +80,6 @@ def work_through_runs(
             table = tables[number][begin:end]
             one.work_through(begun[number], inputs_of_one[: end - begin], part, table, room)
     return [Worked(*of_one) for of_one in zip(begun, estimates, strict=True)]
-
-
-SCATTERS = (
-    "holds fixes that scatter more than stated, which filters side by side use as they are; use run"
-)
-"""Why a log with fixes for which `scatters` is true cannot run side by side."""
-
-
-def scatters(
-    measured: Measured,
-    steps: Steps | LogSteps,
-    lanes: Lanes,
-    lane: int = 0,
-    before: Scatter = Scatter(),  # noqa: B008 - it cannot be changed
-) -> bool:
-    """Return True if the fixes of a run scatter: it needs the streaming filter.
-
-    Args:
-        measured: measurements of the runs.
-        steps: steps of the runs.
-        lanes: filters at the end of their runs.
-        lane: index of the filter.
-        before: scatter before the first step.
-    """
-    rows = steps.fixes[(steps.extras & POSITION) > 0]
-    stamps, fixes = measured.fix_stamps[rows], measured.fixes[lane, rows][:, [0, 1, 3]]
-    return scatters_in_run(before, stamps, fixes, lanes.at_fixes[rows, :, lane])
 
 
 def side_by_side(stamps: Stamps, worked: Worked) -> Trajectory:

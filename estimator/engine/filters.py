@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError
+from icreckon.estimator.base.records import plain_copy, record_array, shifted
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.constants import (
     LINE,
@@ -54,11 +55,10 @@ from icreckon.estimator.engine.work import (
     lane_worker,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
-from icreckon.estimator.filter.filter_record import DEPARTURE
+from icreckon.estimator.filter.filter_record import DEPARTURE, FixesRecord
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.reacquisition import MOST
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import Settings, wander_of
+from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.tracing.emit import kernel_on_demand, lanes_of_machine
 from icreckon.estimator.tracing.kernel import Kernel
@@ -69,18 +69,12 @@ class Lanes(NamedTuple):
 
     Attributes:
         workspace: (rows, width) see `BatchFilter.layout`.
-        rejected: (width, n, 5) position fixes that were rejected since one was used, see
-            `icreckon.estimator.filter.reacquisition.RejectedFix`.
-        rejected_count: (width,) their number.
-        at_fixes: (n, 7, width) place of the antenna and yaw before and after each position fix, and 1 if
-            it was used.
+        fixes: (width,) `FixesRecord` of each.
         constants: constants that all lanes share, with room for those of a step.
     """
 
     workspace: Floats
-    rejected: Floats
-    rejected_count: Any
-    at_fixes: Floats
+    fixes: Any
     constants: Floats
 
 
@@ -102,7 +96,7 @@ class BatchFilter:
         layout: layout of the workspace.
 
     Raises:
-        BatchError: the variant's motion model has no traced form, or fixes wander.
+        BatchError: the variant's motion model has no traced form.
         EstimatorError: see `PoseEstimator`.
     """
 
@@ -116,10 +110,7 @@ class BatchFilter:
     ) -> None:
         if bits not in PRECISIONS:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
-        if wander_of(robot, settings).sigma:
-            raise BatchError(
-                "filters side by side do not estimate the wander of fixes (wander_sigma); use run"
-            )
+        self._wander = wander_of(robot, settings)
         assumed = assumptions(robot, variant, settings)
         model = traced_model(assumed.model)
         if model is None:
@@ -131,6 +122,7 @@ class BatchFilter:
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self.width, self.number = width or lanes_of_machine(bits), PRECISIONS[bits]
         self._walks = all_walks(self._disturbances)
+        wanders = self._wander.sigma > 0.0
         uncertain = (self._sigmas > 0.0) | (self._walks > 0.0)
         uncertain[s.POSE] = uncertain[s.SLIP] = True
         uncertain[s.FAST_SLIP] = False
@@ -141,7 +133,7 @@ class BatchFilter:
         parameters[s.PARAMETERS] = True
         absent = parameters & ~uncertain & (self._state == 0.0)
         self.shape = FilterShape(
-            tuple(np.flatnonzero(uncertain).tolist()),
+            (*np.flatnonzero(uncertain).tolist(), *([s.WANDER_X, s.WANDER_Y] * wanders)),
             tuple(np.flatnonzero(absent).tolist()),
             model,
             considered_states(variant, settings),
@@ -152,20 +144,18 @@ class BatchFilter:
         self._prepared: tuple[Steps, Floats] | None = None
         self._work: Any = None
 
-    def begin(
-        self, first_speeds: Floats, start: Floats, start_sigma: Floats, fixes: int = 0
-    ) -> Lanes:
+    def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
         """Start all lanes at their first track speeds.
 
         Args:
             first_speeds: (width, 2) speeds of the left and the right track [m/s].
             start: (3,) pose: x, y [m], yaw [rad].
             start_sigma: (3,) its standard deviations.
-            fixes: number of position fixes of the run.
         """
         lanes = aligned(len(self.rows) * self.width, self.number).reshape(-1, self.width)
         state, sigmas = self._state.copy(), self._sigmas.copy()
         state[s.POSE], sigmas[s.POSE] = start, start_sigma
+        state, sigmas = np.append(state, [0.0] * 2), np.append(sigmas, [self._wander.sigma] * 2)
         for i in self.shape.states:
             lanes[self.rows[f"x{i}"]] = state[i]
             lanes[self.rows[f"P{i}_{i}"]] = sigmas[i] ** 2
@@ -175,8 +165,6 @@ class BatchFilter:
             for axis in range(3):
                 row = self.rows[f"P{s.SLIP_X + axis}_{s.SLIP_X + axis}"]
                 lanes[row, lane] += slip[axis] ** 2
-        rejected = np.zeros((self.width, MOST, 5))
-        counts = np.zeros(self.width, dtype=np.int64)
         constants = shared_constants(
             self.shape, self._model, self._disturbances, self.robot, self.settings, self._state
         )
@@ -185,18 +173,20 @@ class BatchFilter:
         memory = self._model.memory
         for k, value in enumerate(memory):
             lanes[self.rows[f"memory{k}"]] = value
-        return Lanes(lanes, rejected, counts, np.zeros((fixes, 7, self.width)), constants)
+        return Lanes(lanes, record_array(FixesRecord(), self.width), constants)
 
-    def continue_from(self, lanes: Lanes, checkpoint: FilterCheckpoint, regressors: Floats) -> None:
+    def continue_from(
+        self, lanes: Lanes, checkpoint: FilterCheckpoint, regressors: Floats, begin: int
+    ) -> None:
         """Restore a checkpoint of a streaming filter in all lanes.
 
         Args:
             lanes: lanes from `begin`.
             checkpoint: checkpoint of the filter, at its first track speeds or later.
             regressors: (3, 9) its smoothed derivatives by the parameters.
-
+            begin: stamp from which those of the steps count [ns].
         """
-        rejected, rows, workspace = checkpoint.rejected_fixes, self.rows, lanes.workspace
+        rows, workspace = self.rows, lanes.workspace
         states = (*self.shape.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
         for n, i in enumerate(states):
             workspace[rows[f"x{i}"]] = checkpoint.state[i]
@@ -214,8 +204,8 @@ class BatchFilter:
         for gate in GATES:
             counts = getattr(record, gate) if gate in IMU_GATES else gates.get(gate)
             workspace[rows[f"{gate}_rejected_for"]] = counts.rejected_for if counts else 0.0
-        lanes.rejected[:, : len(rejected)] = np.array(rejected).reshape(-1, 5)
-        lanes.rejected_count[:] = len(rejected)
+        fixes = shifted(plain_copy(FixesRecord, record.fixes), -begin)
+        lanes.fixes[:] = record_array(fixes, self.width)
 
     def work_through(
         self,
@@ -250,20 +240,19 @@ class BatchFilter:
             inputs,
             lanes.constants,
             table,
+            steps.ends,
             steps.kinds,
             steps.extras,
-            steps.fixes,
             since_first,
             estimates,
-            lanes.rejected,
-            lanes.rejected_count,
-            lanes.at_fixes,
-            _places(self.layout, all_outputs),
+            lanes.fixes,
+            _places(self.layout, self._wander, all_outputs),
         )
 
     def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
-        """State (SIZE,) and covariance (SIZE, SIZE) of one filter."""
-        x, P = self._state.copy(), np.zeros((s.SIZE, s.SIZE))
+        """State (n,) and covariance (n, n) of one filter; n is SIZE, or two more if fixes wander."""
+        x = np.append(self._state, [0.0] * (2 * (s.WANDER_X in self.shape.states)))
+        P = np.zeros((len(x), len(x)))
         for n, i in enumerate(self.shape.states):
             x[i] = lanes.workspace[self.rows[f"x{i}"], lane]
             for j in self.shape.states[n:]:
@@ -337,23 +326,37 @@ class BatchFilter:
 
 
 @cache
-def _places(layout: Layout, all_outputs: bool) -> Places:
+def _places(layout: Layout, wander: FixWander, all_outputs: bool) -> Places:
     rows, more = layout.rows, layout.more_outputs if all_outputs else ()
     pose = [rows[f"x{i}"] for i in range(3)]
     covariance = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
-    fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
-    states = (*layout.states, *fast)
+    replaced = (*range(3), *(i for i in layout.states if i >= s.SIZE))
+    states = (*layout.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
 
-    with_pose = [[rows[covariance_name(i, j)] for j in states] for i in range(3)]
+    def pairs(of: Sequence[int], others: Sequence[int]) -> Any:
+        return np.array([[rows[covariance_name(i, j)] for j in others] for i in of])
+
+    def of_names(names: Sequence[str]) -> Any:
+        return np.array([rows[name] for name in names])
+
     return Places(
         np.array([*pose, *covariance, *(rows[name] for name in (*TWIST, *more))]),
-        np.array(with_pose),
+        np.array([i for i in layout.states if i < s.SIZE]),
+        of_names([f"x{i}" for i in layout.states if i < s.SIZE]),
+        of_names([f"P{i}_{i}" for i in layout.states if i < s.SIZE]),
+        of_names([f"x{i}" for i in replaced]),
+        pairs(replaced, states),
+        pairs(replaced, replaced),
         rows["position_rejected_for"],
         rows["position_used"],
-        np.array([rows[name] for name in PLACES]),
+        of_names(PLACES[:3]),
+        of_names(PLACES[3:]),
+        of_names([f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")]),
         layout.constants["interval"],
         len(rows),
         len(layout.constants),
+        wander.sigma,
+        wander.time,
     )
 
 

@@ -169,7 +169,6 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         maximum(lane.input("yaw_variance") + covariance[s.YAW][s.YAW], LEAST_VARIANCE),
         inflated=s.YAW,
         fixed=shape.considered,
-        only=lane.input("fix_mode") > 0.5,
         patience=lane.constant("patience"),
         interval=lane.input("heading_interval"),
     )

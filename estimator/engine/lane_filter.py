@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import SharedRecord, array_on
 from icreckon.estimator.engine.constants import aligned, shared_constants
 from icreckon.estimator.engine.lane import FilterShape, Numbers
@@ -180,6 +181,22 @@ class LaneSteps:
             (places[0], places[1], places[2]),
             (places[3], places[4], places[5]),
         )
+
+    def follow_scatter(
+        self,
+        stamp: int,
+        fix: Triple,
+        z: tuple[float, float],
+        S: Triple,
+        predicted: Triple,
+        updated: Triple,
+        correction: Floats,
+        *,
+        admitted: bool,
+    ) -> bool:
+        """Add a position fix to the scatter; see `icreckon.estimator.filter.slip_factor`."""
+        of_fix = stamp, fix, z, S, predicted, updated, correction, admitted
+        return cast(bool, self._lane.follow_scatter(self._records, *of_fix))
 
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
         """Body velocity of a filter with the same model and settings, see `Evaluation`."""

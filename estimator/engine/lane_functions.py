@@ -10,9 +10,14 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.constants import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.filter.filter_record import may_be_pushed, take_track_speeds
+from icreckon.estimator.filter.filter_record import (
+    may_be_pushed,
+    take_track_sample,
+    take_track_speeds,
+)
 from icreckon.estimator.filter.gate import count_verdict
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
+from icreckon.estimator.filter.slip_factor import follow_scatter
 from icreckon.estimator.sensors.held_tracks import is_hole, take_motion
 from icreckon.estimator.sensors.imu_clock import is_alive, take_stamp
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
@@ -173,6 +178,24 @@ def move_of(records: Any, inputs: Floats, stamp: int) -> None:
     move_inputs(records[0], inputs, 0, stamp)
 
 
+def scatter_of(
+    records: Any,
+    stamp: int,
+    fix: tuple[float, float, float],
+    z: tuple[float, float],
+    S: tuple[float, float, float],
+    predicted: tuple[float, float, float],
+    updated: tuple[float, float, float],
+    correction: Floats,
+    admitted: bool,
+) -> bool:
+    """Add a position fix to the scatter of one filter, see `follow_scatter`."""
+    if len(correction) != s.SIZE:
+        raise ValueError(WRONG_SIZE)
+    scatter = records[0].fixes.scatter
+    return follow_scatter(scatter, stamp, fix, z, S, predicted, updated, correction, admitted)
+
+
 def sample_loop(imu_step: Any, time_step: Any) -> Any:
     """Make a loop over samples of track speeds and IMU.
 
@@ -194,6 +217,8 @@ def sample_loop(imu_step: Any, time_step: Any) -> Any:
         constants: Floats,
         track_stamps: Stamps,
         speeds: Floats,
+        left_wheels: Floats,
+        right_wheels: Floats,
         imu_stamps: Stamps,
         yaw_rates: Floats,
         forces: Floats,
@@ -207,6 +232,8 @@ def sample_loop(imu_step: Any, time_step: Any) -> Any:
         record = records[0]
         hold, tracks, samples, used, stuck, stood = record.settings.hold, 0, 0, 0, 0, 0
         if len(speeds) != len(track_stamps) or len(yaw_rates) != len(imu_stamps):
+            raise ValueError(WRONG_SIZE)
+        if not len(left_wheels) == len(right_wheels) == len(speeds):
             raise ValueError(WRONG_SIZE)
         if speeds.shape[1] != 2 or forces.shape != (len(imu_stamps), 2):
             raise ValueError(WRONG_SIZE)
@@ -223,8 +250,8 @@ def sample_loop(imu_step: Any, time_step: Any) -> Any:
                     time_step(
                         records, x, P, regressors, memory, lane, inputs, constants, newest, False
                     )
-                left, right = speeds[tracks, 0], speeds[tracks, 1]
-                stuck += take_track_speeds(record, stamp, left, right)
+                wheels = (left_wheels[tracks], right_wheels[tracks])
+                stuck += take_track_sample(record, stamp, speeds[tracks], *wheels)
                 tracks += 1
                 continue
             stamp = imu_stamps[samples]

@@ -23,6 +23,7 @@ from icreckon.estimator.engine.lane_functions import (
     position_update,
     sample_loop,
     sample_of,
+    scatter_of,
     step_with_imu,
     step_without_imu,
     take_tracks_of,
@@ -72,6 +73,7 @@ class OneLane(NamedTuple):
         take_tracks: see `lane_functions`, as the others.
         fill_sample: see `lane_functions`.
         fill_move: see `lane_functions`.
+        follow_scatter: see `lane_functions`.
         first_report: first of the rows with the changes that a kernel reports.
         position: rows of the innovation of a position fix and its covariance, of the number admitted,
             and of place and yaw before and after it.
@@ -85,6 +87,7 @@ class OneLane(NamedTuple):
     take_tracks: Any
     fill_sample: Any
     fill_move: Any
+    follow_scatter: Any
     first_report: int
     position: Any
 
@@ -219,6 +222,7 @@ def _functions(
         of_all(take_tracks_of),
         of_all(sample_of),
         of_all(move_of),
+        of_all(scatter_of),
         rows["report0"],
         np.array([rows[name] for name in (*innovation, *PLACES)]),
     )

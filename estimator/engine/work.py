@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.constants import PER_STEP
@@ -19,8 +20,10 @@ from icreckon.estimator.engine.schedule import (
     TICK,
     UPDATE,
 )
+from icreckon.estimator.filter.filter_record import wander_after
 from icreckon.estimator.filter.gate import FORCED, SKIPPED
-from icreckon.estimator.filter.reacquisition import MOST, laid_over
+from icreckon.estimator.filter.reacquisition import add_rejected, relocate
+from icreckon.estimator.filter.slip_factor import follow_scatter
 from icreckon.estimator.tracing.jit_kernel import entry, inner
 from icreckon.estimator.tracing.kernel import FLAG_BITS
 
@@ -39,23 +42,41 @@ class Places(NamedTuple):
 
     Attributes:
         estimate: (n,) rows of the output at a tick: those of `ESTIMATE`, and more.
-        with_pose: (3, n) rows of the covariances with the pose.
+        states: (n,) indices of the uncertain states.
+        x: (n,) their rows.
+        variances: (n,) rows of their variances.
+        replaced: (k,) rows of the pose, and of the wander if fixes wander.
+        with_replaced: (k, m) rows of their covariances with all states.
+        of_replaced: (k, k) rows of their covariances with each other.
         rejected: row of the time of rejected position fixes.
         used: row of the number of position fixes used.
-        at_fix: (6,) rows of the place of the antenna and the yaw, before and after the newest fix.
+        predicted: (3,) rows of the place of the antenna and the yaw before the newest fix.
+        updated: (3,) the same rows after it.
+        innovation: (5,) rows of its innovation, and of the covariance of that: xx, xy, yy.
         interval: place of the interval of the IMU among the constants.
         row_count: number of rows of the workspace.
         constant_count: number of constants.
+        wander_sigma: standard deviation of the wander of fixes [m], 0 if they do not wander.
+        wander_time: its correlation time [s].
     """
 
     estimate: Any
-    with_pose: Any
+    states: Any
+    x: Any
+    variances: Any
+    replaced: Any
+    with_replaced: Any
+    of_replaced: Any
     rejected: int
     used: int
-    at_fix: Any
+    predicted: Any
+    updated: Any
+    innovation: Any
     interval: int
     row_count: int
     constant_count: int
+    wander_sigma: float
+    wander_time: float
 
 
 class LaneKernels(NamedTuple):
@@ -119,50 +140,44 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
         workspace: Floats,
         given: Floats,
         constants: Floats,
-        rejected: Floats,
-        rejected_count: Any,
-        at_fix: Floats,
+        fixes: Any,
+        stamp: int,
         places: Places,
         when: int,
     ) -> None:
-        """Update with a position fix, and relocate lost lanes, see `Reckoning._take_fix`."""
-        width = workspace.shape[1]
+        """Update with a position fix, and relocate lost lanes, see `Reckoning._take_position`."""
+        width, before = workspace.shape[1], workspace[places.x]
+        stated, modes, wandered = given[FIX_VARIANCE].copy(), given[MODE].copy(), np.zeros(width)
+        for lane in range(width):
+            if modes[lane] != SKIPPED:
+                wandered[lane] = let_wander(workspace, lane, fixes[lane], stamp, places)
+                variance = fixes[lane].scatter.variance
+                given[FIX_VARIANCE, lane] = max(given[FIX_VARIANCE, lane], variance)
         flags = update_position(workspace, given, constants, when)
         lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
+        judged = workspace[places.innovation]
         for lane in range(width):
-            for axis in range(3):
-                at_fix[axis, lane] = workspace[places.at_fix[axis], lane]
-            count = rejected_count[lane]
-            if count >= rejected.shape[1]:
-                count = rejected.shape[1] - 1
-                for k in range(count):
-                    rejected[lane, k] = rejected[lane, k + 1]
-            rejected[lane, count, 0] = given[FIX_X, lane]
-            rejected[lane, count, 1] = given[FIX_Y, lane]
-            rejected[lane, count, 2] = given[FIX_VARIANCE, lane]
-            rejected[lane, count, 3] = at_fix[0, lane]
-            rejected[lane, count, 4] = at_fix[1, lane]
-            rejected_count[lane] = count + 1
+            if modes[lane] != SKIPPED:
+                fix = fix_of(given, lane, given[FIX_VARIANCE])
+                predicted = place_of(workspace, lane, places.predicted)
+                add_rejected(fixes[lane].rejected, fix, predicted, wandered[lane])
         if lost:
-            before = given[MODE].copy()
             for lane in range(width):
                 given[MODE, lane] = SKIPPED
                 if (lost >> lane) & 1:
-                    if relocate(workspace, lane, rejected[lane], rejected_count[lane], places):
+                    if relocate_lane(workspace, lane, fixes[lane].rejected, places):
                         used |= 1 << lane
                     else:
                         given[MODE, lane] = FORCED
-            flags = update_position(workspace, given, constants, when)
-            used |= flags >> FLAG_BITS
-            given[MODE] = before
+            used |= update_position(workspace, given, constants, when) >> FLAG_BITS
         for lane in range(width):
-            for axis in range(3, 6):
-                at_fix[axis, lane] = workspace[places.at_fix[axis], lane]
-            at_fix[6, lane] = (used >> lane) & 1
-            if (used >> lane) & 1:
-                rejected_count[lane] = 0
-            elif given[MODE, lane] == SKIPPED:
-                rejected_count[lane] -= 1
+            is_used = (used >> lane) & 1 == 1
+            if modes[lane] != SKIPPED and not places.wander_sigma:
+                of_fix = fix_of(given, lane, stated), judged[:, lane], before[:, lane]
+                follow_in_lane(workspace, lane, fixes[lane].scatter, stamp, of_fix, is_used, places)
+            if is_used or modes[lane] == SKIPPED:
+                fixes[lane].rejected.count = 0
+        given[FIX_VARIANCE], given[MODE] = stated, modes
 
     @inner(shape_digest)
     def update_heading(workspace: Floats, given: Floats, constants: Floats, when: int) -> None:
@@ -181,14 +196,12 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
         inputs: Floats,
         constants: Floats,
         table: Floats,
+        stamps: Any,
         kinds: Any,
         extras: Any,
-        fixes: Any,
         ticks: Any,
         estimates: Floats,
-        rejected: Floats,
-        rejected_count: Any,
-        at_fixes: Floats,
+        fixes: Any,
         places: Places,
     ) -> None:
         """Run all lanes through some steps; see `BatchFilter.work_through`.
@@ -200,16 +213,12 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
         sizes_fit = len(workspace) == places.row_count and len(constants) >= places.constant_count
         sizes_fit &= len(inputs) >= count and inputs.shape[1] == ROWS and inputs.shape[2] == width
         sizes_fit &= len(table) >= count and table.shape[1] == STEP_COLUMNS
-        sizes_fit &= len(extras) == count and len(ticks) == count and len(fixes) == count
+        sizes_fit &= len(extras) == count and len(ticks) == count and len(stamps) == count
         sizes_fit &= estimates.shape[1] >= len(places.estimate) and output_lanes <= width
-        sizes_fit &= len(rejected) == width and rejected.shape[1:] == (MOST, 5)
-        sizes_fit &= at_fixes.shape[1] == 7 and at_fixes.shape[2] == width
-        if not sizes_fit or len(rejected_count) != width:
+        if not sizes_fit or len(fixes) != width:
             raise ValueError(WRONG_SIZE)
         for k in range(count):
             if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
-                raise ValueError(WRONG_SIZE)
-            if extras[k] & POSITION and not 0 <= fixes[k] < len(at_fixes):
                 raise ValueError(WRONG_SIZE)
         for k in range(count):
             for c in range(PER_STEP):
@@ -237,10 +246,7 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
                     else:
                         usual(workspace, given, constants)
             if extras[k] & POSITION:
-                at_fix = at_fixes[fixes[k]]
-                process_position(
-                    workspace, given, constants, rejected, rejected_count, at_fix, places, when
-                )
+                process_position(workspace, given, constants, fixes, stamps[k], places, when)
             if extras[k] & HEADING:
                 update_heading(workspace, given, constants, when)
             if is_tick:
@@ -251,27 +257,83 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
     return entry(work_through, shape_digest)
 
 
-def relocate(workspace: Floats, lane: int, rejected: Floats, count: int, places: Places) -> bool:
-    """Align the estimated path of one lane with the rejected fixes, if that fits."""
-    fits, turn, turn_variance, x, y, to_x, to_y, variance = laid_over(rejected, count)
-    if not fits:
+def fix_of(given: Floats, lane: int, variances: Floats) -> tuple[float, float, float]:
+    """Position fix of a lane: x, y [m] and its variance [m²]."""
+    return float(given[FIX_X, lane]), float(given[FIX_Y, lane]), float(variances[lane])
+
+
+def place_of(workspace: Floats, lane: int, rows: Any) -> tuple[float, float, float]:
+    """Place of the antenna and yaw [m, m, rad]."""
+    x, y, yaw = workspace[rows[0], lane], workspace[rows[1], lane], workspace[rows[2], lane]
+    return float(x), float(y), float(yaw)
+
+
+def let_wander(workspace: Floats, lane: int, fixes: Any, stamp: int, places: Places) -> float:
+    """Propagate the wander of one lane to a stamp [ns], see `Ekf.let_wander`; return its noise [m²]."""
+    if not places.wander_sigma:
+        return 0.0
+    decay, variance = wander_after(fixes, stamp, places.wander_sigma, places.wander_time)
+    for k in range(3, len(places.replaced)):
+        workspace[places.replaced[k], lane] *= decay
+        for row in places.with_replaced[k]:
+            workspace[row, lane] *= decay
+        # Of all covariances with a state, that with itself is one, and has two such factors.
+        row = places.of_replaced[k, k]
+        workspace[row, lane] = workspace[row, lane] * decay + variance
+    return variance
+
+
+def relocate_lane(workspace: Floats, lane: int, rejected: Any, places: Places) -> bool:
+    """Align the pose of one lane with the rejected fixes, if that fits; see `Ekf.replace_pose`."""
+    pose, covariance, replaced = np.empty(3), np.empty((5, 5)), places.replaced
+    for k in range(3):
+        pose[k] = workspace[replaced[k], lane]
+    if not relocate(rejected, pose, covariance, places.wander_sigma):
         return False
-    pose = places.estimate
-    cos, sin = np.cos(turn), np.sin(turn)
-    from_x, from_y = workspace[pose[0], lane] - x, workspace[pose[1], lane] - y
-    away_x, away_y = cos * from_x - sin * from_y, sin * from_x + cos * from_y
-    workspace[pose[0], lane], workspace[pose[1], lane] = to_x + away_x, to_y + away_y
-    workspace[pose[2], lane] += turn
-    for i in range(3):
-        for row in places.with_pose[i]:
+    for k in range(len(replaced)):
+        workspace[replaced[k], lane] = pose[k] if k < 3 else 0.0
+        for row in places.with_replaced[k]:
             workspace[row, lane] = 0.0
-    by_turn = (-away_y, away_x, 1.0)
-    place = 3
-    for i in range(3):
-        for j in range(i, 3):
-            more = variance if i == j and i < 2 else 0.0
-            workspace[pose[place], lane] = turn_variance * by_turn[i] * by_turn[j] + more
-            place += 1
+    for i in range(len(replaced)):
+        for j in range(len(replaced)):
+            workspace[places.of_replaced[i, j], lane] = covariance[i, j]
     workspace[places.rejected, lane] = 0.0
     workspace[places.used, lane] += 1.0
     return True
+
+
+def follow_in_lane(
+    workspace: Floats,
+    lane: int,
+    scatter: Any,
+    stamp: int,
+    of_fix: Any,
+    used: bool,
+    places: Places,
+) -> None:
+    """Add a fix to the scatter of one lane, and inflate by it; see `slip_factor.follow_scatter`.
+
+    Args:
+        workspace: workspace of all lanes.
+        lane: the lane.
+        scatter: record of its scatter.
+        stamp: stamp of the fix [ns].
+        of_fix: x, y [m] and variance that it states [m²]; innovation and its covariance; states before.
+        used: the fix was used.
+        places: places in the workspace.
+    """
+    fix, judged, before = of_fix
+    correction = np.zeros(s.SIZE)
+    for k in range(len(before)):
+        correction[places.states[k]] = workspace[places.x[k], lane] - before[k]
+    z = float(judged[0]), float(judged[1])
+    S = float(judged[2]), float(judged[3]), float(judged[4])
+    predicted = place_of(workspace, lane, places.predicted)
+    updated = place_of(workspace, lane, places.updated)
+    if follow_scatter(scatter, stamp, fix, z, S, predicted, updated, correction, used):
+        for k in range(len(before)):
+            moved = scatter.moved[places.states[k]]
+            for row in (
+                places.variances[k : k + 1] if places.states[k] > s.Y else places.variances[:2]
+            ):
+                workspace[row, lane] += moved * moved

@@ -5,18 +5,18 @@ that loses its grip or sticks shows it with certainty. Of three wheels or more t
 the one counts that fits the other side's speed and the gyro; as long as that does not decide, their mean
 does, and its error grows with the time. Wheels that are coupled never disagree.
 
-The record and its density are for plain Python and for numba, see `icreckon.estimator.base.records`.
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, TypeAlias
 
 import msgspec
 
-from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 from icreckon.estimator.faults.spinning_tracks import (
     LONGEST,
@@ -26,6 +26,8 @@ from icreckon.estimator.faults.spinning_tracks import (
     width_of_bends,
 )
 
+# Speeds of the wheels of one side.
+Wheels: TypeAlias = "Sequence[float] | Floats"
 NO_WHEEL = -1
 # Distance of two wheels of a side that is more than control and tyres explain: this much [m/s], or this
 # share of the fastest speed.
@@ -86,7 +88,7 @@ def least_apart(fastest: float) -> float:
     return max(LEAST_APART, OF_FASTEST * fastest)
 
 
-def middle_of(mean: float, wheels: Sequence[float], limit: float) -> Middle:
+def middle_of(mean: float, wheels: Wheels, limit: float) -> Middle:
     """Speeds that a side may have.
 
     Args:
@@ -115,8 +117,10 @@ def take_wheels(
     right: WheelsRecord,
     spin: SpinRecord,
     stamp: int,
-    middles: tuple[Middle, Middle],
-    wheels: tuple[Sequence[float], Sequence[float]],
+    speeds: tuple[float, float],
+    left_wheels: Wheels,
+    right_wheels: Wheels,
+    fastest: float,
 ) -> tuple[float, float]:
     """Add a sample of the wheels of both sides; return the speeds of the sides [m/s].
 
@@ -125,20 +129,23 @@ def take_wheels(
         right: record of the right side, changed in place.
         spin: record of a spinning track, with the gyro's yaw rate.
         stamp: stamp of the sample [ns].
-        middles: speeds that the left and the right side may have.
-        wheels: speeds of the wheels of both sides [m/s].
+        speeds: means of the left and of the right wheels [m/s].
+        left_wheels: speeds of the left wheels [m/s].
+        right_wheels: speeds of the right wheels [m/s].
+        fastest: highest speed of a track [m/s].
     """
-    one, other = middles
-    turning, error = _turning(spin, stamp)
+    limit = least_apart(fastest)
+    one, other = middle_of(speeds[0], left_wheels, limit), middle_of(speeds[1], right_wheels, limit)
+    turning, error = turning_of(spin, stamp)
     expected_left = other.low - turning if other.low == other.high else math.nan
     expected_right = one.low + turning if one.low == one.high else math.nan
     return (
-        _take_side(left, stamp, one, wheels[0], expected_left, error),
-        _take_side(right, stamp, other, wheels[1], expected_right, error),
+        take_side(left, stamp, one, left_wheels, expected_left, error),
+        take_side(right, stamp, other, right_wheels, expected_right, error),
     )
 
 
-def _turning(spin: SpinRecord, stamp: int) -> tuple[float, float]:
+def turning_of(spin: SpinRecord, stamp: int) -> tuple[float, float]:
     """Difference of the sides by the gyro, right less left, and its error [m/s].
 
     It is NaN if the gyro says nothing: it is silent, it fails, or a whole track spins.
@@ -153,18 +160,18 @@ def _turning(spin: SpinRecord, stamp: int) -> tuple[float, float]:
     return turning, max(LEAST_SHARE, SIGMAS * spread_of_bends(spin)) * abs(turning)
 
 
-def _take_side(
+def take_side(
     side: WheelsRecord,
     stamp: int,
     middle: Middle,
-    wheels: Sequence[float],
+    wheels: Wheels,
     expected: float,
     error: float,
 ) -> float:
     """Add a sample of one side; return its speed [m/s]."""
     if middle.agrees:
         if side.since != NEVER and (stamp - side.newest) * NANOSECOND > OVER:
-            _forget(side)
+            agree_again(side)
         return middle.low
     if side.since == NEVER:
         side.since = side.newest = stamp
@@ -172,7 +179,10 @@ def _take_side(
     side.newest = stamp
     side.samples += 1
     interval = min(OVER, (stamp - before) * NANOSECOND)
-    side.way += (max(wheels) - min(wheels)) * interval
+    lowest = highest = wheels[0]
+    for speed in wheels:
+        lowest, highest = min(lowest, speed), max(highest, speed)
+    side.way += (highest - lowest) * interval
     side.times += are_found(side) and not was_found
     low, high = middle.low, middle.high
     speed, half = 0.5 * (low + high), 0.5 * (high - low)
@@ -181,7 +191,9 @@ def _take_side(
     decides = half == 0.0 or abs(nearest - expected) + error < NEAR * (high - low)
     side.doubt = 0.0 if decides else half
     if decides:
-        speed, side.decided = (nearest if half else speed), stamp
+        side.decided = stamp
+        if half > 0.0:
+            speed = nearest
     elif 0 <= side.odd < len(wheels):
         # What was certain goes on, less and less so.
         odd = wheels[side.odd]
@@ -189,12 +201,14 @@ def _take_side(
     else:
         side.apart = half
         return speed
-    side.odd = max(range(len(wheels)), key=lambda k: abs(wheels[k] - speed))
-    side.apart = abs(wheels[side.odd] - speed)
+    side.odd, side.apart = 0, abs(wheels[0] - speed)
+    for k in range(1, len(wheels)):
+        if abs(wheels[k] - speed) > side.apart:
+            side.odd, side.apart = k, abs(wheels[k] - speed)
     return speed
 
 
-def _forget(side: WheelsRecord) -> None:
+def agree_again(side: WheelsRecord) -> None:
     """Reset the record: the wheels agree again."""
     side.since = side.newest = side.decided = NEVER
     side.odd, side.samples = NO_WHEEL, 0

@@ -2,17 +2,16 @@
 
 A receiver that lost its signal, or a driver that sends the newest position again, gives one position with
 fresh stamps. A position that is measured anew differs from the one before, if only in its last digits.
+
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations
 
 import msgspec
-import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import Measurement, PoseFix, PositionFix
 
 # Way of the tracks from which on a position that repeats itself is not used [m]: at most this, since
 # receivers with four digits of a minute of arc resolve 0.19 m.
@@ -44,27 +43,25 @@ class PlaceRecord(msgspec.Struct):
     rejected: Count = 0
 
 
-def repeats(positions: PlaceRecord, poses: PlaceRecord, m: Measurement, speed: float) -> bool:
-    """Add a measurement; return True for a fix that repeats a position while driving.
+def repeats(place: PlaceRecord, stamp: int, x: float, y: float, speed: float) -> bool:
+    """Add a fix; return True if it repeats a position while driving.
 
     Args:
-        positions: newest place of the position fixes, changed in place.
-        poses: newest place of the pose fixes, changed in place.
-        m: the measurement.
+        place: newest place of the receiver's fixes, changed in place.
+        stamp: stamp of the fix [ns].
+        x: measured [m].
+        y: measured [m].
         speed: forward speed by the tracks [m/s]; noise of resting ones adds up to nothing.
     """
-    if not isinstance(m, PositionFix | PoseFix):
-        return False
-    place = positions if isinstance(m, PositionFix) else poses
-    same = place.stamp != NEVER and m.x == place.x and m.y == place.y
+    same = place.stamp != NEVER and x == place.x and y == place.y
     if same:
-        place.driven += speed * (m.stamp - place.stamp) * NANOSECOND
+        place.driven += speed * (stamp - place.stamp) * NANOSECOND
     elif place.stamp != NEVER:
         if abs(place.driven) <= MOST_DRIVEN and abs(speed) > MOVING:
             place.longest = max(place.longest, abs(place.driven))
             place.changes = min(LEARNT, place.changes + 1)
         place.driven = 0.0
-    place.x, place.y, place.stamp = m.x, m.y, m.stamp
+    place.x, place.y, place.stamp = x, y, stamp
     found = abs(place.driven) > most_driven(place)
     place.rejected += found
     return found
@@ -75,18 +72,3 @@ def most_driven(place: PlaceRecord) -> float:
     if place.changes < LEARNT:
         return MOST_DRIVEN
     return min(MOST_DRIVEN, max(LEAST_DRIVEN, UNUSUAL * place.longest))
-
-
-def may_repeat(log: Log) -> bool:
-    """Return True if a log may hold fixes that repeat a position while driving."""
-    if log.fixes is None or len(log.fixes.stamps) < 2:
-        return False
-    places, stamps = log.fixes.poses[:, :2], log.fixes.stamps
-    same = (places[1:] == places[:-1]).all(axis=1)
-    if not same.any():
-        return False
-    speed = float(np.abs(log.tracks.speeds).max(initial=0.0))
-    # The longest time at one place, at the highest speed.
-    changes = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
-    stays = stamps[changes[1:] - 1] - stamps[changes[:-1]]
-    return not speed * float(stays.max()) * NANOSECOND <= LEAST_DRIVEN

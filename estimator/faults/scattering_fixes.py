@@ -15,21 +15,22 @@ that of their own (von Neumann, Distribution of the ratio of the mean square suc
 variance, Annals of Mathematical Statistics 12, 1941). How much less, of white errors and of a random
 walk, follows from the path. How long such an error lasts the residuals of some seconds do not show. It is
 taken for a minute, as of plain GPS: the fixes of that time count as one.
+
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations
 
 import cmath
 import math
-from collections.abc import Sequence
-from typing import Annotated, Any, NamedTuple, Protocol, TypeVar
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.base.records import Count, Size, Stamp
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 
 # Most and fewest fixes that are laid over the path, and time between two of them [s]: at first less, this
 # share of the time since the oldest.
@@ -63,404 +64,382 @@ KEPT, KEPT_TIME = 0.85, 20.0
 LEAST_WAY = 0.1
 
 
-class PlacedFix(msgspec.Struct, frozen=True, array_like=True):
-    """Position fix, and the antenna's place on the path by dead reckoning.
+# Room for the fixes that are laid over the path, and for those that wait.
+ROOM = MOST + ROW
+OfFixes = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
+OfStates = Annotated[list[float], msgspec.Meta(min_length=s.SIZE, max_length=s.SIZE)]
+
+
+def no_fixes() -> list[float]:
+    """Values of fixes before there are any."""
+    return [0.0] * ROOM
+
+
+class ScatterRecord(msgspec.Struct):
+    """Record of the scatter of the newest position fixes.
+
+    Fixes are in order, the oldest first: those that are laid over the path, then those that wait, since
+    the gate rejected them; a few of these are outliers.
 
     Attributes:
-        stamp: stamp of the fix [ns].
+        begin: stamp from which times count [ns].
+        newest: stamp of the newest fix [ns], or NEVER.
+        laid: number of fixes that are laid over the path.
+        waiting: number of those that wait.
+        time: their times [ns].
         x: measured [m].
         y: measured [m].
-        path_x: on the path [m].
-        path_y: on the path [m].
+        path_x: place of the antenna on the path by dead reckoning [m].
+        path_y: see above [m].
         yaw: yaw on the path [rad].
-    """
-
-    stamp: Stamp
-    x: float
-    y: float
-    path_x: float
-    path_y: float
-    yaw: float
-
-
-class Scatter(msgspec.Struct, frozen=True):
-    """Scatter of the newest position fixes; never changed in place.
-
-    Attributes:
-        fixes: the fixes that are laid over the path, oldest first.
-        rejected: those that the gate rejected since one was used; outliers, as long as they are few.
-        newest: the newest fix.
+        newest_x: place of the newest fix on the path [m].
+        newest_y: see above [m].
         interval: mean time between fixes [s].
-        antenna: estimated place of the antenna after the newest fix: x, y [m].
+        antenna_x: estimated place of the antenna after the newest fix [m].
+        antenna_y: see above [m].
         turn: yaw of the estimate less that of the path [rad].
         moved: (SIZE,) corrections of the state with the newest fixes; those of older ones are forgotten.
         likeness: likeness of their errors to those that walk: 0 if they are white, 1 if they do.
         variance: variance with which a fix is used, 0 if the scatter is as stated [m²].
         used: number of fixes that were used with it.
         judged: number of fixes whose innovations were counted, at most `AVERAGED`.
-        innovation: normalised innovation of the newest fix, in the axes of odom [-].
+        innovation_x: normalised innovation of the newest fix [-].
+        innovation_y: see above [-].
         products: averaged product of successive ones.
         squares: averaged square of them.
     """
 
-    fixes: Annotated[tuple[PlacedFix, ...], msgspec.Meta(max_length=MOST)] = ()
-    rejected: Annotated[tuple[PlacedFix, ...], msgspec.Meta(max_length=MOST)] = ()
-    newest: PlacedFix | None = None
+    begin: Stamp = NEVER
+    newest: Stamp = NEVER
+    laid: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0
+    waiting: Annotated[int, msgspec.Meta(ge=0, lt=ROW)] = 0
+    time: OfFixes = msgspec.field(default_factory=no_fixes)
+    x: OfFixes = msgspec.field(default_factory=no_fixes)
+    y: OfFixes = msgspec.field(default_factory=no_fixes)
+    path_x: OfFixes = msgspec.field(default_factory=no_fixes)
+    path_y: OfFixes = msgspec.field(default_factory=no_fixes)
+    yaw: OfFixes = msgspec.field(default_factory=no_fixes)
+    newest_x: float = 0.0
+    newest_y: float = 0.0
     interval: Size = 0.0
-    antenna: tuple[float, float] = (0.0, 0.0)
+    antenna_x: float = 0.0
+    antenna_y: float = 0.0
     turn: float = 0.0
-    moved: tuple[float, ...] = ()
+    moved: OfStates = msgspec.field(default_factory=lambda: [0.0] * s.SIZE)
     likeness: float = LIKENESS_AT_START
     variance: Size = 0.0
     used: Count = 0
     judged: Count = 0
-    innovation: tuple[float, float] = (0.0, 0.0)
+    innovation_x: float = 0.0
+    innovation_y: float = 0.0
     products: float = 0.0
     squares: Size = 0.0
 
-    def of_fix(self, variance: float) -> float:
-        """Variance of a fix that states one [m²]."""
-        return max(variance, self.variance)
 
-    @property
-    def wanders(self) -> bool:
-        """True if the residuals resemble those before them."""
-        return self.likeness > 0.5 * (WHITE + WALK)
-
-    @property
-    def correlation(self) -> float | None:
-        """Correlation of successive innovations; None before `ENOUGH`."""
-        return self.products / self.squares if self.judged >= ENOUGH and self.squares else None
-
-    def with_innovation(self, x: float, y: float) -> Scatter:
-        """Add the normalised innovation of the newest fix [-]."""
-        judged, before = min(AVERAGED, self.judged + 1), self.innovation
-        return msgspec.structs.replace(
-            self,
-            judged=judged,
-            innovation=(x, y),
-            products=self.products + (x * before[0] + y * before[1] - self.products) / judged,
-            squares=self.squares + (x * x + y * y - self.squares) / judged,
-        )
+def wanders(scatter: ScatterRecord) -> bool:
+    """Return True if fixes scatter, and their errors resemble those before them."""
+    return scatter.variance > 0.0 and scatter.likeness > 0.5 * (WHITE + WALK)
 
 
-def scatter_after(
-    before: Scatter,
-    fix: tuple[int, float, float, float],
+def correlation_of(scatter: ScatterRecord) -> float | None:
+    """Correlation of successive innovations; None before `ENOUGH`."""
+    counts = scatter.judged >= ENOUGH and scatter.squares
+    return scatter.products / scatter.squares if counts else None
+
+
+def count_innovation(scatter: ScatterRecord, x: float, y: float) -> None:
+    """Add the normalised innovation of the newest fix [-]."""
+    scatter.judged = min(AVERAGED, scatter.judged + 1)
+    product, square = x * scatter.innovation_x + y * scatter.innovation_y, x * x + y * y
+    scatter.innovation_x, scatter.innovation_y = x, y
+    scatter.products += (product - scatter.products) / scatter.judged
+    scatter.squares += (square - scatter.squares) / scatter.judged
+
+
+def add_fix(
+    scatter: ScatterRecord,
+    stamp: int,
+    fix: tuple[float, float, float],
     predicted: tuple[float, float, float],
     updated: tuple[float, float, float],
     correction: Floats,
-    *,
     admitted: bool,
-) -> Scatter:
-    """Scatter with another position fix.
+) -> bool:
+    """Add a position fix; return True if fixes turn out to scatter that did not before.
 
     Args:
-        before: scatter before it.
-        fix: its stamp [ns], x and y [m], and the variance that it states [m²].
+        scatter: the record, changed in place.
+        stamp: stamp of the fix [ns].
+        fix: x and y [m], and the variance that it states [m²].
         predicted: place of the antenna before the update with it, and yaw [m, m, rad].
         updated: the same after it.
         correction: (SIZE,) change of the state by the update.
         admitted: the fix was used.
     """
-    stamp, x, y, variance = fix
-    place, interval, newest = 0j, 0.0, before.newest
-    if newest is not None:
-        interval = (stamp - newest.stamp) * NANOSECOND
-        if not 0.0 <= interval <= LONGEST:
-            before = msgspec.structs.replace(
-                Scatter(variance=before.variance, used=before.used),
-                judged=before.judged,
-                innovation=before.innovation,
-                products=before.products,
-                squares=before.squares,
-            )
-            interval = 0.0
-        else:
-            step = complex(*predicted[:2]) - complex(*before.antenna)
-            place = complex(newest.path_x, newest.path_y) + step * cmath.exp(-1j * before.turn)
-            weight = 0.1 if before.interval else 1.0
-            interval = before.interval + weight * (interval - before.interval)
-    at = PlacedFix(stamp, x, y, place.real, place.imag, predicted[2] - before.turn)
-    fixes, rejected = laid_out(before.fixes, before.rejected, at, admitted=admitted)
-    is_new = fixes is not before.fixes
-    kept = 1.0 - 1.0 / MOST if is_new else 1.0
-    after = msgspec.structs.replace(
-        before,
-        fixes=fixes,
-        rejected=rejected,
-        newest=at,
-        interval=interval,
-        antenna=updated[:2],
-        turn=before.turn + math.remainder(updated[2] - predicted[2], 2.0 * math.pi),
-        moved=tuple((kept * np.array(before.moved or 0.0) + correction).tolist()),
-        used=before.used + (admitted and before.variance > variance),
-    )
-    return _measured_anew(after, variance) if is_new and len(fixes) >= FEWEST else after
+    x, y, stated = fix
+    before, elapsed = scatter.variance, 0.0
+    if scatter.newest != NEVER:
+        elapsed = (stamp - scatter.newest) * NANOSECOND
+    if scatter.newest == NEVER or not 0.0 <= elapsed <= LONGEST:
+        begin_path(scatter, stamp)
+    else:
+        step = complex(predicted[0] - scatter.antenna_x, predicted[1] - scatter.antenna_y)
+        step *= cmath.exp(-1j * scatter.turn)
+        scatter.newest_x += step.real
+        scatter.newest_y += step.imag
+        weight = 0.1 if scatter.interval > 0.0 else 1.0
+        scatter.interval += weight * (elapsed - scatter.interval)
+    scatter.newest = stamp
+    is_laid = lay_out(scatter, x, y, predicted[2] - scatter.turn, admitted)
+    kept = 1.0 - 1.0 / MOST if is_laid else 1.0
+    for k in range(len(correction)):
+        scatter.moved[k] = kept * scatter.moved[k] + correction[k]
+    scatter.antenna_x, scatter.antenna_y = updated[0], updated[1]
+    scatter.turn += updated[2] - predicted[2]
+    scatter.used += admitted and before > stated
+    if is_laid and scatter.laid >= FEWEST:
+        measure(scatter, stated)
+    return before == 0.0 < scatter.variance
 
 
-class Stamped(Protocol):
-    """Fix with a stamp [ns]."""
-
-    @property
-    def stamp(self) -> int:
-        """Stamp [ns]."""
-        ...
-
-
-OneFix = TypeVar("OneFix", bound=Stamped)
+def begin_path(scatter: ScatterRecord, stamp: int) -> None:
+    """Begin the path anew at a stamp [ns], as after a gap."""
+    scatter.begin, scatter.laid, scatter.waiting = stamp, 0, 0
+    scatter.newest_x = scatter.newest_y = scatter.turn = scatter.interval = 0.0
+    scatter.likeness = LIKENESS_AT_START
+    for k in range(len(scatter.moved)):
+        scatter.moved[k] = 0.0
 
 
-def laid_out(
-    fixes: tuple[OneFix, ...], rejected: tuple[OneFix, ...], fix: OneFix, *, admitted: bool
-) -> tuple[tuple[OneFix, ...], tuple[OneFix, ...]]:
-    """Fixes that are laid over the path, and rejected ones, with another.
+def lay_out(scatter: ScatterRecord, x: float, y: float, yaw: float, admitted: bool) -> bool:
+    """Lay the newest fix over the path, or let it wait; return True if it is laid.
 
     Args:
-        fixes: fixes that are laid over the path so far.
-        rejected: those that were rejected since one was used.
-        fix: the newest.
-        admitted: it was used.
-
-    Returns:
-        The same two. The first is the same object if it has not changed.
+        scatter: the record, changed in place.
+        x: measured [m].
+        y: measured [m].
+        yaw: yaw on the path [rad].
+        admitted: the fix was used.
     """
-    rejected = () if admitted else rejected
-    if not is_apart(fixes + rejected, fix.stamp):
-        return fixes, rejected
-    rejected = (*rejected, fix)
-    if admitted or len(rejected) >= ROW:
-        return (*fixes, *rejected)[-MOST:], ()
-    return fixes, rejected
+    if admitted:
+        scatter.waiting = 0
+    count, time = scatter.laid + scatter.waiting, float(scatter.newest - scatter.begin)
+    if count:
+        span, gap = time - scatter.time[0], time - scatter.time[count - 1]
+        if gap * NANOSECOND < min(APART, SHARE_APART * span * NANOSECOND):
+            return False
+    scatter.time[count], scatter.x[count], scatter.y[count] = time, x, y
+    scatter.path_x[count], scatter.path_y[count] = scatter.newest_x, scatter.newest_y
+    scatter.yaw[count] = yaw
+    scatter.waiting += 1
+    if not admitted and scatter.waiting < ROW:
+        return False
+    surplus = max(0, count + 1 - MOST)
+    scatter.laid, scatter.waiting = count + 1 - surplus, 0
+    for k in range(scatter.laid * (surplus > 0)):
+        scatter.time[k], scatter.yaw[k] = scatter.time[k + surplus], scatter.yaw[k + surplus]
+        scatter.x[k], scatter.y[k] = scatter.x[k + surplus], scatter.y[k + surplus]
+        scatter.path_x[k] = scatter.path_x[k + surplus]
+        scatter.path_y[k] = scatter.path_y[k + surplus]
+    return True
 
 
-def is_apart(fixes: Sequence[Stamped], stamp: int) -> bool:
-    """Return True if a fix at a stamp [ns] is far enough from the newest of others."""
-    if not fixes:
-        return True
-    span, gap = ((stamp - fixes[k].stamp) * NANOSECOND for k in (0, -1))
-    return gap >= min(APART, SHARE_APART * span)
-
-
-def _measured_anew(before: Scatter, stated: float) -> Scatter:
-    """Scatter by its fixes, the newest of which states a variance [m²]."""
-    fixes, least = before.fixes, STILL if before.variance else FOUND
-    rows = np.array([(fix.x, fix.y, fix.path_x, fix.path_y, fix.yaw) for fix in fixes])
-    measured, path = rows[:, 0] + 1j * rows[:, 1], rows[:, 2] + 1j * rows[:, 3]
-    seconds = np.array([fix.stamp - fixes[0].stamp for fix in fixes]) * NANOSECOND
-    found = spread_of(measured, path, rows[:, 4], seconds)
+def measure(scatter: ScatterRecord, stated: float) -> None:
+    """Measure the variance of the fixes that are laid, the newest of which states one [m²]."""
+    n, least = scatter.laid, STILL if scatter.variance > 0.0 else FOUND
+    found = spread_of(scatter, 0, n, True)
     scatters = (
-        found.is_beyond(stated, least)
-        and found.is_noise
-        and parts_scatter(measured, path, rows[:, 4], seconds, stated, least)
+        is_beyond(found, stated, least)
+        and found.second > SLIDING * found.successive
+        and parts_scatter(scatter, stated, least)
     )
-    apart, interval = (max(one, NANOSECOND) for one in (float(found.apart), before.interval))
-    likeness, white, times = before.likeness, 0.0, 1.0
+    apart, interval = max(found.apart, NANOSECOND), max(scatter.interval, NANOSECOND)
+    white, times = 0.0, 1.0
     if scatters:
-        expected, squares = Expected.on(path), float(found.squares.sum())
-        if len(fixes) >= IN_ORDER:
-            ratio = float(found.successive) / squares
-            of_fixes = (expected.ratio_white - ratio) / (expected.ratio_white - expected.ratio_walk)
-            likeness += LIKENESS_WEIGHT * (of_fixes - likeness)
+        of_white, of_walk, walked = expected_sums(scatter)
+        if n >= IN_ORDER:
+            ratio = found.successive / found.squares
+            of_fixes = (of_white - ratio) / (of_white - of_walk)
+            scatter.likeness += LIKENESS_WEIGHT * (of_fixes - scatter.likeness)
         # The variance of a walk over a minute, times the number of fixes in it, over that of white
         # errors.
-        times = max(1.0, WANDER_TIME**2 / (expected.of_walk * apart * interval))
-        white = 0.5 * squares / found.freedom
-    share = min(1.0, max(0.0, (likeness - WHITE) / (WALK - WHITE)))
+        times = max(1.0, WANDER_TIME**2 / (walked * apart * interval))
+        white = 0.5 * found.squares / found.freedom
+    share = min(1.0, max(0.0, (scatter.likeness - WHITE) / (WALK - WHITE)))
     kept = KEPT ** (1.0 - share) * math.exp(-share * apart / KEPT_TIME)
-    variance = max(white * times**share, kept * before.variance)
-    if variance <= stated:
-        variance = 0.0
-    return msgspec.structs.replace(before, likeness=likeness, variance=variance)
+    variance = max(white * times**share, kept * scatter.variance)
+    scatter.variance = variance if variance > stated else 0.0
 
 
-def parts_scatter(
-    fixes: Any, path: Any, yaws: Floats, seconds: Floats, stated: float, least: float
-) -> bool:
+def parts_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
     """Return True if fixes scatter apart from a jump, and apart from a burst.
 
     A jump of the estimate's heading, or of the fixes, is no scatter: neither those before it show any,
     nor those after it. Nor is a burst of wrong fixes: neither they show any, nor the others.
 
     Args:
-        fixes: (n,) measured places x + iy [m].
-        path: (n,) the same places on the path.
-        yaws: (n,) yaw on the path [rad].
-        seconds: (n,) their times [s].
+        scatter: the record.
         stated: variance that the fixes state [m²].
-        least: see `Spread.is_beyond`.
+        least: see `is_beyond`.
     """
-    jumps = np.abs(np.abs(np.diff(fixes)) - np.abs(np.diff(path)))
-    places, jump = np.arange(len(fixes)), 1 + int(jumps.argmax())
-    first, second = sorted((1 + np.argsort(jumps)[-2:]).tolist())
-    apart_from = places < jump, (first <= places) & (places < second)
+    largest = second = -1.0
+    jump = other = 0
+    for k in range(1, scatter.laid):
+        size = abs(abs(fix_at(scatter, k) - fix_at(scatter, k - 1)) - step_to(scatter, k))
+        if size > largest:
+            largest, second, jump, other = size, largest, k, jump
+        elif size > second:
+            second, other = size, k
+    begin, end = min(jump, other), max(jump, other)
+    apart_from_jump = part_scatters(scatter, 0, jump, True, stated, least) or part_scatters(
+        scatter, 0, jump, False, stated, least
+    )
+    return apart_from_jump and (
+        part_scatters(scatter, begin, end, True, stated, least)
+        or part_scatters(scatter, begin, end, False, stated, least)
+    )
 
-    def scatter(part: Any) -> bool:
-        if part.sum() < FEWEST:
-            return False
-        found = spread_of(fixes[part], path[part], yaws[part], seconds[part])
-        return bool(found.is_beyond(stated, least))
 
-    return all(scatter(part) or scatter(~part) for part in apart_from)
+def part_scatters(
+    scatter: ScatterRecord, begin: int, end: int, inside: bool, stated: float, least: float
+) -> bool:
+    """Return True if a part of the fixes scatters, see `spread_of` and `is_beyond`."""
+    n = end - begin if inside else scatter.laid - (end - begin)
+    return n >= FEWEST and is_beyond(spread_of(scatter, begin, end, inside), stated, least)
 
 
-class Expected(NamedTuple):
-    """Expected sums of squares of residuals of fixes that are laid over a path.
+def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
+    """Expected sums of squares of residuals of the fixes that are laid over the path.
 
-    Attributes:
-        ratio_white: sum of squares of successive differences over that of squares, of white errors.
-        ratio_walk: the same of errors that walk.
-        of_walk: mean square of each coordinate for each degree of freedom, of errors that walk by 1 from
-            fix to fix.
+    Returns:
+        Sum of squares of successive differences over that of squares, of white errors; the same of
+        errors that walk; mean square of each coordinate for each degree of freedom, of errors that walk
+        by 1 from fix to fix.
     """
-
-    ratio_white: float
-    ratio_walk: float
-    of_walk: float
-
-    @classmethod
-    def on(cls, path: Any) -> Expected:
-        """Sums on a path (n,) of places x + iy [m]."""
-        n = len(path)
-        off = path - path.mean()
-        extent = float((off * off.conj()).real.sum())
-        rest = np.eye(n) - 1.0 / n
-        if extent > n * LEAST_WAY**2:
-            rest = rest - np.outer(off, off.conj()) / extent
-        walk = rest @ np.tri(n)
-        white, walking = (float((np.abs(one) ** 2).sum()) for one in (rest, walk))
-        of_white, of_walk = (
-            float((np.abs(np.diff(one, axis=0)) ** 2).sum()) for one in (rest, walk)
-        )
-        return cls(of_white / white, of_walk / walking, walking / (n - 2.0))
+    n, middle, extent = scatter.laid, 0j, 0.0
+    for k in range(n):
+        middle += path_at(scatter, k) / n
+    for k in range(n):
+        extent += square_of(path_at(scatter, k) - middle)
+    by_extent = 1.0 / extent if extent > n * LEAST_WAY**2 else 0.0
+    white = of_white = walking = of_walk = 0.0
+    later = 0j
+    # Residuals of an error of 1 at a fix, and of one of 1 from that fix on.
+    for first in range(n - 1, -1, -1):
+        one = (path_at(scatter, first) - middle).conjugate() * by_extent
+        later += one
+        old = walked = 0j
+        for k in range(n):
+            off = path_at(scatter, k) - middle
+            rest = (1.0 if k == first else 0.0) - 1.0 / n - off * one
+            walk = (1.0 if k >= first else 0.0) - (n - first) / n - off * later
+            white += square_of(rest)
+            walking += square_of(walk)
+            if k > 0:
+                of_white += square_of(rest - old)
+                of_walk += square_of(walk - walked)
+            old, walked = rest, walk
+    return of_white / white, of_walk / walking, walking / (n - 2.0)
 
 
 class Spread(NamedTuple):
-    """Sums of squares of the residuals of fixes laid over the path.
-
-    Each has one value, or one for each window of fixes.
+    """Sums of squares of the residuals of fixes that are laid over the path.
 
     Attributes:
-        differences: (..., 2) sums of the squares of successive differences, along and across [m²].
-        squares: (..., 2) sums of their own squares [m²].
-        successive: (...) sums of the squares of successive differences, in both axes of odom [m²].
-        second: (...) sums of the squares of second differences, likewise [m²].
+        along: sum of the squares of successive differences, along the robot [m²].
+        across: the same across it [m²].
+        squares: sum of their own squares [m²].
+        successive: sum of the squares of successive differences [m²].
+        second: that of second differences [m²].
         freedom: degrees of freedom of each axis.
         apart: time between two fixes [s].
         of_path: variance of the path from one fix to the next [m²].
     """
 
-    differences: Floats
-    squares: Floats
-    successive: Any
-    second: Any
+    along: float
+    across: float
+    squares: float
+    successive: float
+    second: float
     freedom: float
-    apart: Any
-    of_path: Any
-
-    @property
-    def is_noise(self) -> Any:
-        """True if the residuals are no slide of the robot."""
-        return self.second > SLIDING * self.successive
-
-    def is_beyond(self, stated: Any, least: float) -> Any:
-        """Return True if the differences are larger than expected.
-
-        Args:
-            stated: variance that the fixes state [m²].
-            least: factor on what is expected, of many fixes.
-        """
-        least *= 1.0 + OF_FEW / self.freedom**2
-        expected = 2.0 * self.freedom * (stated + self.of_path)
-        return self.differences.min(axis=-1) > least * expected
+    apart: float
+    of_path: float
 
 
-def spread_of(fixes: Any, path: Any, yaws: Floats, seconds: Floats) -> Spread:
+def is_beyond(found: Spread, stated: float, least: float) -> bool:
+    """Return True if the differences are larger than expected.
+
+    Args:
+        found: spread of the fixes.
+        stated: variance that they state [m²].
+        least: factor on what is expected, of many fixes.
+    """
+    expected = 2.0 * found.freedom * (stated + found.of_path)
+    of_few = 1.0 + OF_FEW / found.freedom**2
+    return min(found.along, found.across) > least * of_few * expected
+
+
+def spread_of(scatter: ScatterRecord, begin: int, end: int, inside: bool) -> Spread:
     """Spread of fixes about the path that is laid over them.
 
     Args:
-        fixes: (..., n) measured places x + iy [m].
-        path: (..., n) the same places on the path.
-        yaws: (..., n) yaw on the path [rad].
-        seconds: (..., n) their times [s].
+        scatter: the record.
+        begin: index of the first fix of a part.
+        end: one after the last.
+        inside: the fixes are those of the part; otherwise the others.
     """
-    n = fixes.shape[-1]
-    steps = np.abs(np.diff(path)).mean(axis=-1)
-    fixes = fixes - fixes.mean(axis=-1, keepdims=True)
-    path = path - path.mean(axis=-1, keepdims=True)
-    extent = (path * path.conj()).real.sum(axis=-1, keepdims=True)
-    shared = (fixes * path.conj()).sum(axis=-1, keepdims=True)
-    is_way = (extent > n * LEAST_WAY**2) & (shared != 0.0)
-    stretch = np.where(is_way, shared, 1.0) / np.where(is_way, extent, 1.0)
-    off = fixes - stretch * path
-    successive, second = ((np.abs(np.diff(off, k)) ** 2).sum(axis=-1) for k in (1, 2))
-    off = off * np.exp(-1j * yaws) * np.abs(stretch) / stretch
-    axes = np.stack([off.real, off.imag], axis=-2)
-    apart = (seconds[..., -1] - seconds[..., 0]) / (n - 1.0)
-    of_path = (OF_STEP * steps * np.maximum(1.0, apart)) ** 2
-    differences = (np.diff(axes) ** 2).sum(axis=-1)
-    squares = (axes**2).sum(axis=-1)
-    return Spread(differences, squares, successive, second, n - 2.0, apart, of_path)
+    chosen, n = np.zeros(MOST, np.int64), 0
+    for k in range(scatter.laid):
+        if (begin <= k < end) == inside:
+            chosen[n] = k
+            n += 1
+    fixes = path = shared = 0j
+    extent = way = 0.0
+    for k in chosen[:n]:
+        fixes += fix_at(scatter, k) / n
+        path += path_at(scatter, k) / n
+    for k in chosen[:n]:
+        off = path_at(scatter, k) - path
+        extent += square_of(off)
+        shared += (fix_at(scatter, k) - fixes) * off.conjugate()
+    is_way = extent > n * LEAST_WAY**2 and shared != 0.0
+    stretch = shared / extent if is_way else 1.0 + 0j
+    along = across = squares = successive = second = 0.0
+    before = step = turned = old = 0j
+    for number in range(n):
+        k = chosen[number]
+        place = path_at(scatter, k)
+        off = fix_at(scatter, k) - fixes - stretch * (place - path)
+        axes = off * cmath.exp(-1j * scatter.yaw[k]) * abs(stretch) / stretch
+        squares += square_of(off)
+        if number > 0:
+            way += abs(place - old)
+            along += (axes - turned).real ** 2
+            across += (axes - turned).imag ** 2
+            successive += square_of(off - before)
+        if number > 1:
+            second += square_of(off - before - step)
+        before, step, turned, old = off, off - before, axes, place
+    apart = (scatter.time[chosen[n - 1]] - scatter.time[chosen[0]]) * NANOSECOND / (n - 1.0)
+    of_path = (OF_STEP * way / (n - 1.0) * max(1.0, apart)) ** 2
+    return Spread(along, across, squares, successive, second, n - 2.0, apart, of_path)
 
 
-class _Numbered(NamedTuple):
-    stamp: int
-    number: int
+def fix_at(scatter: ScatterRecord, k: int) -> complex:
+    """Measured place x + iy of a fix [m]."""
+    return complex(scatter.x[k], scatter.y[k])
 
 
-def scatters_in_run(before: Scatter, stamps: Stamps, fixes: Floats, at_fixes: Floats) -> bool:
-    """Return True if `scatter_after` finds scatter in a run.
+def path_at(scatter: ScatterRecord, k: int) -> complex:
+    """Place x + iy of a fix on the path [m]."""
+    return complex(scatter.path_x[k], scatter.path_y[k])
 
-    Args:
-        before: scatter before the run.
-        stamps: (n,) stamps of its position fixes [ns].
-        fixes: (n, 3) measured x, y [m], and the variance that they state [m²].
-        at_fixes: (n, 7) place of the antenna and yaw before the update with each and after it
-            [m, m, rad], and 1 if it was used.
-    """
-    if before.variance or not len(stamps):
-        return before.variance > 0.0
-    # The fixes and their path, those before the run first.
-    old, newest = (*before.fixes, *before.rejected), before.newest
-    places, updated = at_fixes[:, 0] + 1j * at_fixes[:, 1], at_fixes[:, 3] + 1j * at_fixes[:, 4]
-    turned = before.turn + np.cumsum([0.0, *wrap_angle(at_fixes[:-1, 5] - at_fixes[:-1, 2])])
-    link, start = (
-        (places[0], 0j)
-        if newest is None
-        else (complex(*before.antenna), complex(newest.path_x, newest.path_y))
-    )
-    steps = (places - np.concatenate([[link], updated[:-1]])) * np.exp(-1j * turned)
-    path = np.concatenate([[complex(a.path_x, a.path_y) for a in old], start + steps.cumsum()])
-    measured = np.concatenate([[complex(a.x, a.y) for a in old], fixes[:, 0] + 1j * fixes[:, 1]])
-    yaws = np.concatenate([[a.yaw for a in old], at_fixes[:, 2] - turned])
-    begin = int(stamps[0])
-    seconds = np.array([a.stamp - begin for a in old] + (stamps - begin).tolist()) * NANOSECOND
 
-    windows = list[list[int]]()
-    numbered = [_Numbered(a.stamp, number) for number, a in enumerate(old)]
-    chosen, rejected = (
-        tuple(numbered[: len(before.fixes)]),
-        tuple(numbered[len(before.fixes) :]),
-    )
-    last = begin if newest is None else newest.stamp
-    for number, (stamp, used) in enumerate(
-        zip(stamps.tolist(), at_fixes[:, 6].tolist(), strict=True), len(old)
-    ):
-        if not 0.0 <= (stamp - last) * NANOSECOND <= LONGEST:
-            chosen = rejected = ()
-        were, last = chosen, stamp
-        one = _Numbered(stamp, number)
-        chosen, rejected = laid_out(chosen, rejected, one, admitted=used > 0.0)
-        if chosen is not were and len(chosen) >= FEWEST:
-            windows.append([each.number for each in chosen])
+def step_to(scatter: ScatterRecord, k: int) -> float:
+    """Length of the path from the fix before [m]."""
+    return abs(path_at(scatter, k) - path_at(scatter, k - 1))
 
-    stated = np.concatenate([np.zeros(len(old)), fixes[:, 2]])
-    for size in sorted({len(one) for one in windows}):
-        rows = np.array([one for one in windows if len(one) == size])
-        found = spread_of(measured[rows], path[rows], yaws[rows], seconds[rows])
-        beyond = found.is_beyond(stated[rows[:, -1]], FOUND) & found.is_noise
-        for row in rows[beyond]:
-            least = float(stated[row[-1]])
-            if parts_scatter(measured[row], path[row], yaws[row], seconds[row], least, FOUND):
-                return True
-    return False
+
+def square_of(number: complex) -> float:
+    """Square of the absolute value."""
+    return number.real * number.real + number.imag * number.imag

@@ -9,19 +9,15 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.records import Stamp, or_none, plain_copy
-from icreckon.estimator.faults.scattering_fixes import Scatter
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.filter.reacquisition import RejectedFix
 from icreckon.estimator.motion.motion_model import NO_MEMORY
 from icreckon.estimator.sensors.standstill import QuietMemory
 
 
-class FilterCheckpoint(
-    msgspec.Struct, frozen=True, rename={"clones": "marks", "rejected_fixes": "refused_fixes"}
-):
+class FilterCheckpoint(msgspec.Struct, frozen=True, rename={"clones": "marks"}):
     """Copy of all that a `Reckoning` changes; the filter never changes it.
 
     Attributes:
@@ -35,8 +31,6 @@ class FilterCheckpoint(
         model: (m,) memory of the motion model, see `icreckon.estimator.motion.motion_model.MotionModel`.
         regressors: (3, 9) of the filter, see `icreckon.estimator.filter.ekf.Ekf`; None before its first
             step.
-        rejected_fixes: position fixes that were rejected since one was used.
-        scatter: scatter of the newest position fixes.
     """
 
     state: np.ndarray[Any, Any]
@@ -48,8 +42,6 @@ class FilterCheckpoint(
     clones: Clones | None = None
     model: np.ndarray[Any, Any] = NO_MEMORY
     regressors: np.ndarray[Any, Any] | None = None
-    rejected_fixes: tuple[RejectedFix, ...] = ()
-    scatter: Scatter = Scatter()
 
     def __post_init__(self) -> None:
         size = s.WANDER.stop if self.state.shape == (s.WANDER.stop,) else s.SIZE
@@ -57,8 +49,6 @@ class FilterCheckpoint(
             raise ValueError(f"{size} states and the rows of their covariance are needed")
         if self.regressors is not None and self.regressors.shape != (3, 9):
             raise ValueError("three rows of nine derivatives by the parameters are needed")
-        if len(self.scatter.moved) not in {0, s.SIZE}:
-            raise ValueError(f"{s.SIZE} corrections by the fixes are needed")
         still, count = self.record.still, len(self.quiet.stamps)
         if (still.first, still.end, len(self.quiet.rates)) != (0, count, count):
             raise ValueError("each yaw-rate reading of a standstill needs a stamp")

@@ -5,13 +5,18 @@ The functions are written for plain Python and for numba, see `icreckon.estimato
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 import msgspec
 
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Flag, Size, Stamp
+from icreckon.estimator.faults.odd_wheels import take_wheels
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
+from icreckon.estimator.faults.scattering_fixes import ScatterRecord
 from icreckon.estimator.filter.gate import GateRecord
+from icreckon.estimator.filter.reacquisition import RejectedRecord
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive
@@ -25,6 +30,20 @@ DEPARTURE = ("departed_for", *(f"departed_{part}" for part in ("from_x", "from_y
 
 # Factor on the slip.
 Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]
+
+
+class FixesRecord(msgspec.Struct):
+    """Record of the newest position fixes.
+
+    Attributes:
+        wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
+        rejected: those that were rejected since one was used.
+        scatter: their scatter.
+    """
+
+    wander_stamp: Stamp = NEVER
+    rejected: RejectedRecord = msgspec.field(default_factory=RejectedRecord)
+    scatter: ScatterRecord = msgspec.field(default_factory=ScatterRecord)
 
 
 class FilterRecord(msgspec.Struct):
@@ -45,7 +64,7 @@ class FilterRecord(msgspec.Struct):
         departed_from_y: see above.
         departed_by_x: innovation of the newest fix [m].
         departed_by_y: see above.
-        wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
+        fixes: the newest position fixes.
         positions: newest place of the position fixes.
         poses: newest place of the pose fixes.
         tracks: the track speeds.
@@ -71,7 +90,7 @@ class FilterRecord(msgspec.Struct):
     departed_from_y: float = 0.0
     departed_by_x: float = 0.0
     departed_by_y: float = 0.0
-    wander_stamp: Stamp = NEVER
+    fixes: FixesRecord = msgspec.field(default_factory=FixesRecord)
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
@@ -88,6 +107,33 @@ def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: floa
     settings = record.settings
     stopped_after(record.still, stamp, left, right, settings.track_speed)
     return take_tracks(record.tracks, stamp, left, right, settings)
+
+
+def take_track_sample(
+    record: FilterRecord, stamp: int, speeds: Floats, left_wheels: Floats, right_wheels: Floats
+) -> int:
+    """Add track speeds (2,) with those of the wheels (n,), (m,), as `take_track_speeds` does."""
+    left, right, held = speeds[0], speeds[1], record.tracks
+    if len(left_wheels) + len(right_wheels) > 0:
+        sides = (held.left_wheels, held.right_wheels)
+        means, fastest = (left, right), record.settings.fastest
+        wheels = (left_wheels, right_wheels)
+        left, right = take_wheels(*sides, held.spin, stamp, means, *wheels, fastest)
+    return take_track_speeds(record, stamp, left, right)
+
+
+def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> tuple[float, float]:
+    """Factor on the wander of the fixes up to a stamp [ns], and variance that it gains [m²].
+
+    Args:
+        fixes: record of the fixes, changed in place.
+        stamp: stamp of the newest fix [ns].
+        sigma: standard deviation of the wander [m].
+        time: its correlation time [s].
+    """
+    elapsed = 0 if fixes.wander_stamp == NEVER else stamp - fixes.wander_stamp
+    fixes.wander_stamp, decay = stamp, math.exp(-elapsed * NANOSECOND / time)
+    return decay, sigma * sigma * (1.0 - decay * decay)
 
 
 def may_be_pushed(record: FilterRecord) -> bool:

@@ -15,7 +15,7 @@ from icreckon.estimator.base.records import NEVER, Count, Size
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, WheelsRecord, are_found
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
-from icreckon.estimator.faults.scattering_fixes import Scatter
+from icreckon.estimator.faults.scattering_fixes import ScatterRecord, correlation_of, wanders
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 from icreckon.estimator.motion.icr import GRAVITY
@@ -351,7 +351,7 @@ class ScatterHealth:
         wanders: they scatter, and their errors resemble those of the fixes before.
         used: number of fixes that were used with a larger standard deviation than they state.
         correlation: correlation of successive innovations, about 0 for white errors; None before 30
-            fixes, and by filters side by side.
+            fixes.
     """
 
     sigma: Size = 0.0
@@ -373,7 +373,7 @@ class ScatterHealth:
 
 
 def add_fix_faults(
-    health: Health, positions: PlaceRecord, poses: PlaceRecord, scatter: Scatter
+    health: Health, positions: PlaceRecord, poses: PlaceRecord, scatter: ScatterRecord
 ) -> None:
     """Add the scatter of the fixes, and how many repeat a position, to health.
 
@@ -383,8 +383,8 @@ def add_fix_faults(
         poses: newest place of the pose fixes.
         scatter: scatter of the position fixes.
     """
-    sigma, wanders = math.sqrt(scatter.variance), scatter.variance > 0.0 and scatter.wanders
-    health.scatter = ScatterHealth(sigma, wanders, scatter.used, scatter.correlation)
+    sigma, correlation = math.sqrt(scatter.variance), correlation_of(scatter)
+    health.scatter = ScatterHealth(sigma, wanders(scatter), scatter.used, correlation)
     for name, place in (("position", positions), ("pose", poses)):
         if place.rejected:
             health.sensor(name).rejected[REPEATED] = place.rejected

@@ -6,14 +6,16 @@ the estimated path since then has the right shape. So it is aligned with the rej
 and the shift of least squares (closed form in the plane: Umeyama, Least-squares estimation of
 transformation parameters between two point patterns, IEEE Trans. PAMI 13, 1991). The result is used if
 the residuals agree with the variances of the fixes.
+
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-import numpy as np
+import msgspec
 
 from icreckon.estimator.base.array_types import Floats
 
@@ -24,12 +26,19 @@ FEWEST, MOST = 5, 64
 KNOWN_TURN, CLEAR_TURN = 0.3, 4.0
 # Largest residuals: multiple of the variance of the fixes, and share of the path's extent, for its drift.
 LEFT_OVER, WARPED = 4.0, 0.05
+OfRejected = Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOST)]
 
 
-class RejectedFix(NamedTuple):
-    """Position fix that was rejected, and its prediction.
+def none_rejected() -> list[float]:
+    """Values of rejected fixes before there are any."""
+    return [0.0] * MOST
+
+
+class RejectedRecord(msgspec.Struct):
+    """Record of the position fixes that were rejected since one was used, oldest first.
 
     Attributes:
+        count: their number.
         x: measured [m].
         y: measured [m].
         variance: variance of each coordinate about those of the first one [m²].
@@ -37,94 +46,115 @@ class RejectedFix(NamedTuple):
         predicted_y: predicted [m].
     """
 
-    x: float
-    y: float
-    variance: float
-    predicted_x: float
-    predicted_y: float
+    count: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0
+    x: OfRejected = msgspec.field(default_factory=none_rejected)
+    y: OfRejected = msgspec.field(default_factory=none_rejected)
+    variance: OfRejected = msgspec.field(default_factory=none_rejected)
+    predicted_x: OfRejected = msgspec.field(default_factory=none_rejected)
+    predicted_y: OfRejected = msgspec.field(default_factory=none_rejected)
 
 
-class Relocation(NamedTuple):
+def add_rejected(
+    rejected: RejectedRecord,
+    fix: tuple[float, float, float],
+    predicted: tuple[float, float, float],
+    wandered: float,
+) -> None:
+    """Add a position fix.
+
+    Args:
+        rejected: the record, changed in place.
+        fix: x and y [m], and the variance that it states [m²].
+        predicted: predicted x and y [m]; the rest is not used.
+        wandered: variance that the wander of the fixes has gained since the one before [m²].
+    """
+    if rejected.count == MOST:
+        for k in range(MOST - 1):
+            rejected.x[k], rejected.y[k] = rejected.x[k + 1], rejected.y[k + 1]
+            rejected.variance[k] = rejected.variance[k + 1]
+            rejected.predicted_x[k] = rejected.predicted_x[k + 1]
+            rejected.predicted_y[k] = rejected.predicted_y[k + 1]
+        rejected.count -= 1
+    k = rejected.count
+    added = rejected.variance[k - 1] + wandered if k > 0 else 0.0
+    rejected.x[k], rejected.y[k] = fix[0], fix[1]
+    rejected.variance[k] = max(fix[2], added)
+    rejected.predicted_x[k], rejected.predicted_y[k] = predicted[0], predicted[1]
+    rejected.count = k + 1
+
+
+def relocate(
+    rejected: RejectedRecord, pose: Floats, covariance: Floats, wander_sigma: float
+) -> bool:
+    """Align an estimated pose with the rejected fixes; return False if they do not fit.
+
+    The pose is as far off as the fixes are: if these wander, the wander's variance is added to its own,
+    and the two are correlated.
+
+    Args:
+        rejected: the record.
+        pose: (3,) x, y [m], yaw [rad], changed in place.
+        covariance: (5, 5) written to: covariance of the pose, and of a new wander of zero.
+        wander_sigma: standard deviation of the wander [m].
+    """
+    fit = laid_over(rejected)
+    if not fit.fits:
+        return False
+    cos, sin = math.cos(fit.turn), math.sin(fit.turn)
+    x, y = pose[0] - fit.x, pose[1] - fit.y
+    away_x, away_y = cos * x - sin * y, sin * x + cos * y
+    pose[0], pose[1], pose[2] = fit.to_x + away_x, fit.to_y + away_y, pose[2] + fit.turn
+    by_turn, of_wander = (-away_y, away_x, 1.0), wander_sigma * wander_sigma
+    covariance[:] = 0.0
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] = fit.turn_variance * by_turn[i] * by_turn[j]
+    for axis in range(2):
+        covariance[axis, axis] += fit.variance + of_wander
+        covariance[3 + axis, 3 + axis] = of_wander
+        covariance[axis, 3 + axis] = covariance[3 + axis, axis] = -of_wander
+    return True
+
+
+class Alignment(NamedTuple):
     """Alignment of the estimated path with the fixes.
 
     Attributes:
+        fits: the residuals agree with the variances of the fixes.
         turn: rotation about the path's middle, counter-clockwise [rad].
         turn_variance: its variance [rad²].
-        middle: (2,) middle of the estimated path [m].
-        moved_to: (2,) position of the middle after the alignment [m].
+        x: middle of the estimated path [m].
+        y: see above [m].
+        to_x: position of the middle after the alignment [m].
+        to_y: see above [m].
         variance: variance of each of its coordinates [m²].
     """
 
+    fits: bool
     turn: float
     turn_variance: float
-    middle: Floats
-    moved_to: Floats
+    x: float
+    y: float
+    to_x: float
+    to_y: float
     variance: float
 
-    def pose(self, pose: Floats) -> tuple[Floats, Floats]:
-        """Align an estimated pose (3,); return it with its covariance (3, 3)."""
-        cos, sin = math.cos(self.turn), math.sin(self.turn)
-        away = np.array([[cos, -sin], [sin, cos]]) @ (pose[:2] - self.middle)
-        by_turn = np.array([-away[1], away[0], 1.0])
-        covariance = self.turn_variance * np.outer(by_turn, by_turn)
-        covariance[[0, 1], [0, 1]] += self.variance
-        return np.array([*(self.moved_to + away), pose[2] + self.turn]), covariance
 
-
-def beside_wander(covariance: Floats, sigma: float) -> Floats:
-    """Covariance (5, 5) of a pose from fixes, and of a new wander of zero.
-
-    The pose is as far off as the fixes are: to its error the wander's is added, with the other sign.
-
-    Args:
-        covariance: (3, 3) covariance of the pose, of fixes that do not wander.
-        sigma: standard deviation of the wander [m]; at 0 the covariance stays as it is.
-    """
-    if sigma == 0.0:
-        return covariance
-    joint = np.zeros((5, 5))
-    joint[:3, :3] = covariance
-    joint[[0, 1, 3, 4], [0, 1, 3, 4]] += sigma * sigma
-    joint[[0, 1, 3, 4], [3, 4, 0, 1]] = -sigma * sigma
-    return joint
-
-
-def relocation(rejected: tuple[RejectedFix, ...]) -> Relocation | None:
-    """Align the estimated path with rejected fixes; None if they do not fit.
-
-    Args:
-        rejected: fixes that were rejected in a row.
-    """
-    fit = laid_over(np.array(rejected), len(rejected))
-    if not fit[0]:
-        return None
-    _, turn, turn_variance, x, y, to_x, to_y, variance = fit
-    return Relocation(turn, turn_variance, np.array([x, y]), np.array([to_x, to_y]), variance)
-
-
-def laid_over(rows: Any, count: int) -> Any:
-    """Least-squares turn and shift; plain Python, for numba too.
-
-    Args:
-        rows: (n, 5) fixes that were rejected in a row, see `RejectedFix`.
-        count: number of rows to use.
-
-    Returns:
-        True if it fits; the turn [rad] and its variance; the middle of the estimated path, and its
-        position after the alignment [m]; the variance of each of its coordinates [m²].
-    """
-    none = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def laid_over(rejected: RejectedRecord) -> Alignment:
+    """Align the estimated path with the rejected fixes by least squares."""
+    none = Alignment(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     to_x = to_y = x = y = variance = 0.0
+    count = rejected.count
     for k in range(count):
-        to_x += rows[k, 0] / count
-        to_y += rows[k, 1] / count
-        variance = max(variance, rows[k, 2])
-        x += rows[k, 3] / count
-        y += rows[k, 4] / count
+        to_x += rejected.x[k] / count
+        to_y += rejected.y[k] / count
+        variance = max(variance, rejected.variance[k])
+        x += rejected.predicted_x[k] / count
+        y += rejected.predicted_y[k] / count
     extent = along = across = 0.0
     for k in range(count):
-        p_x, p_y = rows[k, 3] - x, rows[k, 4] - y
-        z_x, z_y = rows[k, 0] - to_x, rows[k, 1] - to_y
+        p_x, p_y = rejected.predicted_x[k] - x, rejected.predicted_y[k] - y
+        z_x, z_y = rejected.x[k] - to_x, rejected.y[k] - to_y
         extent += p_x * p_x + p_y * p_y
         along += p_x * z_x + p_y * z_y
         across += p_x * z_y - p_y * z_x
@@ -134,9 +164,9 @@ def laid_over(rows: Any, count: int) -> Any:
     cos, sin = math.cos(turn), math.sin(turn)
     left = 0.0
     for k in range(count):
-        p_x, p_y = rows[k, 3] - x, rows[k, 4] - y
-        left_x = rows[k, 0] - to_x - (cos * p_x - sin * p_y)
-        left_y = rows[k, 1] - to_y - (sin * p_x + cos * p_y)
+        p_x, p_y = rejected.predicted_x[k] - x, rejected.predicted_y[k] - y
+        left_x = rejected.x[k] - to_x - (cos * p_x - sin * p_y)
+        left_y = rejected.y[k] - to_y - (sin * p_x + cos * p_y)
         left += left_x * left_x + left_y * left_y
     left_variance = left / (2.0 * count - 3.0)
     if left_variance > LEFT_OVER * variance + WARPED * WARPED * extent / count:
@@ -146,4 +176,4 @@ def laid_over(rows: Any, count: int) -> Any:
     sigma = math.sqrt(turn_variance)
     if sigma > KNOWN_TURN or abs(turn) < CLEAR_TURN * sigma:
         return none
-    return (True, turn, turn_variance, x, y, to_x, to_y, noise)
+    return Alignment(True, turn, turn_variance, x, y, to_x, to_y, noise)

@@ -37,6 +37,8 @@ class SampleArrays(NamedTuple):
     Attributes:
         track_stamps: (n,) stamps, ascending [ns].
         speeds: (n, 2) speeds of the left and the right track [m/s].
+        left_wheels: (n, k) speeds of the left wheels [m/s]; k is 0 if they are not known.
+        right_wheels: (n, l) speeds of the right wheels [m/s].
         imu_stamps: (m,) stamps, ascending [ns].
         rates: (m,) yaw rates by the gyros [rad/s].
         forces: (m, 2) specific forces forward and to the left [m/s²], NaN if there are none.
@@ -44,6 +46,8 @@ class SampleArrays(NamedTuple):
 
     track_stamps: Stamps
     speeds: Floats
+    left_wheels: Floats
+    right_wheels: Floats
     imu_stamps: Stamps
     rates: Floats
     forces: Floats
@@ -59,6 +63,8 @@ class SampleArrays(NamedTuple):
         return SampleArrays(
             self.track_stamps[first],
             self.speeds[first],
+            self.left_wheels[first],
+            self.right_wheels[first],
             self.imu_stamps[second],
             self.rates[second],
             self.forces[second],

@@ -9,7 +9,7 @@ Errors of fixes that wander point to one side, too. But their size is within wha
 innovations are then smaller than expected, while slip makes them larger. So a trend of small ones counts
 less.
 
-Functions of plain numbers are written for plain Python and, traced, for lanes.
+Functions of plain numbers are written for plain Python, for numba and, traced, for lanes.
 """
 
 from __future__ import annotations
@@ -21,9 +21,8 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.faults.scattering_fixes import Scatter, scatter_after
+from icreckon.estimator.faults.scattering_fixes import ScatterRecord, add_fix, count_innovation
 from icreckon.estimator.filter.ekf import Ekf
-from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.process_noise import lasting_slip, travel_speed
 
 # Weight of a position fix in the trend, and in the size of the innovations.
@@ -146,36 +145,42 @@ def let_slip_last(ekf: Ekf, yaw: float, interval: float) -> None:
 
 
 def follow_scatter(
-    ekf: Ekf,
-    before: Scatter,
-    gate: GateRecord,
-    fix: tuple[int, float, float, float],
+    scatter: ScatterRecord,
+    stamp: int,
+    fix: tuple[float, float, float],
+    z: tuple[float, float],
+    S: tuple[float, float, float],
     predicted: tuple[float, float, float],
     updated: tuple[float, float, float],
     correction: Floats,
-    *,
     admitted: bool,
-) -> Scatter:
-    """Add a position fix to the scatter, as `scatter_after` does.
+) -> bool:
+    """Add a position fix and its innovation to the scatter.
 
-    Once fixes turn out to scatter more than stated, the states are inflated by their corrections with
-    them.
+    Once fixes turn out to scatter more than stated, the caller inflates the states by their corrections
+    with them, see `inflate_by_corrections`.
 
     Args:
-        ekf: the filter, changed in place.
-        before: see `scatter_after`, as the others.
-        gate: gate of the position fixes.
-        fix: the fix.
-        predicted: place and yaw before the update.
-        updated: the same after it.
-        correction: (SIZE,) change of the state.
-        admitted: the fix was used.
+        scatter: the record, changed in place.
+        stamp: stamp of the fix [ns].
+        fix: x, y [m] and the variance that it states [m²].
+        z: its innovation [m].
+        S: covariance of that, xx, xy and yy [m²].
+        predicted: see `add_fix`, as the others.
+        updated: see there.
+        correction: see there.
+        admitted: see there.
+
+    Returns:
+        True if fixes turn out to scatter that did not before.
     """
-    innovation = normalised((gate.z[0], gate.z[1]), (gate.S[0], gate.S[1], gate.S[3]))
-    before = before.with_innovation(*innovation)
-    after = scatter_after(before, fix, predicted, updated, correction, admitted=admitted)
-    if after.variance > 0.0 == before.variance:
-        variances = np.square(after.moved)
-        variances[[s.X, s.Y]] = variances[s.X] + variances[s.Y]
-        ekf.inflate_jointly(tuple(range(len(variances))), np.diag(variances))
-    return after
+    of_x, of_y = normalised(z, S)
+    count_innovation(scatter, of_x, of_y)
+    return add_fix(scatter, stamp, fix, predicted, updated, correction, admitted)
+
+
+def inflate_by_corrections(ekf: Ekf, scatter: ScatterRecord) -> None:
+    """Inflate all states by their corrections with fixes that scatter."""
+    variances = np.square(scatter.moved)
+    variances[[s.X, s.Y]] = variances[s.X] + variances[s.Y]
+    ekf.inflate_jointly(tuple(range(len(variances))), np.diag(variances))

@@ -15,13 +15,14 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Record, assign, copied, or_none, shared_record
 from icreckon.estimator.engine.lane_filter import LaneSteps
+from icreckon.estimator.faults.odd_wheels import take_wheels
 from icreckon.estimator.faults.repeating_fixes import repeats
-from icreckon.estimator.faults.scattering_fixes import Scatter
+from icreckon.estimator.faults.scattering_fixes import ScatterRecord
 from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.ekf import Ekf, update
-from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed
+from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, wander_after
 from icreckon.estimator.filter.gate import FORCED, GATED, SKIPPED, GateRecord, gates_of
 from icreckon.estimator.filter.health import (
     ADMITTED,
@@ -36,7 +37,7 @@ from icreckon.estimator.filter.health import (
     slip_health,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.reacquisition import MOST, RejectedFix, beside_wander, relocation
+from icreckon.estimator.filter.reacquisition import add_rejected, relocate
 from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
@@ -66,7 +67,6 @@ from icreckon.estimator.sensors.predictions import Prediction
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import QuietReadings, tracks_rest
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
-from icreckon.estimator.sensors.wheel_speeds import by_wheels
 
 
 class Reckoning:
@@ -118,9 +118,6 @@ class Reckoning:
         self._record = make_record(FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
         self._readings = QuietReadings()
-        # Position fixes since one was used.
-        self._rejected_fixes: tuple[RejectedFix, ...] = ()
-        self._scatter = Scatter()
         of_imu = {name: getattr(self._record, name) for name in IMU_SENSORS}
         self._gates = gates_of(innovation_components(), settings.gates, of_imu, make_record)
         self._fix_gates = {n: gate for n, gate in self._gates.items() if n not in of_imu}
@@ -144,7 +141,7 @@ class Reckoning:
         health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
         health.slip = slip_health(self._tracks, record.still, float(record.slip_factor))
         add_gyro_faults(health, self._tracks)
-        add_fix_faults(health, record.positions, record.poses, self._scatter)
+        add_fix_faults(health, record.positions, record.poses, record.fixes.scatter)
         add_estimates(health, self.ekf.x, self.ekf.P, self._prior)
         return health
 
@@ -180,8 +177,6 @@ class Reckoning:
             ekf.clones,
             ekf.model.memory,
             None if ekf.regressors is None else ekf.regressors.copy(),
-            self._rejected_fixes,
-            self._scatter,
         )
 
     def restore(self, checkpoint: FilterCheckpoint) -> None:
@@ -197,8 +192,7 @@ class Reckoning:
             assign(gate.counts, GateRecord())
         for name, counts in checkpoint.gates.items():
             assign(self._fix_gates[name].counts, counts)
-        self._counts, self._rejected_fixes = checkpoint.counts.copy(), checkpoint.rejected_fixes
-        self._scatter = checkpoint.scatter
+        self._counts = checkpoint.counts.copy()
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
         """Start with parameters, biases and scales of a checkpoint.
@@ -270,8 +264,11 @@ class Reckoning:
             hole = is_hole(tracks, m.stamp, hold)
             self._advance(imu_clock.interval_start(tracks, m.stamp) if hole else tracks.stamp)
             self._counts.track_gaps += hole
-        m = by_wheels(tracks, m, record.settings.fastest)
-        self._counts.stuck_tracks += self._steps.take_track_speeds(m.stamp, m.left, m.right)
+        speeds = m.left, m.right
+        if m.left_wheels or m.right_wheels:
+            sides = tracks.left_wheels, tracks.right_wheels, tracks.spin, m.stamp, speeds
+            speeds = take_wheels(*sides, m.left_wheels, m.right_wheels, record.settings.fastest)
+        self._counts.stuck_tracks += self._steps.take_track_speeds(m.stamp, *speeds)
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
@@ -312,9 +309,6 @@ class Reckoning:
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
         model, ekf, record = MODELS[type(m)], self.ekf, self._record
-        if repeats(record.positions, record.poses, m, 0.5 * sum(self.track_speeds)):
-            self._rejected_fixes = ()
-            return False
         # Predict. A zero velocity at the end of a step is about the next one.
         at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
@@ -326,6 +320,9 @@ class Reckoning:
             record.stamp = self._start(m.stamp)
             if begun:
                 self._steps.begin(m.stamp)
+        if isinstance(m, PositionFix | PoseFix) and self._repeats(m):
+            record.fixes.rejected.count = 0
+            return False
         if isinstance(m, PositionFix):
             return self._take_position(m, ahead=ahead)
         stood_at = record.stood_at
@@ -345,7 +342,8 @@ class Reckoning:
         if used:
             ekf.keep_inside_bounds()
         if used and isinstance(m, PoseFix):
-            self._rejected_fixes, self._scatter = (), Scatter()
+            record.fixes.rejected.count = 0
+            assign(record.fixes.scatter, ScatterRecord())
         if model.standing and not used:
             record.stood_at = stood_at
         elif model.standing and ahead:
@@ -355,11 +353,18 @@ class Reckoning:
             self._steps.propagate(m.stamp)
         return used
 
+    def _repeats(self, m: PositionFix | PoseFix) -> bool:
+        """Return True for a fix that repeats a position while driving."""
+        record = self._record
+        place = record.positions if isinstance(m, PositionFix) else record.poses
+        speeds = speeds_at(self._tracks, m.stamp, record.settings.hold_ns)
+        return repeats(place, m.stamp, m.x, m.y, 0.5 * sum(speeds))
+
     def _take_position(self, m: PositionFix, *, ahead: bool) -> bool:
         """Update with a position fix; relocate after rejected ones."""
-        ekf, gate = self.ekf, self._gates["position"]
+        ekf, gate, fixes = self.ekf, self._gates["position"], self._record.fixes
         wandered, before = self._let_wander(m.stamp), ekf.x.copy()
-        variance = m.variance if ekf.wanders else self._scatter.of_fix(m.variance)
+        variance = max(m.variance, fixes.scatter.variance)
         interval = gate.interval_to(m.stamp)
         take = partial(
             self._steps.take_position,
@@ -371,9 +376,7 @@ class Reckoning:
             rejected_for=gate.counts.rejected_for,
         )
         found = take(mode=GATED)
-        added = self._rejected_fixes[-1].variance + wandered if self._rejected_fixes else 0.0
-        rejected = RejectedFix(m.x, m.y, max(variance, added), *found.predicted[:2])
-        self._rejected_fixes = (*self._rejected_fixes, rejected)[-MOST:]
+        add_rejected(fixes.rejected, (m.x, m.y, variance), found.predicted, wandered)
         used, relocated = found.used, found.lost and self._relocate()
         verdict = ADMITTED if found.admitted else REACQUIRED if used or found.lost else REJECTED
         updated = found.updated
@@ -381,13 +384,12 @@ class Reckoning:
             used, updated = True, take(mode=SKIPPED if relocated else FORCED).updated
         gate.count(m.stamp, verdict, found.z, found.S, interval)
         if not ekf.wanders:
-            fix = m.stamp, m.x, m.y, m.variance
+            of_fix = m.stamp, (m.x, m.y, m.variance), found.z, found.S
             at = found.predicted, updated, ekf.x - before
-            self._scatter = slip_factor.follow_scatter(
-                ekf, self._scatter, gate.counts, fix, *at, admitted=used
-            )
+            if self._steps.follow_scatter(*of_fix, *at, admitted=used):
+                slip_factor.inflate_by_corrections(ekf, fixes.scatter)
         if used:
-            self._rejected_fixes = ()
+            fixes.rejected.count = 0
         return used
 
     def _take_mark(self, m: Mark) -> bool:
@@ -407,20 +409,19 @@ class Reckoning:
 
         The path has the right shape but the wrong place: the heading is wrong, too.
         """
-        found = relocation(self._rejected_fixes)
-        if found is not None:
-            pose, P = found.pose(self.ekf.x[s.POSE])
-            self.ekf.replace_pose(pose, beside_wander(P, self._wander.sigma))
-        return found is not None
+        pose, P = self.ekf.x[s.POSE].copy(), np.zeros((5, 5))
+        found = relocate(self._record.fixes.rejected, pose, P, self._wander.sigma)
+        if found:
+            size = 5 if self.ekf.wanders else 3
+            self.ekf.replace_pose(pose, P[:size, :size])
+        return found
 
     def _let_wander(self, stamp: int) -> float:
         """Propagate the wander to a stamp [ns]; return its process noise [m²]."""
-        record, wander = self._record, self._wander
+        wander = self._wander
         if not wander.sigma:
             return 0.0
-        elapsed = 0 if record.wander_stamp == NEVER else stamp - record.wander_stamp
-        record.wander_stamp, decay = stamp, math.exp(-elapsed * NANOSECOND / wander.time)
-        variance = wander.sigma**2 * (1.0 - decay * decay)
+        decay, variance = wander_after(self._record.fixes, stamp, wander.sigma, wander.time)
         self.ekf.let_wander(decay, variance)
         return variance
 

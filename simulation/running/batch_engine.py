@@ -16,7 +16,7 @@ from msgspec import msgpack
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import Measured
 from icreckon.estimator.batch.inputs import has_absurd_readings, measured_of
-from icreckon.estimator.batch.runs import Worked, scatters, side_by_side, work_through_runs
+from icreckon.estimator.batch.runs import Worked, side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
 from icreckon.estimator.log.log import Log
@@ -24,7 +24,6 @@ from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import wander_of
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.streaming.lost import loss_kinds, reason_of
 from icreckon.simulation.base.random_streams import random_streams
@@ -64,8 +63,6 @@ def why_not(plan: Plan) -> str | None:
         if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
             return f"in cell {cell.index}, encoders with dropouts are faster than the IMU"
         for one in cell.filters:
-            if wander_of(one.robot, one.settings).sigma:
-                return f"in cell {cell.index}, filters estimate the wander of the fixes"
             slowest = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
             if 1.0 / slowest > 0.5 * one.settings.longest_gap:
                 return f"in cell {cell.index}, samples are further apart than half the longest_gap"
@@ -116,9 +113,6 @@ def block(
             rows = np.stack([*of_path, *_consistency(lanes, result)], axis=-1)
             values[one.label][begin : begin + here] = rows[:here]
             reasons[one.label][begin : begin + here] = _losses(path, times)[:here]
-        for data, result in zip(measured, worked, strict=True):
-            of_fixes = (scatters(data, schedule.steps, result.lanes, lane) for lane in range(here))
-            doubtful |= {lane for lane, found in enumerate(of_fixes) if found}
         for lane in sorted(doubtful):
             # A run that the streaming filter rejects must not take the other lanes with it.
             for label, scores in study_streaming.block(cell, filters, runs[lane], 1).items():

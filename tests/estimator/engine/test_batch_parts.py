@@ -202,8 +202,9 @@ def all_inputs(tracks, present, rates, track_rate, imu_rate, settings):
     stamps = stamps[stamps <= imu[-1]]
     speeds = np.where(present[: len(stamps), None], tracks[: len(stamps)], np.nan)
     none, no_fixes = np.zeros(0, dtype=np.int64), np.zeros((1, 0, FIX_VALUES))
+    no_wheels = [np.zeros((1, len(stamps), 0))] * 2
     measured = Measured(
-        stamps, speeds[None], imu, rates[None], np.zeros((1, count, 2)), none, no_fixes
+        stamps, speeds[None], *no_wheels, imu, rates[None], np.zeros((1, count, 2)), none, no_fixes
     )
     steps = steps_of(stamps, imu, none, none, heading=False)
     inputs = np.zeros((len(steps.kinds), len(INPUTS), 1))

@@ -22,9 +22,10 @@ from faulty_drives import (
     with_wheels,
 )
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.batch.feed_arrays import feed_arrays
+from icreckon.estimator.batch.many import run_many
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.odd_wheels import (
     NO_WHEEL,
@@ -42,8 +43,9 @@ from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
+from same_runs import assert_same_run
 
-STEP, LIMIT = 20_000_000, 0.15
+STEP, LIMIT, FASTEST = 20_000_000, 0.15, 1.0
 AGREE = (0.5, 0.5)
 
 
@@ -86,10 +88,9 @@ class Sides:
             self.stamp += STEP
             if rate is not None:
                 self.spin.stamp, self.spin.rate = self.stamp, rate
-            middles = tuple(middle_of(sum(one) / len(one), one, LIMIT) for one in (left, right))
-            speeds = take_wheels(
-                self.left, self.right, self.spin, self.stamp, middles, (left, right)
-            )
+            means = tuple(sum(one) / len(one) for one in (left, right))
+            sides = self.left, self.right, self.spin, self.stamp
+            speeds = take_wheels(*sides, means, left, right, FASTEST)
         return speeds
 
     def density(self) -> float:
@@ -202,9 +203,17 @@ def test_in_doubt_without_a_gyro_the_error_grows(robot: Robot) -> None:
     assert doubt.state_sigmas[-1, 0] > 0.3 + certain.state_sigmas[-1, 0]
 
 
-def test_lanes_leave_such_logs_to_the_streaming_filter(robot: Robot, drive: Log) -> None:
-    with pytest.raises(BatchError, match="wheels of one side that disagree"):
-        run_side_by_side(drive, robot, ["gyro"])
+def test_a_log_at_once_is_that_sample_by_sample(robot: Robot, drive: Log) -> None:
+    at_once, expected = run_side_by_side(drive, robot, ["gyro"])["gyro"], run(drive, robot, "gyro")
+    assert expected.health.slip.odd_wheels > 0
+    assert_same_run(at_once, expected)
+    (of_many,) = run_many([drive], robot, "gyro")
+    both, here, there = np.intersect1d(of_many.stamps, expected.stamps, return_indices=True)
+    assert len(both) > 100
+    np.testing.assert_allclose(of_many.poses[here], expected.trajectory.poses[there], atol=1e-9)
+
+
+def test_arrays_are_fed_as_samples_are(robot: Robot, drive: Log) -> None:
     one_by_one, at_once = (PoseEstimator(robot, "gyro") for _ in range(2))
     for measurement in drive.measurements():
         one_by_one.feed(measurement)

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.batch.replay import run_side_by_side
-from icreckon.estimator.faults.repeating_fixes import MOST_DRIVEN, may_repeat
+from icreckon.estimator.faults.repeating_fixes import MOST_DRIVEN
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import PoseFix, PositionFix, TrackSpeeds
 from icreckon.estimator.log.scores import interpolate_poses
@@ -80,7 +78,6 @@ def test_a_coarse_receiver_may_repeat_what_it_always_repeats(resolution, rate):
 
 def test_a_healthy_receiver_is_not_accused():
     log = driven()
-    assert not may_repeat(log)
     assert "position: repeats itself" not in run(log, ALPHA, "constant-online").health.rejections()
 
 
@@ -130,13 +127,6 @@ def test_two_receivers_are_watched_apart():
     rejections = estimator.health.rejections()
     assert rejections["position: repeats itself"] > 5
     assert "pose: repeats itself" not in rejections
-
-
-def test_filters_side_by_side_leave_such_logs_to_the_streaming_filter():
-    log = driven()
-    run_side_by_side(log, ALPHA, ["gyro"])
-    with pytest.raises(BatchError, match="readings that no such sensor gives"):
-        run_side_by_side(with_stuck_receiver(log), ALPHA, ["gyro"])
 
 
 def test_a_saved_estimator_goes_on_refusing(tmp_path):

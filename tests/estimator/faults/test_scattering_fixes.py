@@ -6,18 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.base.records import shifted
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.scattering_fixes import (
     MOST,
     WALK,
     WHITE,
-    Expected,
-    Scatter,
-    scatter_after,
-    scatters_in_run,
+    ScatterRecord,
+    add_fix,
+    expected_sums,
+    wanders,
 )
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import PoseFix, PositionFix
@@ -36,17 +34,17 @@ STATED = 0.05
 ONLINE = ["constant-online", "inertia-online"]
 
 
-def after_fixes(errors, *, path=None, stated=STATED, start=None, admitted=True) -> Scatter:
+def after_fixes(errors, *, path=None, stated=STATED, admitted=True) -> ScatterRecord:
     """Scatter of fixes at 1 Hz with errors (n, 2) on a path (n,) of a filter that they do not correct."""
     n = len(errors)
     path = np.arange(n) * 1.0 + 0j if path is None else path
     yaws = np.angle(np.gradient(path)) if n > 1 else np.zeros(n)
-    scatter = start or Scatter()
+    scatter = ScatterRecord()
     for k, (error, place, yaw) in enumerate(zip(errors, path, yaws, strict=True)):
-        fix = k * SECOND, place.real + error[0], place.imag + error[1], stated**2
+        fix = place.real + error[0], place.imag + error[1], stated**2
         at = place.real, place.imag, float(yaw)
         used = admitted if isinstance(admitted, bool) else bool(admitted[k])
-        scatter = scatter_after(scatter, fix, at, at, np.zeros(3), admitted=used)
+        add_fix(scatter, k * SECOND, fix, at, at, np.zeros(3), used)
     return scatter
 
 
@@ -65,7 +63,6 @@ def test_fixes_that_scatter_as_they_say_are_used_as_they_are(path, seed):
     scatter = after_fixes(noise(STATED, 60, seed), path=path)
     assert scatter.variance == 0.0
     assert scatter.used == 0
-    assert scatter.of_fix(STATED**2) == STATED**2
 
 
 @PATHS
@@ -74,7 +71,7 @@ def test_white_scatter_is_used_with_its_size(path):
     path = np.concatenate([path, path + path[-1] - path[0]])
     found = [after_fixes(noise(0.5, 120, seed), path=path) for seed in range(8)]
     assert np.median([one.variance for one in found]) == pytest.approx(0.5**2, rel=0.3)
-    assert not any(one.wanders for one in found)
+    assert not any(wanders(one) for one in found)
     assert all(one.used > 100 for one in found)
 
 
@@ -83,7 +80,7 @@ def test_scatter_that_walks_counts_as_one_fix_in_a_minute(path):
     """A walk of 0.5 m a second is off by 3.9 m after a minute, and 60 fixes share it."""
     found = [after_fixes(np.cumsum(noise(0.5, 60, seed), axis=0), path=path) for seed in range(8)]
     assert np.mean([one.variance for one in found]) == pytest.approx(0.25 * 60.0 * 60.0, rel=0.5)
-    assert np.mean([one.wanders for one in found]) > 0.8
+    assert np.mean([wanders(one) for one in found]) > 0.8
 
 
 def test_expected_ratios_are_those_of_many_errors():
@@ -97,9 +94,9 @@ def test_expected_ratios_are_those_of_many_errors():
         squares = (np.abs(rest) ** 2).sum()
         ratios.append((np.abs(np.diff(rest)) ** 2).sum() / squares)
         sizes.append(squares / errors.size * MOST / (MOST - 2) / 2.0)
-    expected = Expected.on(path)
-    assert ratios == pytest.approx([expected.ratio_white, expected.ratio_walk], rel=0.03)
-    assert sizes == pytest.approx([1.0, expected.of_walk], rel=0.05)
+    of_white, of_walk, walked = expected_sums(after_fixes(np.zeros((MOST, 2)), path=path))
+    assert ratios == pytest.approx([of_white, of_walk], rel=0.03)
+    assert sizes == pytest.approx([1.0, walked], rel=0.05)
 
 
 def test_a_wrong_heading_and_slip_along_the_tracks_are_no_scatter():
@@ -158,11 +155,10 @@ def test_scatter_is_forgotten_once_it_is_over():
 
 @pytest.mark.parametrize("gap", [-5.0, 60.0])
 def test_a_gap_is_no_interval_between_fixes(gap):
-    before = after_fixes(noise(0.5, 20))
-    stamp = before.newest.stamp + round(gap * SECOND)
-    at = (1.0, 0.0, 0.0)
-    after = scatter_after(before, (stamp, 1.0, 0.0, STATED**2), at, at, np.zeros(3), admitted=True)
-    assert (after.interval, len(after.fixes), after.variance) == (0.0, 1, before.variance)
+    scatter = after_fixes(noise(0.5, 20))
+    stamp, at, before = scatter.newest + round(gap * SECOND), (1.0, 0.0, 0.0), scatter.variance
+    add_fix(scatter, stamp, (1.0, 0.0, STATED**2), at, at, np.zeros(3), True)
+    assert (scatter.interval, scatter.laid, scatter.variance) == (0.0, 1, before)
 
 
 def test_a_mirrored_world_scatters_the_same():
@@ -176,7 +172,8 @@ def test_a_mirrored_world_scatters_the_same():
 def test_another_clock_shifts_its_stamps_alone():
     scatter = after_fixes(noise(0.4, 20))
     later = shifted(scatter, 5 * SECOND)
-    assert [fix.stamp - 5 * SECOND for fix in later.fixes] == [fix.stamp for fix in scatter.fixes]
+    assert (later.begin, later.newest) == (scatter.begin + 5 * SECOND, scatter.newest + 5 * SECOND)
+    assert later.time == scatter.time
     assert shifted(later, -5 * SECOND) == scatter
 
 
@@ -261,47 +258,6 @@ def test_a_stated_wander_is_not_measured_as_scatter():
     settings = Settings(wander=FixWander(5.0, 60.0))
     log = driven(0.05, 5.0)
     assert run(log, ALPHA, "constant-online", settings=settings).health.scatter.used == 0
-
-
-def test_lanes_leave_such_logs_to_the_streaming_filter():
-    for log in (driven(0.5), driven(0.05, 5.0)):
-        with pytest.raises(BatchError, match="fixes that scatter"):
-            run_side_by_side(log, ALPHA, ["constant-online"])
-    assert "constant-online" in run_side_by_side(driven(STATED), ALPHA, ["constant-online"])
-
-
-@pytest.mark.parametrize("share", [0.0, 0.9])
-def test_a_run_as_a_whole_is_judged_as_fix_by_fix(share):
-    """With paths that the fixes correct, jumps, rejected ones, gaps, and fixes before the run."""
-    found = []
-    for seed in range(60):
-        rng = np.random.default_rng(seed)
-        n = int(rng.integers(3, 50))
-        seconds = np.cumsum(rng.uniform(0.1, 1.4, n) + 20.0 * (rng.random(n) < 0.05))
-        stamps = np.round(seconds * 1e9).astype(np.int64)
-        path = np.cumsum(np.exp(1j * np.cumsum(rng.normal(0.0, 0.2, n))))
-        off = rng.normal(0.0, rng.choice([0.05, 0.2, 1.0]), (n, 2)) @ (1.0, 1j)
-        fixes = np.column_stack([(path + off).real, (path + off).imag, np.full(n, STATED**2)])
-        corrected = np.cumsum(rng.normal(0.0, 0.1, (n, 2)) @ (1.0, 1j))
-        before = path + np.concatenate([[0j], corrected[:-1]])
-        yaws, after = rng.normal(0.0, 2.0, n), path + corrected
-        turned = yaws + rng.normal(0.0, 0.05, n)
-        used = (rng.random(n) > 0.2).astype(float)
-        columns = (before.real, before.imag, yaws, after.real, after.imag, turned, used)
-        at_fixes = np.column_stack(columns)
-        first, scatters = round(share * (n - 1)), [Scatter()]
-        for k in range(n):
-            fix = int(stamps[k]), *fixes[k].tolist()
-            at, now = tuple(at_fixes[k, :3].tolist()), tuple(at_fixes[k, 3:6].tolist())
-            of_state, is_used = np.zeros(3), bool(used[k])
-            scatters.append(scatter_after(scatters[-1], fix, at, now, of_state, admitted=is_used))
-            if scatters[-1].variance:
-                break
-        before = scatters[min(first, len(scatters) - 1)]
-        whole = scatters_in_run(before, stamps[first:], fixes[first:], at_fixes[first:])
-        assert whole == (scatters[-1].variance > 0.0)
-        found.append(whole)
-    assert 10 < sum(found) < 50
 
 
 def test_an_antenna_off_the_middle_is_no_scatter():

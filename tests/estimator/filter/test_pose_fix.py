@@ -165,13 +165,14 @@ def test_a_used_pose_fix_ends_the_row_of_refused_position_fixes():
     """They are laid over the path only while nothing else says where it lies."""
     estimator = driven()
     x, y, yaw = estimator.pose
+    rejected = estimator._reckoning._record.fixes.rejected
     for k in range(5):
         assert not estimator.feed(PositionFix(estimator.stamp + k, x + 30.0, y, 0.01))
-    assert len(estimator._reckoning._rejected_fixes) == 5
+    assert rejected.count == 5
     assert not estimator.feed(PoseFix(estimator.stamp + 7, x + 30.0, y, yaw, SMALL))
-    assert len(estimator._reckoning._rejected_fixes) == 5
+    assert rejected.count == 5
     assert estimator.feed(PoseFix(estimator.stamp + 8, *estimator.pose, SMALL))
-    assert estimator._reckoning._rejected_fixes == ()
+    assert rejected.count == 0
 
 
 def with_element(row, column, value):

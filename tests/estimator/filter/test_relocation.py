@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.filter.reacquisition import RejectedFix, relocation
+from icreckon.estimator.filter.reacquisition import (
+    RejectedRecord,
+    add_rejected,
+    laid_over,
+    relocate,
+)
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import load_robot
@@ -26,34 +31,57 @@ def turned(points: np.ndarray, angle: float) -> np.ndarray:
     return points @ np.array([[cos, sin], [-sin, cos]])
 
 
-def refused(measured: np.ndarray, sigma: float = 0.05) -> tuple[RejectedFix, ...]:
-    return tuple(
-        RejectedFix(*z, sigma**2, *p) for z, p in zip(measured.tolist(), PATH.tolist(), strict=True)
-    )
+def refused(measured: np.ndarray, path: np.ndarray = PATH, wandered: float = 0.0) -> RejectedRecord:
+    """Record of fixes of 5 cm that were rejected."""
+    rejected = RejectedRecord()
+    for (x, y), (to_x, to_y) in zip(measured.tolist(), path.tolist(), strict=False):
+        add_rejected(rejected, (x, y, 0.05**2), (to_x, to_y, 0.0), wandered)
+    return rejected
 
 
 @pytest.mark.parametrize("angle", [-3.1, -1.5, 0.4, 2.0, 3.14])
 def test_the_turn_and_the_shift_are_found(angle: float) -> None:
     noise = 0.05 * np.random.default_rng(1).normal(size=PATH.shape)
     measured = turned(PATH, angle) + np.array([7.0, -3.0])
-    found = relocation(refused(measured + noise))
-    assert found is not None
+    rejected = refused(measured + noise)
+    found = laid_over(rejected)
     assert abs(wrap_angle(found.turn - angle)) < 4.0 * math.sqrt(found.turn_variance)
-    pose, covariance = found.pose(np.array([*PATH[-1], 0.2]))
+    pose, covariance = np.array([*PATH[-1], 0.2]), np.empty((5, 5))
+    assert relocate(rejected, pose, covariance, 0.0)
     assert abs(wrap_angle(pose[2] - 0.2 - angle)) < 0.1
     error = pose[:2] - measured[-1]
     assert error @ np.linalg.solve(covariance[:2, :2], error) < 12.0
-    assert np.linalg.eigvalsh(covariance).min() > 0.0
+    assert np.linalg.eigvalsh(covariance[:3, :3]).min() > 0.0
+    assert not covariance[3:].any()
+
+
+def test_the_next_fix_that_wanders_is_predicted_as_well_as_those_of_the_relocation() -> None:
+    rejected, of_white, joint = refused(turned(PATH, 0.4)), np.empty((5, 5)), np.empty((5, 5))
+    assert relocate(rejected, np.array([*PATH[-1], 0.2]), of_white, 0.0)
+    assert relocate(rejected, np.array([*PATH[-1], 0.2]), joint, 1.2)
+    assert np.linalg.eigvalsh(joint).min() >= -1e-12
+    assert joint[3, 3] == pytest.approx(1.2**2)
+    H = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
+    assert H @ joint @ H == pytest.approx(of_white[0, 0])
+
+
+def test_the_newest_count_and_their_variance_grows_with_the_wander() -> None:
+    """Of seventy the first six are forgotten; those of one wander share what it was at the first."""
+    many = np.arange(140.0).reshape(-1, 2)
+    rejected = refused(many, many, wandered=0.01)
+    assert rejected.count == len(rejected.x) == 64
+    assert rejected.x == many[6:, 0].tolist()
+    assert rejected.variance[0] == pytest.approx(0.05**2 + 6 * 0.01)
+    assert rejected.variance[-1] == pytest.approx(0.05**2 + 69 * 0.01)
 
 
 def test_what_is_no_turned_path_is_left_alone() -> None:
     rng = np.random.default_rng(2)
-    assert relocation(refused(10.0 * rng.normal(size=PATH.shape))) is None
+    assert not laid_over(refused(10.0 * rng.normal(size=PATH.shape))).fits
     # A shift needs no turn, a robot that stands shows none, and a mirrored path is no turned one.
-    assert relocation(refused(PATH + np.array([5.0, 5.0]))) is None
-    assert relocation(refused(turned(PATH, 1.0))[:4]) is None
-    standing = tuple(RejectedFix(5.0, 5.0, 0.01, 0.0, 0.0) for _ in range(11))
-    assert relocation(standing) is None
+    assert not laid_over(refused(PATH + np.array([5.0, 5.0]))).fits
+    assert not laid_over(refused(turned(PATH, 1.0)[:4])).fits
+    assert not laid_over(refused(5.0 + 0.0 * PATH, 0.0 * PATH)).fits
 
 
 def fixes_turned(log: Log, angle: float, since: float) -> Log:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.batch import replay
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.filter.ekf import SHARP
 from icreckon.estimator.log.log import Log
@@ -119,9 +118,8 @@ def positions_alone(seed, count):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_lanes_stay_positive_too(seed, monkeypatch):
-    """With fixes at random places, which they would otherwise leave to the streaming filter."""
-    monkeypatch.setattr(replay, "scatters", lambda *_, **__: False)
+def test_lanes_stay_positive_too(seed):
+    """With fixes at random places."""
     settings = Settings(gates=GateSettings(patience=0))
     options = {"settings": settings, "start_sigma": (1e6, 1e6, 1e3)}
     found = run_side_by_side(positions_alone(seed, 300), ALPHA, ("inertia-online",), **options)
