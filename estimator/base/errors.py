@@ -1,5 +1,12 @@
 """Errors for users: one line each, with the value found and what to do."""
 
+# Compiled code reads and writes by index without bounds checks, so each entry compares sizes first. It
+# cannot format text.
+WRONG_SIZE = (
+    "compiled code was given an array of the wrong size and has not touched it; this is a defect of "
+    "icreckon, please report it with the whole traceback"
+)
+
 
 class IcreckonError(Exception):
     """Base of every error that icreckon raises on purpose; its text is for the user."""

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.errors import BatchError
+from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
 from icreckon.estimator.base.records import record_array, record_of
-from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
 from icreckon.estimator.engine.layout import FIX_INPUTS, INPUTS
 from icreckon.estimator.engine.schedule import (
@@ -250,7 +249,7 @@ def fill_lane(
 def add_fixes(
     place: PlaceRecord, lane: int, lanes: LaneRecords, measured: Measured, fix: int, speed: float
 ) -> bool:
-    """Add fixes up to an index; return False if the last repeats a position while driving.
+    """Add fixes up to an index; return False if the last repeats a position.
 
     Those before it came before the first track speeds.
     """

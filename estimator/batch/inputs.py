@@ -76,7 +76,7 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
 
 
 def wheels_of(tracks: TrackSpeedSeries) -> tuple[Floats, Floats]:
-    """Speeds (n, k) and (n, m) of the left and the right wheels [m/s]; none if they are not known."""
+    """Speeds (n, k) and (n, m) of the left and the right wheels [m/s], if known."""
     if tracks.left_wheels is None or tracks.right_wheels is None:
         return np.zeros((len(tracks.stamps), 0)), np.zeros((len(tracks.stamps), 0))
     return tracks.left_wheels, tracks.right_wheels

@@ -11,7 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.checks import three_numbers
 from icreckon.estimator.base.errors import BatchError, EstimatorError
-from icreckon.estimator.base.records import record_of
+from icreckon.estimator.base.records import record_of, shifted
 from icreckon.estimator.batch.front_end import FIX_VALUES, FrontEnd, Measured
 from icreckon.estimator.batch.inputs import NO_STAMPS, fix_rows, has_absurd_readings, wheels_of
 from icreckon.estimator.batch.replay_rows import OUTPUT_AT_END, ReplayRows
@@ -31,11 +31,7 @@ from icreckon.estimator.engine.schedule import (
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.filter_record import FixesRecord
 from icreckon.estimator.filter.health import (
-    add_estimates,
-    add_fix_faults,
-    add_gyro_faults,
-    noise_health,
-    slip_health,
+    add_findings,
 )
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
@@ -45,7 +41,6 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.estimator.sensors.standstill import tracks_rest
 from icreckon.estimator.streaming.outputs import Run, Snapshot
 from icreckon.estimator.streaming.reckoning import Reckoning
 
@@ -109,39 +104,32 @@ def run_side_by_side(
     given = np.array(start, dtype=float), np.array(start_sigma, dtype=float)
     first = np.repeat(measured.tracks[:, 0], filters[0].width, axis=0)
     begun = [one.begin(first, *given) for one in filters]
-    row_stamps = steps.row_stamps + measured.track_stamps[0]
+    begin_stamp = int(measured.track_stamps[0])
+    row_stamps = steps.row_stamps + begin_stamp
     rows = [ReplayRows(one, robot, steps, measured, headings, row_stamps) for one in filters]
     began = [_begin(log, robot, name, settings, start, start_sigma) for name in variants]
     for before, one, lanes in zip(began, filters, begun, strict=True):
         checkpoint, by_parameters = before.checkpoint(), before.model().jacobian[:, s.PARAMETERS]
         if checkpoint.regressors is not None and steps.kinds[:1] == UPDATE:
             raise BatchError("there are fixes before the first track speeds")
-        begin_stamp = int(measured.track_stamps[0])
         one.continue_from(lanes, checkpoint, by_parameters, begin_stamp)
     if steps.before_steps:
         for before, of_one in zip(began, rows, strict=True):
             of_one.put_first(_snapshot(before, robot))
     smoothed = began[0].checkpoint().regressors is not None
-    chosen = input_settings(robot, of_filters)
-    front = FrontEnd(measured, steps, chosen)
+    front = FrontEnd(measured, steps, input_settings(robot, of_filters))
     work_through_log(filters, begun, rows, steps, measured, front, progress, smoothed=smoothed)
     found: dict[str, Run] = {}
     for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
         health = before.health
         health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
         health.sensor("tracks").used = len(measured.track_stamps)
-        record = front.record(0)
-        factor = float(lanes.workspace[one.rows["slip_factor"], 0])
-        health.slip = slip_health(
-            record.tracks, record.still, factor, int(measured.track_stamps[0])
-        )
-        health.noise = noise_health(record.noise, tracks_rest(record.still), chosen)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
-        health = found[name].health
-        add_gyro_faults(health, record.tracks, int(measured.track_stamps[0]))
-        scatter = record_of(FixesRecord, lanes.fixes[0]).scatter
-        add_fix_faults(health, record.positions, record.poses, scatter)
-        add_estimates(health, *one.state(lanes, 0), robot.imu)
+        record = front.record(0)
+        record.slip_factor = float(lanes.workspace[one.rows["slip_factor"], 0])
+        record.fixes = record_of(FixesRecord, lanes.fixes[0])
+        record, at_end = shifted(record, begin_stamp), one.state(lanes, 0)
+        add_findings(found[name].health, record, *at_end, robot.imu)
     return found
 
 

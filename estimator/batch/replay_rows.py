@@ -203,7 +203,7 @@ class ReplayRows:
         self._write_normalised("heading", row_range, z, S, headed)
 
     def _has_judged(self, row_range: slice, fixes: NDArray[np.int32]) -> Truths:
-        """True for rows since whose predecessor a fix came that does not repeat a position."""
+        """True for rows with a fix, used or rejected by the gate, since the row before."""
         counts = np.concatenate([[0], np.cumsum(self._is_judged)])
         before = self._steps.row_fixes[: row_range.start].max(initial=-1)
         newest = np.maximum.accumulate(np.concatenate([[before], fixes]))

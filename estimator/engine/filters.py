@@ -11,9 +11,8 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.errors import BatchError
+from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
 from icreckon.estimator.base.records import plain_copy, record_array, shifted
-from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.constants import (
     LINE,
     PRECISIONS,
@@ -250,7 +249,7 @@ class BatchFilter:
         )
 
     def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
-        """State (n,) and covariance (n, n) of one filter; n is SIZE, or two more if fixes wander."""
+        """State (n,) and covariance (n, n) of one filter; two more if fixes wander."""
         x = np.append(self._state, [0.0] * (2 * (s.WANDER_X in self.shape.states)))
         P = np.zeros((len(x), len(x)))
         for n, i in enumerate(self.shape.states):

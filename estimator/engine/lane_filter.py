@@ -14,11 +14,12 @@ from icreckon.estimator.engine.constants import aligned, shared_constants
 from icreckon.estimator.engine.lane import FilterShape, Numbers
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.one_lane import kernel_makers, one_lane
+from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.changes import Events
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.samples import PositionUpdate, SampleArrays, Sampled
+from icreckon.estimator.filter.samples import SampleArrays, Sampled
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
 from icreckon.estimator.motion.motion_model import Motion, TwistModel
 from icreckon.estimator.motion.propagation import Triple
@@ -153,7 +154,7 @@ class LaneSteps:
         mode: int,
         interval: float,
         rejected_for: float,
-    ) -> PositionUpdate:
+    ) -> tuple[TakenFix, bool, bool]:
         """Update with a position fix.
 
         Args:
@@ -164,6 +165,9 @@ class LaneSteps:
             mode: one of `icreckon.estimator.filter.gate`: skipped, gated or forced.
             interval: time since the fix before, as far as the gate counts it [s].
             rejected_for: time of rejected fixes so far [s].
+
+        Returns:
+            The fix; the gate admitted it; it was not used, and the filter is to be relocated.
         """
         lane, inputs = self._lane, self._inputs
         lane.fill_move(self._records, inputs, stamp)
@@ -172,31 +176,13 @@ class LaneSteps:
         inputs[[MODE, INTERVAL], 0] = mode, interval
         flags = self._update("position_ahead" if ahead else "position", stamp, rejected_for)
         z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[lane.position, 0].tolist()
-        return PositionUpdate(
-            (z_x, z_y),
-            (xx, xy, yy),
-            admitted > 0.0,
-            bool(flags & 1),
-            bool(flags >> FLAG_BITS & 1),
-            (places[0], places[1], places[2]),
-            (places[3], places[4], places[5]),
-        )
+        at = (places[0], places[1], places[2]), (places[3], places[4], places[5])
+        lost, used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)
+        return TakenFix(stamp, *fix, (z_x, z_y), (xx, xy, yy), *at, used), admitted > 0.0, lost
 
-    def follow_scatter(
-        self,
-        stamp: int,
-        fix: Triple,
-        z: tuple[float, float],
-        S: Triple,
-        predicted: Triple,
-        updated: Triple,
-        correction: Floats,
-        *,
-        admitted: bool,
-    ) -> bool:
+    def follow_scatter(self, fix: TakenFix, correction: Floats) -> bool:
         """Add a position fix to the scatter; see `icreckon.estimator.filter.slip_factor`."""
-        of_fix = stamp, fix, z, S, predicted, updated, correction, admitted
-        return cast(bool, self._lane.follow_scatter(self._records, *of_fix))
+        return cast(bool, self._lane.follow_scatter(self._records, fix, correction))
 
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
         """Body velocity of a filter with the same model and settings, see `Evaluation`."""

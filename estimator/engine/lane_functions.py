@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.engine.constants import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.engine.layout import INPUTS
+from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.filter_record import (
     may_be_pushed,
     take_track_sample,
@@ -178,22 +179,11 @@ def move_of(records: Any, inputs: Floats, stamp: int) -> None:
     move_inputs(records[0], inputs, 0, stamp)
 
 
-def scatter_of(
-    records: Any,
-    stamp: int,
-    fix: tuple[float, float, float],
-    z: tuple[float, float],
-    S: tuple[float, float, float],
-    predicted: tuple[float, float, float],
-    updated: tuple[float, float, float],
-    correction: Floats,
-    admitted: bool,
-) -> bool:
+def scatter_of(records: Any, fix: TakenFix, correction: Floats) -> bool:
     """Add a position fix to the scatter of one filter, see `follow_scatter`."""
     if len(correction) != s.SIZE:
         raise ValueError(WRONG_SIZE)
-    scatter = records[0].fixes.scatter
-    return follow_scatter(scatter, stamp, fix, z, S, predicted, updated, correction, admitted)
+    return follow_scatter(records[0].fixes.scatter, fix, correction)
 
 
 def sample_loop(imu_step: Any, time_step: Any) -> Any:

@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.errors import BatchError
+from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
 from icreckon.estimator.base.records import NEVER, record_array
-from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.engine.constants import PER_STEP, step_constants
 from icreckon.estimator.robot.settings import LONGEST_TIME, Settings
 from icreckon.estimator.sensors.held_tracks import (
@@ -105,7 +104,6 @@ class LogSteps(NamedTuple):
         row_samples: (k,) 1 if there was an IMU sample since the row before.
         row_fixes: (k,) index of the newest fix since the row before; -1 for none.
         gaps: number of gaps in the track speeds.
-        early_samples: number of IMU samples before the first track speeds.
     """
 
     starts: Stamps
@@ -122,7 +120,6 @@ class LogSteps(NamedTuple):
     row_samples: Bytes
     row_fixes: Places
     gaps: int
-    early_samples: int
 
     @property
     def before_steps(self) -> bool:
@@ -213,19 +210,11 @@ def steps_of_log(
     Raises:
         BatchError: filters side by side cannot process such stamps.
     """
-    steps = _walked(SensorStamps(tracks, imu, fixes, headings), _limits(settings))
-    _output_last(steps, output)
-    return steps
-
-
-def _limits(settings: Settings) -> WalkLimits:
-    return WalkLimits(float(settings.hold), int(settings.longest_gap / NANOSECOND))
-
-
-def _output_last(steps: LogSteps, output: int) -> None:
-    """Mark so many steps at the end as ticks."""
+    limits = WalkLimits(float(settings.hold), int(settings.longest_gap / NANOSECOND))
+    steps = _walked(SensorStamps(tracks, imu, fixes, headings), limits)
     at_end = slice(max(0, len(steps.kinds) - output), None)
     steps.extras[at_end] |= np.where(steps.kinds[at_end] <= UPDATE, TICK, 0).astype(np.int8)
+    return steps
 
 
 class SensorStamps(NamedTuple):
@@ -273,7 +262,6 @@ class Walk(msgspec.Struct):
         last_sample: index of the newest step with an IMU sample since the last row; -1 for none.
         newest_fix: index of the newest fix since the last row; -1 for none.
         gaps: number of gaps in the track speeds.
-        early_samples: number of IMU samples before the first track speeds.
         reason: number of the one of `REASONS` that ended the walk.
     """
 
@@ -290,7 +278,6 @@ class Walk(msgspec.Struct):
     last_sample: int = -1
     newest_fix: int = -1
     gaps: int = 0
-    early_samples: int = 0
     reason: int = 0
 
 
@@ -311,14 +298,14 @@ def _walked(
     usual = ClockRecord(interval=USUAL_TRACK_INTERVAL), ClockRecord()
     clocks = np.concatenate([record_array(one, 1) for one in clocks_at_start or usual])
     since = SensorStamps(tracks - begin, imu - begin, fixes - begin, headings)
-    empty: list[Any] = [*columns, 0, 0]
+    empty: list[Any] = [*columns, 0]
     walk_entry(state, clocks, since, limits, LogSteps(*empty))
     walk = state[0]
     if walk["reason"]:
         raise BatchError(REASONS[walk["reason"]])
     counts = [walk["steps"]] * len(of_steps) + [walk["rows"]] * 3
     filled: list[Any] = [column[:count] for column, count in zip(columns, counts, strict=True)]
-    filled += [int(walk["gaps"]), int(walk["early_samples"])]
+    filled.append(int(walk["gaps"]))
     return LogSteps(*filled)
 
 
@@ -399,7 +386,6 @@ def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, hold: float, steps:
     walk.samples += 1
     if walk.tracks == 0:
         imu.stamp = stamp
-        walk.early_samples += 1
         return
     take_stamp(imu, stamp, hold)
     if (stamp - walk.now) * NANOSECOND > hold:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.engine.constants import PER_STEP
 from icreckon.estimator.engine.layout import INPUTS, TWIST
 from icreckon.estimator.engine.schedule import (
@@ -20,6 +21,7 @@ from icreckon.estimator.engine.schedule import (
     TICK,
     UPDATE,
 )
+from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.filter_record import wander_after
 from icreckon.estimator.filter.gate import FORCED, SKIPPED
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
@@ -89,13 +91,13 @@ class LaneKernels(NamedTuple):
         move: propagation without an IMU sample.
         move_tick: propagation, with the twist at its end.
         position: position fix at the end of a step; returns lanes that are lost, and that used it.
-        position_tick: position fix, with the twist after it.
+        position_tick: the same, with the twist after it.
         position_ahead: position fix between two steps.
-        position_ahead_tick: position fix between two steps, with the twist after it.
-        heading: heading fix at the end of a step.
-        heading_tick: heading fix, with the twist after it.
-        heading_ahead: heading fix between two steps.
-        heading_ahead_tick: heading fix between two steps, with the twist after it.
+        position_ahead_tick: the same, with the twist after it.
+        heading: heading fix, as the four of a position fix.
+        heading_tick: see above.
+        heading_ahead: see above.
+        heading_ahead_tick: see above.
     """
 
     usual: Any
@@ -121,19 +123,8 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
         shape_digest: digest that separates the machine code of this shape from that of others.
     """
     usual, full, update, move, move_tick, *of_fixes = kernels
-    position, position_tick, position_ahead, position_ahead_tick = of_fixes[:4]
-    heading, heading_tick, heading_ahead, heading_ahead_tick = of_fixes[4:]
-
-    @inner(shape_digest)
-    def update_position(workspace: Floats, given: Floats, constants: Floats, when: int) -> Any:
-        """Update with a position fix; at a tick, compute the body velocity after it."""
-        if when == TICK_BETWEEN_STEPS:
-            return position_ahead_tick(workspace, given, constants)
-        if when == BETWEEN_STEPS:
-            return position_ahead(workspace, given, constants)
-        if when == AT_TICK:
-            return position_tick(workspace, given, constants)
-        return position(workspace, given, constants)
+    update_position = update_at(of_fixes[:4], f"{shape_digest}_position")
+    update_heading = update_at(of_fixes[4:], f"{shape_digest}_heading")
 
     @inner(shape_digest)
     def process_position(
@@ -145,7 +136,7 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
         places: Places,
         when: int,
     ) -> None:
-        """Update with a position fix, and relocate lost lanes, see `Reckoning._take_position`."""
+        """Update with a position fix, see `Reckoning._take_position`."""
         width, before = workspace.shape[1], workspace[places.x]
         stated, modes, wandered = given[FIX_VARIANCE].copy(), given[MODE].copy(), np.zeros(width)
         for lane in range(width):
@@ -173,23 +164,19 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
         for lane in range(width):
             is_used = (used >> lane) & 1 == 1
             if modes[lane] != SKIPPED and not places.wander_sigma:
-                of_fix = fix_of(given, lane, stated), judged[:, lane], before[:, lane]
-                follow_in_lane(workspace, lane, fixes[lane].scatter, stamp, of_fix, is_used, places)
+                z = float(judged[0, lane]), float(judged[1, lane])
+                S = float(judged[2, lane]), float(judged[3, lane]), float(judged[4, lane])
+                predicted, updated = (
+                    place_of(workspace, lane, places.predicted),
+                    place_of(workspace, lane, places.updated),
+                )
+                x, y, variance = fix_of(given, lane, stated)
+                fix_taken = TakenFix(stamp, x, y, variance, z, S, predicted, updated, is_used)
+                scatter = fixes[lane].scatter
+                follow_in_lane(workspace, lane, scatter, fix_taken, before[:, lane], places)
             if is_used or modes[lane] == SKIPPED:
                 fixes[lane].rejected.count = 0
         given[FIX_VARIANCE], given[MODE] = stated, modes
-
-    @inner(shape_digest)
-    def update_heading(workspace: Floats, given: Floats, constants: Floats, when: int) -> None:
-        """Update with a heading fix; at a tick, compute the body velocity after it."""
-        if when == TICK_BETWEEN_STEPS:
-            heading_ahead_tick(workspace, given, constants)
-        elif when == BETWEEN_STEPS:
-            heading_ahead(workspace, given, constants)
-        elif when == AT_TICK:
-            heading_tick(workspace, given, constants)
-        else:
-            heading(workspace, given, constants)
 
     def work_through(
         workspace: Floats,
@@ -257,6 +244,23 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
     return entry(work_through, shape_digest)
 
 
+def update_at(kernels: Sequence[Any], digest: str) -> Any:
+    """Make the update with a fix at one of the times of `AT_STEP` and the others."""
+    at_step, at_tick, between, tick_between = kernels
+
+    @inner(digest)
+    def update(workspace: Floats, given: Floats, constants: Floats, when: int) -> Any:
+        if when == TICK_BETWEEN_STEPS:
+            return tick_between(workspace, given, constants)
+        if when == BETWEEN_STEPS:
+            return between(workspace, given, constants)
+        if when == AT_TICK:
+            return at_tick(workspace, given, constants)
+        return at_step(workspace, given, constants)
+
+    return update
+
+
 def fix_of(given: Floats, lane: int, variances: Floats) -> tuple[float, float, float]:
     """Position fix of a lane: x, y [m] and its variance [m²]."""
     return float(given[FIX_X, lane]), float(given[FIX_Y, lane]), float(variances[lane])
@@ -269,7 +273,7 @@ def place_of(workspace: Floats, lane: int, rows: Any) -> tuple[float, float, flo
 
 
 def let_wander(workspace: Floats, lane: int, fixes: Any, stamp: int, places: Places) -> float:
-    """Propagate the wander of one lane to a stamp [ns], see `Ekf.let_wander`; return its noise [m²]."""
+    """Propagate the wander of one lane to a stamp [ns]; return its noise [m²]."""
     if not places.wander_sigma:
         return 0.0
     decay, variance = wander_after(fixes, stamp, places.wander_sigma, places.wander_time)
@@ -284,7 +288,7 @@ def let_wander(workspace: Floats, lane: int, fixes: Any, stamp: int, places: Pla
 
 
 def relocate_lane(workspace: Floats, lane: int, rejected: Any, places: Places) -> bool:
-    """Align the pose of one lane with the rejected fixes, if that fits; see `Ekf.replace_pose`."""
+    """Align the pose of one lane with the rejected fixes, if that fits."""
     pose, covariance, replaced = np.empty(3), np.empty((5, 5)), places.replaced
     for k in range(3):
         pose[k] = workspace[replaced[k], lane]
@@ -303,37 +307,17 @@ def relocate_lane(workspace: Floats, lane: int, rejected: Any, places: Places) -
 
 
 def follow_in_lane(
-    workspace: Floats,
-    lane: int,
-    scatter: Any,
-    stamp: int,
-    of_fix: Any,
-    used: bool,
-    places: Places,
+    workspace: Floats, lane: int, scatter: Any, fix: TakenFix, before: Floats, places: Places
 ) -> None:
-    """Add a fix to the scatter of one lane, and inflate by it; see `slip_factor.follow_scatter`.
+    """Add a fix to the scatter of one lane, and inflate by it.
 
-    Args:
-        workspace: workspace of all lanes.
-        lane: the lane.
-        scatter: record of its scatter.
-        stamp: stamp of the fix [ns].
-        of_fix: x, y [m] and variance that it states [m²]; innovation and its covariance; states before.
-        used: the fix was used.
-        places: places in the workspace.
+    See `Reckoning._take_position`; `before` (n,) are the uncertain states before the update.
     """
-    fix, judged, before = of_fix
     correction = np.zeros(s.SIZE)
     for k in range(len(before)):
         correction[places.states[k]] = workspace[places.x[k], lane] - before[k]
-    z = float(judged[0]), float(judged[1])
-    S = float(judged[2]), float(judged[3]), float(judged[4])
-    predicted = place_of(workspace, lane, places.predicted)
-    updated = place_of(workspace, lane, places.updated)
-    if follow_scatter(scatter, stamp, fix, z, S, predicted, updated, correction, used):
+    if follow_scatter(scatter, fix, correction):
         for k in range(len(before)):
             moved = scatter.moved[places.states[k]]
-            for row in (
-                places.variances[k : k + 1] if places.states[k] > s.Y else places.variances[:2]
-            ):
+            for row in places.variances[k : k + 1] if k > s.Y else places.variances[:2]:
                 workspace[row, lane] += moved * moved

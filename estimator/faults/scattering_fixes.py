@@ -156,49 +156,63 @@ def count_innovation(scatter: ScatterRecord, x: float, y: float) -> None:
     scatter.squares += (square - scatter.squares) / scatter.judged
 
 
-def add_fix(
-    scatter: ScatterRecord,
-    stamp: int,
-    fix: tuple[float, float, float],
-    predicted: tuple[float, float, float],
-    updated: tuple[float, float, float],
-    correction: Floats,
-    admitted: bool,
-) -> bool:
-    """Add a position fix; return True if fixes turn out to scatter that did not before.
+class TakenFix(NamedTuple):
+    """Position fix, after the update with it.
+
+    Attributes:
+        stamp: its stamp [ns].
+        x: measured [m].
+        y: measured [m].
+        variance: variance that it states [m²].
+        z: its innovation, x and y [m].
+        S: covariance of that, xx, xy and yy [m²].
+        predicted: place of the antenna before the update, and yaw [m, m, rad].
+        updated: the same after it.
+        used: it was used.
+    """
+
+    stamp: int
+    x: float
+    y: float
+    variance: float
+    z: tuple[float, float]
+    S: tuple[float, float, float]
+    predicted: tuple[float, float, float]
+    updated: tuple[float, float, float]
+    used: bool
+
+
+def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
+    """Add a position fix; return True if scatter is found that was not before.
 
     Args:
         scatter: the record, changed in place.
-        stamp: stamp of the fix [ns].
-        fix: x and y [m], and the variance that it states [m²].
-        predicted: place of the antenna before the update with it, and yaw [m, m, rad].
-        updated: the same after it.
-        correction: (SIZE,) change of the state by the update.
-        admitted: the fix was used.
+        fix: the fix.
+        correction: (SIZE,) change of the state by the update with it.
     """
-    x, y, stated = fix
     before, elapsed = scatter.variance, 0.0
     if scatter.newest != NEVER:
-        elapsed = (stamp - scatter.newest) * NANOSECOND
+        elapsed = (fix.stamp - scatter.newest) * NANOSECOND
     if scatter.newest == NEVER or not 0.0 <= elapsed <= LONGEST:
-        begin_path(scatter, stamp)
+        begin_path(scatter, fix.stamp)
     else:
-        step = complex(predicted[0] - scatter.antenna_x, predicted[1] - scatter.antenna_y)
+        x, y, _ = fix.predicted
+        step = complex(x - scatter.antenna_x, y - scatter.antenna_y)
         step *= cmath.exp(-1j * scatter.turn)
         scatter.newest_x += step.real
         scatter.newest_y += step.imag
         weight = 0.1 if scatter.interval > 0.0 else 1.0
         scatter.interval += weight * (elapsed - scatter.interval)
-    scatter.newest = stamp
-    is_laid = lay_out(scatter, x, y, predicted[2] - scatter.turn, admitted)
+    scatter.newest = fix.stamp
+    is_laid = lay_out(scatter, fix)
     kept = 1.0 - 1.0 / MOST if is_laid else 1.0
     for k in range(len(correction)):
         scatter.moved[k] = kept * scatter.moved[k] + correction[k]
-    scatter.antenna_x, scatter.antenna_y = updated[0], updated[1]
-    scatter.turn += updated[2] - predicted[2]
-    scatter.used += admitted and before > stated
+    scatter.antenna_x, scatter.antenna_y = fix.updated[0], fix.updated[1]
+    scatter.turn += fix.updated[2] - fix.predicted[2]
+    scatter.used += fix.used and before > fix.variance
     if is_laid and scatter.laid >= FEWEST:
-        measure(scatter, stated)
+        measure(scatter, fix.variance)
     return before == 0.0 < scatter.variance
 
 
@@ -211,28 +225,20 @@ def begin_path(scatter: ScatterRecord, stamp: int) -> None:
         scatter.moved[k] = 0.0
 
 
-def lay_out(scatter: ScatterRecord, x: float, y: float, yaw: float, admitted: bool) -> bool:
-    """Lay the newest fix over the path, or let it wait; return True if it is laid.
-
-    Args:
-        scatter: the record, changed in place.
-        x: measured [m].
-        y: measured [m].
-        yaw: yaw on the path [rad].
-        admitted: the fix was used.
-    """
-    if admitted:
+def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
+    """Lay the newest fix over the path, or let it wait; return True if it is laid."""
+    if fix.used:
         scatter.waiting = 0
     count, time = scatter.laid + scatter.waiting, float(scatter.newest - scatter.begin)
     if count:
         span, gap = time - scatter.time[0], time - scatter.time[count - 1]
         if gap * NANOSECOND < min(APART, SHARE_APART * span * NANOSECOND):
             return False
-    scatter.time[count], scatter.x[count], scatter.y[count] = time, x, y
+    scatter.time[count], scatter.x[count], scatter.y[count] = time, fix.x, fix.y
     scatter.path_x[count], scatter.path_y[count] = scatter.newest_x, scatter.newest_y
-    scatter.yaw[count] = yaw
+    scatter.yaw[count] = fix.predicted[2] - scatter.turn
     scatter.waiting += 1
-    if not admitted and scatter.waiting < ROW:
+    if not fix.used and scatter.waiting < ROW:
         return False
     surplus = max(0, count + 1 - MOST)
     scatter.laid, scatter.waiting = count + 1 - surplus, 0
@@ -245,7 +251,7 @@ def lay_out(scatter: ScatterRecord, x: float, y: float, yaw: float, admitted: bo
 
 
 def measure(scatter: ScatterRecord, stated: float) -> None:
-    """Measure the variance of the fixes that are laid, the newest of which states one [m²]."""
+    """Measure the variance of the laid fixes, the newest of which states one [m²]."""
     n, least = scatter.laid, STILL if scatter.variance > 0.0 else FOUND
     found = spread_of(scatter, 0, n, True)
     scatters = (

@@ -112,7 +112,7 @@ def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: floa
 def take_track_sample(
     record: FilterRecord, stamp: int, speeds: Floats, left_wheels: Floats, right_wheels: Floats
 ) -> int:
-    """Add track speeds (2,) with those of the wheels (n,), (m,), as `take_track_speeds` does."""
+    """Add track speeds (2,), and those of the wheels (n,) and (m,) if known."""
     left, right, held = speeds[0], speeds[1], record.tracks
     if len(left_wheels) + len(right_wheels) > 0:
         sides = (held.left_wheels, held.right_wheels)
@@ -123,7 +123,7 @@ def take_track_sample(
 
 
 def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> tuple[float, float]:
-    """Factor on the wander of the fixes up to a stamp [ns], and variance that it gains [m²].
+    """Decay of the wander of the fixes up to a stamp, and variance that it gains [m²].
 
     Args:
         fixes: record of the fixes, changed in place.

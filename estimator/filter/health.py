@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 from copy import copy
 from dataclasses import dataclass, field, fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import NEVER, Count, Size
+from icreckon.estimator.base.records import Count, Size, or_none
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, WheelsRecord, are_found
-from icreckon.estimator.faults.repeating_fixes import PlaceRecord
-from icreckon.estimator.faults.scattering_fixes import ScatterRecord, correlation_of, wanders
+from icreckon.estimator.faults.scattering_fixes import correlation_of, wanders
 from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
 from icreckon.estimator.motion.icr import GRAVITY
@@ -23,7 +22,7 @@ from icreckon.estimator.robot.robot_file import Imu
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.standstill import StandstillRecord
+from icreckon.estimator.sensors.standstill import StandstillRecord, tracks_rest
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
@@ -33,11 +32,7 @@ VERDICTS = ("admitted", "rejected", "reacquired")
 SIDES = {LEFT: "left", UNKNOWN: "unknown", RIGHT: "right"}
 # Reason to reject a reading or a fix; names of a gyro's faults, the reasons to reject its readings.
 REPEATED = "repeats itself"
-GYRO_FAULTS = {
-    JUMPED: "jumped",
-    REPEATS: REPEATED,
-    BEYOND: "beyond its range",
-}
+GYRO_FAULTS = {JUMPED: "jumped", REPEATS: REPEATED, BEYOND: "beyond its range"}
 # Correlation of successive innovations of position fixes from which on it is clear.
 CORRELATED = 0.5
 # A deviation that moves the twist by this share of the slip's standard deviation is observable after some
@@ -184,13 +179,7 @@ class NoiseHealth(NamedTuple):
 def noise_health(
     record: NoiseRecord, at_rest: bool, settings: InputSettings
 ) -> dict[str, NoiseHealth]:
-    """Noise of each axis of an IMU, by the name of its sensor.
-
-    Args:
-        record: record of the noise.
-        at_rest: the tracks rest.
-        settings: settings of the filter.
-    """
+    """Noise of each axis of an IMU, by the name of its sensor."""
     assumed = imu_noise(record, at_rest, settings)
     of_force = settings.accelerometer_noise_density
     found = {}
@@ -266,47 +255,34 @@ class SlipHealth:
     odd_wheels: int = 0
 
 
-def slip_health(
-    held: TrackRecord,
-    still: StandstillRecord,
-    factor: float,
-    ahead: int = 0,
-) -> SlipHealth:
-    """Slip that the records of the track speeds and of the standstill show.
-
-    Args:
-        held: record of the track speeds.
-        still: record of the standstill.
-        factor: factor on the slip, see `filter.slip_factor`.
-        ahead: time that the records' clock is behind [ns].
-    """
+def slip_health(held: TrackRecord, still: StandstillRecord, factor: float) -> SlipHealth:
+    """Slip that the records show; `factor` is that of `filter.slip_factor`."""
     spin = held.spin
     found = SlipHealth(
         times=spin.times,
-        forward=_slide(held.forward, ahead),
+        forward=_slide(held.forward),
         slides=held.forward.times,
-        carried=None if still.carried_since == NEVER else still.carried_since + ahead,
+        carried=or_none(still.carried_since),
         carries=still.carries,
         factor=factor,
-        left_wheels=_odd_wheel(held.left_wheels, ahead),
-        right_wheels=_odd_wheel(held.right_wheels, ahead),
+        left_wheels=_odd_wheel(held.left_wheels),
+        right_wheels=_odd_wheel(held.right_wheels),
         odd_wheels=held.left_wheels.times + held.right_wheels.times,
     )
     if not is_found(spin):
         return found
-    side, since = SIDES[spin.side], spin.since + ahead
-    return replace(found, track=side, since=since, mismatch=abs(spin.mismatch))
+    return replace(found, track=SIDES[spin.side], since=spin.since, mismatch=abs(spin.mismatch))
 
 
-def _slide(slide: SlideRecord, ahead: int) -> Slide | None:
-    return Slide(slide.since + ahead, slide.speed) if slides(slide) else None
+def _slide(slide: SlideRecord) -> Slide | None:
+    return Slide(slide.since, slide.speed) if slides(slide) else None
 
 
-def _odd_wheel(wheels: WheelsRecord, ahead: int) -> OddWheel | None:
+def _odd_wheel(wheels: WheelsRecord) -> OddWheel | None:
     if not are_found(wheels):
         return None
     wheel = None if wheels.odd == NO_WHEEL else wheels.odd
-    return OddWheel(wheels.since + ahead, wheel, wheels.apart, wheels.samples)
+    return OddWheel(wheels.since, wheel, wheels.apart, wheels.samples)
 
 
 @dataclass(frozen=True)
@@ -322,23 +298,6 @@ class GyroHealth:
     fault: str | None = None
     since: int | None = None
     times: int = 0
-
-
-def add_gyro_faults(health: Health, held: TrackRecord, ahead: int = 0) -> None:
-    """Add the gyro's faults in the record of the track speeds to health.
-
-    Args:
-        health: health, changed in place.
-        held: the record.
-        ahead: time that the record's clock is behind [ns].
-    """
-    gyro = held.gyro
-    fault = GYRO_FAULTS.get(gyro.fault)
-    health.gyro = GyroHealth(fault, gyro.since + ahead if fault else None, gyro.times)
-    counts = gyro.jumped, gyro.repeated, gyro.beyond
-    for reason, count in zip(GYRO_FAULTS.values(), counts, strict=True):
-        if count:
-            health.sensor("gyro").rejected[reason] = count
 
 
 @dataclass(frozen=True)
@@ -370,24 +329,6 @@ class ScatterHealth:
         if not self.sigma:
             return "as stated" + ", but their errors wander" * self.is_correlated
         return f"sigma {self.sigma:.2g} m" + ", wandering" * self.wanders
-
-
-def add_fix_faults(
-    health: Health, positions: PlaceRecord, poses: PlaceRecord, scatter: ScatterRecord
-) -> None:
-    """Add the scatter of the fixes, and how many repeat a position, to health.
-
-    Args:
-        health: health, changed in place.
-        positions: newest place of the position fixes.
-        poses: newest place of the pose fixes.
-        scatter: scatter of the position fixes.
-    """
-    sigma, correlation = math.sqrt(scatter.variance), correlation_of(scatter)
-    health.scatter = ScatterHealth(sigma, wanders(scatter), scatter.used, correlation)
-    for name, place in (("position", positions), ("pose", poses)):
-        if place.rejected:
-            health.sensor(name).rejected[REPEATED] = place.rejected
 
 
 class TiltHealth(NamedTuple):
@@ -525,17 +466,34 @@ class Health:
                 setattr(self, one.name, theirs)
 
 
-def add_estimates(health: Health, x: Floats, P: Floats, imu: Imu) -> None:
-    """Add the wander of the fixes and the tilt of the IMU to health.
+def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) -> None:
+    """Add to health what a filter has found.
 
     Args:
         health: health, changed in place.
-        x: (n,) the state.
+        record: its `FilterRecord`.
+        x: (n,) its state.
         P: (n, n) its covariance.
         imu: the robot file's `[imu]`.
     """
-    health.wander = wander_health(x, P)
-    health.tilt = tilt_health(x, np.sqrt(P.diagonal()), imu)
+    tracks, still, scatter = record.tracks, record.still, record.fixes.scatter
+    health.noise = noise_health(record.noise, tracks_rest(still), record.settings)
+    health.slip = slip_health(tracks, still, float(record.slip_factor))
+    gyro = tracks.gyro
+    fault = GYRO_FAULTS.get(gyro.fault)
+    health.gyro = GyroHealth(fault, gyro.since if fault else None, gyro.times)
+    sigma, correlation = math.sqrt(scatter.variance), correlation_of(scatter)
+    health.scatter = ScatterHealth(sigma, wanders(scatter), scatter.used, correlation)
+    health.wander, health.tilt = wander_health(x, P), tilt_health(x, np.sqrt(P.diagonal()), imu)
+    for sensor, reason, count in (
+        ("gyro", GYRO_FAULTS[JUMPED], gyro.jumped),
+        ("gyro", GYRO_FAULTS[REPEATS], gyro.repeated),
+        ("gyro", GYRO_FAULTS[BEYOND], gyro.beyond),
+        ("position", REPEATED, record.positions.rejected),
+        ("pose", REPEATED, record.poses.rejected),
+    ):
+        if count:
+            health.sensor(sensor).rejected[reason] = count
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def none_rejected() -> list[float]:
 
 
 class RejectedRecord(msgspec.Struct):
-    """Record of the position fixes that were rejected since one was used, oldest first.
+    """Position fixes that were rejected since one was used, oldest first.
 
     Attributes:
         count: their number.
@@ -86,7 +86,7 @@ def add_rejected(
 def relocate(
     rejected: RejectedRecord, pose: Floats, covariance: Floats, wander_sigma: float
 ) -> bool:
-    """Align an estimated pose with the rejected fixes; return False if they do not fit.
+    """Align a pose with the rejected fixes; return False if they do not fit.
 
     The pose is as far off as the fixes are: if these wander, the wander's variance is added to its own,
     and the two are correlated.

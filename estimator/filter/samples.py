@@ -1,4 +1,4 @@
-"""Samples as arrays, and results of steps."""
+"""Samples as arrays, and what was processed of them."""
 
 from __future__ import annotations
 
@@ -7,28 +7,6 @@ from typing import NamedTuple
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.log.input_checks import RANKS
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
-
-
-class PositionUpdate(NamedTuple):
-    """Update with a position fix.
-
-    Attributes:
-        z: innovation, x and y [m].
-        S: its covariance, xx, xy and yy [m²].
-        admitted: the gate admitted it.
-        lost: it was not used, and the filter is to be relocated.
-        used: it was used.
-        predicted: place of the antenna and yaw before it [m, m, rad].
-        updated: the same after it.
-    """
-
-    z: tuple[float, float]
-    S: tuple[float, float, float]
-    admitted: bool
-    lost: bool
-    used: bool
-    predicted: tuple[float, float, float]
-    updated: tuple[float, float, float]
 
 
 class SampleArrays(NamedTuple):

@@ -21,7 +21,12 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.faults.scattering_fixes import ScatterRecord, add_fix, count_innovation
+from icreckon.estimator.faults.scattering_fixes import (
+    ScatterRecord,
+    TakenFix,
+    add_fix,
+    count_innovation,
+)
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.process_noise import lasting_slip, travel_speed
 
@@ -144,39 +149,15 @@ def let_slip_last(ekf: Ekf, yaw: float, interval: float) -> None:
     ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(faded, faded), of_motion=True)
 
 
-def follow_scatter(
-    scatter: ScatterRecord,
-    stamp: int,
-    fix: tuple[float, float, float],
-    z: tuple[float, float],
-    S: tuple[float, float, float],
-    predicted: tuple[float, float, float],
-    updated: tuple[float, float, float],
-    correction: Floats,
-    admitted: bool,
-) -> bool:
-    """Add a position fix and its innovation to the scatter.
+def follow_scatter(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
+    """Add a position fix and its innovation to the scatter, see `add_fix`.
 
-    Once fixes turn out to scatter more than stated, the caller inflates the states by their corrections
-    with them, see `inflate_by_corrections`.
-
-    Args:
-        scatter: the record, changed in place.
-        stamp: stamp of the fix [ns].
-        fix: x, y [m] and the variance that it states [m²].
-        z: its innovation [m].
-        S: covariance of that, xx, xy and yy [m²].
-        predicted: see `add_fix`, as the others.
-        updated: see there.
-        correction: see there.
-        admitted: see there.
-
-    Returns:
-        True if fixes turn out to scatter that did not before.
+    Once scatter is found, the caller inflates the states by their corrections with the fixes, see
+    `inflate_by_corrections`.
     """
-    of_x, of_y = normalised(z, S)
+    of_x, of_y = normalised(fix.z, fix.S)
     count_innovation(scatter, of_x, of_y)
-    return add_fix(scatter, stamp, fix, predicted, updated, correction, admitted)
+    return add_fix(scatter, fix, correction)
 
 
 def inflate_by_corrections(ekf: Ekf, scatter: ScatterRecord) -> None:

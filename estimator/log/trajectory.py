@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.log.series import PoseSeries, TwistSeries
+from icreckon.estimator.log.series import PoseSeries
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,3 @@ class Trajectory:
     def pose_series(self) -> PoseSeries:
         """Poses without covariances."""
         return PoseSeries(self.stamps, self.poses)
-
-    @property
-    def twist_series(self) -> TwistSeries:
-        """Twists without covariances."""
-        return TwistSeries(self.stamps, self.twists)

@@ -16,8 +16,8 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.base.records import NEVER, Stamp
-from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.sensors.input_settings import InputSettings
 
 # Size of a buffer of readings that grows.

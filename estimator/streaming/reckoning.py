@@ -30,11 +30,7 @@ from icreckon.estimator.filter.health import (
     REJECTED,
     Health,
     Judged,
-    add_estimates,
-    add_fix_faults,
-    add_gyro_faults,
-    noise_health,
-    slip_health,
+    add_findings,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
@@ -65,7 +61,7 @@ from icreckon.estimator.sensors.measurement_models import (
 )
 from icreckon.estimator.sensors.predictions import Prediction
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.estimator.sensors.standstill import QuietReadings, tracks_rest
+from icreckon.estimator.sensors.standstill import QuietReadings
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 
 
@@ -137,12 +133,8 @@ class Reckoning:
     @property
     def health(self) -> Health:
         """Copy of the counts of the measurements, with measured noise and slip."""
-        health, record = self._judged_counts(), self._record
-        health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
-        health.slip = slip_health(self._tracks, record.still, float(record.slip_factor))
-        add_gyro_faults(health, self._tracks)
-        add_fix_faults(health, record.positions, record.poses, record.fixes.scatter)
-        add_estimates(health, self.ekf.x, self.ekf.P, self._prior)
+        health = self._judged_counts()
+        add_findings(health, self._record, self.ekf.x, self.ekf.P, self._prior)
         return health
 
     def _judged_counts(self) -> Health:
@@ -375,22 +367,20 @@ class Reckoning:
             interval=interval,
             rejected_for=gate.counts.rejected_for,
         )
-        found = take(mode=GATED)
-        add_rejected(fixes.rejected, (m.x, m.y, variance), found.predicted, wandered)
-        used, relocated = found.used, found.lost and self._relocate()
-        verdict = ADMITTED if found.admitted else REACQUIRED if used or found.lost else REJECTED
-        updated = found.updated
-        if found.lost:
-            used, updated = True, take(mode=SKIPPED if relocated else FORCED).updated
-        gate.count(m.stamp, verdict, found.z, found.S, interval)
+        fix, admitted, lost = take(mode=GATED)
+        add_rejected(fixes.rejected, (m.x, m.y, variance), fix.predicted, wandered)
+        verdict = ADMITTED if admitted else REACQUIRED if fix.used or lost else REJECTED
+        if lost:
+            again, _, _ = take(mode=SKIPPED if self._relocate() else FORCED)
+            fix = fix._replace(updated=again.updated, used=True)
+        gate.count(m.stamp, verdict, fix.z, fix.S, interval)
         if not ekf.wanders:
-            of_fix = m.stamp, (m.x, m.y, m.variance), found.z, found.S
-            at = found.predicted, updated, ekf.x - before
-            if self._steps.follow_scatter(*of_fix, *at, admitted=used):
+            stated = fix._replace(variance=m.variance)
+            if self._steps.follow_scatter(stated, ekf.x - before):
                 slip_factor.inflate_by_corrections(ekf, fixes.scatter)
-        if used:
+        if fix.used:
             fixes.rejected.count = 0
-        return used
+        return fix.used
 
     def _take_mark(self, m: Mark) -> bool:
         # The estimate is that of the newest step before the mark. Until the mark the motion is assumed

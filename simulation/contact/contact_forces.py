@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.tracing.jit_kernel import compiled
 
 COLUMNS = 7

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.tracing.jit_kernel import compiled
 from icreckon.simulation.contact.contact_forces import (
     COLUMNS,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.base.frames import paper_to_rep103
-from icreckon.estimator.base.sizes import WRONG_SIZE
 from icreckon.estimator.base.state import PARAMETER_COUNT as COUNT
 from icreckon.estimator.motion.bounds import ETA0
 from icreckon.estimator.motion.lagged_index_model import advanced, evaluate

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.sizes import WRONG_SIZE
+from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.tracing.jit_kernel import compiled
 from icreckon.simulation.truth.terrain_kernel import slope_cover

@@ -13,6 +13,7 @@ from icreckon.estimator.faults.scattering_fixes import (
     WALK,
     WHITE,
     ScatterRecord,
+    TakenFix,
     add_fix,
     expected_sums,
     wanders,
@@ -34,6 +35,11 @@ STATED = 0.05
 ONLINE = ["constant-online", "inertia-online"]
 
 
+def fix_at(stamp, x, y, at, stated=STATED, used=True) -> TakenFix:
+    """Fix with which the filter, which is at a place, is not corrected."""
+    return TakenFix(stamp, x, y, stated**2, (0.0, 0.0), (1.0, 0.0, 1.0), at, at, used)
+
+
 def after_fixes(errors, *, path=None, stated=STATED, admitted=True) -> ScatterRecord:
     """Scatter of fixes at 1 Hz with errors (n, 2) on a path (n,) of a filter that they do not correct."""
     n = len(errors)
@@ -41,10 +47,10 @@ def after_fixes(errors, *, path=None, stated=STATED, admitted=True) -> ScatterRe
     yaws = np.angle(np.gradient(path)) if n > 1 else np.zeros(n)
     scatter = ScatterRecord()
     for k, (error, place, yaw) in enumerate(zip(errors, path, yaws, strict=True)):
-        fix = place.real + error[0], place.imag + error[1], stated**2
-        at = place.real, place.imag, float(yaw)
         used = admitted if isinstance(admitted, bool) else bool(admitted[k])
-        add_fix(scatter, k * SECOND, fix, at, at, np.zeros(3), used)
+        at = place.real, place.imag, float(yaw)
+        taken = fix_at(k * SECOND, place.real + error[0], place.imag + error[1], at, stated, used)
+        add_fix(scatter, taken, np.zeros(3))
     return scatter
 
 
@@ -157,7 +163,7 @@ def test_scatter_is_forgotten_once_it_is_over():
 def test_a_gap_is_no_interval_between_fixes(gap):
     scatter = after_fixes(noise(0.5, 20))
     stamp, at, before = scatter.newest + round(gap * SECOND), (1.0, 0.0, 0.0), scatter.variance
-    add_fix(scatter, stamp, (1.0, 0.0, STATED**2), at, at, np.zeros(3), True)
+    add_fix(scatter, fix_at(stamp, 1.0, 0.0, at), np.zeros(3))
     assert (scatter.interval, scatter.laid, scatter.variance) == (0.0, 1, before)
 
 

@@ -49,7 +49,6 @@ def test_all_arrays_have_a_row_for_each_stamp(result):
     assert result.indices.shape == (n, 3)
     assert result.states.shape == result.state_sigmas.shape == (n, s.SIZE)
     assert result.trajectory.pose_series.poses is result.trajectory.poses
-    assert result.trajectory.twist_series.twists is result.trajectory.twists
 
 
 def test_columns_agree_with_each_other(result):

@@ -292,7 +292,7 @@ def test_a_kernel_cannot_address_rows_that_its_arrays_lack() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", ["workspace", "constants", "inputs", "table", "estimates", "refused", "ticks"]
+    "wrong", ["workspace", "constants", "inputs", "table", "estimates", "fixes", "ticks"]
 )
 def test_filters_side_by_side_refuse_arrays_of_the_wrong_size(wrong: str) -> None:
     from icreckon.estimator.engine.constants import aligned
@@ -325,8 +325,8 @@ def test_filters_side_by_side_refuse_arrays_of_the_wrong_size(wrong: str) -> Non
             table = table[:, : len(STEP_CONSTANTS)]
         case "estimates":
             estimates = estimates[:, :3]
-        case "refused":
-            lanes = lanes._replace(rejected=lanes.rejected[:1])
+        case "fixes":
+            lanes = lanes._replace(fixes=lanes.fixes[:1])
         case "ticks":
             estimates = estimates[:1]
     with pytest.raises(ValueError, match="wrong size"):

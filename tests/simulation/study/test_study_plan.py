@@ -335,9 +335,7 @@ def test_filters_are_given_the_wander_of_the_fixes_unless_they_name_another():
     aware, unaware = plan.cells[0].filters
     assert aware.settings.wander == FixWander(1.2, 60.0)
     assert unaware.settings.wander == FixWander()
-    # Side by side there is no wander: the study is streamed.
-    assert choose_engine(plan).name == "streaming"
-    assert choose_engine(expanded(scenario=gps, variants=(white,))).name == "batch"
+    assert choose_engine(plan).name == "batch"
     # That of a robot file is about its logs.
     of_file = {"fixes": {"topic": "/fix", "wander_sigma": 3.0, "wander_time": 9.0}}
     robot = {"log": of_file}
