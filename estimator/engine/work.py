@@ -137,16 +137,16 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
         when: int,
     ) -> None:
         """Update with a position fix, see `Reckoning._take_position`."""
-        width, before = workspace.shape[1], workspace[places.x]
+        width, before = workspace.shape[1], rows_of(workspace, places.x)
         stated, modes, wandered = given[FIX_VARIANCE].copy(), given[MODE].copy(), np.zeros(width)
         for lane in range(width):
             if modes[lane] != SKIPPED:
-                wandered[lane] = let_wander(workspace, lane, fixes[lane], stamp, places)
+                wandered[lane] = fade_wander(workspace, lane, fixes[lane], stamp, places)
                 variance = fixes[lane].scatter.variance
                 given[FIX_VARIANCE, lane] = max(given[FIX_VARIANCE, lane], variance)
         flags = update_position(workspace, given, constants, when)
         lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
-        judged = workspace[places.innovation]
+        judged = rows_of(workspace, places.innovation)
         for lane in range(width):
             if modes[lane] != SKIPPED:
                 fix = fix_of(given, lane, given[FIX_VARIANCE])
@@ -156,7 +156,7 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
             for lane in range(width):
                 given[MODE, lane] = SKIPPED
                 if (lost >> lane) & 1:
-                    if relocate_lane(workspace, lane, fixes[lane].rejected, places):
+                    if relocation(workspace, lane, fixes[lane].rejected, places):
                         used |= 1 << lane
                     else:
                         given[MODE, lane] = FORCED
@@ -173,7 +173,7 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
                 x, y, variance = fix_of(given, lane, stated)
                 fix_taken = TakenFix(stamp, x, y, variance, z, S, predicted, updated, is_used)
                 scatter = fixes[lane].scatter
-                follow_in_lane(workspace, lane, scatter, fix_taken, before[:, lane], places)
+                follow(workspace, lane, scatter, fix_taken, before[:, lane], places)
             if is_used or modes[lane] == SKIPPED:
                 fixes[lane].rejected.count = 0
         given[FIX_VARIANCE], given[MODE] = stated, modes
@@ -261,6 +261,15 @@ def update_at(kernels: Sequence[Any], digest: str) -> Any:
     return update
 
 
+def rows_of(workspace: Floats, rows: Any) -> Floats:
+    """Copy some rows."""
+    found = np.empty((len(rows), workspace.shape[1]))
+    for k in range(len(rows)):
+        for lane in range(workspace.shape[1]):
+            found[k, lane] = workspace[rows[k], lane]
+    return found
+
+
 def fix_of(given: Floats, lane: int, variances: Floats) -> tuple[float, float, float]:
     """Position fix of a lane: x, y [m] and its variance [m²]."""
     return float(given[FIX_X, lane]), float(given[FIX_Y, lane]), float(variances[lane])
@@ -321,3 +330,7 @@ def follow_in_lane(
             moved = scatter.moved[places.states[k]]
             for row in places.variances[k : k + 1] if k > s.Y else places.variances[:2]:
                 workspace[row, lane] += moved * moved
+
+
+# With machine code of their own, which all shapes share.
+fade_wander, relocation, follow = entry(let_wander), entry(relocate_lane), entry(follow_in_lane)

@@ -98,13 +98,24 @@ def middle_of(mean: float, wheels: Wheels, limit: float) -> Middle:
     """
     if len(wheels) < 2:
         return Middle(mean, mean, True)
-    ordered = sorted(wheels)
-    if ordered[-1] - ordered[0] <= limit:
+    if nth_of(wheels, len(wheels) - 1) - nth_of(wheels, 0) <= limit:
         return Middle(mean, mean, True)
-    low, high = ordered[(len(ordered) - 1) // 2], ordered[len(ordered) // 2]
+    low, high = nth_of(wheels, (len(wheels) - 1) // 2), nth_of(wheels, len(wheels) // 2)
     if high - low > limit:
         return Middle(low, high, False)
     return Middle(0.5 * (low + high), 0.5 * (low + high), False)
+
+
+def nth_of(wheels: Wheels, n: int) -> float:
+    """Return the n-th smallest speed, counted from 0."""
+    for speed in wheels:
+        lower = same = 0
+        for other in wheels:
+            lower += other < speed
+            same += other == speed
+        if lower <= n < lower + same:
+            return speed
+    return math.nan
 
 
 def are_found(wheels: WheelsRecord) -> bool:

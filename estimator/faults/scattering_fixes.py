@@ -21,12 +21,10 @@ The functions are written for plain Python and for numba, see `icreckon.estimato
 
 from __future__ import annotations
 
-import cmath
 import math
 from typing import Annotated, NamedTuple
 
 import msgspec
-import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
@@ -198,7 +196,7 @@ def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
     else:
         x, y, _ = fix.predicted
         step = complex(x - scatter.antenna_x, y - scatter.antenna_y)
-        step *= cmath.exp(-1j * scatter.turn)
+        step *= turn_by(-scatter.turn)
         scatter.newest_x += step.real
         scatter.newest_y += step.imag
         weight = 0.1 if scatter.interval > 0.0 else 1.0
@@ -291,7 +289,8 @@ def parts_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
     largest = second = -1.0
     jump = other = 0
     for k in range(1, scatter.laid):
-        size = abs(abs(fix_at(scatter, k) - fix_at(scatter, k - 1)) - step_to(scatter, k))
+        fixes = size_of(fix_at(scatter, k) - fix_at(scatter, k - 1))
+        size = abs(fixes - size_of(path_at(scatter, k) - path_at(scatter, k - 1)))
         if size > largest:
             largest, second, jump, other = size, largest, k, jump
         elif size > second:
@@ -324,7 +323,7 @@ def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
     """
     n, middle, extent = scatter.laid, 0j, 0.0
     for k in range(n):
-        middle += path_at(scatter, k) / n
+        middle += path_at(scatter, k) * (1.0 / n)
     for k in range(n):
         extent += square_of(path_at(scatter, k) - middle)
     by_extent = 1.0 / extent if extent > n * LEAST_WAY**2 else 0.0
@@ -394,41 +393,51 @@ def spread_of(scatter: ScatterRecord, begin: int, end: int, inside: bool) -> Spr
         end: one after the last.
         inside: the fixes are those of the part; otherwise the others.
     """
-    chosen, n = np.zeros(MOST, np.int64), 0
+    n, fixes, path = 0, 0j, 0j
     for k in range(scatter.laid):
         if (begin <= k < end) == inside:
-            chosen[n] = k
             n += 1
-    fixes = path = shared = 0j
-    extent = way = 0.0
-    for k in chosen[:n]:
-        fixes += fix_at(scatter, k) / n
-        path += path_at(scatter, k) / n
-    for k in chosen[:n]:
-        off = path_at(scatter, k) - path
-        extent += square_of(off)
-        shared += (fix_at(scatter, k) - fixes) * off.conjugate()
+            fixes += fix_at(scatter, k)
+            path += path_at(scatter, k)
+    fixes, path = fixes * (1.0 / n), path * (1.0 / n)
+    extent, shared = 0.0, 0j
+    for k in range(scatter.laid):
+        if (begin <= k < end) == inside:
+            off = path_at(scatter, k) - path
+            extent += square_of(off)
+            shared += (fix_at(scatter, k) - fixes) * off.conjugate()
     is_way = extent > n * LEAST_WAY**2 and shared != 0.0
-    stretch = shared / extent if is_way else 1.0 + 0j
-    along = across = squares = successive = second = 0.0
+    stretch = shared * (1.0 / extent) if is_way else 1.0 + 0j
+    back = stretch.conjugate() * (1.0 / size_of(stretch))
+    along = across = squares = successive = second = way = first_time = last_time = 0.0
     before = step = turned = old = 0j
-    for number in range(n):
-        k = chosen[number]
-        place = path_at(scatter, k)
+    number = 0
+    for k in range(scatter.laid):
+        if (begin <= k < end) != inside:
+            continue
+        place, last_time = path_at(scatter, k), scatter.time[k]
         off = fix_at(scatter, k) - fixes - stretch * (place - path)
-        axes = off * cmath.exp(-1j * scatter.yaw[k]) * abs(stretch) / stretch
+        axes = off * turn_by(-scatter.yaw[k]) * back
         squares += square_of(off)
-        if number > 0:
-            way += abs(place - old)
+        if number == 0:
+            first_time = last_time
+        else:
+            way += size_of(place - old)
             along += (axes - turned).real ** 2
             across += (axes - turned).imag ** 2
             successive += square_of(off - before)
         if number > 1:
             second += square_of(off - before - step)
         before, step, turned, old = off, off - before, axes, place
-    apart = (scatter.time[chosen[n - 1]] - scatter.time[chosen[0]]) * NANOSECOND / (n - 1.0)
+        number += 1
+    apart = (last_time - first_time) * NANOSECOND / (n - 1.0)
     of_path = (OF_STEP * way / (n - 1.0) * max(1.0, apart)) ** 2
     return Spread(along, across, squares, successive, second, n - 2.0, apart, of_path)
+
+
+def turn_by(angle: float) -> complex:
+    """Factor that turns a number x + iy by an angle [rad]."""
+    return complex(math.cos(angle), math.sin(angle))
 
 
 def fix_at(scatter: ScatterRecord, k: int) -> complex:
@@ -441,9 +450,9 @@ def path_at(scatter: ScatterRecord, k: int) -> complex:
     return complex(scatter.path_x[k], scatter.path_y[k])
 
 
-def step_to(scatter: ScatterRecord, k: int) -> float:
-    """Length of the path from the fix before [m]."""
-    return abs(path_at(scatter, k) - path_at(scatter, k - 1))
+def size_of(number: complex) -> float:
+    """Absolute value."""
+    return math.sqrt(square_of(number))
 
 
 def square_of(number: complex) -> float:
