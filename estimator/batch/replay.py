@@ -33,7 +33,6 @@ from icreckon.estimator.filter.filter_record import FixesRecord
 from icreckon.estimator.filter.health import (
     add_findings,
 )
-from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -41,7 +40,7 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.estimator.streaming.outputs import Run, Snapshot
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.reckoning import Reckoning
 
 # Number of steps of a part; all filters run through a part before the next.
@@ -115,7 +114,7 @@ def run_side_by_side(
         one.continue_from(lanes, checkpoint, by_parameters, begin_stamp)
     if steps.before_steps:
         for before, of_one in zip(began, rows, strict=True):
-            of_one.put_first(_snapshot(before, robot))
+            of_one.put_first(before.snapshot())
     smoothed = began[0].checkpoint().regressors is not None
     front = FrontEnd(measured, steps, input_settings(robot, of_filters))
     work_through_log(filters, begun, rows, steps, measured, front, progress, smoothed=smoothed)
@@ -248,12 +247,3 @@ def _begin(
         if isinstance(measurement, TrackSpeeds):
             break
     return found
-
-
-def _snapshot(reckoning: Reckoning, robot: Robot) -> Snapshot:
-    """Make a snapshot of a filter, see `PoseEstimator.snapshot`."""
-    model, fastest = reckoning.model(), robot.vehicle.max_track_speed
-    x, P = reckoning.ekf.x[: s.SIZE], reckoning.ekf.P[: s.SIZE, : s.SIZE]
-    covariance = twist_covariance(model.jacobian[:, : s.SIZE], P, fastest)
-    stamp = reckoning.stamp or 0
-    return Snapshot(stamp, x, P, model.twist, covariance, model.motion.indices)

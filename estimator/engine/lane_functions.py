@@ -261,27 +261,6 @@ def sample_loop(imu_step: Any, time_step: Any) -> Any:
     return feed_samples
 
 
-def fill_lane(
-    record: Any,
-    x: Floats,
-    P: Floats,
-    regressors: Floats,
-    memory: Floats,
-    lane: Floats,
-    constants: Floats,
-    stamp: int,
-    is_first: bool,
-    places: LanePlaces,
-) -> None:
-    """Copy the filter into the workspace, and compute the constants.
-
-    Arguments as in `imu_step`.
-    """
-    fill_state(lane, constants, x, memory, places)
-    fill_covariance(lane, P, regressors, places)
-    fill_constants(record, lane, constants, stamp, is_first, places)
-
-
 def fill_state(
     lane: Floats, constants: Floats, x: Floats, memory: Floats, places: LanePlaces
 ) -> None:
@@ -359,8 +338,7 @@ def fill_constants(
 
 def set_gate(counts: Any, lane: Floats, rows: tuple[int, int, int, int]) -> None:
     """Copy the rejections of a gate into the workspace."""
-    rejected_for, admitted, _, _ = rows
-    lane[rejected_for, 0], lane[admitted, 0] = counts.rejected_for, 0.0
+    lane[rows[0], 0], lane[rows[1], 0] = counts.rejected_for, 0.0
 
 
 def count_sample(
@@ -381,10 +359,17 @@ def count_sample(
     return verdict != REJECTED
 
 
-def step_with_imu(kernel: Any, places: LanePlaces) -> Any:
-    """Make a step with an IMU sample at its end, or at its start."""
+def filter_step(kernel: Any, places: LanePlaces, begin: Any, end: Any) -> Any:
+    """Make a step or an update of one filter.
 
-    def imu_step(
+    Args:
+        kernel: the kernel.
+        places: places in the workspace.
+        begin: `begin_sample` or one of the others, compiled if the kernel is.
+        end: `end_sample` or one of the others, likewise.
+    """
+
+    def take_step(
         records: Any,
         x: Floats,
         P: Floats,
@@ -394,24 +379,22 @@ def step_with_imu(kernel: Any, places: LanePlaces) -> Any:
         inputs: Floats,
         constants: Floats,
         stamp: int,
-        is_first: bool,
-    ) -> bool:
-        """Draw the fast slip, update by the gyro and the accelerometer, and propagate.
+        last: Any,
+    ) -> Any:
+        """Take the step, in place, and return what `end` returns.
 
         Args:
-            records: (1,) record of the filter, see `FilterRecord`, changed in place.
-            x: (SIZE,) the state, changed in place.
-            P: (SIZE, SIZE) its covariance, changed in place.
-            regressors: (3, 9) smoothed derivatives by the parameters, changed in place.
-            memory: memory of the motion model, changed in place.
+            records: (1,) record of the filter, see `FilterRecord`.
+            x: (SIZE,) the state.
+            P: (SIZE, SIZE) its covariance.
+            regressors: (3, 9) smoothed derivatives by the parameters.
+            memory: memory of the motion model.
             lane: workspace.
             inputs: (n, 1) inputs of the kernel.
             constants: constants of the kernel.
-            stamp: stamp of the sample [ns].
-            is_first: the step is the first, so that there are no regressors yet.
-
-        Returns:
-            True if the yaw rate is used.
+            stamp: stamp of the measurement, or of the end [ns].
+            last: True for the first step, which has no regressors yet; of a position fix the time of
+                those rejected so far [s].
 
         Raises:
             ValueError: an array has the wrong size.
@@ -419,100 +402,83 @@ def step_with_imu(kernel: Any, places: LanePlaces) -> Any:
         if inputs.shape != (ROWS, 1):
             raise ValueError(WRONG_SIZE)
         record = records[0]
-        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
-        set_gate(record.gyro, lane, places.gyro)
-        set_gate(record.accelerometer_x, lane, places.accelerometers[0])
-        set_gate(record.accelerometer_y, lane, places.accelerometers[1])
-        kernel(lane, inputs, constants)
-        empty_lane(lane, x, P, regressors, memory, places)
-        record.stamp = stamp
-        count_sample(
-            record.accelerometer_x, stamp, record.imu.interval, lane, places.accelerometers[0]
-        )
-        count_sample(
-            record.accelerometer_y, stamp, record.imu.interval, lane, places.accelerometers[1]
-        )
-        return count_sample(record.gyro, stamp, record.imu.interval, lane, places.gyro)
-
-    return imu_step
-
-
-def step_without_imu(kernel: Any, places: LanePlaces, *, arrives: bool) -> Any:
-    """Make a step without an IMU sample, or a part of one.
-
-    Args:
-        kernel: the kernel.
-        places: places in the workspace.
-        arrives: it goes to the end of the step.
-    """
-
-    def time_step(
-        records: Any,
-        x: Floats,
-        P: Floats,
-        regressors: Floats,
-        memory: Floats,
-        lane: Floats,
-        inputs: Floats,
-        constants: Floats,
-        stamp: int,
-        is_first: bool,
-    ) -> None:
-        """Draw the fast slip and propagate, or one of these; arguments as in `imu_step`."""
-        if inputs.shape != (ROWS, 1):
-            raise ValueError(WRONG_SIZE)
-        record = records[0]
-        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, is_first, places)
-        lane[places.stood, 0] = 0.0
-        kernel(lane, inputs, constants)
-        empty_lane(lane, x, P, regressors, memory, places)
-        if arrives:
-            record.stamp = stamp
-
-    return time_step
-
-
-def position_update(kernel: Any, places: LanePlaces) -> Any:
-    """Make an update with a position fix."""
-
-    def update_position(
-        records: Any,
-        x: Floats,
-        P: Floats,
-        regressors: Floats,
-        memory: Floats,
-        lane: Floats,
-        inputs: Floats,
-        constants: Floats,
-        stamp: int,
-        rejected_for: float,
-    ) -> Any:
-        """Gate and update; return the flags of the kernel, see `fixes.position_kernel`.
-
-        Arguments are as in `imu_step`, and the time of rejected fixes so far [s].
-        """
-        if inputs.shape != (ROWS, 1):
-            raise ValueError(WRONG_SIZE)
-        record = records[0]
-        fill_lane(record, x, P, regressors, memory, lane, constants, stamp, False, places)
-        lane[places.position_rejected_for, 0] = rejected_for
-        lane[places.position_admitted, 0] = 0.0
-        rows = places.of_record
-        lane[rows[0], 0], lane[rows[1], 0] = record.slip_factor, record.present_factor
-        lane[rows[2], 0], lane[rows[3], 0] = record.trend_forward, record.trend_left
-        lane[rows[4], 0], lane[rows[5], 0] = record.trend_size, record.departed_for
-        lane[rows[6], 0], lane[rows[7], 0] = record.departed_from_x, record.departed_from_y
-        lane[rows[8], 0], lane[rows[9], 0] = record.departed_by_x, record.departed_by_y
+        fill_state(lane, constants, x, memory, places)
+        fill_covariance(lane, P, regressors, places)
+        begin(record, lane, constants, stamp, last, places)
         flags = kernel(lane, inputs, constants)
         empty_lane(lane, x, P, regressors, memory, places)
-        record.slip_factor, record.present_factor = lane[rows[0], 0], lane[rows[1], 0]
-        record.trend_forward, record.trend_left = lane[rows[2], 0], lane[rows[3], 0]
-        record.trend_size, record.departed_for = lane[rows[4], 0], lane[rows[5], 0]
-        record.departed_from_x, record.departed_from_y = lane[rows[6], 0], lane[rows[7], 0]
-        record.departed_by_x, record.departed_by_y = lane[rows[8], 0], lane[rows[9], 0]
-        return flags
+        return end(record, lane, stamp, flags, places)
 
-    return update_position
+    return take_step
+
+
+def begin_sample(
+    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
+) -> None:
+    """Fill the rest of the workspace for a step with an IMU sample."""
+    fill_constants(record, lane, constants, stamp, is_first, places)
+    set_gate(record.gyro, lane, places.gyro)
+    set_gate(record.accelerometer_x, lane, places.accelerometers[0])
+    set_gate(record.accelerometer_y, lane, places.accelerometers[1])
+
+
+def end_sample(record: Any, lane: Floats, stamp: int, _: Any, places: LanePlaces) -> bool:
+    """Count the verdicts on an IMU sample; return True if its yaw rate is used."""
+    interval, (x, y) = record.imu.interval, places.accelerometers
+    record.stamp = stamp
+    count_sample(record.accelerometer_x, stamp, interval, lane, x)
+    count_sample(record.accelerometer_y, stamp, interval, lane, y)
+    return count_sample(record.gyro, stamp, interval, lane, places.gyro)
+
+
+def begin_time(
+    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
+) -> None:
+    """Fill the rest of the workspace for a step without an IMU sample."""
+    fill_constants(record, lane, constants, stamp, is_first, places)
+    lane[places.stood, 0] = 0.0
+
+
+def end_time(record: Any, _lane: Floats, stamp: int, _: Any, _places: LanePlaces) -> bool:
+    """Arrive at a stamp [ns] without an IMU sample."""
+    record.stamp = stamp
+    return False
+
+
+def end_nothing(_record: Any, _lane: Floats, _stamp: int, _: Any, _places: LanePlaces) -> bool:
+    """Begin a step: the filter is not at its end yet."""
+    return False
+
+
+def begin_position(
+    record: Any,
+    lane: Floats,
+    constants: Floats,
+    stamp: int,
+    rejected_for: float,
+    places: LanePlaces,
+) -> None:
+    """Fill the rest of the workspace for a position fix."""
+    fill_constants(record, lane, constants, stamp, False, places)
+    lane[places.position_rejected_for, 0] = rejected_for
+    lane[places.position_admitted, 0] = 0.0
+    rows = places.of_record
+    lane[rows[0], 0], lane[rows[1], 0] = record.slip_factor, record.present_factor
+    lane[rows[2], 0], lane[rows[3], 0] = record.trend_forward, record.trend_left
+    lane[rows[4], 0], lane[rows[5], 0] = record.trend_size, record.departed_for
+    lane[rows[6], 0], lane[rows[7], 0] = record.departed_from_x, record.departed_from_y
+    lane[rows[8], 0], lane[rows[9], 0] = record.departed_by_x, record.departed_by_y
+
+
+def end_position(record: Any, lane: Floats, _: int, flags: Any, places: LanePlaces) -> Any:
+    """Keep what a position fix changed; return the flags, see `fixes.position_kernel`."""
+    rows = places.of_record
+    record.slip_factor, record.present_factor = lane[rows[0], 0], lane[rows[1], 0]
+    record.trend_forward, record.trend_left = lane[rows[2], 0], lane[rows[3], 0]
+    record.trend_size, record.departed_for = lane[rows[4], 0], lane[rows[5], 0]
+    record.departed_from_x, record.departed_from_y = lane[rows[6], 0], lane[rows[7], 0]
+    record.departed_by_x, record.departed_by_y = lane[rows[8], 0], lane[rows[9], 0]
+    return flags
 
 
 def twist_function(kernel: Any, places: LanePlaces) -> Any:

@@ -19,13 +19,18 @@ from icreckon.estimator.engine.fixes import FixKind, position_kernel
 from icreckon.estimator.engine.lane import FAST, FilterShape, plain_kernel
 from icreckon.estimator.engine.lane_functions import (
     LanePlaces,
+    begin_position,
+    begin_sample,
+    begin_time,
+    end_nothing,
+    end_position,
+    end_sample,
+    end_time,
+    filter_step,
     move_of,
-    position_update,
     sample_loop,
     sample_of,
     scatter_of,
-    step_with_imu,
-    step_without_imu,
     take_tracks_of,
     twist_function,
 )
@@ -131,7 +136,7 @@ def kernel_makers(shape: FilterShape) -> dict[str, Callable[..., Kernel]]:
 @cache
 def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> OneLane:
     from icreckon.estimator.tracing.emit import kernel_on_demand
-    from icreckon.estimator.tracing.jit_kernel import entry, inner
+    from icreckon.estimator.tracing.jit_kernel import entry, inner, jit
 
     shape = shape_of(model, considered, wanders)
     digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
@@ -147,14 +152,16 @@ def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
     def called(function: Any, name: str) -> Any:
         return inner(f"{digest}_{name}")(function)
 
-    found = _functions(shape, kernels, of_shape, _entry)
+    found = _functions(shape, kernels, of_shape, _entry, jit)
 
     @cache
     def loop() -> Any:
         places = places_of(shape)
-        imu_step = called(step_with_imu(silent["imu_step"], places), "imu_step")
-        time_step = step_without_imu(silent["time_step"], places, arrives=True)
-        return of_shape(sample_loop(imu_step, called(time_step, "time_step")), "loop")
+        imu_step, time_step = (
+            called(step_of(name, silent[name], places, jit), name)
+            for name in ("imu_step", "time_step")
+        )
+        return of_shape(sample_loop(imu_step, time_step), "loop")
 
     return found._replace(loop=loop)
 
@@ -179,7 +186,7 @@ def _plain(
         return plain_kernel(lambda numbers: make(numbers=numbers), of_user)
 
     kernels = {name: plain(make) for name, make in kernel_makers(shape).items()}
-    return _functions(shape, kernels, _as_it_is, _as_it_is)._replace(is_plain=True)
+    return _functions(shape, kernels, _as_it_is, _as_it_is, _as_it_is)._replace(is_plain=True)
 
 
 def _as_it_is(function: Any, _name: str = "") -> Any:
@@ -191,6 +198,7 @@ def _functions(
     kernels: dict[str, Any],
     of_shape: Callable[[Any, str], Any],
     of_all: Callable[[Any], Any],
+    of_callee: Callable[[Any], Any],
 ) -> OneLane:
     """Make the functions of one lane.
 
@@ -199,14 +207,10 @@ def _functions(
         kernels: kernels by name.
         of_shape: compiles a function that depends on the shape, under a name, or returns it as it is.
         of_all: the same of one that does not depend on it.
+        of_callee: the same of one that the others call.
     """
     places, rows = places_of(shape), shape.layout.rows
-    made = {name: position_update(kernels[name], places) for name in FIXES}
-    for name, kind in STEPS.items():
-        if kind.imu:
-            made[name] = step_with_imu(kernels[name], places)
-        else:
-            made[name] = step_without_imu(kernels[name], places, arrives=kind.moves)
+    made = {name: step_of(name, kernels[name], places, of_callee) for name in (*STEPS, *FIXES)}
     steps = {name: of_shape(function, name) for name, function in made.items()}
 
     def loop() -> Any:
@@ -226,6 +230,15 @@ def _functions(
         rows["report0"],
         np.array([rows[name] for name in (*innovation, *PLACES)]),
     )
+
+
+def step_of(name: str, kernel: Any, places: LanePlaces, of_callee: Callable[[Any], Any]) -> Any:
+    """Make the step or update of a name of `STEPS` or `FIXES`."""
+    parts: Any = begin_position, end_position
+    if name in STEPS:
+        parts = begin_time, end_time if STEPS[name].moves else end_nothing
+        parts = (begin_sample, end_sample) if STEPS[name].imu else parts
+    return filter_step(kernel, places, *map(of_callee, parts))
 
 
 def places_of(shape: FilterShape) -> LanePlaces:

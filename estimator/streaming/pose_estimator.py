@@ -223,16 +223,7 @@ class PoseEstimator:
         """
         if self.stamp is None:
             raise EstimatorError("there is no estimate before the first measurement")
-        model = self._reckoning.model()
-        P, jacobian = self.covariance, model.jacobian[:, : s.SIZE]
-        return Snapshot(
-            self.stamp,
-            self.state,
-            P,
-            model.twist.copy(),
-            twist_covariance(jacobian, P, self.robot.vehicle.max_track_speed),
-            model.motion.indices,
-        )
+        return self._reckoning.snapshot()
 
     def pose_at(self, stamp: int) -> PredictedPose:
         """Predict the pose between two samples or a little ahead of the estimate.

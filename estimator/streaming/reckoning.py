@@ -33,6 +33,7 @@ from icreckon.estimator.filter.health import (
     add_findings,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
+from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
 from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.input_checks import Event
@@ -63,6 +64,7 @@ from icreckon.estimator.sensors.predictions import Prediction
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import QuietReadings
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
+from icreckon.estimator.streaming.outputs import Snapshot
 
 
 class Reckoning:
@@ -214,6 +216,13 @@ class Reckoning:
         """Present speeds of the left and the right track [m/s]."""
         record = self._record
         return speeds_at(self._tracks, record.stamp, record.settings.hold_ns)
+
+    def snapshot(self) -> Snapshot:
+        """State, twist and indices; see `PoseEstimator.snapshot`."""
+        model, ekf, n = self.model(), self.ekf, s.SIZE
+        x, P, twist = ekf.x[:n].copy(), ekf.P[:n, :n].copy(), model.twist.copy()
+        of_twist = twist_covariance(model.jacobian[:, :n], P, self._record.settings.fastest)
+        return Snapshot(int(self._record.stamp), x, P, twist, of_twist, model.motion.indices)
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].

@@ -87,11 +87,6 @@ def test_bad_values_in_a_robot_file(bag: Path, tmp_path: Path, keys: str, messag
     assert "robot.toml" in problem or "auriga-alpha" in problem or str(path) in problem
 
 
-def test_the_batch_engine_says_that_it_cannot(bag: Path, tmp_path: Path) -> None:
-    words = ("--robot", robot_file(tmp_path, WANDER), "--variants", "gyro", "--engine", "batch")
-    assert "wander_sigma" in fails("replay", bag, *words, cwd=tmp_path)
-
-
 def test_white_part_of_messages_with_a_covariance(log: Log, tmp_path: Path) -> None:
     assert log.fixes is not None
     claimed = replace(
