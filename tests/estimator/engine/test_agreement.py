@@ -230,14 +230,19 @@ SCENES = {
     "fixes that jump": Scene(lambda: with_fixes(jump), seen=rejected("position", "gate")),
     "fixes of a turned path": Scene(lambda: with_fixes(turn)),
     "fixes that scatter": Scene(
-        lambda: with_fixes(scatter), EVERYDAY, seen=lambda one: one.health.scatter.used > 10
+        lambda: with_fixes(scatter),
+        ("inertia-online",),
+        seen=lambda one: one.health.scatter.used > 10,
     ),
     "fixes that repeat": Scene(
         lambda: with_fixes(repeat), seen=rejected("position", "repeats itself", 10)
     ),
-    "fixes that wander": Scene(lambda: drive(fix_rate=5.0), EVERYDAY, WANDERING),
+    "fixes that wander": Scene(lambda: drive(fix_rate=5.0), ("inertia-online",), WANDERING),
     "fixes of a turned path that wander": Scene(
-        lambda: with_fixes(turn), settings=WANDERING, seen=rejected("position", "gate")
+        lambda: with_fixes(turn),
+        ("inertia-online",),
+        WANDERING,
+        seen=rejected("position", "gate"),
     ),
     "wrong headings": Scene(wrong_headings, rounding=FEW_DIGITS, seen=taken_back("heading")),
     "an antenna": Scene(lambda: antenna(turned=False), ("inertia-online",)),
@@ -275,9 +280,7 @@ SCENES = {
     "an IMU without accelerometers": Scene(
         without_forces, seen=lambda one: not {*ACCELEROMETERS} & {*one.health.sensors}
     ),
-    "no accelerometers by the settings": Scene(
-        drive, ("inertia-online",), Settings(use_accelerometer=False)
-    ),
+    "no accelerometers by the settings": Scene(drive, settings=Settings(use_accelerometer=False)),
     "a log of one sample": Scene(lambda: first(drive(), 0.03)),
     "a log of some samples": Scene(lambda: first(drive(), 0.07)),
     "states that are considered": Scene(
@@ -582,9 +585,6 @@ BLOCKS = {
         seen=lambda _, streams: min(one.parameters["eta0"] for one in streams) >= 1.0,
     ),
     "gates that reject nothing": Block(logs_of, settings=Settings(gates=GateSettings(patience=0))),
-    "states that are considered": Block(
-        logs_of, settings=Settings(considered=("eta0", "gyro_bias"))
-    ),
     "a bias that nobody expects": Block(
         lambda: [knocked(log) for log in logs_of(trajectory="aggressive", duration=20.0)],
         "constant-online",

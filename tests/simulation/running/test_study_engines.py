@@ -56,9 +56,8 @@ def plan_of(variants=VARIANTS, **changes: object) -> Plan:
         {"fixes": {"heading_sigma": 0.02, "outlier_share": 0.2}, "fix_rate": 3.0},
         {"encoders": {"resolution": 0.002, "dropouts_per_hour": 300.0}, "trajectory": "aggressive"},
         {"terrain": {"rolling_deg": 5.0, "wavelength": 10.0, "slope_deg": 2.0}},
-        {"fixes": {"wander_sigma": 1.2, "wander_time": 60.0}, "outages": ()},
     ],
-    ids=["outage", "no fixes", "between samples", "poor encoders", "rolling ground", "wander"],
+    ids=["outage", "no fixes", "between samples", "poor encoders", "rolling ground"],
 )
 def test_side_by_side_and_one_after_the_other_come_to_the_same(changes: dict[str, object]) -> None:
     # The lanes of each variant are compared in test_agreement.py, so one will do here.
