@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import io
+import json
 import tokenize
 from collections.abc import Iterable
 from functools import cache
@@ -18,6 +19,8 @@ FILTER = ("estimator", "simulation")
 """Packages that every simulated figure depends on."""
 ESTIMATES = "benchmarks/estimates.json"
 """Figures of runs with all parts of the filter: code that leaves them the same makes no table older."""
+WITHOUT_FAULTS = f"{ESTIMATES}#healthy,real,study"
+"""Those of the runs without faults, by the first words of their names."""
 KINDS = (".py", ".toml")
 LENGTH = 8
 
@@ -52,9 +55,18 @@ def code_of(source: str) -> str:
 
 @cache
 def digest(*names: str) -> str:
-    """Digest of all sources of some folders and files, named from the root of the repository."""
+    """Digest of all sources of some folders and files, named from the root of the repository.
+
+    FILE#WORD,... stands for the values of a JSON file whose names begin with one of the words.
+    """
     hashed = hashlib.sha256()
-    for path in sources(names):
+    for name in names:
+        file, _, words = name.partition("#")
+        if words:
+            runs = json.loads((ROOT / file).read_text(encoding="utf-8"))
+            chosen = {run: runs[run] for run in sorted(runs) if run.split()[0] in words.split(",")}
+            hashed.update(json.dumps(chosen).encode())
+    for path in sources(name for name in names if "#" not in name):
         hashed.update(f"{path.relative_to(ROOT)}\0".encode())
         text = path.read_text(encoding="utf-8")
         hashed.update((code_of(text) if path.suffix == ".py" else text).encode())

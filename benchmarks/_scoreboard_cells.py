@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-from _digests import ESTIMATES, FILTER, ROOT, digest
+from _digests import ESTIMATES, FILTER, ROOT, WITHOUT_FAULTS, digest
 from _study import PROGRESS_EVERY
 
 from icreckon.estimator.base.array_types import Floats
@@ -148,13 +148,13 @@ def depends_on(part: str) -> tuple[str, ...]:
     """Sources that the figures of a part depend on."""
     own = ("benchmarks/_scoreboard_cells.py", "benchmarks/_scoreboard_drives.py")
     if part == "healthy":
-        return (ESTIMATES, *own)
+        return (WITHOUT_FAULTS, *own)
     if part == "faults":
         put = "benchmarks/_scoreboard_put.py"
         return (ESTIMATES, *own, put, "benchmarks/_scoreboard_faults.py")
     if part == "cost":
         return (ESTIMATES, "benchmarks/_scoreboard_cost.py")
-    return (ESTIMATES, *own, "benchmarks/_scoreboard_real.py", "benchmarks/accuracy.py")
+    return (WITHOUT_FAULTS, *own, "benchmarks/_scoreboard_real.py", "benchmarks/accuracy.py")
 
 
 def work_off(
