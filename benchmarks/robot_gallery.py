@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from PIL import Image
 
-from icreckon.estimator.motion.icr import icrs_from_indices, indices_at_signed_inertia
+from icreckon.estimator.motion.icr import icrs_from_indices, indices_at_inertia
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 
 # Largest lateral acceleration of the bends [m/s²], and their number to each side.
@@ -122,8 +122,8 @@ def icrs_at(robot: Robot, lateral: Any) -> Any:
     """
     plain, gauge = robot.indices, robot.vehicle.track_gauge
     force = -robot.vehicle.mass * lateral
-    # Forward driving: the directed inertia has the sign of the speed.
-    indices = indices_at_signed_inertia(force, np.abs(force), plain.as_array())
+    # Forward driving: x_2 is positive, and x_1 has the sign of the force.
+    indices = indices_at_inertia(np.abs(force), force, 1.0, plain.as_array())
     return np.array(icrs_from_indices(indices, gauge))
 
 

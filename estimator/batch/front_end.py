@@ -27,7 +27,7 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord, repeats
 from icreckon.estimator.faults.spinning_tracks import assumed_speeds
-from icreckon.estimator.filter.filter_record import FilterRecord, take_track_sample
+from icreckon.estimator.filter.filter_record import FilterRecord, sides_of, take_track_sample
 from icreckon.estimator.filter.gate import GATED, LONGEST_COUNTED, SKIPPED
 from icreckon.estimator.sensors.held_tracks import speeds_at
 from icreckon.estimator.sensors.input_settings import InputSettings
@@ -65,6 +65,12 @@ class Measured(NamedTuple):
     forces: Floats
     fix_stamps: Stamps
     fixes: Floats
+
+    def first_speeds(self, settings: InputSettings) -> Floats:
+        """First track speeds (runs, 2), by the wheels [m/s]."""
+        start = FilterRecord(settings)
+        first = zip(self.tracks[:, 0], self.left_wheels[:, 0], self.right_wheels[:, 0], strict=True)
+        return np.array([sides_of(start, 0, *of_run, False) for of_run in first])
 
     def of_runs(self, runs: Sequence[int]) -> Measured:
         """Measurements of some of the runs."""
@@ -222,8 +228,9 @@ def fill_lane(
         left, right = now
         newest = steps.output_tracks[k] - 1
         if newest >= steps.tracks[k]:
-            one, other = measured.tracks[lane, newest, 0], measured.tracks[lane, newest, 1]
-            stamp = measured.track_stamps[newest]
+            stamp, speeds = measured.track_stamps[newest], measured.tracks[lane, newest]
+            wheels = measured.left_wheels[lane, newest], measured.right_wheels[lane, newest]
+            one, other = sides_of(record, stamp, speeds, wheels[0], wheels[1], False)
             left, right = assumed_speeds(record.tracks.spin, stamp, one, other)
         given[ROW_NOW_LEFT, lane], given[ROW_NOW_RIGHT, lane] = left, right
         if steps.extras[k] & POSITION:

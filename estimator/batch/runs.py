@@ -65,8 +65,8 @@ def work_through_runs(
         key: aligned(PART * len(INPUTS) * width, key[2]).reshape(PART, -1, width) for key in fronts
     }
     begun = [
-        one.begin(data.tracks[:, 0], start, start_sigma)
-        for one, data in zip(filters, measured, strict=True)
+        one.begin(data.first_speeds(key[1]), start, start_sigma)
+        for one, data, key in zip(filters, measured, keys, strict=True)
     ]
     tables = [one.prepare(steps) for one in filters]
     estimates = [np.zeros((ticks, len(ESTIMATE), width)) for _ in filters]

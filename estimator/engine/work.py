@@ -146,12 +146,15 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
                 given[FIX_VARIANCE, lane] = max(given[FIX_VARIANCE, lane], variance)
         flags = update_position(workspace, given, constants, when)
         lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
-        judged = rows_of(workspace, places.innovation)
+        judged, predicted = (
+            rows_of(workspace, places.innovation),
+            rows_of(workspace, places.predicted),
+        )
         for lane in range(width):
             if modes[lane] != SKIPPED:
                 fix = fix_of(given, lane, given[FIX_VARIANCE])
-                predicted = place_of(workspace, lane, places.predicted)
-                add_rejected(fixes[lane].rejected, fix, predicted, wandered[lane])
+                at = three_of(predicted, lane, 0)
+                add_rejected(fixes[lane].rejected, fix, at, wandered[lane])
         if lost:
             for lane in range(width):
                 given[MODE, lane] = SKIPPED
@@ -161,21 +164,23 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
                     else:
                         given[MODE, lane] = FORCED
             used |= update_position(workspace, given, constants, when) >> FLAG_BITS
+        updated, found = rows_of(workspace, places.updated), False
         for lane in range(width):
             is_used = (used >> lane) & 1 == 1
             if modes[lane] != SKIPPED and not places.wander_sigma:
-                z = float(judged[0, lane]), float(judged[1, lane])
-                S = float(judged[2, lane]), float(judged[3, lane]), float(judged[4, lane])
-                predicted, updated = (
-                    place_of(workspace, lane, places.predicted),
-                    place_of(workspace, lane, places.updated),
-                )
                 x, y, variance = fix_of(given, lane, stated)
-                fix_taken = TakenFix(stamp, x, y, variance, z, S, predicted, updated, is_used)
-                scatter = fixes[lane].scatter
-                follow(workspace, lane, scatter, fix_taken, before[:, lane], places)
+                z, S = (judged[0, lane], judged[1, lane]), three_of(judged, lane, 2)
+                pair = three_of(predicted, lane, 0), three_of(updated, lane, 0)
+                taken = TakenFix(stamp, x, y, variance, z, S, *pair, is_used)
+                found |= follow(
+                    workspace, lane, fixes[lane].scatter, taken, before[:, lane], places
+                )
             if is_used or modes[lane] == SKIPPED:
                 fixes[lane].rejected.count = 0
+        if found:
+            # The twist's covariance follows the inflation.
+            given[MODE] = SKIPPED
+            update_position(workspace, given, constants, when)
         given[FIX_VARIANCE], given[MODE] = stated, modes
 
     def work_through(
@@ -235,6 +240,8 @@ def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
             if extras[k] & POSITION:
                 process_position(workspace, given, constants, fixes, stamps[k], places, when)
             if extras[k] & HEADING:
+                for lane in range(width):
+                    fade_wander(workspace, lane, fixes[lane], stamps[k], places)
                 update_heading(workspace, given, constants, when)
             if is_tick:
                 for row in range(len(places.estimate)):
@@ -275,10 +282,9 @@ def fix_of(given: Floats, lane: int, variances: Floats) -> tuple[float, float, f
     return float(given[FIX_X, lane]), float(given[FIX_Y, lane]), float(variances[lane])
 
 
-def place_of(workspace: Floats, lane: int, rows: Any) -> tuple[float, float, float]:
-    """Place of the antenna and yaw [m, m, rad]."""
-    x, y, yaw = workspace[rows[0], lane], workspace[rows[1], lane], workspace[rows[2], lane]
-    return float(x), float(y), float(yaw)
+def three_of(rows: Floats, lane: int, first: int) -> tuple[float, float, float]:
+    """Three numbers of a lane, in successive rows."""
+    return rows[first, lane], rows[first + 1, lane], rows[first + 2, lane]
 
 
 def let_wander(workspace: Floats, lane: int, fixes: Any, stamp: int, places: Places) -> float:
@@ -317,19 +323,20 @@ def relocate_lane(workspace: Floats, lane: int, rejected: Any, places: Places) -
 
 def follow_in_lane(
     workspace: Floats, lane: int, scatter: Any, fix: TakenFix, before: Floats, places: Places
-) -> None:
-    """Add a fix to the scatter of one lane, and inflate by it.
+) -> bool:
+    """Add a fix to the scatter of one lane; return True if it is inflated by it.
 
     See `Reckoning._take_position`; `before` (n,) are the uncertain states before the update.
     """
     correction = np.zeros(s.SIZE)
     for k in range(len(before)):
         correction[places.states[k]] = workspace[places.x[k], lane] - before[k]
-    if follow_scatter(scatter, fix, correction):
-        for k in range(len(before)):
-            moved = scatter.moved[places.states[k]]
-            for row in places.variances[k : k + 1] if k > s.Y else places.variances[:2]:
-                workspace[row, lane] += moved * moved
+    found = follow_scatter(scatter, fix, correction)
+    for k in range(len(before) * found):
+        moved = scatter.moved[places.states[k]]
+        for row in places.variances[k : k + 1] if k > s.Y else places.variances[:2]:
+            workspace[row, lane] += moved * moved
+    return found
 
 
 # With machine code of their own, which all shapes share.

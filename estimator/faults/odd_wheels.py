@@ -132,6 +132,7 @@ def take_wheels(
     left_wheels: Wheels,
     right_wheels: Wheels,
     fastest: float,
+    keeps: bool = True,
 ) -> tuple[float, float]:
     """Add a sample of the wheels of both sides; return the speeds of the sides [m/s].
 
@@ -144,15 +145,19 @@ def take_wheels(
         left_wheels: speeds of the left wheels [m/s].
         right_wheels: speeds of the right wheels [m/s].
         fastest: highest speed of a track [m/s].
+        keeps: add the sample; otherwise the records stay as they are.
     """
     limit = least_apart(fastest)
     one, other = middle_of(speeds[0], left_wheels, limit), middle_of(speeds[1], right_wheels, limit)
     turning, error = turning_of(spin, stamp)
     expected_left = other.low - turning if other.low == other.high else math.nan
     expected_right = one.low + turning if one.low == one.high else math.nan
+    if keeps:
+        take_side(left, stamp, one, left_wheels, expected_left, error)
+        take_side(right, stamp, other, right_wheels, expected_right, error)
     return (
-        take_side(left, stamp, one, left_wheels, expected_left, error),
-        take_side(right, stamp, other, right_wheels, expected_right, error),
+        speed_of(left, one, left_wheels, expected_left, error),
+        speed_of(right, other, right_wheels, expected_right, error),
     )
 
 
@@ -171,6 +176,27 @@ def turning_of(spin: SpinRecord, stamp: int) -> tuple[float, float]:
     return turning, max(LEAST_SHARE, SIGMAS * spread_of_bends(spin)) * abs(turning)
 
 
+def decides(middle: Middle, expected: float, error: float) -> bool:
+    """Return True if it is certain which speed of a side is right."""
+    off = min(abs(middle.low - expected), abs(middle.high - expected))
+    # False if nothing is expected.
+    return middle.low == middle.high or off + error < NEAR * (middle.high - middle.low)
+
+
+def speed_of(
+    side: WheelsRecord, middle: Middle, wheels: Wheels, expected: float, error: float
+) -> float:
+    """Speed of one side; the one that the gyro lets expect has this error [m/s]."""
+    low, high = middle.low, middle.high
+    if decides(middle, expected, error):
+        return low if abs(low - expected) < abs(high - expected) else high
+    if 0 <= side.odd < len(wheels):
+        # What was certain goes on, less and less so.
+        odd = wheels[side.odd]
+        return high if abs(odd - low) < abs(odd - high) else low
+    return 0.5 * (low + high)
+
+
 def take_side(
     side: WheelsRecord,
     stamp: int,
@@ -178,45 +204,31 @@ def take_side(
     wheels: Wheels,
     expected: float,
     error: float,
-) -> float:
-    """Add a sample of one side; return its speed [m/s]."""
+) -> None:
+    """Add a sample of one side; arguments as of `speed_of`."""
     if middle.agrees:
         if side.since != NEVER and (stamp - side.newest) * NANOSECOND > OVER:
             agree_again(side)
-        return middle.low
+        return
     if side.since == NEVER:
         side.since = side.newest = stamp
     was_found, before = are_found(side), side.newest
     side.newest = stamp
     side.samples += 1
     interval = min(OVER, (stamp - before) * NANOSECOND)
-    lowest = highest = wheels[0]
-    for speed in wheels:
-        lowest, highest = min(lowest, speed), max(highest, speed)
-    side.way += (highest - lowest) * interval
+    side.way += (nth_of(wheels, len(wheels) - 1) - nth_of(wheels, 0)) * interval
     side.times += are_found(side) and not was_found
-    low, high = middle.low, middle.high
-    speed, half = 0.5 * (low + high), 0.5 * (high - low)
-    nearest = low if abs(low - expected) < abs(high - expected) else high
-    # False if nothing is expected.
-    decides = half == 0.0 or abs(nearest - expected) + error < NEAR * (high - low)
-    side.doubt = 0.0 if decides else half
-    if decides:
-        side.decided = stamp
-        if half > 0.0:
-            speed = nearest
-    elif 0 <= side.odd < len(wheels):
-        # What was certain goes on, less and less so.
-        odd = wheels[side.odd]
-        speed = high if abs(odd - low) < abs(odd - high) else low
-    else:
+    speed, half = speed_of(side, middle, wheels, expected, error), 0.5 * (middle.high - middle.low)
+    side.doubt = half
+    if decides(middle, expected, error):
+        side.doubt, side.decided = 0.0, stamp
+    elif not 0 <= side.odd < len(wheels):
         side.apart = half
-        return speed
+        return
     side.odd, side.apart = 0, abs(wheels[0] - speed)
     for k in range(1, len(wheels)):
         if abs(wheels[k] - speed) > side.apart:
             side.odd, side.apart = k, abs(wheels[k] - speed)
-    return speed
 
 
 def agree_again(side: WheelsRecord) -> None:

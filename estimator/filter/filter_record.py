@@ -113,13 +113,24 @@ def take_track_sample(
     record: FilterRecord, stamp: int, speeds: Floats, left_wheels: Floats, right_wheels: Floats
 ) -> int:
     """Add track speeds (2,), and those of the wheels (n,) and (m,) if known."""
-    left, right, held = speeds[0], speeds[1], record.tracks
-    if len(left_wheels) + len(right_wheels) > 0:
-        sides = (held.left_wheels, held.right_wheels)
-        means, fastest = (left, right), record.settings.fastest
-        wheels = (left_wheels, right_wheels)
-        left, right = take_wheels(*sides, held.spin, stamp, means, *wheels, fastest)
+    left, right = sides_of(record, stamp, speeds, left_wheels, right_wheels, True)
     return take_track_speeds(record, stamp, left, right)
+
+
+def sides_of(
+    record: FilterRecord,
+    stamp: int,
+    speeds: Floats,
+    left_wheels: Floats,
+    right_wheels: Floats,
+    keeps: bool,
+) -> tuple[float, float]:
+    """Speeds of both sides by those of the wheels, see `take_wheels` [m/s]."""
+    means, held, fastest = (speeds[0], speeds[1]), record.tracks, record.settings.fastest
+    if len(left_wheels) + len(right_wheels) == 0:
+        return means
+    sides, wheels = (held.left_wheels, held.right_wheels), (left_wheels, right_wheels)
+    return take_wheels(*sides, held.spin, stamp, means, *wheels, fastest, keeps)
 
 
 def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> tuple[float, float]:

@@ -161,7 +161,8 @@ def follow_scatter(scatter: ScatterRecord, fix: TakenFix, correction: Floats) ->
 
 
 def inflate_by_corrections(ekf: Ekf, scatter: ScatterRecord) -> None:
-    """Inflate all states by their corrections with fixes that scatter."""
+    """Inflate all states that last by their corrections with fixes that scatter."""
     variances = np.square(scatter.moved)
     variances[[s.X, s.Y]] = variances[s.X] + variances[s.Y]
+    variances[s.FAST_SLIP] = 0.0
     ekf.inflate_jointly(tuple(range(len(variances))), np.diag(variances))

@@ -71,12 +71,6 @@ def inertial_force(
     return mass * twist.w * forward, -mass * twist.w * right
 
 
-def inertial_force_magnitude(twist: PaperTwist, mass: Number, x_CM: Number, y_CM: Number) -> Number:
-    """Magnitude of the force of inertia [N], equation (11)."""
-    right, forward = inertial_force(twist, mass, x_CM, y_CM)
-    return np.hypot(right, forward)
-
-
 def symmetry_coordinates(V_l: Number, V_r: Number, H: Number) -> tuple[Number, Number]:
     """x_1, zero in straight motion, and x_2, zero in on-spot turns [m/s], (14), (15)."""
     return V_l - V_r, V_l + H * V_r
@@ -130,33 +124,4 @@ def indices_at_inertia(force: Number, x_1: Number, x_2: Number, parameters: Any)
         zeta0 + zeta1 * force * np.sign(x_2),
         epsilon0 + epsilon1 * signed,
         eta0 + eta1 * signed + eta2 * force**2,
-    )
-
-
-def signed_inertia(twist: PaperTwist, mass: Number, x_CM: Number) -> tuple[Number, Number]:
-    """Smooth approximations of |F| sign(x_1) sign(x_2) and |F| sign(x_2) [N].
-
-    They are -M w (v_y + x_CM w) and M |w| (v_y + x_CM w): the lateral force of inertia with the signs
-    of (25) to (27), without their jumps at x_1 = 0 and x_2 = 0 and without H.
-    """
-    _, forward = velocity_of_centre_of_mass(twist, x_CM, 0.0)
-    return -mass * twist.w * forward, mass * abs(twist.w) * forward
-
-
-def indices_at_signed_inertia(signed: Number, directed: Number, parameters: Any) -> IndexValues:
-    """Indices at the smooth signed inertia, (25) to (27).
-
-    `signed_inertia` replaces |F| sign().
-
-    Args:
-        signed: first value of `signed_inertia` [N].
-        directed: second value of `signed_inertia` [N].
-        parameters: eight index parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`;
-            H is not used.
-    """
-    _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters[:8]
-    return IndexValues(
-        zeta0 + zeta1 * directed,
-        epsilon0 + epsilon1 * signed,
-        eta0 + eta1 * signed + eta2 * signed**2,
     )

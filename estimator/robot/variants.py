@@ -179,11 +179,6 @@ def register(variant: Variant) -> None:
     VARIANTS[variant.name] = variant
 
 
-def unregister(name: str) -> None:
-    """Remove a variant that `register` added."""
-    del VARIANTS[name]
-
-
 def default_adaptation(variant: str, **changes: float) -> Adaptation:
     """Default adaptation of a variant, with changes.
 

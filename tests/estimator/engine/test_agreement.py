@@ -112,6 +112,12 @@ def scatter(poses: np.ndarray, _: np.ndarray) -> None:
     poses[:, :2] += np.random.default_rng(4).normal(0.0, 1.0, (len(poses), 2))
 
 
+def turn_and_scatter(poses: np.ndarray, _: np.ndarray) -> None:
+    cos, sin = np.cos(2.0), np.sin(2.0)
+    poses[60:, :2] = poses[60:, :2] @ np.array([[cos, sin], [-sin, cos]])
+    poses[100:, :2] += np.random.default_rng(4).normal(0.0, 1.0, (len(poses) - 100, 2))
+
+
 def repeat(poses: np.ndarray, _: np.ndarray) -> None:
     poses[20:45, :2] = poses[20, :2]
 
@@ -233,6 +239,17 @@ SCENES = {
         lambda: with_fixes(scatter),
         ("inertia-online",),
         seen=lambda one: one.health.scatter.used > 10,
+    ),
+    "fixes that scatter, of one clock": Scene(
+        lambda: with_poses(fixed(5.0, 0.02), scatter),
+        ("inertia-online",),
+        seen=lambda one: one.health.scatter.used > 10,
+    ),
+    "fixes of a turned path that scatter": Scene(
+        lambda: with_poses(fixed(5.0, 0.02), turn_and_scatter),
+        ("inertia-online",),
+        Settings(gates=GateSettings(patience=3)),
+        seen=lambda one: one.health.scatter.used > 10 and taken_back("position")(one),
     ),
     "fixes that repeat": Scene(
         lambda: with_fixes(repeat), seen=rejected("position", "repeats itself", 10)

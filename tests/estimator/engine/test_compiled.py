@@ -30,7 +30,6 @@ from icreckon.estimator.robot.variants import (
     initial_parameters,
     motion_model,
     register,
-    unregister,
 )
 from icreckon.estimator.sensors.held_tracks import stuck_density
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -324,7 +323,7 @@ class Slower(LaggedIndexMotion):
 def test_equations_of_a_subclass_are_its_own():
     register(Variant("slower", "inertia", online=True, motion=lambda _: Slower(ALPHA.constants)))
     ekf = PoseEstimator(ALPHA, "slower")._reckoning.ekf
-    unregister("slower")
+    del VARIANTS["slower"]
     assert ekf.twist_model(0.4, 0.4).twist[0] == pytest.approx(0.2)
 
 
@@ -388,7 +387,7 @@ def sluggish():
         )
 
     yield use
-    unregister("sluggish")
+    del VARIANTS["sluggish"]
 
 
 def test_model_that_is_not_compiled_is_asked_in_python(sluggish):

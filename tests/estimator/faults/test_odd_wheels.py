@@ -203,14 +203,26 @@ def test_in_doubt_without_a_gyro_the_error_grows(robot: Robot) -> None:
     assert doubt.state_sigmas[-1, 0] > 0.3 + certain.state_sigmas[-1, 0]
 
 
-def test_a_log_at_once_is_that_sample_by_sample(robot: Robot, drive: Log) -> None:
-    at_once, expected = run_side_by_side(drive, robot, ["gyro"])["gyro"], run(drive, robot, "gyro")
+@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+def test_a_log_at_once_is_that_sample_by_sample(variant: str, robot: Robot, drive: Log) -> None:
+    """Track speeds come between IMU samples."""
+    late = np.random.default_rng(1).integers(0, 9_000_000, len(drive.tracks.stamps))
+    log = replace(drive, tracks=replace(drive.tracks, stamps=drive.tracks.stamps + late))
+    expected = run(log, robot, variant)
     assert expected.health.slip.odd_wheels > 0
-    assert_same_run(at_once, expected)
-    (of_many,) = run_many([drive], robot, "gyro")
+    assert_same_run(run_side_by_side(log, robot, [variant])[variant], expected)
+
+
+@pytest.mark.parametrize("begins", [0.0, 10.0])
+def test_many_logs_are_run_as_one_is(begins: float, robot: Robot) -> None:
+    log = with_free_wheel(with_wheels(faulty_drives.drive(robot, 1, 20.0), 3, 1), begins)
+    expected, (of_many,) = run(log, robot, "gyro"), run_many([log], robot, "gyro")
     both, here, there = np.intersect1d(of_many.stamps, expected.stamps, return_indices=True)
     assert len(both) > 100
     np.testing.assert_allclose(of_many.poses[here], expected.trajectory.poses[there], atol=1e-9)
+    np.testing.assert_allclose(
+        of_many.pose_covariances[here], expected.trajectory.pose_covariances[there], atol=1e-9
+    )
 
 
 def test_arrays_are_fed_as_samples_are(robot: Robot, drive: Log) -> None:

@@ -27,7 +27,7 @@ from icreckon.estimator.motion.motion_model import (
     through_channels,
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.variants import Variant, motion_model, register, unregister
+from icreckon.estimator.robot.variants import VARIANTS, Variant, motion_model, register
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import SMOOTHED
@@ -111,8 +111,7 @@ def variants() -> Iterator[None]:
     )
     register(without)
     yield
-    unregister("no-gain")
-    unregister(OWN)
+    del VARIANTS["no-gain"], VARIANTS[OWN]
 
 
 def test_its_derivatives_are_those_of_a_complex_step():

@@ -15,17 +15,15 @@ from icreckon.estimator.motion.icr import (
     icrs_from_indices,
     icrs_from_twist,
     indices_at_inertia,
-    indices_at_signed_inertia,
     indices_from_icrs,
     inertial_force,
-    inertial_force_magnitude,
     inverse,
     on_spot_ratio,
-    signed_inertia,
     symmetry_coordinates,
     velocity_of_centre_of_mass,
 )
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from smooth_inertia import indices_at_signed_inertia, inertial_force_magnitude, signed_inertia
 
 # A vehicle with L eta = 1 m, so that everything can be worked out by hand.
 GAUGE = 0.5

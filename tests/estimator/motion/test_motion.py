@@ -12,14 +12,12 @@ from icreckon.estimator.motion.icr import (
     PaperTwist,
     direct,
     indices_at_inertia,
-    indices_at_signed_inertia,
-    inertial_force_magnitude,
-    signed_inertia,
     symmetry_coordinates,
 )
 from icreckon.estimator.motion.index_model import Form, linearise, solve
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, VehicleConstants
 from icreckon.estimator.robot.robot_file import load_robot
+from smooth_inertia import indices_at_signed_inertia, inertial_force_magnitude, signed_inertia
 
 ALPHA = load_robot("auriga-alpha")
 VEHICLE = VehicleConstants(0.42, 258.0, -0.015, 0.04)
