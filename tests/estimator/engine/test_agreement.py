@@ -113,8 +113,9 @@ def scatter(poses: np.ndarray, _: np.ndarray) -> None:
 
 
 def turn_and_scatter(poses: np.ndarray, _: np.ndarray) -> None:
-    cos, sin = np.cos(2.0), np.sin(2.0)
-    poses[60:, :2] = poses[60:, :2] @ np.array([[cos, sin], [-sin, cos]])
+    cos, sin, first = np.cos(2.0), np.sin(2.0), poses[60, :2].copy()
+    turned = (poses[60:, :2] - first) @ np.array([[cos, sin], [-sin, cos]])
+    poses[60:, :2] = turned + first + np.array([3.0, 0.0])
     poses[100:, :2] += np.random.default_rng(4).normal(0.0, 1.0, (len(poses) - 100, 2))
 
 
@@ -246,9 +247,8 @@ SCENES = {
         seen=lambda one: one.health.scatter.used > 10,
     ),
     "fixes of a turned path that scatter": Scene(
-        lambda: with_poses(fixed(5.0, 0.02), turn_and_scatter),
-        ("inertia-online",),
-        Settings(gates=GateSettings(patience=3)),
+        lambda: with_poses(drive(40.0, 5.0), turn_and_scatter),
+        settings=Settings(gates=GateSettings(patience=3)),
         seen=lambda one: one.health.scatter.used > 10 and taken_back("position")(one),
     ),
     "fixes that repeat": Scene(

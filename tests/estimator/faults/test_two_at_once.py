@@ -1,0 +1,132 @@
+"""Two faults at once, of different sensors; and faults in what comes late."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from _scoreboard_put import FAULTS, SECOND
+
+from icreckon.estimator.batch.replay import run_side_by_side
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import PositionFix
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.streaming.outputs import Run
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+from same_runs import assert_same_run
+
+ALPHA, VARIANT = load_robot("auriga-alpha"), "inertia-online"
+TRACKS = (
+    "stuck encoder, 3 s",
+    "left encoder reads zero, 10 s",
+    "left track spins, 3 s",
+    "both tracks spin, 10 s",
+    "wheel against its side, 3 s",
+)
+IMU = ("gyro frozen, 5 s", "gyro clipped, 10 s", "gyro reads 2 rad/s, 1 s")
+FIXES = ("outliers of 10 m, 30 s", "fixes 50 m off, 5 s", "receiver repeats, 30 s")
+BEGINS, LATE = 25.0, 60.0
+# Tracks that leave the path while the fixes are elsewhere: when both are over, the fixes are taken to
+# scatter, and used as if they were off by metres.
+SCATTERED = {
+    ("left encoder reads zero, 10 s", "fixes 50 m off, 5 s"),
+    ("both tracks spin, 10 s", "fixes 50 m off, 5 s"),
+}
+
+
+@cache
+def drive() -> Log:
+    fixes = FixSpec(sigma=0.05)
+    scenario = Scenario(duration=75.0, seed=4, trajectory="random", fix_rate=2.0, fixes=fixes)
+    return simulate(scenario, ALPHA)
+
+
+def with_faults(*names: str) -> Log:
+    log, begin = drive(), drive().start + round(BEGINS * SECOND)
+    for name in names:
+        end = begin + round(FAULTS[name].lasts * SECOND)
+        log = FAULTS[name].put(log, begin, end, np.random.default_rng(len(name)))
+    return log
+
+
+def without_fixes(log: Log, lasts: float) -> Log:
+    assert log.fixes is not None
+    since = (log.fixes.stamps - log.start) / SECOND - BEGINS
+    columns = {name: getattr(log.fixes, name) for name in ("stamps", "poses", "variances")}
+    kept = (since < 0.0) | (since > lasts)
+    return replace(log, fixes=replace(log.fixes, **{k: v[kept] for k, v in columns.items()}))
+
+
+def at_end(one: Run) -> tuple[float, float]:
+    """Largest error of the position from `LATE` on, in metres and in its own standard deviations."""
+    truth, late = drive().truth, one.stamps > drive().start + round(LATE * SECOND)
+    assert truth is not None
+    path = one.trajectory
+    off = path.poses[late, :2] - interpolate_poses(truth.poses, one.stamps[late])[:, :2]
+    sigmas = np.sqrt(np.trace(path.pose_covariances[late, :2, :2], axis1=1, axis2=2))
+    distances = np.hypot(*off.T)
+    return float(distances.max()), float((distances / sigmas).max())
+
+
+@cache
+def error_with(name: str) -> float:
+    return at_end(run(with_faults(name), ALPHA, VARIANT))[0]
+
+
+@pytest.mark.parametrize("names", list(itertools.product(TRACKS, IMU)), ids=" and ".join)
+def test_tracks_and_gyro_at_once_are_no_worse_than_both(names: tuple[str, str]) -> None:
+    error, sigmas = at_end(run(with_faults(*names), ALPHA, VARIANT))
+    assert sigmas < 3.0 or error < 2.0 * sum(map(error_with, names)) + 0.2
+
+
+def marked(names: tuple[str, str]) -> object:
+    fails = pytest.mark.xfail(strict=True, reason="good fixes are taken to scatter")
+    return pytest.param(names, marks=[fails] * (names in SCATTERED), id=" and ".join(names))
+
+
+@pytest.mark.parametrize("names", [*map(marked, itertools.product(TRACKS, FIXES))])
+def test_wrong_fixes_beside_a_fault_of_the_tracks_are_no_worse_than_none(
+    names: tuple[str, str],
+) -> None:
+    error, sigmas = at_end(run(with_faults(*names), ALPHA, VARIANT))
+    alone = without_fixes(with_faults(names[0]), FAULTS[names[1]].lasts)
+    assert sigmas < 3.0 or error < 2.0 * at_end(run(alone, ALPHA, VARIANT))[0] + 0.5
+
+
+@pytest.mark.parametrize(
+    "names",
+    [(TRACKS[0], FIXES[2]), (TRACKS[2], IMU[2], FIXES[0]), (TRACKS[4], IMU[0], FIXES[1])],
+    ids=" and ".join,
+)
+def test_a_log_at_once_is_that_sample_by_sample(names: tuple[str, ...]) -> None:
+    log = with_faults(*names)
+    found = run_side_by_side(log, ALPHA, [VARIANT])[VARIANT]
+    assert_same_run(found, run(log, ALPHA, VARIANT))
+
+
+@pytest.mark.parametrize("name", [*TRACKS, *IMU, *FIXES])
+def test_late_fixes_meet_a_fault_as_those_in_time_do(name: str) -> None:
+    """Each fix comes half a second late, so that all samples since are taken again."""
+    in_time, late = (PoseEstimator(ALPHA, VARIANT) for _ in range(2))
+    waiting: list[PositionFix] = []
+    for m in with_faults(name).between(drive().start, drive().start + 45 * SECOND).measurements():
+        in_time.feed(m)
+        if isinstance(m, PositionFix):
+            waiting.append(m)
+            continue
+        late.feed(m)
+        while waiting and m.stamp > waiting[0].stamp + SECOND // 2:
+            late.feed(waiting.pop(0))
+    for m in waiting:
+        late.feed(m)
+    sigmas = np.sqrt(np.diagonal(in_time.covariance))
+    assert np.abs((late.state - in_time.state) / np.where(sigmas > 0.0, sigmas, 1.0)).max() < 1e-9
+    assert late.health.slip == in_time.health.slip
