@@ -152,13 +152,14 @@ def take_wheels(
     turning, error = turning_of(spin, stamp)
     expected_left = other.low - turning if other.low == other.high else math.nan
     expected_right = one.low + turning if one.low == one.high else math.nan
+    of_left = speed_of(left, one, left_wheels, expected_left, error)
+    of_right = speed_of(right, other, right_wheels, expected_right, error)
     if keeps:
-        take_side(left, stamp, one, left_wheels, expected_left, error)
-        take_side(right, stamp, other, right_wheels, expected_right, error)
-    return (
-        speed_of(left, one, left_wheels, expected_left, error),
-        speed_of(right, other, right_wheels, expected_right, error),
-    )
+        take_side(left, stamp, one, left_wheels, of_left, decides(one, expected_left, error))
+        take_side(
+            right, stamp, other, right_wheels, of_right, decides(other, expected_right, error)
+        )
+    return of_left, of_right
 
 
 def turning_of(spin: SpinRecord, stamp: int) -> tuple[float, float]:
@@ -202,10 +203,10 @@ def take_side(
     stamp: int,
     middle: Middle,
     wheels: Wheels,
-    expected: float,
-    error: float,
+    speed: float,
+    is_certain: bool,
 ) -> None:
-    """Add a sample of one side; arguments as of `speed_of`."""
+    """Add a sample of one side, with its speed [m/s], by `speed_of` and `decides`."""
     if middle.agrees:
         if side.since != NEVER and (stamp - side.newest) * NANOSECOND > OVER:
             agree_again(side)
@@ -218,9 +219,8 @@ def take_side(
     interval = min(OVER, (stamp - before) * NANOSECOND)
     side.way += (nth_of(wheels, len(wheels) - 1) - nth_of(wheels, 0)) * interval
     side.times += are_found(side) and not was_found
-    speed, half = speed_of(side, middle, wheels, expected, error), 0.5 * (middle.high - middle.low)
-    side.doubt = half
-    if decides(middle, expected, error):
+    side.doubt = half = 0.5 * (middle.high - middle.low)
+    if is_certain:
         side.doubt, side.decided = 0.0, stamp
     elif not 0 <= side.odd < len(wheels):
         side.apart = half

@@ -12,7 +12,7 @@ import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Flag, Size, Stamp
-from icreckon.estimator.faults.odd_wheels import take_wheels
+from icreckon.estimator.faults.odd_wheels import Wheels, take_wheels
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord
 from icreckon.estimator.faults.scattering_fixes import ScatterRecord
 from icreckon.estimator.filter.gate import GateRecord
@@ -120,15 +120,16 @@ def take_track_sample(
 def sides_of(
     record: FilterRecord,
     stamp: int,
-    speeds: Floats,
-    left_wheels: Floats,
-    right_wheels: Floats,
+    speeds: Wheels,
+    left_wheels: Wheels,
+    right_wheels: Wheels,
     keeps: bool,
 ) -> tuple[float, float]:
     """Speeds of both sides by those of the wheels, see `take_wheels` [m/s]."""
-    means, held, fastest = (speeds[0], speeds[1]), record.tracks, record.settings.fastest
+    means = (speeds[0], speeds[1])
     if len(left_wheels) + len(right_wheels) == 0:
         return means
+    held, fastest = record.tracks, record.settings.fastest
     sides, wheels = (held.left_wheels, held.right_wheels), (left_wheels, right_wheels)
     return take_wheels(*sides, held.spin, stamp, means, *wheels, fastest, keeps)
 

@@ -15,14 +15,18 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Record, assign, copied, or_none, shared_record
 from icreckon.estimator.engine.lane_filter import LaneSteps
-from icreckon.estimator.faults.odd_wheels import take_wheels
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import ScatterRecord
 from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.ekf import Ekf, update
-from icreckon.estimator.filter.filter_record import FilterRecord, may_be_pushed, wander_after
+from icreckon.estimator.filter.filter_record import (
+    FilterRecord,
+    may_be_pushed,
+    sides_of,
+    wander_after,
+)
 from icreckon.estimator.filter.gate import FORCED, GATED, SKIPPED, GateRecord, gates_of
 from icreckon.estimator.filter.health import (
     ADMITTED,
@@ -265,10 +269,8 @@ class Reckoning:
             hole = is_hole(tracks, m.stamp, hold)
             self._advance(imu_clock.interval_start(tracks, m.stamp) if hole else tracks.stamp)
             self._counts.track_gaps += hole
-        speeds = m.left, m.right
-        if m.left_wheels or m.right_wheels:
-            sides = tracks.left_wheels, tracks.right_wheels, tracks.spin, m.stamp, speeds
-            speeds = take_wheels(*sides, m.left_wheels, m.right_wheels, record.settings.fastest)
+        wheels = m.left_wheels, m.right_wheels
+        speeds = sides_of(record, m.stamp, (m.left, m.right), *wheels, True)
         self._counts.stuck_tracks += self._steps.take_track_speeds(m.stamp, *speeds)
         if begins:
             # The robot may be moving already, with a slip.
