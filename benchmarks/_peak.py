@@ -8,8 +8,9 @@ from typing import Any
 from numba import njit
 
 from icreckon.estimator.engine.constants import aligned
-from icreckon.estimator.tracing.emit import kernel_on_demand
-from icreckon.estimator.tracing.kernel import Kernel, Store
+from icreckon.estimator.tracing.jit_kernel import jit
+from icreckon.estimator.tracing.kernel import Kernel, Store, call_kernel
+from icreckon.estimator.tracing.machine_code import compiled_library
 from icreckon.estimator.tracing.trace import lane_input, start
 
 # Chains of multiply-adds that do not wait for each other, and the length of each.
@@ -27,12 +28,13 @@ def peak_flops(width: int, repeat: int = 20) -> float:
         ]
     stores = [Store("lanes", chain, value) for chain, value in enumerate(values)]
     peak = Kernel("peak", (CHAINS, 0, 0), stores)
-    kernel: Any = kernel_on_demand("peak", lambda: peak, width)
+    library = compiled_library(peak, f"peak.{width}", width)
+    kernel, call = library.get_pointer_to_function(library.name), jit(call_kernel)
 
     @njit
     def many(lanes: Any, count: int) -> None:
         for _ in range(count):
-            kernel(lanes, lanes, lanes)
+            call(kernel, lanes, lanes, lanes)
 
     lanes = aligned(CHAINS * width)
     lanes[:] = 1e-3

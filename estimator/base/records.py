@@ -74,7 +74,7 @@ def record_array(record: Any, count: int) -> NDArray[Any]:
     """Structured array (count,) of copies of a record.
 
     Args:
-        record: integers, floats, lists of floats, other records and named tuples.
+        record: integers, floats, lists of floats, arrays of places, other records and named tuples.
         count: number of copies.
     """
     return np.full(count, np.array(_values(record), dtype=_memory_of(record).layout))
@@ -184,9 +184,16 @@ def _memory_of_field(value: Any, of: Any) -> Any:
         return _memory_of(value)
     if isinstance(value, list):
         return ctypes.c_double * len(value)
+    if isinstance(value, np.ndarray):
+        memory: Any = ctypes.c_uint64
+        for count in value.shape[::-1]:
+            memory = memory * count
+        return memory
     return ctypes.c_double if of is float else ctypes.c_int64
 
 
 def _values(value: Any) -> Any:
     names = _names(value)
-    return tuple(_values(getattr(value, name)) for name in names) if names else value
+    if names:
+        return tuple(_values(getattr(value, name)) for name in names)
+    return value.tolist() if isinstance(value, np.ndarray) else value

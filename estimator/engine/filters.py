@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Sequence
-from functools import cache, partial
+from collections.abc import Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,7 +21,7 @@ from icreckon.estimator.engine.constants import (
     shared_constants,
 )
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
-from icreckon.estimator.engine.lane import FilterShape, idle_kernel
+from icreckon.estimator.engine.lane import FilterShape
 from icreckon.estimator.engine.layout import (
     COUNTS,
     FACTORS,
@@ -42,6 +41,7 @@ from icreckon.estimator.engine.schedule import (
     MOVE_AND_UPDATE,
     POSITION,
     STEP_COLUMNS,
+    TICK,
     LogSteps,
     Steps,
     fill_step_constants,
@@ -51,7 +51,7 @@ from icreckon.estimator.engine.work import (
     ESTIMATE,
     LaneKernels,
     Places,
-    lane_worker,
+    work_through,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.filter_record import DEPARTURE, FixesRecord
@@ -59,8 +59,9 @@ from icreckon.estimator.filter.initial_state import assumptions, considered_stat
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.tracing.emit import kernel_on_demand, lanes_of_machine
-from icreckon.estimator.tracing.kernel import Kernel
+from icreckon.estimator.tracing.emit import lanes_of_machine
+from icreckon.estimator.tracing.jit_kernel import entry
+from icreckon.estimator.tracing.machine_code import address_of
 
 
 class Lanes(NamedTuple):
@@ -141,7 +142,7 @@ class BatchFilter:
         self.layout = self.shape.layout
         self.rows = self.layout.rows
         self._prepared: tuple[Steps, Floats] | None = None
-        self._work: Any = None
+        self._kernels = LaneKernels()
 
     def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
         """Start all lanes at their first track speeds.
@@ -234,7 +235,8 @@ class BatchFilter:
         if workspace.shape[1] != self.width or any(a.ctypes.data % LINE for a in per_lane):
             raise ValueError(WRONG_SIZE)
         since_first = steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0)
-        self._work(
+        entry(work_through)(
+            self._kernels,
             workspace,
             inputs,
             lanes.constants,
@@ -291,22 +293,16 @@ class BatchFilter:
         Args:
             steps: all steps of the run.
         """
-        ahead, fixes = steps.kinds == AHEAD, (steps.extras & POSITION) > 0
-        moves, at_steps, between = (
-            bool(one.any()) for one in (steps.kinds == MOVE, fixes & ~ahead, ahead)
-        )
-        needs = Needs(
-            accelerometer=self._uses_force,
-            heading=bool((steps.extras & HEADING).any()),
-            fixes=at_steps,
-            ahead=between,
-            moves=moves,
-        )
-        if isinstance(steps, LogSteps):
-            # Kernels for moves and fixes anywhere, so that the next log needs no other machine code.
-            needs = needs._replace(moves=True, ahead=False, fixes=False)
-            needs = needs._replace(move_ticks=True, fix_ticks=at_steps or between)
-        self._work = _worker(self.shape, self.width, needs)
+        ticks = (steps.extras & TICK) > 0
+        # Times of fixes, in the order of `AT_STEP` and the others.
+        when = 2 * (steps.kinds == AHEAD) + ticks
+
+        def at(bit: int) -> tuple[int, ...]:
+            return tuple(np.unique(when[(steps.extras & bit) > 0]).tolist())
+
+        moves = tuple(np.unique(ticks[steps.kinds == MOVE]).tolist())
+        times = moves, at(POSITION), at(HEADING)
+        self._kernels = _kernels(self.shape, self.width, self._uses_force, *times)
 
     @property
     def start(self) -> Floats:
@@ -359,72 +355,47 @@ def _places(layout: Layout, wander: FixWander, all_outputs: bool) -> Places:
     )
 
 
-class Needs(NamedTuple):
-    """Kernels that the steps of a run need.
-
-    Attributes:
-        accelerometer: specific forces are used.
-        heading: fixes have headings.
-        fixes: there are fixes at the end of steps.
-        ahead: there are fixes between IMU samples.
-        moves: there are steps that end without an IMU sample.
-        move_ticks: there may be ticks at the end of such steps.
-        fix_ticks: there may be ticks after fixes, at the end of steps and between IMU samples.
-    """
-
-    accelerometer: bool
-    heading: bool
-    fixes: bool
-    ahead: bool
-    moves: bool
-    move_ticks: bool = False
-    fix_ticks: bool = False
-
-
 @cache
-def _worker(shape: FilterShape, width: int, needs: Needs) -> Any:
-    """Compile the loop over steps; kernels that are not needed compute nothing."""
-    force = needs.accelerometer
-    move = StepKind(imu=False, accelerometer=False)
-    steps = {
-        "usual": StepKind(accelerometer=force),
-        "full": StepKind(stands=True, accelerometer=force).reporting(),
-        "update": StepKind(draws=False, moves=False, stands=True, accelerometer=force).reporting(),
-        "move": move if needs.moves else None,
-        "move_tick": move.reporting() if needs.move_ticks else None,
-    }
-    fixes = {
-        "": FixKind() if needs.fixes else None,
-        "_tick": FixKind(fast_slip=True, twist=True) if needs.fixes or needs.fix_ticks else None,
-        "_ahead": FixKind(ahead=True) if needs.ahead else None,
-        "_ahead_tick": FixKind(fast_slip=True, twist=True, ahead=True) if needs.fix_ticks else None,
-    }
-    makers: dict[str, Callable[[], Kernel]] = {}
-    for name, step in steps.items():
-        makers[name] = partial(_step_or_nothing, name, shape, step)
-    for name, fix in fixes.items():
-        position, heading = f"position{name}", f"heading{name}"
-        makers[position] = partial(_fix_or_nothing, position_kernel, position, shape, fix)
-        headed = fix if needs.heading else None
-        makers[heading] = partial(_fix_or_nothing, heading_kernel, heading, shape, headed)
-    compiled = {
-        name: kernel_on_demand(name, make, width, shape.bits) for name, make in makers.items()
-    }
-    shape_digest = hashlib.sha256(repr((shape, width, needs)).encode()).hexdigest()[:12]
-    return lane_worker(LaneKernels(**compiled), shape_digest)
-
-
-def _step_or_nothing(name: str, shape: FilterShape, kind: StepKind | None) -> Kernel:
-    return idle_kernel(name, shape) if kind is None else step_kernel(name, shape, kind)
-
-
-def _fix_or_nothing(
-    make: Callable[[str, FilterShape, FixKind], Kernel],
-    name: str,
+def _kernels(
     shape: FilterShape,
-    kind: FixKind | None,
-) -> Kernel:
-    return idle_kernel(name, shape) if kind is None else make(name, shape, kind)
+    width: int,
+    uses_force: bool,
+    moves: Sequence[int],
+    positions: Sequence[int],
+    headings: Sequence[int],
+) -> LaneKernels:
+    """Compile the kernels of a run, or load them.
+
+    Args:
+        shape: shape of the filters.
+        width: number of lanes.
+        uses_force: specific forces are used.
+        moves: steps without an IMU sample: 1 for those that are ticks, 0 for others.
+        positions: times of position fixes, of `AT_STEP` and the others.
+        headings: the same of heading fixes.
+    """
+    usual, move = StepKind(accelerometer=uses_force), StepKind(imu=False, accelerometer=False)
+    steps = move, move.reporting()
+    full = usual._replace(stands=True).reporting()
+    update = full._replace(draws=False, moves=False, fast_slip=False)
+    ticks = FixKind(fast_slip=True, twist=True)
+    fixes = FixKind(), ticks, FixKind(ahead=True), ticks._replace(ahead=True)
+
+    def kernel(make: Any, name: str, kind: StepKind | FixKind) -> int:
+        return address_of(make, (name, shape, kind), width, shape.bits)
+
+    def needed(make: Any, name: str, kinds: Sequence[Any], used: Sequence[int]) -> Any:
+        named = enumerate(kinds)
+        return tuple(kernel(make, f"{name}{k}", kind) if k in used else 0 for k, kind in named)
+
+    return LaneKernels(
+        kernel(step_kernel, "usual", usual),
+        kernel(step_kernel, "full", full),
+        kernel(step_kernel, "update", update),
+        needed(step_kernel, "move", steps, moves),
+        needed(position_kernel, "position", fixes, positions),
+        needed(heading_kernel, "heading", fixes, headings),
+    )
 
 
 assert len(ESTIMATE) == 3 + 6 + len(TWIST)  # noqa: S101 - one is written as the other

@@ -446,11 +446,6 @@ def plain_kernel(make: Any, of_user: MotionModel | None = None) -> Any:
     return kernel
 
 
-def idle_kernel(name: str, shape: FilterShape) -> Kernel:
-    """Make a kernel that computes nothing."""
-    return Kernel(name, array_rows(shape.layout), ())
-
-
 def _rest(row: Vector, parts: Iterable[Part]) -> Vector:
     """Entries of a row that are in none of its parts."""
     shared = {i for _, part in parts for i in part}

@@ -12,8 +12,17 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import SharedRecord, array_on
 from icreckon.estimator.engine.constants import aligned, shared_constants
 from icreckon.estimator.engine.lane import FilterShape, Numbers
+from icreckon.estimator.engine.lane_functions import (
+    BEGIN,
+    IMU_STEP,
+    IMU_UPDATE,
+    POSITION,
+    POSITION_AHEAD,
+    PROPAGATE,
+    TIME_STEP,
+)
 from icreckon.estimator.engine.layout import INPUTS
-from icreckon.estimator.engine.one_lane import kernel_makers, one_lane
+from icreckon.estimator.engine.one_lane import kernel_of, one_lane
 from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.changes import Events
 from icreckon.estimator.filter.ekf import Ekf
@@ -102,31 +111,33 @@ class LaneSteps:
         while not fill(records, readings.stamps, readings.rates, inputs, *sample):
             readings.make_room()
         if stamp > self._record.stamp:
-            return cast(bool, self._step("imu_step", stamp))
-        return cast(bool, self._update("imu_update", stamp))
+            return self._step(IMU_STEP, stamp) > 0
+        return self._update(IMU_UPDATE, stamp) > 0
 
     def move(self, stamp: int) -> None:
         """Take a step without an IMU sample to a later stamp [ns]."""
         self._lane.fill_move(self._records, self._inputs, stamp)
-        self._step("time_step", stamp)
+        self._step(TIME_STEP, stamp)
 
     def begin(self, stamp: int) -> None:
         """Begin a step to a later stamp [ns], with a new fast slip."""
         self._lane.fill_move(self._records, self._inputs, stamp)
-        self._step("begin", stamp)
+        self._step(BEGIN, stamp)
 
     def propagate(self, stamp: int) -> None:
         """Finish a step that `begin` has begun to the same stamp [ns]."""
         self._lane.fill_move(self._records, self._inputs, stamp)
-        self._step("propagate", stamp)
+        self._step(PROPAGATE, stamp)
 
     def take_samples(self, samples: SampleArrays, *, uses_force: bool) -> Sampled:
         """Take the steps of samples; stop before one that needs more than a step."""
         readings, ekf, total = self._readings, self._ekf, np.zeros(5, int)
         memory = ekf.model.memory.copy()
         ekf.model.recall(memory)
+        self._lane.prepare_loop()
         while True:
-            found = self._lane.loop()(
+            found = self._lane.feed_samples(
+                self._lane.places,
                 self._records,
                 readings.stamps,
                 readings.rates,
@@ -174,7 +185,7 @@ class LaneSteps:
         inputs[[FIX_X, FIX_Y, FIX_VARIANCE], 0] = fix
         inputs[[FORWARD, LEFT], 0] = antenna
         inputs[[MODE, INTERVAL], 0] = mode, interval
-        flags = self._update("position_ahead" if ahead else "position", stamp, rejected_for)
+        flags = self._update(POSITION_AHEAD if ahead else POSITION, stamp, rejected_for)
         z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[lane.position, 0].tolist()
         at = (places[0], places[1], places[2]), (places[3], places[4], places[5])
         lost, used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)
@@ -187,7 +198,8 @@ class LaneSteps:
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
         """Body velocity of a filter with the same model and settings, see `Evaluation`."""
         twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(ekf.x))), np.empty((3, 2))
-        zeta, epsilon, eta, u, force = self._lane.twist(
+        zeta, epsilon, eta, u, force = self._lane.evaluate_twist(
+            self._lane.places,
             ekf.x,
             ekf.model.memory,
             *self._arrays,
@@ -202,20 +214,20 @@ class LaneSteps:
         motion = Motion(PaperTwist(-v_y, v_x, w), IndexValues(zeta, epsilon, eta), u, force)
         return TwistModel(twist, jacobian, by_speeds, motion)
 
-    def _update(self, name: str, stamp: int, last: float | None = None) -> Any:
+    def _update(self, which: int, stamp: int, rejected_for: float = 0.0) -> int:
         """Update without a step; before the first step there are no regressors to smooth."""
         ekf = self._ekf
         if ekf.regressors is not None:
-            return self._step(name, stamp, last)
+            return self._step(which, stamp, rejected_for)
         left, right = self._inputs[[INPUTS["left"], INPUTS["right"]], 0].tolist()
         ekf.regressors = ekf.twist_model(left, right).jacobian[:, s.PARAMETERS].copy()
-        found = self._step(name, stamp, last)
+        found = self._step(which, stamp, rejected_for)
         ekf.regressors = None
         return found
 
-    def _step(self, name: str, stamp: int, last: float | None = None) -> Any:
-        """Take a step to a stamp [ns], and report its changes."""
-        ekf = self._ekf
+    def _step(self, which: int, stamp: int, rejected_for: float = 0.0) -> int:
+        """Take a step to a stamp [ns], and report its changes; see `take_step`."""
+        ekf, lane = self._ekf, self._lane
         memory = ekf.model.memory
         if len(memory):
             # The step advances the model; checkpoints share the memory before it.
@@ -225,7 +237,9 @@ class LaneSteps:
         if ekf.regressors is None:
             ekf.regressors = np.zeros((3, s.PARAMETER_COUNT))
         yaw = ekf.x.item(s.YAW)
-        found = self._lane.steps[name](
+        found: int = lane.take_step(
+            lane.places,
+            which,
             self._records,
             ekf.x,
             ekf.P,
@@ -233,16 +247,17 @@ class LaneSteps:
             memory,
             *self._arrays,
             stamp,
-            is_first if last is None else last,
+            is_first,
+            rejected_for,
         )
         if ekf.clones is not None or ekf.observer is not None:
-            values = self._workspace[self._lane.first_report :, 0]
-            events_of(self._lane.shape, name).report(values, len(ekf.x), yaw, ekf)
+            values = self._workspace[lane.first_report :, 0]
+            events_of(lane.shape, which).report(values, len(ekf.x), yaw, ekf)
         return found
 
 
 @cache
-def events_of(shape: FilterShape, name: str) -> Events:
+def events_of(shape: FilterShape, which: int) -> Events:
     """Changes that a kernel reports; their values are those of a filter of zeros."""
     if shape.model.kind == "plain":
         # What a user's model reports does not depend on its equations.
@@ -251,8 +266,9 @@ def events_of(shape: FilterShape, name: str) -> Events:
     zeros = Numbers(
         np.zeros(len(layout.rows)), np.zeros(len(INPUTS)), np.zeros(len(layout.constants))
     )
+    make, arguments = kernel_of(which, shape)
     with np.errstate(all="ignore"):
-        made = kernel_makers(shape)[name](numbers=zeros)
+        made = make(*arguments, numbers=zeros)
     return Events(made.events)
 
 

@@ -24,6 +24,7 @@ from icreckon.estimator.sensors.imu_clock import is_alive, take_stamp
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
 from icreckon.estimator.sensors.standstill import is_full, quiet_mean
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
+from icreckon.estimator.tracing.kernel import call_kernel
 
 ROWS = len(INPUTS)
 TRACK_ROWS, SLOW = len(StepInputs._fields), INPUTS["slow"]
@@ -34,28 +35,42 @@ PARAMETERS = s.PARAMETERS.start
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 
+# Most states of a filter with a fast slip.
+MOST_STATES = s.WANDER.stop
+# Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, or at their start; steps
+# without one, and their two halves; position fixes, at the end of a step and ahead of it; the body
+# velocity. Silent steps report no changes.
+IMU_STEP, IMU_UPDATE, SILENT_IMU_STEP, TIME_STEP, BEGIN, PROPAGATE, SILENT_TIME_STEP = range(7)
+POSITION, POSITION_AHEAD, EVALUATION = range(7, 10)
+
+
 class LanePlaces(NamedTuple):
-    """Places in the workspace of one lane.
+    """Places in the workspace of one lane, and its kernels.
+
+    Arrays by states have zeros behind the last one.
 
     Attributes:
+        kernels: (10,) kernels, or addresses of their machine code.
         size: number of states of the filter.
-        states: indices of the uncertain states, the fast slip last.
-        parameters: indices of the uncertain parameters.
-        x: (n,) rows of the states.
-        P: (n, n) rows of the covariance.
+        state_count: number of uncertain states.
+        parameter_count: number of uncertain parameters.
+        states: (`MOST_STATES`,) indices of the uncertain states, the fast slip last.
+        parameters: (`MOST_STATES`,) indices of the uncertain parameters.
+        x: (`MOST_STATES`,) rows of the states.
+        P: (`MOST_STATES`, `MOST_STATES`) rows of the covariance.
+        by_state: (3, `MOST_STATES`) rows of the twist's derivatives by the states.
         regressors: row of the first regressor.
         memory: row of the first number of the model's memory.
         memory_size: number of numbers of the memory.
         stood: row that is 1 if the robot was found standing.
         slip_factor: row of the factor on the slip.
-        of_record: rows of `OF_RECORD`.
-        gyro: rows of the gyro: time of rejections, number admitted, innovation, its variance.
-        accelerometers: the same rows of the accelerometers, forward and left.
+        of_record: (10,) rows of `OF_RECORD`.
+        imu_gates: (3, 4) rows of gyro and accelerometers, forward and left: time of rejections, number
+            admitted, innovation, its variance.
         position_rejected_for: row of the time of rejected position fixes.
         position_admitted: row of the number of admitted ones.
         twist: row of the twist's first component.
         motion: row of the first value of `MOTION`.
-        by_state: (3, n) rows of the twist's derivatives by the states.
         fixed: place of the first parameter among the constants.
         interval: place of the interval of the IMU among them.
         slip_shares: place of the first factor on the slip of an evaluated twist among them.
@@ -63,24 +78,26 @@ class LanePlaces(NamedTuple):
         constant_count: number of constants.
     """
 
+    kernels: Any
     size: int
+    state_count: int
+    parameter_count: int
     states: Any
     parameters: Any
     x: Any
     P: Any
+    by_state: Any
     regressors: int
     memory: int
     memory_size: int
     stood: int
     slip_factor: int
     of_record: Any
-    gyro: tuple[int, int, int, int]
-    accelerometers: tuple[tuple[int, int, int, int], tuple[int, int, int, int]]
+    imu_gates: Any
     position_rejected_for: int
     position_admitted: int
     twist: int
     motion: int
-    by_state: Any
     fixed: int
     interval: int
     slip_shares: int
@@ -186,84 +203,70 @@ def scatter_of(records: Any, fix: TakenFix, correction: Floats) -> bool:
     return follow_scatter(records[0].fixes.scatter, fix, correction)
 
 
-def sample_loop(imu_step: Any, time_step: Any) -> Any:
-    """Make a loop over samples of track speeds and IMU.
+def feed_samples(
+    places: Any,
+    records: Any,
+    stamps: Stamps,
+    rates: Floats,
+    x: Floats,
+    P: Floats,
+    regressors: Floats,
+    memory: Floats,
+    lane: Floats,
+    inputs: Floats,
+    constants: Floats,
+    track_stamps: Stamps,
+    speeds: Floats,
+    left_wheels: Floats,
+    right_wheels: Floats,
+    imu_stamps: Stamps,
+    yaw_rates: Floats,
+    forces: Floats,
+    uses_force: bool,
+) -> Any:
+    """Take the steps of samples, see `Sampled`; arguments as of `take_step`.
 
-    Args:
-        imu_step: step with an IMU sample at its end, see `one_lane`.
-        time_step: step without one.
+    It stops before a sample after a gap, or at a stamp that the filter has reached, and if the buffers of
+    readings are full.
     """
-
-    def feed_samples(
-        records: Any,
-        stamps: Stamps,
-        rates: Floats,
-        x: Floats,
-        P: Floats,
-        regressors: Floats,
-        memory: Floats,
-        lane: Floats,
-        inputs: Floats,
-        constants: Floats,
-        track_stamps: Stamps,
-        speeds: Floats,
-        left_wheels: Floats,
-        right_wheels: Floats,
-        imu_stamps: Stamps,
-        yaw_rates: Floats,
-        forces: Floats,
-        uses_force: bool,
-    ) -> Any:
-        """Take the steps of samples, see `Sampled`; arguments as of the steps.
-
-        It stops before a sample after a gap, or at a stamp that the filter has reached, and if the
-        buffers of readings are full.
-        """
-        record = records[0]
-        hold, tracks, samples, used, stuck, stood = record.settings.hold, 0, 0, 0, 0, 0
-        if len(speeds) != len(track_stamps) or len(yaw_rates) != len(imu_stamps):
-            raise ValueError(WRONG_SIZE)
-        if not len(left_wheels) == len(right_wheels) == len(speeds):
-            raise ValueError(WRONG_SIZE)
-        if speeds.shape[1] != 2 or forces.shape != (len(imu_stamps), 2):
-            raise ValueError(WRONG_SIZE)
-        while tracks < len(track_stamps) or samples < len(imu_stamps):
-            is_track = samples == len(imu_stamps) or (
-                tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
-            )
-            if is_track:
-                stamp, newest = track_stamps[tracks], record.tracks.stamp
-                if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
-                    break
-                if record.stamp < newest:
-                    move_inputs(record, inputs, 0, newest)
-                    time_step(
-                        records, x, P, regressors, memory, lane, inputs, constants, newest, False
-                    )
-                wheels = (left_wheels[tracks], right_wheels[tracks])
-                stuck += take_track_sample(record, stamp, speeds[tracks], *wheels)
-                tracks += 1
-                continue
-            stamp = imu_stamps[samples]
-            if stamp <= record.stamp or (stamp - record.stamp) * NANOSECOND > hold:
+    record = records[0]
+    hold, tracks, samples, used, stuck, stood = record.settings.hold, 0, 0, 0, 0, 0
+    if len(speeds) != len(track_stamps) or len(yaw_rates) != len(imu_stamps):
+        raise ValueError(WRONG_SIZE)
+    if not len(left_wheels) == len(right_wheels) == len(speeds):
+        raise ValueError(WRONG_SIZE)
+    if speeds.shape[1] != 2 or forces.shape != (len(imu_stamps), 2):
+        raise ValueError(WRONG_SIZE)
+    arrays = (x, P, regressors, memory, lane, inputs, constants)
+    while tracks < len(track_stamps) or samples < len(imu_stamps):
+        is_track = samples == len(imu_stamps) or (
+            tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
+        )
+        if is_track:
+            stamp, newest = track_stamps[tracks], record.tracks.stamp
+            if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
                 break
-            rate, x_force, y_force = yaw_rates[samples], forces[samples, 0], forces[samples, 1]
-            sample = (stamp, rate, x_force, y_force, uses_force)
-            if not sample_of(records, stamps, rates, inputs, *sample):
-                break
-            arrays = (lane, inputs, constants)
-            if imu_step(records, x, P, regressors, memory, *arrays, stamp, False):
-                used += 1
-            stood += record.stands
-            samples += 1
-        return tracks, samples, used, stuck, stood
+            if record.stamp < newest:
+                move_inputs(record, inputs, 0, newest)
+                take_step(places, SILENT_TIME_STEP, records, *arrays, newest, False, 0.0)
+            wheels = (left_wheels[tracks], right_wheels[tracks])
+            stuck += take_track_sample(record, stamp, speeds[tracks], *wheels)
+            tracks += 1
+            continue
+        stamp = imu_stamps[samples]
+        if stamp <= record.stamp or (stamp - record.stamp) * NANOSECOND > hold:
+            break
+        rate, x_force, y_force = yaw_rates[samples], forces[samples, 0], forces[samples, 1]
+        sample = (stamp, rate, x_force, y_force, uses_force)
+        if not sample_of(records, stamps, rates, inputs, *sample):
+            break
+        used += take_step(places, SILENT_IMU_STEP, records, *arrays, stamp, False, 0.0)
+        stood += record.stands
+        samples += 1
+    return tracks, samples, used, stuck, stood
 
-    return feed_samples
 
-
-def fill_state(
-    lane: Floats, constants: Floats, x: Floats, memory: Floats, places: LanePlaces
-) -> None:
+def fill_state(lane: Floats, constants: Floats, x: Floats, memory: Floats, places: Any) -> None:
     """Copy state and memory of the motion model into the workspace.
 
     Raises:
@@ -272,7 +275,7 @@ def fill_state(
     sizes_fit = lane.shape == (places.row_count, 1) and len(constants) >= places.constant_count
     if not sizes_fit or x.shape != (places.size,) or len(memory) != places.memory_size:
         raise ValueError(WRONG_SIZE)
-    for a in range(len(places.states)):
+    for a in range(places.state_count):
         lane[places.x[a], 0] = x[places.states[a]]
     for k in range(s.PARAMETER_COUNT):
         constants[places.fixed + k] = x[PARAMETERS + k]
@@ -280,7 +283,7 @@ def fill_state(
         lane[places.memory + k, 0] = memory[k]
 
 
-def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePlaces) -> None:
+def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: Any) -> None:
     """Copy covariance and regressors into the workspace.
 
     Raises:
@@ -288,25 +291,26 @@ def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: LanePla
     """
     if P.shape != (places.size, places.size) or regressors.shape != (3, s.PARAMETER_COUNT):
         raise ValueError(WRONG_SIZE)
-    n = len(places.states)
+    n = places.state_count
     for a in range(n):
         i = places.states[a]
         for b in range(a, n):
             lane[places.P[a, b], 0] = P[i, places.states[b]]
     row = places.regressors
     for axis in range(3):
-        for i in places.parameters:
+        for k in range(places.parameter_count):
+            i = places.parameters[k]
             lane[row, 0] = regressors[axis, i - PARAMETERS]
             row += 1
 
 
 def empty_lane(
-    lane: Floats, x: Floats, P: Floats, regressors: Floats, memory: Floats, places: LanePlaces
+    lane: Floats, x: Floats, P: Floats, regressors: Floats, memory: Floats, places: Any
 ) -> None:
     """Copy the filter out of the workspace."""
     for k in range(len(memory)):
         memory[k] = lane[places.memory + k, 0]
-    n = len(places.states)
+    n = places.state_count
     for a in range(n):
         i = places.states[a]
         x[i] = lane[places.x[a], 0]
@@ -315,13 +319,14 @@ def empty_lane(
             P[i, j] = P[j, i] = lane[places.P[a, b], 0]
     row = places.regressors
     for axis in range(3):
-        for i in places.parameters:
+        for k in range(places.parameter_count):
+            i = places.parameters[k]
             regressors[axis, i - PARAMETERS] = lane[row, 0]
             row += 1
 
 
 def fill_constants(
-    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
+    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: Any
 ) -> None:
     """Compute the constants of a step to a stamp [ns], and the factor on the slip.
 
@@ -336,17 +341,15 @@ def fill_constants(
     lane[places.slip_factor, 0] = record.slip_factor
 
 
-def set_gate(counts: Any, lane: Floats, rows: tuple[int, int, int, int]) -> None:
+def set_gate(counts: Any, lane: Floats, rows: Any) -> None:
     """Copy the rejections of a gate into the workspace."""
     lane[rows[0], 0], lane[rows[1], 0] = counts.rejected_for, 0.0
 
 
-def count_sample(
-    counts: Any, stamp: int, interval: float, lane: Floats, rows: tuple[int, int, int, int]
-) -> bool:
+def count_sample(counts: Any, stamp: int, interval: float, lane: Floats, rows: Any) -> bool:
     """Count the verdict of a gate on the newest sample; return True if it is used."""
-    rejected_for, admitted, innovation, variance = rows
-    z, S = lane[innovation, 0], lane[variance, 0]
+    rejected_for, admitted = rows[0], rows[1]
+    z, S = lane[rows[2], 0], lane[rows[3], 0]
     if S == 0.0:
         return False
     verdict = REACQUIRED
@@ -359,110 +362,78 @@ def count_sample(
     return verdict != REJECTED
 
 
-def filter_step(kernel: Any, places: LanePlaces, begin: Any, end: Any) -> Any:
-    """Make a step or an update of one filter.
-
-    Args:
-        kernel: the kernel.
-        places: places in the workspace.
-        begin: `begin_sample` or one of the others, compiled if the kernel is.
-        end: `end_sample` or one of the others, likewise.
-    """
-
-    def take_step(
-        records: Any,
-        x: Floats,
-        P: Floats,
-        regressors: Floats,
-        memory: Floats,
-        lane: Floats,
-        inputs: Floats,
-        constants: Floats,
-        stamp: int,
-        last: Any,
-    ) -> Any:
-        """Take the step, in place, and return what `end` returns.
-
-        Args:
-            records: (1,) record of the filter, see `FilterRecord`.
-            x: (SIZE,) the state.
-            P: (SIZE, SIZE) its covariance.
-            regressors: (3, 9) smoothed derivatives by the parameters.
-            memory: memory of the motion model.
-            lane: workspace.
-            inputs: (n, 1) inputs of the kernel.
-            constants: constants of the kernel.
-            stamp: stamp of the measurement, or of the end [ns].
-            last: True for the first step, which has no regressors yet; of a position fix the time of
-                those rejected so far [s].
-
-        Raises:
-            ValueError: an array has the wrong size.
-        """
-        if inputs.shape != (ROWS, 1):
-            raise ValueError(WRONG_SIZE)
-        record = records[0]
-        fill_state(lane, constants, x, memory, places)
-        fill_covariance(lane, P, regressors, places)
-        begin(record, lane, constants, stamp, last, places)
-        flags = kernel(lane, inputs, constants)
-        empty_lane(lane, x, P, regressors, memory, places)
-        return end(record, lane, stamp, flags, places)
-
-    return take_step
-
-
-def begin_sample(
-    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
-) -> None:
-    """Fill the rest of the workspace for a step with an IMU sample."""
-    fill_constants(record, lane, constants, stamp, is_first, places)
-    set_gate(record.gyro, lane, places.gyro)
-    set_gate(record.accelerometer_x, lane, places.accelerometers[0])
-    set_gate(record.accelerometer_y, lane, places.accelerometers[1])
-
-
-def end_sample(record: Any, lane: Floats, stamp: int, _: Any, places: LanePlaces) -> bool:
-    """Count the verdicts on an IMU sample; return True if its yaw rate is used."""
-    interval, (x, y) = record.imu.interval, places.accelerometers
-    record.stamp = stamp
-    count_sample(record.accelerometer_x, stamp, interval, lane, x)
-    count_sample(record.accelerometer_y, stamp, interval, lane, y)
-    return count_sample(record.gyro, stamp, interval, lane, places.gyro)
-
-
-def begin_time(
-    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: LanePlaces
-) -> None:
-    """Fill the rest of the workspace for a step without an IMU sample."""
-    fill_constants(record, lane, constants, stamp, is_first, places)
-    lane[places.stood, 0] = 0.0
-
-
-def end_time(record: Any, _lane: Floats, stamp: int, _: Any, _places: LanePlaces) -> bool:
-    """Arrive at a stamp [ns] without an IMU sample."""
-    record.stamp = stamp
-    return False
-
-
-def end_nothing(_record: Any, _lane: Floats, _stamp: int, _: Any, _places: LanePlaces) -> bool:
-    """Begin a step: the filter is not at its end yet."""
-    return False
-
-
-def begin_position(
-    record: Any,
+def take_step(
+    all_places: Any,
+    which: int,
+    records: Any,
+    x: Floats,
+    P: Floats,
+    regressors: Floats,
+    memory: Floats,
     lane: Floats,
+    inputs: Floats,
     constants: Floats,
     stamp: int,
+    is_first: bool,
     rejected_for: float,
-    places: LanePlaces,
-) -> None:
-    """Fill the rest of the workspace for a position fix."""
-    fill_constants(record, lane, constants, stamp, False, places)
-    lane[places.position_rejected_for, 0] = rejected_for
-    lane[places.position_admitted, 0] = 0.0
-    rows = places.of_record
+) -> int:
+    """Take a step or an update of one filter, in place.
+
+    Args:
+        all_places: (1,) `LanePlaces`.
+        which: `IMU_STEP` or another of the kernels.
+        records: (1,) record of the filter, see `FilterRecord`.
+        x: (SIZE,) the state.
+        P: (SIZE, SIZE) its covariance.
+        regressors: (3, 9) smoothed derivatives by the parameters.
+        memory: memory of the motion model.
+        lane: workspace.
+        inputs: (n, 1) inputs of the kernel.
+        constants: constants of the kernel.
+        stamp: stamp of the measurement, or of the end [ns].
+        is_first: it is the first step, which has no regressors yet.
+        rejected_for: time of the position fixes rejected so far [s].
+
+    Returns:
+        The flags of a position fix, see `fixes.position_kernel`; of an IMU sample 1 if its yaw rate is
+        used; otherwise 0.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    if inputs.shape != (ROWS, 1):
+        raise ValueError(WRONG_SIZE)
+    places, record = all_places[0], records[0]
+    fill_state(lane, constants, x, memory, places)
+    fill_covariance(lane, P, regressors, places)
+    fill_constants(record, lane, constants, stamp, is_first, places)
+    if which <= SILENT_IMU_STEP:
+        set_gate(record.gyro, lane, places.imu_gates[0])
+        set_gate(record.accelerometer_x, lane, places.imu_gates[1])
+        set_gate(record.accelerometer_y, lane, places.imu_gates[2])
+    elif which <= SILENT_TIME_STEP:
+        lane[places.stood, 0] = 0.0
+    else:
+        lane[places.position_rejected_for, 0] = rejected_for
+        lane[places.position_admitted, 0] = 0.0
+        begin_position(record, lane, places.of_record)
+    flags = call_kernel(places.kernels[which], lane, inputs, constants)
+    empty_lane(lane, x, P, regressors, memory, places)
+    if which > SILENT_TIME_STEP:
+        end_position(record, lane, places.of_record)
+        return flags
+    if which != BEGIN:
+        record.stamp = stamp
+    if which > SILENT_IMU_STEP:
+        return 0
+    interval, gates = record.imu.interval, places.imu_gates
+    count_sample(record.accelerometer_x, stamp, interval, lane, gates[1])
+    count_sample(record.accelerometer_y, stamp, interval, lane, gates[2])
+    return 1 if count_sample(record.gyro, stamp, interval, lane, gates[0]) else 0
+
+
+def begin_position(record: Any, lane: Floats, rows: Any) -> None:
+    """Copy what position fixes change into the workspace, in the order of `OF_RECORD`."""
     lane[rows[0], 0], lane[rows[1], 0] = record.slip_factor, record.present_factor
     lane[rows[2], 0], lane[rows[3], 0] = record.trend_forward, record.trend_left
     lane[rows[4], 0], lane[rows[5], 0] = record.trend_size, record.departed_for
@@ -470,74 +441,70 @@ def begin_position(
     lane[rows[8], 0], lane[rows[9], 0] = record.departed_by_x, record.departed_by_y
 
 
-def end_position(record: Any, lane: Floats, _: int, flags: Any, places: LanePlaces) -> Any:
-    """Keep what a position fix changed; return the flags, see `fixes.position_kernel`."""
-    rows = places.of_record
+def end_position(record: Any, lane: Floats, rows: Any) -> None:
+    """Copy what a position fix changed out of the workspace."""
     record.slip_factor, record.present_factor = lane[rows[0], 0], lane[rows[1], 0]
     record.trend_forward, record.trend_left = lane[rows[2], 0], lane[rows[3], 0]
     record.trend_size, record.departed_for = lane[rows[4], 0], lane[rows[5], 0]
     record.departed_from_x, record.departed_from_y = lane[rows[6], 0], lane[rows[7], 0]
     record.departed_by_x, record.departed_by_y = lane[rows[8], 0], lane[rows[9], 0]
-    return flags
 
 
-def twist_function(kernel: Any, places: LanePlaces) -> Any:
-    """Make the body velocity with its derivatives."""
+def evaluate_twist(
+    all_places: Any,
+    x: Floats,
+    memory: Floats,
+    lane: Floats,
+    inputs: Floats,
+    constants: Floats,
+    left: float,
+    right: float,
+    share_x: float,
+    share_y: float,
+    share_w: float,
+    twist: Floats,
+    jacobian: Floats,
+    by_speeds: Floats,
+) -> Any:
+    """Evaluate the body velocity, see `Ekf.twist_model`.
 
-    def evaluate_twist(
-        x: Floats,
-        memory: Floats,
-        lane: Floats,
-        inputs: Floats,
-        constants: Floats,
-        left: float,
-        right: float,
-        share_x: float,
-        share_y: float,
-        share_w: float,
-        twist: Floats,
-        jacobian: Floats,
-        by_speeds: Floats,
-    ) -> Any:
-        """Evaluate the body velocity, see `Ekf.twist_model`.
+    Args:
+        all_places: (1,) `LanePlaces`.
+        x: (SIZE,) the state.
+        memory: memory of the motion model.
+        lane: workspace.
+        inputs: (n, 1) inputs of the kernel.
+        constants: constants of the kernel.
+        left: speed of the left track [m/s].
+        right: speed of the right track [m/s].
+        share_x: factor on the slip of v_x.
+        share_y: that of v_y.
+        share_w: that of w.
+        twist: (3,) written to.
+        jacobian: (3, SIZE) written to.
+        by_speeds: (3, 2) written to.
 
-        Args:
-            x: (SIZE,) the state.
-            memory: memory of the motion model.
-            lane: workspace.
-            inputs: (n, 1) inputs of the kernel.
-            constants: constants of the kernel.
-            left: speed of the left track [m/s].
-            right: speed of the right track [m/s].
-            share_x: factor on the slip of v_x.
-            share_y: that of v_y.
-            share_w: that of w.
-            twist: (3,) written to.
-            jacobian: (3, SIZE) written to.
-            by_speeds: (3, 2) written to.
+    Returns:
+        zeta, epsilon, eta, u and force, see `Motion`.
 
-        Returns:
-            zeta, epsilon, eta, u and force, see `Motion`.
-
-        Raises:
-            ValueError: an array has the wrong size.
-        """
-        sizes_fit = twist.shape == (3,) and jacobian.shape == (3, places.size)
-        if not sizes_fit or by_speeds.shape != (3, 2) or inputs.shape != (ROWS, 1):
-            raise ValueError(WRONG_SIZE)
-        fill_state(lane, constants, x, memory, places)
-        inputs[LEFT, 0], inputs[RIGHT, 0] = left, right
-        first = places.slip_shares
-        constants[first], constants[first + 1], constants[first + 2] = share_x, share_y, share_w
-        kernel(lane, inputs, constants)
-        jacobian[:] = 0.0
-        for axis in range(3):
-            twist[axis] = lane[places.twist + axis, 0]
-            for a in range(len(places.states)):
-                jacobian[axis, places.states[a]] = lane[places.by_state[axis, a], 0]
-            for side in range(2):
-                by_speeds[axis, side] = lane[places.motion + 5 + 2 * axis + side, 0]
-        m = places.motion
-        return lane[m, 0], lane[m + 1, 0], lane[m + 2, 0], lane[m + 3, 0], lane[m + 4, 0]
-
-    return evaluate_twist
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    places = all_places[0]
+    sizes_fit = twist.shape == (3,) and jacobian.shape == (3, places.size)
+    if not sizes_fit or by_speeds.shape != (3, 2) or inputs.shape != (ROWS, 1):
+        raise ValueError(WRONG_SIZE)
+    fill_state(lane, constants, x, memory, places)
+    inputs[LEFT, 0], inputs[RIGHT, 0] = left, right
+    first = places.slip_shares
+    constants[first], constants[first + 1], constants[first + 2] = share_x, share_y, share_w
+    call_kernel(places.kernels[EVALUATION], lane, inputs, constants)
+    jacobian[:] = 0.0
+    for axis in range(3):
+        twist[axis] = lane[places.twist + axis, 0]
+        for a in range(places.state_count):
+            jacobian[axis, places.states[a]] = lane[places.by_state[axis, a], 0]
+        for side in range(2):
+            by_speeds[axis, side] = lane[places.motion + 5 + 2 * axis + side, 0]
+    m = places.motion
+    return lane[m, 0], lane[m + 1, 0], lane[m + 2, 0], lane[m + 3, 0], lane[m + 4, 0]

@@ -7,32 +7,36 @@ are compiled, or executed in Python (`Settings.engine`).
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.records import record_array
 from icreckon.estimator.engine.fixes import FixKind, position_kernel
 from icreckon.estimator.engine.lane import FAST, FilterShape, plain_kernel
 from icreckon.estimator.engine.lane_functions import (
+    BEGIN,
+    EVALUATION,
+    IMU_STEP,
+    IMU_UPDATE,
+    MOST_STATES,
+    POSITION,
+    POSITION_AHEAD,
+    PROPAGATE,
+    SILENT_IMU_STEP,
+    SILENT_TIME_STEP,
+    TIME_STEP,
     LanePlaces,
-    begin_position,
-    begin_sample,
-    begin_time,
-    end_nothing,
-    end_position,
-    end_sample,
-    end_time,
-    filter_step,
+    evaluate_twist,
+    feed_samples,
     move_of,
-    sample_loop,
     sample_of,
     scatter_of,
+    take_step,
     take_tracks_of,
-    twist_function,
 )
 from icreckon.estimator.engine.layout import (
     FACTORS,
@@ -41,12 +45,13 @@ from icreckon.estimator.engine.layout import (
     SLIP_SHARES,
     TREND,
     TWIST,
+    covariance_name,
 )
 from icreckon.estimator.engine.model import TracedModel, described
 from icreckon.estimator.engine.step import StepKind, step_kernel, twist_kernel
 from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
+from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
 from icreckon.estimator.tracing.kernel import Kernel
 
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
@@ -55,30 +60,38 @@ PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
 OF_SAMPLE = StepKind(stands=True, may_lack_force=True, innovations=True, fast_slip=True)
 OF_TIME = StepKind(imu=False, accelerometer=False, fast_slip=True)
 STEPS = {
-    "imu_step": OF_SAMPLE,
-    "imu_update": OF_SAMPLE._replace(draws=False, moves=False, resumes=True),
-    "time_step": OF_TIME,
-    "begin": OF_TIME._replace(moves=False),
-    "propagate": OF_TIME._replace(draws=False, resumes=True),
+    IMU_STEP: ("imu_step", OF_SAMPLE),
+    IMU_UPDATE: ("imu_update", OF_SAMPLE._replace(draws=False, moves=False, resumes=True)),
+    SILENT_IMU_STEP: ("silent_imu_step", OF_SAMPLE),
+    TIME_STEP: ("time_step", OF_TIME),
+    BEGIN: ("begin", OF_TIME._replace(moves=False)),
+    PROPAGATE: ("propagate", OF_TIME._replace(draws=False, resumes=True)),
+    SILENT_TIME_STEP: ("silent_time_step", OF_TIME),
 }
-FIXES = {"position": FixKind(fast_slip=True), "position_ahead": FixKind(fast_slip=True, ahead=True)}
+FIXES = {
+    POSITION: ("position", FixKind(fast_slip=True)),
+    POSITION_AHEAD: ("position_ahead", FixKind(fast_slip=True, ahead=True)),
+}
+SILENT = (SILENT_IMU_STEP, SILENT_TIME_STEP)
 # Rows that the record of a filter holds.
 OF_RECORD = (*FACTORS, *TREND, *DEPARTURE)
 
 
 class OneLane(NamedTuple):
-    """Functions of one filter shape at one lane.
+    """Functions of one filter shape at one lane, see `lane_functions`.
 
     Attributes:
         shape: shape of the filter.
         is_plain: the functions are executed in Python.
-        steps: function of each of `STEPS` and `FIXES`, by name.
-        loop: function that makes the loop over samples, see `lane_functions.sample_loop`.
-        twist: body velocity with its derivatives.
-        take_tracks: see `lane_functions`, as the others.
-        fill_sample: see `lane_functions`.
-        fill_move: see `lane_functions`.
-        follow_scatter: see `lane_functions`.
+        places: (1,) `LanePlaces`.
+        prepare_loop: compiles the kernels of `feed_samples`, to be called before it.
+        take_step: see above, as the others.
+        feed_samples: see above.
+        evaluate_twist: see above.
+        take_tracks: see above.
+        fill_sample: see above.
+        fill_move: see above.
+        follow_scatter: see above.
         first_report: first of the rows with the changes that a kernel reports.
         position: rows of the innovation of a position fix and its covariance, of the number admitted,
             and of place and yaw before and after it.
@@ -86,9 +99,11 @@ class OneLane(NamedTuple):
 
     shape: FilterShape
     is_plain: bool
-    steps: dict[str, Any]
-    loop: Callable[[], Any]
-    twist: Any
+    places: Any
+    prepare_loop: Callable[[], None]
+    take_step: Any
+    feed_samples: Any
+    evaluate_twist: Any
     take_tracks: Any
     fill_sample: Any
     fill_move: Any
@@ -102,8 +117,8 @@ def one_lane(
 ) -> OneLane:
     """Make the functions of a motion model for one lane.
 
-    Every parameter, bias and scale is a state, so that all variants of a model share the machine code. A
-    model that has no traced form is computed in Python.
+    Every parameter, bias and scale is a state, so that all variants of a model share the kernels. A model
+    that has no traced form is computed in Python.
 
     Args:
         model: the motion model.
@@ -126,52 +141,33 @@ def shape_of(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> 
     return FilterShape(states, (), model, considered, reports=True)
 
 
-def kernel_makers(shape: FilterShape) -> dict[str, Callable[..., Kernel]]:
-    """Make the functions that make the kernels, by name."""
-    steps = {name: partial(step_kernel, name, shape, kind) for name, kind in STEPS.items()}
-    fixes = {name: partial(position_kernel, name, shape, kind) for name, kind in FIXES.items()}
-    return {**steps, **fixes, "twist": partial(twist_kernel, "twist", shape)}
+def kernel_of(which: int, shape: FilterShape) -> tuple[Callable[..., Kernel], tuple[Any, ...]]:
+    """Function that makes a kernel of `lane_functions`, and its arguments."""
+    if which == EVALUATION:
+        return twist_kernel, ("twist", shape)
+    if which in FIXES:
+        name, kind = FIXES[which]
+        return position_kernel, (name, shape, kind)
+    named, step = STEPS[which]
+    return step_kernel, (named, shape._replace(reports=which not in SILENT), step)
 
 
 @cache
 def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> OneLane:
-    from icreckon.estimator.tracing.emit import kernel_on_demand
-    from icreckon.estimator.tracing.jit_kernel import entry, inner, jit
+    from icreckon.estimator.tracing.jit_kernel import entry
+    from icreckon.estimator.tracing.machine_code import address_of
 
     shape = shape_of(model, considered, wanders)
-    digest = hashlib.sha256(repr(shape).encode()).hexdigest()[:12]
-    kernels, silent = (
-        {name: kernel_on_demand(name, make, 1) for name, make in kernel_makers(one).items()}
-        for one in (shape, shape._replace(reports=False))
-    )
+    usual = [which for which in (*STEPS, *FIXES, EVALUATION) if which not in SILENT]
+    kernels = np.zeros(EVALUATION + 1, np.uint64)
+    kernels[usual] = [address_of(*kernel_of(which, shape), 1) for which in usual]
+    places = record_array(places_of(shape, kernels), 1)
 
-    def of_shape(function: Any, name: str) -> Any:
-        # Functions of one name would share their machine code.
-        return entry(function, f"{digest}_{name}")
+    def prepare_loop() -> None:
+        for which in SILENT:
+            places["kernels"][0, which] = address_of(*kernel_of(which, shape), 1)
 
-    def called(function: Any, name: str) -> Any:
-        return inner(f"{digest}_{name}")(function)
-
-    found = _functions(shape, kernels, of_shape, _entry, jit)
-
-    @cache
-    def loop() -> Any:
-        places = places_of(shape)
-        imu_step, time_step = (
-            called(step_of(name, silent[name], places, jit), name)
-            for name in ("imu_step", "time_step")
-        )
-        return of_shape(sample_loop(imu_step, time_step), "loop")
-
-    return found._replace(loop=loop)
-
-
-@cache
-def _entry(function: Any) -> Any:
-    """Compile a function, once for all shapes."""
-    from icreckon.estimator.tracing.jit_kernel import entry
-
-    return entry(function)
+    return _functions(shape, places, entry)._replace(prepare_loop=prepare_loop)
 
 
 def _plain(
@@ -182,95 +178,74 @@ def _plain(
 ) -> OneLane:
     shape = shape_of(model, considered, wanders)
 
-    def plain(make: Callable[..., Kernel]) -> Any:
-        return plain_kernel(lambda numbers: make(numbers=numbers), of_user)
+    def plain(which: int) -> Any:
+        make, arguments = kernel_of(which, shape)
+        return plain_kernel(lambda numbers: make(*arguments, numbers=numbers), of_user)
 
-    kernels = {name: plain(make) for name, make in kernel_makers(shape).items()}
-    return _functions(shape, kernels, _as_it_is, _as_it_is, _as_it_is)._replace(is_plain=True)
-
-
-def _as_it_is(function: Any, _name: str = "") -> Any:
-    return function
+    places = [places_of(shape, [plain(which) for which in range(EVALUATION + 1)])]
+    return _functions(shape, places, lambda function: function)._replace(is_plain=True)
 
 
-def _functions(
-    shape: FilterShape,
-    kernels: dict[str, Any],
-    of_shape: Callable[[Any, str], Any],
-    of_all: Callable[[Any], Any],
-    of_callee: Callable[[Any], Any],
-) -> OneLane:
+def _functions(shape: FilterShape, places: Any, compiled: Callable[[Any], Any]) -> OneLane:
     """Make the functions of one lane.
 
     Args:
         shape: shape of the filter.
-        kernels: kernels by name.
-        of_shape: compiles a function that depends on the shape, under a name, or returns it as it is.
-        of_all: the same of one that does not depend on it.
-        of_callee: the same of one that the others call.
+        places: (1,) `LanePlaces`.
+        compiled: compiles a function, or returns it as it is.
     """
-    places, rows = places_of(shape), shape.layout.rows
-    made = {name: step_of(name, kernels[name], places, of_callee) for name in (*STEPS, *FIXES)}
-    steps = {name: of_shape(function, name) for name, function in made.items()}
-
-    def loop() -> Any:
-        return sample_loop(made["imu_step"], made["time_step"])
-
+    rows = shape.layout.rows
     innovation = [f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")]
     return OneLane(
         shape,
         False,
-        steps,
-        loop,
-        of_shape(twist_function(kernels["twist"], places), "twist"),
-        of_all(take_tracks_of),
-        of_all(sample_of),
-        of_all(move_of),
-        of_all(scatter_of),
+        places,
+        lambda: None,
+        compiled(take_step),
+        compiled(feed_samples),
+        compiled(evaluate_twist),
+        compiled(take_tracks_of),
+        compiled(sample_of),
+        compiled(move_of),
+        compiled(scatter_of),
         rows["report0"],
         np.array([rows[name] for name in (*innovation, *PLACES)]),
     )
 
 
-def step_of(name: str, kernel: Any, places: LanePlaces, of_callee: Callable[[Any], Any]) -> Any:
-    """Make the step or update of a name of `STEPS` or `FIXES`."""
-    parts: Any = begin_position, end_position
-    if name in STEPS:
-        parts = begin_time, end_time if STEPS[name].moves else end_nothing
-        parts = (begin_sample, end_sample) if STEPS[name].imu else parts
-    return filter_step(kernel, places, *map(of_callee, parts))
-
-
-def places_of(shape: FilterShape) -> LanePlaces:
-    """Places in the workspace of a filter shape."""
+def places_of(shape: FilterShape, kernels: Any) -> LanePlaces:
+    """Places in the workspace of a filter shape, with its kernels."""
     layout, rows, constants = shape.layout, shape.layout.rows, shape.layout.constants
-    states = (*shape.states, *FAST)
+    states, parameters = (*shape.states, *FAST), layout.parameters
 
-    def of_gate(sensor: str) -> tuple[int, int, int, int]:
-        parts = ("rejected_for", "admitted", "z", "S")
-        rejected_for, admitted, z, S = (rows[f"{sensor}_{part}"] for part in parts)
-        return rejected_for, admitted, z, S
+    def padded(values: Any) -> Any:
+        found = np.array(values, np.uint64)
+        return np.pad(found, [(0, MOST_STATES - count) for count in found.shape])
 
+    by_state = [padded([rows[f"{axis}_by_{i}"] for i in states]) for axis in TWIST[:3]]
+    gate = ("rejected_for", "admitted", "z", "S")
     memory = shape.model.memory
     return LanePlaces(
+        kernels,
         max(states) + 1,
-        np.array(states, np.uintp),
-        np.array(layout.parameters, np.uintp),
-        np.array([rows[f"x{i}"] for i in states], np.uintp),
-        np.array([[rows[f"P{min(i, j)}_{max(i, j)}"] for j in states] for i in states], np.uintp),
-        rows[f"r0_{layout.parameters[0]}"],
+        len(states),
+        len(parameters),
+        padded(states),
+        padded(parameters),
+        padded([rows[f"x{i}"] for i in states]),
+        padded([[rows[covariance_name(i, j)] for j in states] for i in states]),
+        np.array(by_state),
+        rows[f"r0_{parameters[0]}"],
         rows["memory0"] if memory else 0,
         memory,
         rows["stood"],
         rows["slip_factor"],
-        np.array([rows[name] for name in OF_RECORD], np.uintp),
-        of_gate("gyro"),
-        (of_gate(ACCELEROMETERS[0]), of_gate(ACCELEROMETERS[1])),
+        np.array([rows[name] for name in OF_RECORD], np.uint64),
+        np.array([[rows[f"{name}_{part}"] for part in gate] for name in IMU_SENSORS], np.uint64),
         rows["position_rejected_for"],
         rows["position_admitted"],
         rows[TWIST[0]],
         rows[MOTION[0]],
-        np.array([[rows[f"{axis}_by_{i}"] for i in states] for axis in TWIST[:3]]),
         constants[f"fixed{PARAMETERS}"],
         constants["interval"],
         constants[SLIP_SHARES[0]],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,14 +25,14 @@ from icreckon.estimator.filter.filter_record import wander_after
 from icreckon.estimator.filter.gate import FORCED, SKIPPED
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
 from icreckon.estimator.filter.slip_factor import follow_scatter
-from icreckon.estimator.tracing.jit_kernel import entry, inner
-from icreckon.estimator.tracing.kernel import FLAG_BITS
+from icreckon.estimator.tracing.kernel import FLAG_BITS, call_kernel
 
 # Rows of an estimate, the output at a tick.
 ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)
 QUIET, MODE = INPUTS["quiet_mean"], INPUTS["fix_mode"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 ROWS = len(INPUTS)
+NOT_COMPILED = "a kernel that a step needs was not compiled: `prepare` the same steps first"
 # Time of a fix: the end of a step, the end of a step that is a tick, between two steps, and between two
 # steps at a tick.
 AT_STEP, AT_TICK, BETWEEN_STEPS, TICK_BETWEEN_STEPS = range(4)
@@ -82,190 +81,166 @@ class Places(NamedTuple):
 
 
 class LaneKernels(NamedTuple):
-    """Kernels of one filter shape, each a function of workspace, inputs and constants.
+    """Addresses of the kernels of one filter shape; 0 for those not needed.
 
     Attributes:
         usual: step with an IMU sample, while no lane can be at a standstill.
         full: step with an IMU sample and a test for standstill; the twist at its end is computed.
         update: IMU sample at the stamp of the filter, without propagation.
-        move: propagation without an IMU sample.
-        move_tick: propagation, with the twist at its end.
-        position: position fix at the end of a step; returns lanes that are lost, and that used it.
-        position_tick: the same, with the twist after it.
-        position_ahead: position fix between two steps.
-        position_ahead_tick: the same, with the twist after it.
-        heading: heading fix, as the four of a position fix.
-        heading_tick: see above.
-        heading_ahead: see above.
-        heading_ahead_tick: see above.
+        moves: propagation without an IMU sample; the second with the twist at its end, for a tick.
+        positions: position fix at each of the times of `AT_STEP`, at ticks with the twist; returns
+            lanes that are lost, and that used it.
+        headings: the same of heading fixes.
     """
 
-    usual: Any
-    full: Any
-    update: Any
-    move: Any
-    move_tick: Any
-    position: Any
-    position_tick: Any
-    position_ahead: Any
-    position_ahead_tick: Any
-    heading: Any
-    heading_tick: Any
-    heading_ahead: Any
-    heading_ahead_tick: Any
+    usual: int = 0
+    full: int = 0
+    update: int = 0
+    moves: tuple[int, int] = (0, 0)
+    positions: tuple[int, int, int, int] = (0, 0, 0, 0)
+    headings: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
-def lane_worker(kernels: LaneKernels, shape_digest: str) -> Any:
-    """Compile the loop over steps of one filter shape, see `BatchFilter.work_through`.
+def work_through(
+    kernels: LaneKernels,
+    workspace: Floats,
+    inputs: Floats,
+    constants: Floats,
+    table: Floats,
+    stamps: Any,
+    kinds: Any,
+    extras: Any,
+    ticks: Any,
+    estimates: Floats,
+    fixes: Any,
+    places: Places,
+) -> None:
+    """Run all lanes through some steps; see `BatchFilter.work_through`.
+
+    Raises:
+        ValueError: an array has the wrong size, or a kernel that a step needs is missing.
+    """
+    width, output_lanes, count = workspace.shape[1], estimates.shape[2], len(kinds)
+    sizes_fit = len(workspace) == places.row_count and len(constants) >= places.constant_count
+    sizes_fit &= len(inputs) >= count and inputs.shape[1] == ROWS and inputs.shape[2] == width
+    sizes_fit &= len(table) >= count and table.shape[1] == STEP_COLUMNS
+    sizes_fit &= len(extras) == count and len(ticks) == count and len(stamps) == count
+    sizes_fit &= estimates.shape[1] >= len(places.estimate) and output_lanes <= width
+    if not sizes_fit or len(fixes) != width:
+        raise ValueError(WRONG_SIZE)
+    for k in range(count):
+        if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
+            raise ValueError(WRONG_SIZE)
+    for k in range(count):
+        for c in range(PER_STEP):
+            constants[c] = table[k, c]
+        constants[places.interval] = table[k, PER_STEP]
+        given = inputs[k]
+        is_tick = extras[k] & TICK
+        if kinds[k] == AHEAD:
+            when = TICK_BETWEEN_STEPS if is_tick else BETWEEN_STEPS
+        else:
+            when = AT_TICK if is_tick else AT_STEP
+            quiet = False
+            for lane in range(width):
+                quiet |= given[QUIET, lane] == given[QUIET, lane]
+            kernel = kernels.full if quiet or is_tick else kernels.usual
+            if kinds[k] == MOVE:
+                kernel = kernels.moves[1 if is_tick else 0]
+            elif kinds[k] == UPDATE:
+                kernel = kernels.update
+            run_kernel(kernel, workspace, given, constants)
+        if extras[k] & POSITION:
+            kernel = kernels.positions[when]
+            process_position(kernel, workspace, given, constants, fixes, stamps[k], places)
+        if extras[k] & HEADING:
+            for lane in range(width):
+                let_wander(workspace, lane, fixes[lane], stamps[k], places)
+            run_kernel(kernels.headings[when], workspace, given, constants)
+        if is_tick:
+            for row in range(len(places.estimate)):
+                for lane in range(output_lanes):
+                    estimates[ticks[k], row, lane] = workspace[places.estimate[row], lane]
+
+
+def process_position(
+    kernel: int,
+    workspace: Floats,
+    given: Floats,
+    constants: Floats,
+    fixes: Any,
+    stamp: int,
+    places: Places,
+) -> None:
+    """Update with a position fix, see `Reckoning._take_position`.
 
     Args:
-        kernels: kernels of that shape.
-        shape_digest: digest that separates the machine code of this shape from that of others.
+        kernel: address of the kernel.
+        workspace: see `BatchFilter.work_through`.
+        given: inputs of the step.
+        constants: see above.
+        fixes: records of fixes.
+        stamp: stamp of the fix [ns].
+        places: places in the workspace.
     """
-    usual, full, update, move, move_tick, *of_fixes = kernels
-    update_position = update_at(of_fixes[:4], f"{shape_digest}_position")
-    update_heading = update_at(of_fixes[4:], f"{shape_digest}_heading")
-
-    @inner(shape_digest)
-    def process_position(
-        workspace: Floats,
-        given: Floats,
-        constants: Floats,
-        fixes: Any,
-        stamp: int,
-        places: Places,
-        when: int,
-    ) -> None:
-        """Update with a position fix, see `Reckoning._take_position`."""
-        width, before = workspace.shape[1], rows_of(workspace, places.x)
-        stated, modes, wandered = given[FIX_VARIANCE].copy(), given[MODE].copy(), np.zeros(width)
+    width, before = workspace.shape[1], rows_of(workspace, places.x)
+    stated, modes, wandered = given[FIX_VARIANCE].copy(), given[MODE].copy(), np.zeros(width)
+    for lane in range(width):
+        if modes[lane] != SKIPPED:
+            wandered[lane] = let_wander(workspace, lane, fixes[lane], stamp, places)
+            variance = fixes[lane].scatter.variance
+            given[FIX_VARIANCE, lane] = max(given[FIX_VARIANCE, lane], variance)
+    flags = run_kernel(kernel, workspace, given, constants)
+    lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
+    judged, predicted = (
+        rows_of(workspace, places.innovation),
+        rows_of(workspace, places.predicted),
+    )
+    for lane in range(width):
+        if modes[lane] != SKIPPED:
+            fix = fix_of(given, lane, given[FIX_VARIANCE])
+            at = three_of(predicted, lane, 0)
+            add_rejected(fixes[lane].rejected, fix, at, wandered[lane])
+    if lost:
         for lane in range(width):
-            if modes[lane] != SKIPPED:
-                wandered[lane] = fade_wander(workspace, lane, fixes[lane], stamp, places)
-                variance = fixes[lane].scatter.variance
-                given[FIX_VARIANCE, lane] = max(given[FIX_VARIANCE, lane], variance)
-        flags = update_position(workspace, given, constants, when)
-        lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
-        judged, predicted = (
-            rows_of(workspace, places.innovation),
-            rows_of(workspace, places.predicted),
-        )
-        for lane in range(width):
-            if modes[lane] != SKIPPED:
-                fix = fix_of(given, lane, given[FIX_VARIANCE])
-                at = three_of(predicted, lane, 0)
-                add_rejected(fixes[lane].rejected, fix, at, wandered[lane])
-        if lost:
-            for lane in range(width):
-                given[MODE, lane] = SKIPPED
-                if (lost >> lane) & 1:
-                    if relocation(workspace, lane, fixes[lane].rejected, places):
-                        used |= 1 << lane
-                    else:
-                        given[MODE, lane] = FORCED
-            used |= update_position(workspace, given, constants, when) >> FLAG_BITS
-        updated, found = rows_of(workspace, places.updated), False
-        for lane in range(width):
-            is_used = (used >> lane) & 1 == 1
-            if modes[lane] != SKIPPED and not places.wander_sigma:
-                x, y, variance = fix_of(given, lane, stated)
-                z, S = (judged[0, lane], judged[1, lane]), three_of(judged, lane, 2)
-                pair = three_of(predicted, lane, 0), three_of(updated, lane, 0)
-                taken = TakenFix(stamp, x, y, variance, z, S, *pair, is_used)
-                found |= follow(
-                    workspace, lane, fixes[lane].scatter, taken, before[:, lane], places
-                )
-            if is_used or modes[lane] == SKIPPED:
-                fixes[lane].rejected.count = 0
-        if found:
-            # The twist's covariance follows the inflation.
-            given[MODE] = SKIPPED
-            update_position(workspace, given, constants, when)
-        given[FIX_VARIANCE], given[MODE] = stated, modes
-
-    def work_through(
-        workspace: Floats,
-        inputs: Floats,
-        constants: Floats,
-        table: Floats,
-        stamps: Any,
-        kinds: Any,
-        extras: Any,
-        ticks: Any,
-        estimates: Floats,
-        fixes: Any,
-        places: Places,
-    ) -> None:
-        """Run all lanes through some steps; see `BatchFilter.work_through`.
-
-        Raises:
-            ValueError: an array has the wrong size.
-        """
-        width, output_lanes, count = workspace.shape[1], estimates.shape[2], len(kinds)
-        sizes_fit = len(workspace) == places.row_count and len(constants) >= places.constant_count
-        sizes_fit &= len(inputs) >= count and inputs.shape[1] == ROWS and inputs.shape[2] == width
-        sizes_fit &= len(table) >= count and table.shape[1] == STEP_COLUMNS
-        sizes_fit &= len(extras) == count and len(ticks) == count and len(stamps) == count
-        sizes_fit &= estimates.shape[1] >= len(places.estimate) and output_lanes <= width
-        if not sizes_fit or len(fixes) != width:
-            raise ValueError(WRONG_SIZE)
-        for k in range(count):
-            if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
-                raise ValueError(WRONG_SIZE)
-        for k in range(count):
-            for c in range(PER_STEP):
-                constants[c] = table[k, c]
-            constants[places.interval] = table[k, PER_STEP]
-            given = inputs[k]
-            is_tick = extras[k] & TICK
-            if kinds[k] == AHEAD:
-                when = TICK_BETWEEN_STEPS if is_tick else BETWEEN_STEPS
-            else:
-                when = AT_TICK if is_tick else AT_STEP
-                if kinds[k] == MOVE:
-                    if is_tick:
-                        move_tick(workspace, given, constants)
-                    else:
-                        move(workspace, given, constants)
-                elif kinds[k] == UPDATE:
-                    update(workspace, given, constants)
+            given[MODE, lane] = SKIPPED
+            if (lost >> lane) & 1:
+                if relocate_lane(workspace, lane, fixes[lane].rejected, places):
+                    used |= 1 << lane
                 else:
-                    quiet = False
-                    for lane in range(width):
-                        quiet |= given[QUIET, lane] == given[QUIET, lane]
-                    if quiet or is_tick:
-                        full(workspace, given, constants)
-                    else:
-                        usual(workspace, given, constants)
-            if extras[k] & POSITION:
-                process_position(workspace, given, constants, fixes, stamps[k], places, when)
-            if extras[k] & HEADING:
-                for lane in range(width):
-                    fade_wander(workspace, lane, fixes[lane], stamps[k], places)
-                update_heading(workspace, given, constants, when)
-            if is_tick:
-                for row in range(len(places.estimate)):
-                    for lane in range(output_lanes):
-                        estimates[ticks[k], row, lane] = workspace[places.estimate[row], lane]
+                    given[MODE, lane] = FORCED
+        used |= run_kernel(kernel, workspace, given, constants) >> FLAG_BITS
+    updated, found = rows_of(workspace, places.updated), False
+    for lane in range(width):
+        is_used = (used >> lane) & 1 == 1
+        if modes[lane] != SKIPPED and not places.wander_sigma:
+            x, y, variance = fix_of(given, lane, stated)
+            z, S = (judged[0, lane], judged[1, lane]), three_of(judged, lane, 2)
+            pair = three_of(predicted, lane, 0), three_of(updated, lane, 0)
+            taken = TakenFix(stamp, x, y, variance, z, S, *pair, is_used)
+            found |= follow_in_lane(
+                workspace, lane, fixes[lane].scatter, taken, before[:, lane], places
+            )
+        if is_used or modes[lane] == SKIPPED:
+            fixes[lane].rejected.count = 0
+    if found:
+        # The twist's covariance follows the inflation.
+        for lane in range(width):
+            given[MODE, lane] = SKIPPED
+        run_kernel(kernel, workspace, given, constants)
+    for lane in range(width):
+        given[FIX_VARIANCE, lane], given[MODE, lane] = stated[lane], modes[lane]
 
-    return entry(work_through, shape_digest)
 
+def run_kernel(kernel: int, workspace: Floats, given: Floats, constants: Floats) -> int:
+    """Call a kernel, see `call_kernel`.
 
-def update_at(kernels: Sequence[Any], digest: str) -> Any:
-    """Make the update with a fix at one of the times of `AT_STEP` and the others."""
-    at_step, at_tick, between, tick_between = kernels
-
-    @inner(digest)
-    def update(workspace: Floats, given: Floats, constants: Floats, when: int) -> Any:
-        if when == TICK_BETWEEN_STEPS:
-            return tick_between(workspace, given, constants)
-        if when == BETWEEN_STEPS:
-            return between(workspace, given, constants)
-        if when == AT_TICK:
-            return at_tick(workspace, given, constants)
-        return at_step(workspace, given, constants)
-
-    return update
+    Raises:
+        ValueError: there is none.
+    """
+    if kernel == 0:
+        raise ValueError(NOT_COMPILED)
+    return call_kernel(kernel, workspace, given, constants)
 
 
 def rows_of(workspace: Floats, rows: Any) -> Floats:
@@ -337,7 +312,3 @@ def follow_in_lane(
         for row in places.variances[k : k + 1] if k > s.Y else places.variances[:2]:
             workspace[row, lane] += moved * moved
     return found
-
-
-# With machine code of their own, which all shapes share.
-fade_wander, relocation, follow = entry(let_wander), entry(relocate_lane), entry(follow_in_lane)

@@ -13,7 +13,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, Record, assign, copied, or_none, shared_record
+from icreckon.estimator.base.records import NEVER, assign, copied, or_none, shared_record
 from icreckon.estimator.engine.lane_filter import LaneSteps
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import ScatterRecord
@@ -116,7 +116,7 @@ class Reckoning:
         self._sensors = SensorModels(robot)
         self._prior = robot.imu
         compiles = settings.engine == "compiled"
-        make_record = shared_record if compiles else _as_it_is
+        make_record = shared_record if compiles else copied
         self._record = make_record(FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self._record.tracks, self._record.imu
         self._readings = QuietReadings()
@@ -470,7 +470,3 @@ class Reckoning:
             record.stamp = stamp
         elif record.stamp < stamp:
             self._steps.move(stamp)
-
-
-def _as_it_is(record: Record) -> Record:
-    return record

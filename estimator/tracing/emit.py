@@ -2,7 +2,7 @@
 
 A kernel reads and writes rows of one flat workspace: row r has a number of each lane, at
 `[r * width + lane]`. Kernels are emitted in LLVM's intermediate representation, with vectors as wide as
-the machine's registers, and called from functions that numba compiles.
+the machine's registers.
 """
 
 from __future__ import annotations
@@ -12,11 +12,9 @@ from typing import Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
 
 from icreckon.estimator.tracing.kernel import ARRAYS, FLAG_BITS, Kernel, Store
-from icreckon.estimator.tracing.trace import TRACING, Traced
+from icreckon.estimator.tracing.trace import Traced
 
 BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 # Multiply-add may round once instead of twice; no other change of rounding is allowed.
@@ -37,42 +35,19 @@ def lanes_of_machine(bits: int) -> int:
     return 128 // bits
 
 
-def kernel_on_demand(
-    kernel_name: str, make: Callable[[], Kernel], width: int, bits: int = 64
-) -> Any:
-    """Make a function of `ARRAYS` for numba to call, which returns the kernel's flags.
-
-    The kernel is traced when the function is compiled, and not at all if its code is in the cache.
+def emit(module: Any, symbol: str, kernel: Kernel, width: int, bits: int = 64) -> None:
+    """Emit a kernel into a module, as a function of `ARRAYS` that returns its flags.
 
     Args:
-        kernel_name: name of the kernel.
-        make: function that traces the kernel.
+        module: module of LLVM's intermediate representation.
+        symbol: name of the function.
+        kernel: the kernel.
         width: number of lanes.
         bits: number of bits of each number, 64 or 32.
     """
-
-    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        number = ir.DoubleType() if bits == 64 else ir.FloatType()
-        returns = ir.FunctionType(LONG, [number.as_pointer()] * len(args))
-        name = f"lanes_{kernel_name}"
-        function = builder.module.globals.get(name)
-        if function is None:
-            function = ir.Function(builder.module, returns, name=name)
-            function.linkage = "internal"
-            function.attributes.add("noinline")
-            with TRACING:
-                _Emitter(function, make(), width, number).emit()
-        pointers = [
-            context.make_array(kind)(context, builder, value).data
-            for kind, value in zip(signature.args, args, strict=True)
-        ]
-        return builder.call(function, pointers)
-
-    @intrinsic
-    def kernel(_typing_context: Any, lanes: Any, inputs: Any, constants: Any) -> Any:
-        return types.int64(lanes, inputs, constants), code
-
-    return kernel
+    number = ir.DoubleType() if bits == 64 else ir.FloatType()
+    kind = ir.FunctionType(LONG, [number.as_pointer()] * len(ARRAYS))
+    _Emitter(ir.Function(module, kind, name=symbol), kernel, width, number).emit()
 
 
 class _Emitter:

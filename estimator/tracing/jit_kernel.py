@@ -15,13 +15,17 @@ from __future__ import annotations
 
 import dis
 from collections.abc import Callable
+from functools import cache
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
 
 from icreckon.estimator.base import choices
 from icreckon.estimator.tracing.elementary import LIBRARY
+from icreckon.estimator.tracing.kernel import call_kernel
 from icreckon.estimator.tracing.kernel_cache import KernelCache, environment_digest
 
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -37,7 +41,7 @@ INNER: dict[str, Any] = {
 
 def compiled(function: Function) -> Function:
     """Compile a function for Python and for other kernels, with a disk cache."""
-    twin = _renamed(function, function.__globals__, "")
+    twin = _renamed(function, function.__globals__)
     return cast(Function, _cached(twin, {"error_model": "numpy"}))
 
 
@@ -50,35 +54,22 @@ def jit(function: Callable[..., Any]) -> Any:
     return _jit(function, ())
 
 
-def inner(shape_digest: str) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a function that is defined for each shape and called by compiled ones.
-
-    Args:
-        shape_digest: digest of the shape.
-    """
-    return lambda function: njit(**INNER)(_with_compiled_callees(function, shape_digest))
-
-
-def entry(function: Callable[..., Any], shape_digest: str = "") -> Any:
+@cache
+def entry(function: Callable[..., Any]) -> Any:
     """Compile a function, and those that it calls, for Python, with a disk cache.
 
     The machine code releases the interpreter's lock while it runs.
 
     Args:
         function: the function.
-        shape_digest: digest of the shape, if the function is defined anew for each shape.
 
     Raises:
-        ValueError: the function has variables of an enclosing function, and no digest of them; or a
-            function that it calls calls itself.
+        ValueError: the function has variables of an enclosing function, which its name does not show;
+            or a function that it calls calls itself.
     """
-    if function.__code__.co_freevars and not shape_digest:
-        raise ValueError(
-            f"{function.__qualname__} uses variables of the function around it and needs a digest of them"
-        )
-    return _cached(
-        _with_compiled_callees(function, shape_digest), {"error_model": "numpy", "nogil": True}
-    )
+    if function.__code__.co_freevars:
+        raise ValueError(f"{function.__qualname__} uses variables of the function around it")
+    return _cached(_with_compiled_callees(function, ()), {"error_model": "numpy", "nogil": True})
 
 
 def _cached(function: FunctionType, options: dict[str, Any]) -> Any:
@@ -92,19 +83,21 @@ def _jit(function: Any, callers: tuple[Any, ...]) -> Any:
     if function in callers:
         raise ValueError(f"{function.__qualname__} calls itself, which compiled functions cannot")
     if function not in COMPILED:
-        COMPILED[function] = njit(**INNER)(_with_compiled_callees(function, "", callers))
+        dispatcher: Any = njit(**INNER)(_with_compiled_callees(function, callers))
+        typed = dispatcher.get_call_template
+        # numba would compile a function again for each constant that it is called with.
+        dispatcher.get_call_template = lambda args, kws: typed([*map(types.unliteral, args)], kws)
+        COMPILED[function] = dispatcher
     return COMPILED[function]
 
 
-def _with_compiled_callees(
-    function: Any, shape_digest: str, callers: tuple[Any, ...] = ()
-) -> FunctionType:
+def _with_compiled_callees(function: Any, callers: tuple[Any, ...]) -> FunctionType:
     names = dict(function.__globals__)
     for name in _loaded_globals(function):
         callee = names.get(name)
         if isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
             names[name] = _jit(callee, (*callers, function))
-    return _renamed(function, names, shape_digest)
+    return _renamed(function, names)
 
 
 def _loaded_globals(function: Any) -> list[str]:
@@ -113,15 +106,14 @@ def _loaded_globals(function: Any) -> list[str]:
     return list(dict.fromkeys(one.argval for one in loads if one.opname == "LOAD_GLOBAL"))
 
 
-def _renamed(function: Any, names: dict[str, Any], shape_digest: str) -> FunctionType:
-    """Copy a function; its name contains digests of all inputs of the compiler."""
+def _renamed(function: Any, names: dict[str, Any]) -> FunctionType:
+    """Copy a function; its name contains a digest of all inputs of the compiler."""
     twin = FunctionType(
         function.__code__, names, function.__name__, function.__defaults__, function.__closure__
     )
     digest = environment_digest(function.__module__.split(".")[1])
     twin.__module__ = function.__module__
-    name = function.__qualname__.replace("<locals>.", "")
-    twin.__qualname__ = ".".join(filter(None, (name, shape_digest, digest)))
+    twin.__qualname__ = f"{function.__qualname__.replace('<locals>.', '')}.{digest}"
     return twin
 
 
@@ -129,4 +121,21 @@ def _holds(condition: bool) -> bool:
     return condition
 
 
+@intrinsic
+def _call_at(_typing_context: Any, kernel: Any, lanes: Any, inputs: Any, constants: Any) -> Any:
+    """Twin of `call_kernel` for an address."""
+    del kernel
+
+    def code(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = ir.IntType(8).as_pointer()
+        arrays = zip(signature.args[1:], args[1:], strict=True)
+        data = [context.make_array(kind)(context, builder, array).data for kind, array in arrays]
+        function = ir.FunctionType(ir.IntType(64), [pointer] * len(data)).as_pointer()
+        pointers = [builder.bitcast(one, pointer) for one in data]
+        return builder.call(builder.inttoptr(args[0], function), pointers)
+
+    return types.int64(types.int64, lanes, inputs, constants), code
+
+
+COMPILED[call_kernel] = _call_at
 COMPILED[choices.every] = COMPILED[choices.some] = jit(_holds)

@@ -34,3 +34,16 @@ class Kernel(NamedTuple):
     stores: Sequence[Store]
     flags: Sequence[Any] = ()
     events: Sequence[Any] = ()
+
+
+def call_kernel(kernel: Any, lanes: Any, inputs: Any, constants: Any) -> int:
+    """Call a kernel with its `ARRAYS`, and return its flags.
+
+    Args:
+        kernel: function of them; in compiled code the address of its machine code.
+        lanes: workspace of the lanes.
+        inputs: inputs of the step.
+        constants: constants of all lanes.
+    """
+    flags: int = kernel(lanes, inputs, constants)
+    return flags

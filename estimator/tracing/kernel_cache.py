@@ -41,11 +41,46 @@ PACKAGES = ("estimator", "simulation")
 DIGITS = 16
 
 
+class CodeFiles:
+    """Files of machine code of one package: pickled data with a key and a checksum.
+
+    Args:
+        package: package of the functions: estimator or simulation.
+    """
+
+    def __init__(self, package: str) -> None:
+        self.folder = cache_folder() / environment_digest(package)
+
+    def load(self, name: str, key: tuple[str, ...]) -> Any:
+        """Load the data of a name and a key; None if no whole file has them."""
+        try:
+            content = self._path(name, key).read_bytes()
+        except OSError:
+            return None
+        checksum, payload = content[:CHECKSUM_BYTES], content[CHECKSUM_BYTES:]
+        if CHECKSUM(payload).digest() != checksum:
+            return None
+        saved_key, data = pickle.loads(payload)  # noqa: S301 - our own file, like numba's cache
+        return data if saved_key == key else None
+
+    def save(self, name: str, key: tuple[str, ...], data: Any) -> None:
+        """Save data; warn once in a process if the folder cannot be written."""
+        payload: bytes = dumps((key, data))  # type: ignore[no-untyped-call]
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            _tidy_once(self.folder)
+            write_whole(self._path(name, key), CHECKSUM(payload).digest() + payload)
+        except OSError as error:
+            _warn_once(str(cache_folder()), error.strerror or "no room")
+
+    def _path(self, name: str, key: tuple[str, ...]) -> Path:
+        return self.folder / f"{name}-{_short_digest(repr(key).encode())}.kernel"
+
+
 class KernelCache(_Cache):
     """Disk cache of one compiled function, with the interface of numba's own.
 
-    If a file is missing, damaged, or has another key, the function is compiled instead. If the folder
-    cannot be written, there is one warning in each process.
+    If a file is missing, damaged, or has another key, the function is compiled instead.
 
     Args:
         name: qualified name of the function, unique in the package.
@@ -53,14 +88,12 @@ class KernelCache(_Cache):
     """
 
     def __init__(self, name: str, package: str) -> None:
-        self._name = name
-        self._folder = cache_folder() / environment_digest(package)
-        self._enabled = True
+        self._name, self._files, self._enabled = name, CodeFiles(package), True
 
     @property
     def cache_path(self) -> str:
         """Folder of the cached files."""
-        return str(self._folder)
+        return str(self._files.folder)
 
     def enable(self) -> None:
         """Turn the cache on."""
@@ -72,7 +105,7 @@ class KernelCache(_Cache):
 
     def flush(self) -> None:
         """Remove the files of this function."""
-        for path in self._folder.glob(f"{self._name}-*.kernel"):
+        for path in self._files.folder.glob(f"{self._name}-*.kernel"):
             with suppress(OSError):
                 path.unlink()
 
@@ -81,16 +114,8 @@ class KernelCache(_Cache):
         if not self._enabled:
             return None
         target_context.refresh()
-        key = self._key(sig, target_context.codegen())
-        try:
-            content = self._path(key).read_bytes()
-        except OSError:
-            return None
-        checksum, payload = content[:CHECKSUM_BYTES], content[CHECKSUM_BYTES:]
-        if CHECKSUM(payload).digest() != checksum:
-            return None
-        saved_key, reduced = pickle.loads(payload)  # noqa: S301 - our own file, like numba's cache
-        if saved_key != key:
+        reduced = self._files.load(self._name, self._key(sig, target_context.codegen()))
+        if reduced is None:
             return None
         return CompileResult._rebuild(target_context, *reduced)  # type: ignore[no-untyped-call]
 
@@ -98,22 +123,11 @@ class KernelCache(_Cache):
         """Save the machine code of a signature."""
         if not self._enabled or any(not lifted.can_cache for lifted in data.lifted):
             return
-        if data.library.has_dynamic_globals:
-            return
-        key = self._key(sig, data.codegen)
-        payload: bytes = dumps((key, data._reduce()))  # type: ignore[no-untyped-call]
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-            _tidy_once(self._folder)
-            write_whole(self._path(key), CHECKSUM(payload).digest() + payload)
-        except OSError as error:
-            _warn_once(str(cache_folder()), error.strerror or "no room")
+        if not data.library.has_dynamic_globals:
+            self._files.save(self._name, self._key(sig, data.codegen), data._reduce())
 
     def _key(self, sig: Any, codegen: Any) -> tuple[str, str, str]:
         return self._name, str(sig), str(codegen.magic_tuple())
-
-    def _path(self, key: tuple[str, str, str]) -> Path:
-        return self._folder / f"{self._name}-{_short_digest(repr(key).encode())}.kernel"
 
 
 def cache_folder() -> Path:

@@ -49,13 +49,18 @@ def run_prepare(*, workers: int | None) -> None:
     tasks += [("study", name) for name in study_names()]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
     messages().print(f"compiling with {count} processes", markup=False)
+    # The first of each kind compile what all others load.
+    first = [next(task for task in tasks if task[0] == kind) for kind in ("streaming", "long logs")]
+    rest, number = [task for task in tasks if task not in first], 0
     with progress("compiling") as report, worker_processes(count) as pool:
-        submitted = {pool.submit(_compile, *task): task for task in tasks}
-        for number, done in enumerate(as_completed(submitted), 1):
-            done.result()
-            kind, *names = submitted[done]
-            messages().print(f"compiled for {kind}: {', '.join(names)}", markup=False)
-            report(number / len(tasks))
+        for tasks_at_once in (first, rest):
+            submitted = {pool.submit(_compile, *task): task for task in tasks_at_once}
+            for done in as_completed(submitted):
+                done.result()
+                kind, *names = submitted[done]
+                messages().print(f"compiled for {kind}: {', '.join(names)}", markup=False)
+                number += 1
+                report(number / len(tasks))
     files = kernel_files()
     size = sum(path.stat().st_size for path in files)
     messages().print(

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numba import njit
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.state import PARAMETERS
@@ -23,6 +22,7 @@ from icreckon.estimator.engine.schedule import (
     why_not_steps,
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.engine.work import run_kernel
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import (
@@ -56,11 +56,14 @@ from icreckon.estimator.sensors.standstill import (
 from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, sine_and_cosine
-from icreckon.estimator.tracing.emit import kernel_on_demand, lanes_of_machine
+from icreckon.estimator.tracing.emit import lanes_of_machine
+from icreckon.estimator.tracing.jit_kernel import entry
 from icreckon.estimator.tracing.kernel import Kernel, Store
+from icreckon.estimator.tracing.machine_code import compiled_library
 
 WIDTH = lanes_of_machine(64)
 ROBOT = load_robot("auriga-alpha")
+call = entry(run_kernel)
 
 
 def in_lanes(function, *columns, constants=()):
@@ -73,15 +76,11 @@ def in_lanes(function, *columns, constants=()):
     ]
     rows = len(columns) + len(values)
     tested = Kernel("tested", (rows, 0, len(constants)), stores)
-    kernel = kernel_on_demand("tested", lambda: tested, WIDTH)
-
-    @njit
-    def call(lanes, constants):
-        return kernel(lanes, lanes, constants)
-
     lanes = aligned((len(columns) + len(values)) * WIDTH).reshape(-1, WIDTH)
     lanes[: len(columns)] = columns
-    call(lanes, np.array(constants, dtype=float))
+    library = compiled_library(tested, f"tested.{id(tested)}", WIDTH)
+    address = library.get_pointer_to_function(library.name)
+    call(address, lanes, lanes, np.array(constants, dtype=float))
     return lanes[len(columns) :]
 
 
@@ -302,15 +301,7 @@ def test_the_inner_loops_use_the_widest_registers_there_are() -> None:
     """Nearly all multiplications of a step are of whole vectors."""
     filters = BatchFilter(ROBOT, VARIANTS["constant-online"], Settings())
     usual = step_kernel("usual", filters.shape, StepKind())
-    kernel = kernel_on_demand("usual", lambda: usual, WIDTH)
-
-    @njit
-    def step(lanes, inputs, constants):
-        return kernel(lanes, inputs, constants)
-
-    rows, constants = len(filters.rows), len(filters.layout.constants)
-    step(aligned(rows * WIDTH), aligned(len(INPUTS) * WIDTH), aligned(constants))
-    code = "\n".join(step.inspect_asm().values())
+    code = compiled_library(usual, "usual", WIDTH).get_asm_str()
     register = {8: "%zmm", 4: "%ymm", 2: "%xmm"}[WIDTH]
     multiplications = re.findall(r"^\s+v?(?:mul|fn?m(?:add|sub)\d+)[sp]d\s.*$", code, re.M)
     wide = [line for line in multiplications if register in line]
