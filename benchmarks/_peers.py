@@ -329,7 +329,7 @@ class PeerEstimator:
             if not 0.0 < dt < 1.0:
                 return False
             rests = (m.stamp - self._at_rest_since) * NANOSECOND > RESTS
-            rate = self._sensors.yaw_rate(m)
+            rate = float(self._sensors.yaw_rates(np.array(m.angular_velocity)))
             for one in (self._peer, *self._twins.values()):
                 one.step(dt, self._speed, rate, rests=rests)
         return True

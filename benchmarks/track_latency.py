@@ -44,16 +44,16 @@ def shown(found: TrackLatency | None) -> str:
 
 def watch(log: Log, models: SensorModels) -> tuple[list[str], str, float]:
     """Estimates after `TURNED`, that at the end, and seconds of processor time."""
-    estimator, blocks, cells = TrackLatencyEstimator(), 0, []
+    estimator, blocks, cells = TrackLatencyEstimator(models.yaw_rates), 0, []
     begun = time.process_time()
     for one in Log("raw", log.tracks, log.imu).measurements():
         if isinstance(one, ImuSample):
-            estimator.take_gyro(one.stamp, models.yaw_rate(one))
-        elif isinstance(one, TrackSpeeds) and estimator.take_tracks(one.stamp, one.left, one.right):
-            blocks += 1
-            if blocks * BLOCK in TURNED:
-                seconds = (one.stamp - log.start) * NANOSECOND
-                cells.append(f"{shown(estimator.estimate())} ({seconds:.0f} s)")
+            estimator.take_gyro(one.stamp, one.angular_velocity)
+        elif isinstance(one, TrackSpeeds):
+            estimator.take_tracks(one.stamp, one.left, one.right)
+            passed = [turned for turned in TURNED if blocks < turned / BLOCK <= estimator.completed]
+            blocks, seconds = estimator.completed, (one.stamp - log.start) * NANOSECOND
+            cells += [f"{shown(estimator.estimate())} ({seconds:.0f} s)"] * len(passed)
     spent = time.process_time() - begun
     cells += ["-"] * (len(TURNED) - len(cells))
     return cells, shown(estimator.estimate()), spent

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
@@ -18,13 +20,14 @@ def jackknife_sigma(without: Floats) -> float:
     return float(np.sqrt((blocks - 1) / blocks * ((without - without.mean()) ** 2).sum()))
 
 
-def beside_lowest(costs: Floats, lowest: int) -> float:
+def beside_lowest(costs: Floats, lowest: Any) -> Floats:
     """Offset of the parabola's minimum from the lowest cost, in grid steps [-].
 
     Args:
-        costs: (n,) on an even grid.
-        lowest: index of the lowest cost, not at either end.
+        costs: (..., n) on an even grid.
+        lowest: (...) index of the lowest cost, not at either end.
     """
-    before, at, after = costs[lowest - 1 : lowest + 2]
+    places = np.expand_dims(lowest, -1) + np.arange(-1, 2)
+    before, at, after = np.moveaxis(np.take_along_axis(costs, places, -1), -1, 0)
     bend = before - 2.0 * at + after
-    return float(0.5 * (before - after) / bend) if bend > 0.0 else 0.0
+    return np.where(bend > 0.0, 0.5 * (before - after) / np.where(bend > 0.0, bend, 1.0), 0.0)

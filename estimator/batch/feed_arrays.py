@@ -12,7 +12,6 @@ from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 # Fewer IMU samples than these are fed one by one, which is faster.
@@ -52,7 +51,7 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
         return _feed_each(estimator, log)
     begin, end = bulk
     used = _feed_each(estimator, log.between(log.start, begin))
-    samples = _samples(estimator, log.between(begin + 1, end))
+    samples = _samples(log.between(begin + 1, end))
     while len(samples.track_stamps) or len(samples.imu_stamps):
         of_tracks, of_imu, more = estimator.feed_samples(samples)
         samples, used = samples.after(of_tracks, of_imu), used + more
@@ -62,7 +61,7 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
         if stamp == end:
             break
         used += _feed_each(estimator, log.between(stamp, stamp))
-        samples = _samples(estimator, log.between(stamp + 1, end))
+        samples = _samples(log.between(stamp + 1, end))
     return used + _feed_each(estimator, log.between(end + 1, log.end))
 
 
@@ -88,16 +87,13 @@ def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
     return (int(stamps[first]), int(stamps[last])) if last - first >= LEAST_BULK else None
 
 
-def _samples(estimator: PoseEstimator, log: Log) -> SampleArrays:
-    """Samples of a log, in the axes and units of the filter."""
-    sensors, imu = SensorModels(estimator.robot), log.imu
-    of_tracks = log.tracks.speeds, *wheels_of(log.tracks)
-    speeds, left, right = (np.ascontiguousarray(one) for one in of_tracks)
-    stamps, rates, forces = NO_STAMPS, np.zeros(0), np.zeros((0, 2))
+def _samples(log: Log) -> SampleArrays:
+    """Samples of a log."""
+    tracks, imu = log.tracks, log.imu
+    speeds, left, right = map(np.ascontiguousarray, (tracks.speeds, *wheels_of(tracks)))
+    stamps, rates, forces = NO_STAMPS, np.zeros((0, 3)), np.zeros((0, 3))
     if imu is not None:
-        stamps, force = imu.stamps, imu.linear_acceleration
-        forces = np.full((len(stamps), 2), np.nan)
-        if force is not None:
-            forces = sensors.along_ground_of(force)
-        rates = np.ascontiguousarray(sensors.yaw_rates(imu.angular_velocity))
-    return SampleArrays(log.tracks.stamps, speeds, left, right, stamps, rates, forces)
+        stamps, rates, given = imu.stamps, imu.angular_velocity, imu.linear_acceleration
+        forces = np.full(rates.shape, np.nan) if given is None else given
+    rates, forces = np.ascontiguousarray(rates), np.ascontiguousarray(forces)
+    return SampleArrays(tracks.stamps, speeds, left, right, stamps, rates, forces)

@@ -366,13 +366,8 @@ def _kernels(
 ) -> LaneKernels:
     """Compile the kernels of a run, or load them.
 
-    Args:
-        shape: shape of the filters.
-        width: number of lanes.
-        uses_force: specific forces are used.
-        moves: steps without an IMU sample: 1 for those that are ticks, 0 for others.
-        positions: times of position fixes, of `AT_STEP` and the others.
-        headings: the same of heading fixes.
+    `moves` has 1 if steps without an IMU sample are ticks, 0 if others are; `positions` and `headings`
+    have the times of such fixes, of `AT_STEP` and the others.
     """
     usual, move = StepKind(accelerometer=uses_force), StepKind(imu=False, accelerometer=False)
     steps = move, move.reporting()

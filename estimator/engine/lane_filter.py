@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any, cast
 
@@ -14,14 +15,22 @@ from icreckon.estimator.engine.constants import aligned, shared_constants
 from icreckon.estimator.engine.lane import FilterShape, Numbers
 from icreckon.estimator.engine.lane_functions import (
     BEGIN,
+    FULL,
     IMU_STEP,
     IMU_UPDATE,
     POSITION,
     POSITION_AHEAD,
     PROPAGATE,
     TIME_STEP,
+    evaluate_twist,
+    feed_samples,
+    move_of,
+    scatter_of,
+    take_sample,
+    take_step,
+    take_tracks_of,
 )
-from icreckon.estimator.engine.layout import INPUTS
+from icreckon.estimator.engine.layout import INPUTS, PLACES
 from icreckon.estimator.engine.one_lane import kernel_of, one_lane
 from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.changes import Events
@@ -29,6 +38,7 @@ from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.filter.samples import SampleArrays, Sampled
+from icreckon.estimator.log.measurements import ImuSample
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
 from icreckon.estimator.motion.motion_model import Motion, TwistModel
 from icreckon.estimator.motion.propagation import Triple
@@ -40,6 +50,11 @@ from icreckon.estimator.tracing.kernel import FLAG_BITS
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 FORWARD, LEFT = INPUTS["fix_forward"], INPUTS["fix_left"]
 MODE, INTERVAL = INPUTS["fix_mode"], INPUTS["fix_interval"]
+# Rows with the innovation of a position fix, and the number of admitted ones.
+OF_FIX = ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")
+NO_FORCE = (math.nan, math.nan, math.nan)
+# Updates without a step, which change no regressors.
+UPDATES = (IMU_UPDATE, POSITION, POSITION_AHEAD)
 
 
 class LaneSteps:
@@ -72,13 +87,24 @@ class LaneSteps:
         self._lane = lane = one_lane(
             ekf.model, ekf.considered, wanders=ekf.wanders, compiles=compiles
         )
+        functions = (
+            *(take_step, take_sample, feed_samples, take_tracks_of),
+            *(evaluate_twist, move_of, scatter_of),
+        )
+        compiled = functions if lane.compiled is None else tuple(map(lane.compiled, functions))
+        self._take_step, self._take_sample, self._feed_samples, self._take_tracks = compiled[:4]
+        self._evaluate_twist, self._fill_move, self._follow_scatter = compiled[4:]
+        rows = lane.shape.layout.rows
+        self._first_report = rows["report0"]
+        of_fix = (*(f"position_{part}" for part in OF_FIX), *PLACES)
+        self._of_fix = np.array([rows[name] for name in of_fix])
         # Functions in Python take the record itself.
-        is_shared = isinstance(record, SharedRecord) and not lane.is_plain
+        is_shared = isinstance(record, SharedRecord) and lane.compiled is not None
         self._records: Any = array_on(record) if is_shared else [record]
         self._constants = shared_constants(
             lane.shape, ekf.model, disturbances, robot, settings, ekf.x[: s.SIZE]
         )
-        self._workspace = aligned(len(lane.shape.layout.rows)).reshape(-1, 1)
+        self._workspace = aligned(len(rows)).reshape(-1, 1)
         self._inputs = aligned(len(INPUTS)).reshape(-1, 1)
         self._arrays = self._workspace, self._inputs, self._constants
         ekf.evaluation = self.evaluate
@@ -86,57 +112,49 @@ class LaneSteps:
     def __reduce__(self) -> tuple[Any, ...]:
         return _made_again, (self._made_of, self._compiles)
 
-    def take_track_speeds(self, stamp: int, left: float, right: float) -> int:
-        """Add track speeds.
-
-        See `icreckon.estimator.filter.filter_record.take_track_speeds`.
-        """
-        return cast(int, self._lane.take_tracks(self._records, stamp, left, right))
+    def take_track_speeds(
+        self, stamp: int, left: float, right: float, only_if_usual: bool = False
+    ) -> int:
+        """Add track speeds, see `lane_functions.take_tracks_of`."""
+        found: int = self._take_tracks(self._records, stamp, left, right, only_if_usual)
+        return found
 
     def take_imu(
-        self, stamp: int, rate: float, force_x: float, force_y: float, *, uses_force: bool
-    ) -> bool:
-        """Add an IMU sample, and take the step that it ends; True if the yaw rate is used.
-
-        Args:
-            stamp: stamp of the sample, not before the estimate [ns].
-            rate: yaw rate from the gyros [rad/s].
-            force_x: specific force forward [m/s²], NaN if there is none.
-            force_y: specific force to the left [m/s²], likewise.
-            uses_force: update with the specific force, too.
-        """
-        readings, records, inputs = self._readings, self._records, self._inputs
-        sample = stamp, rate, force_x, force_y, uses_force
-        fill = self._lane.fill_sample
-        while not fill(records, readings.stamps, readings.rates, inputs, *sample):
+        self, m: ImuSample, mounting: Floats, uses_force: bool, *, after_gap: bool = False
+    ) -> int:
+        """Add an IMU sample, and take the step that it ends; see `lane_functions.take_sample`."""
+        readings, force = self._readings, m.linear_acceleration or NO_FORCE
+        which = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
+        while True:
+            of_readings = m.stamp, readings.stamps, readings.rates, mounting
+            sample = *of_readings, *m.angular_velocity, *force, uses_force, after_gap
+            found = self._call(self._take_sample, which, sample)
+            if found != FULL:
+                return found
             readings.make_room()
-        if stamp > self._record.stamp:
-            return self._step(IMU_STEP, stamp) > 0
-        return self._update(IMU_UPDATE, stamp) > 0
 
     def move(self, stamp: int) -> None:
         """Take a step without an IMU sample to a later stamp [ns]."""
-        self._lane.fill_move(self._records, self._inputs, stamp)
+        self._fill_move(self._records, self._inputs, stamp)
         self._step(TIME_STEP, stamp)
 
     def begin(self, stamp: int) -> None:
         """Begin a step to a later stamp [ns], with a new fast slip."""
-        self._lane.fill_move(self._records, self._inputs, stamp)
+        self._fill_move(self._records, self._inputs, stamp)
         self._step(BEGIN, stamp)
 
     def propagate(self, stamp: int) -> None:
         """Finish a step that `begin` has begun to the same stamp [ns]."""
-        self._lane.fill_move(self._records, self._inputs, stamp)
+        self._fill_move(self._records, self._inputs, stamp)
         self._step(PROPAGATE, stamp)
 
-    def take_samples(self, samples: SampleArrays, *, uses_force: bool) -> Sampled:
+    def take_samples(self, samples: SampleArrays, mounting: Floats, *, uses_force: bool) -> Sampled:
         """Take the steps of samples; stop before one that needs more than a step."""
         readings, ekf, total = self._readings, self._ekf, np.zeros(5, int)
         memory = ekf.model.memory.copy()
         ekf.model.recall(memory)
-        self._lane.prepare_loop()
         while True:
-            found = self._lane.feed_samples(
+            found = self._feed_samples(
                 self._lane.places,
                 self._records,
                 readings.stamps,
@@ -146,6 +164,7 @@ class LaneSteps:
                 ekf.regressors,
                 memory,
                 *self._arrays,
+                mounting,
                 *samples,
                 uses_force,
             )
@@ -180,25 +199,25 @@ class LaneSteps:
         Returns:
             The fix; the gate admitted it; it was not used, and the filter is to be relocated.
         """
-        lane, inputs = self._lane, self._inputs
-        lane.fill_move(self._records, inputs, stamp)
+        inputs = self._inputs
+        self._fill_move(self._records, inputs, stamp)
         inputs[[FIX_X, FIX_Y, FIX_VARIANCE], 0] = fix
         inputs[[FORWARD, LEFT], 0] = antenna
         inputs[[MODE, INTERVAL], 0] = mode, interval
-        flags = self._update(POSITION_AHEAD if ahead else POSITION, stamp, rejected_for)
-        z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[lane.position, 0].tolist()
+        flags = self._step(POSITION_AHEAD if ahead else POSITION, stamp, rejected_for)
+        z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[self._of_fix, 0].tolist()
         at = (places[0], places[1], places[2]), (places[3], places[4], places[5])
         lost, used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)
         return TakenFix(stamp, *fix, (z_x, z_y), (xx, xy, yy), *at, used), admitted > 0.0, lost
 
     def follow_scatter(self, fix: TakenFix, correction: Floats) -> bool:
         """Add a position fix to the scatter; see `icreckon.estimator.filter.slip_factor`."""
-        return cast(bool, self._lane.follow_scatter(self._records, fix, correction))
+        return cast(bool, self._follow_scatter(self._records, fix, correction))
 
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
         """Body velocity of a filter with the same model and settings, see `Evaluation`."""
         twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(ekf.x))), np.empty((3, 2))
-        zeta, epsilon, eta, u, force = self._lane.evaluate_twist(
+        zeta, epsilon, eta, u, force = self._evaluate_twist(
             self._lane.places,
             ekf.x,
             ekf.model.memory,
@@ -214,44 +233,30 @@ class LaneSteps:
         motion = Motion(PaperTwist(-v_y, v_x, w), IndexValues(zeta, epsilon, eta), u, force)
         return TwistModel(twist, jacobian, by_speeds, motion)
 
-    def _update(self, which: int, stamp: int, rejected_for: float = 0.0) -> int:
-        """Update without a step; before the first step there are no regressors to smooth."""
-        ekf = self._ekf
-        if ekf.regressors is not None:
-            return self._step(which, stamp, rejected_for)
-        left, right = self._inputs[[INPUTS["left"], INPUTS["right"]], 0].tolist()
-        ekf.regressors = ekf.twist_model(left, right).jacobian[:, s.PARAMETERS].copy()
-        found = self._step(which, stamp, rejected_for)
-        ekf.regressors = None
-        return found
-
     def _step(self, which: int, stamp: int, rejected_for: float = 0.0) -> int:
-        """Take a step to a stamp [ns], and report its changes; see `take_step`."""
+        """Take a step to a stamp [ns], or an update; see `take_step`."""
+        return self._call(self._take_step, which, (stamp, rejected_for))
+
+    def _call(self, function: Any, which: int, arguments: tuple[Any, ...]) -> int:
+        """Call `take_step` or `take_sample`, and report the changes of the filter."""
         ekf, lane = self._ekf, self._lane
-        memory = ekf.model.memory
-        if len(memory):
-            # The step advances the model; checkpoints share the memory before it.
-            memory = memory.copy()
-            ekf.model.recall(memory)
-        is_first = ekf.regressors is None
-        if ekf.regressors is None:
-            ekf.regressors = np.zeros((3, s.PARAMETER_COUNT))
-        yaw = ekf.x.item(s.YAW)
-        found: int = lane.take_step(
-            lane.places,
-            which,
-            self._records,
-            ekf.x,
-            ekf.P,
-            ekf.regressors,
-            memory,
-            *self._arrays,
-            stamp,
-            is_first,
-            rejected_for,
+        regressors = ekf.regressors
+        is_first = regressors is None
+        if regressors is None:
+            regressors = np.zeros((3, s.PARAMETER_COUNT))
+        # The step advances the model; checkpoints share the memory before it.
+        memory, yaw = ekf.model.memory.copy(), ekf.x.item(s.YAW)
+        ekf.model.recall(memory)
+        matrices = ekf.x, ekf.P, regressors, memory
+        found: int = function(
+            lane.places, which, self._records, *matrices, *self._arrays, is_first, *arguments
         )
+        if found < 0:
+            return found
+        if is_first and which not in UPDATES:
+            ekf.regressors = regressors
         if ekf.clones is not None or ekf.observer is not None:
-            values = self._workspace[lane.first_report :, 0]
+            values = self._workspace[self._first_report :, 0]
             events_of(lane.shape, which).report(values, len(ekf.x), yaw, ekf)
         return found
 

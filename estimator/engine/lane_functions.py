@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import WRONG_SIZE
+from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.engine.constants import PER_STEP, SMOOTHING, step_constants
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.faults.scattering_fixes import TakenFix
@@ -35,13 +38,15 @@ PARAMETERS = s.PARAMETERS.start
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 
+# Results of `take_sample` that did nothing: before the first track speeds or after a gap, and with full
+# buffers.
+REFUSED, FULL = -1, -2
 # Most states of a filter with a fast slip.
 MOST_STATES = s.WANDER.stop
 # Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, or at their start; steps
 # without one, and their two halves; position fixes, at the end of a step and ahead of it; the body
-# velocity. Silent steps report no changes.
-IMU_STEP, IMU_UPDATE, SILENT_IMU_STEP, TIME_STEP, BEGIN, PROPAGATE, SILENT_TIME_STEP = range(7)
-POSITION, POSITION_AHEAD, EVALUATION = range(7, 10)
+# velocity.
+IMU_STEP, IMU_UPDATE, TIME_STEP, BEGIN, PROPAGATE, POSITION, POSITION_AHEAD, EVALUATION = range(8)
 
 
 class LanePlaces(NamedTuple):
@@ -50,7 +55,7 @@ class LanePlaces(NamedTuple):
     Arrays by states have zeros behind the last one.
 
     Attributes:
-        kernels: (10,) kernels, or addresses of their machine code.
+        kernels: (8,) kernels, or addresses of their machine code.
         size: number of states of the filter.
         state_count: number of uncertain states.
         parameter_count: number of uncertain parameters.
@@ -163,30 +168,72 @@ def fill_tracks(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
         inputs[NOISE + axis, lane] = noise[axis]
 
 
-def take_tracks_of(records: Any, stamp: int, left: float, right: float) -> int:
-    """Add track speeds to the record in an array (1,), see `take_track_speeds`."""
-    return take_track_speeds(records[0], stamp, left, right)
+def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_usual: bool) -> int:
+    """Add track speeds to the record in an array (1,), see `take_track_speeds`.
+
+    With `only_if_usual` it returns -1, and adds nothing, if the filter has to take a step before: at the
+    start, after a gap, and while there is no IMU.
+    """
+    record = records[0]
+    tracks, hold = record.tracks, record.settings.hold
+    if only_if_usual and (
+        tracks.stamp == NEVER
+        or record.stamp < tracks.stamp
+        or is_hole(tracks, stamp, hold)
+        or not is_alive(record.imu, stamp, hold)
+    ):
+        return -1
+    return take_track_speeds(record, stamp, left, right)
 
 
-def sample_of(
+def take_sample(
+    places: Any,
+    which: int,
     records: Any,
+    x: Floats,
+    P: Floats,
+    regressors: Floats,
+    memory: Floats,
+    lane: Floats,
+    inputs: Floats,
+    constants: Floats,
+    is_first: bool,
+    stamp: int,
     stamps: Stamps,
     rates: Floats,
-    inputs: Floats,
-    stamp: int,
-    rate: float,
-    force_x: float,
-    force_y: float,
+    mounting: Floats,
+    w_x: float,
+    w_y: float,
+    w_z: float,
+    f_x: float,
+    f_y: float,
+    f_z: float,
     uses_force: bool,
-) -> bool:
-    """Fill the inputs of one filter; return False if the buffers are full."""
+    after_gap: bool,
+) -> int:
+    """Add an IMU sample, and take the step that it ends.
+
+    Arguments up to `stamp` are those of `take_step`, `stamps` and `rates` those of `sample_inputs`.
+    `mounting` is that of `SensorModels`. Angular velocity w [rad/s] and specific force f [m/s²], or NaN,
+    are in the axes of the IMU. After a gap the step may be longer than `Settings.hold`.
+
+    Returns:
+        As `take_step`; `REFUSED` or `FULL` if nothing was done.
+    """
     record = records[0]
-    if inputs.shape != (ROWS, 1):
-        raise ValueError(WRONG_SIZE)
+    gap = (stamp - record.stamp) * NANOSECOND > record.settings.hold
+    if record.tracks.stamp == NEVER or (gap and not after_gap):
+        return REFUSED
     if is_full(record.still, stamps):
-        return False
-    sample_inputs(record, stamps, rates, inputs, 0, stamp, rate, force_x, force_y, uses_force)
-    return True
+        return FULL
+    if inputs.shape != (ROWS, 1) or mounting.shape != (3, 3):
+        raise ValueError(WRONG_SIZE)
+    rate = mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z
+    forward = mounting[1, 0] * f_x + mounting[1, 1] * f_y + mounting[1, 2] * f_z
+    left = mounting[2, 0] * f_x + mounting[2, 1] * f_y + mounting[2, 2] * f_z
+    sample_inputs(record, stamps, rates, inputs, 0, stamp, rate, forward, left, uses_force)
+    arrays = (x, P, regressors, memory, lane, inputs, constants)
+    return take_step(places, which, records, *arrays, is_first, stamp, 0.0)
 
 
 def move_of(records: Any, inputs: Floats, stamp: int) -> None:
@@ -215,31 +262,33 @@ def feed_samples(
     lane: Floats,
     inputs: Floats,
     constants: Floats,
+    mounting: Floats,
     track_stamps: Stamps,
     speeds: Floats,
     left_wheels: Floats,
     right_wheels: Floats,
     imu_stamps: Stamps,
-    yaw_rates: Floats,
+    angular_velocities: Floats,
     forces: Floats,
     uses_force: bool,
 ) -> Any:
-    """Take the steps of samples, see `Sampled`; arguments as of `take_step`.
+    """Take the steps of samples, see `Sampled`; arguments as of `take_sample`.
 
     It stops before a sample after a gap, or at a stamp that the filter has reached, and if the buffers of
     readings are full.
     """
     record = records[0]
     hold, tracks, samples, used, stuck, stood = record.settings.hold, 0, 0, 0, 0, 0
-    if len(speeds) != len(track_stamps) or len(yaw_rates) != len(imu_stamps):
+    if len(speeds) != len(track_stamps) or speeds.shape[1] != 2:
         raise ValueError(WRONG_SIZE)
     if not len(left_wheels) == len(right_wheels) == len(speeds):
         raise ValueError(WRONG_SIZE)
-    if speeds.shape[1] != 2 or forces.shape != (len(imu_stamps), 2):
+    count = len(imu_stamps)
+    if angular_velocities.shape != (count, 3) or forces.shape != (count, 3):
         raise ValueError(WRONG_SIZE)
-    arrays = (x, P, regressors, memory, lane, inputs, constants)
-    while tracks < len(track_stamps) or samples < len(imu_stamps):
-        is_track = samples == len(imu_stamps) or (
+    arrays = (x, P, regressors, memory, lane, inputs, constants, False)
+    while tracks < len(track_stamps) or samples < count:
+        is_track = samples == count or (
             tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
         )
         if is_track:
@@ -248,19 +297,21 @@ def feed_samples(
                 break
             if record.stamp < newest:
                 move_inputs(record, inputs, 0, newest)
-                take_step(places, SILENT_TIME_STEP, records, *arrays, newest, False, 0.0)
+                move: Any = (records, *arrays, newest, 0.0)
+                take_step(places, TIME_STEP, *move)
             wheels = (left_wheels[tracks], right_wheels[tracks])
             stuck += take_track_sample(record, stamp, speeds[tracks], *wheels)
             tracks += 1
             continue
-        stamp = imu_stamps[samples]
-        if stamp <= record.stamp or (stamp - record.stamp) * NANOSECOND > hold:
+        stamp, w, f = imu_stamps[samples], angular_velocities[samples], forces[samples]
+        if stamp <= record.stamp:
             break
-        rate, x_force, y_force = yaw_rates[samples], forces[samples, 0], forces[samples, 1]
-        sample = (stamp, rate, x_force, y_force, uses_force)
-        if not sample_of(records, stamps, rates, inputs, *sample):
+        given = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
+        sample: Any = (records, *arrays, stamp, *given)
+        found = take_sample(places, IMU_STEP, *sample)
+        if found < 0:
             break
-        used += take_step(places, SILENT_IMU_STEP, records, *arrays, stamp, False, 0.0)
+        used += found
         stood += record.stands
         samples += 1
     return tracks, samples, used, stuck, stood
@@ -373,8 +424,8 @@ def take_step(
     lane: Floats,
     inputs: Floats,
     constants: Floats,
-    stamp: int,
     is_first: bool,
+    stamp: int,
     rejected_for: float,
 ) -> int:
     """Take a step or an update of one filter, in place.
@@ -390,8 +441,8 @@ def take_step(
         lane: workspace.
         inputs: (n, 1) inputs of the kernel.
         constants: constants of the kernel.
+        is_first: there are no regressors yet; those of a step are written to.
         stamp: stamp of the measurement, or of the end [ns].
-        is_first: it is the first step, which has no regressors yet.
         rejected_for: time of the position fixes rejected so far [s].
 
     Returns:
@@ -404,14 +455,24 @@ def take_step(
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
     places, record = all_places[0], records[0]
+    if is_first and (which == IMU_UPDATE or which >= POSITION):
+        # Before the first step there is nothing to smooth.
+        is_first = False
+        speeds, shares = (inputs[LEFT, 0], inputs[RIGHT, 0]), (1.0, 1.0, 1.0)
+        twist, jacobian, by_speeds = np.empty(3), np.empty((3, places.size)), np.empty((3, 2))
+        found = (twist, jacobian, by_speeds)
+        evaluate_twist(all_places, x, memory, lane, inputs, constants, *speeds, *shares, *found)
+        for axis in range(3):
+            for k in range(s.PARAMETER_COUNT):
+                regressors[axis, k] = jacobian[axis, PARAMETERS + k]
     fill_state(lane, constants, x, memory, places)
     fill_covariance(lane, P, regressors, places)
     fill_constants(record, lane, constants, stamp, is_first, places)
-    if which <= SILENT_IMU_STEP:
+    if which <= IMU_UPDATE:
         set_gate(record.gyro, lane, places.imu_gates[0])
         set_gate(record.accelerometer_x, lane, places.imu_gates[1])
         set_gate(record.accelerometer_y, lane, places.imu_gates[2])
-    elif which <= SILENT_TIME_STEP:
+    elif which < POSITION:
         lane[places.stood, 0] = 0.0
     else:
         lane[places.position_rejected_for, 0] = rejected_for
@@ -419,12 +480,12 @@ def take_step(
         begin_position(record, lane, places.of_record)
     flags = call_kernel(places.kernels[which], lane, inputs, constants)
     empty_lane(lane, x, P, regressors, memory, places)
-    if which > SILENT_TIME_STEP:
+    if which >= POSITION:
         end_position(record, lane, places.of_record)
         return flags
     if which != BEGIN:
         record.stamp = stamp
-    if which > SILENT_IMU_STEP:
+    if which > IMU_UPDATE:
         return 0
     interval, gates = record.imu.interval, places.imu_gates
     count_sample(record.accelerometer_x, stamp, interval, lane, gates[1])

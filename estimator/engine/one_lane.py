@@ -26,22 +26,12 @@ from icreckon.estimator.engine.lane_functions import (
     POSITION,
     POSITION_AHEAD,
     PROPAGATE,
-    SILENT_IMU_STEP,
-    SILENT_TIME_STEP,
     TIME_STEP,
     LanePlaces,
-    evaluate_twist,
-    feed_samples,
-    move_of,
-    sample_of,
-    scatter_of,
-    take_step,
-    take_tracks_of,
 )
 from icreckon.estimator.engine.layout import (
     FACTORS,
     MOTION,
-    PLACES,
     SLIP_SHARES,
     TREND,
     TWIST,
@@ -62,60 +52,36 @@ OF_TIME = StepKind(imu=False, accelerometer=False, fast_slip=True)
 STEPS = {
     IMU_STEP: ("imu_step", OF_SAMPLE),
     IMU_UPDATE: ("imu_update", OF_SAMPLE._replace(draws=False, moves=False, resumes=True)),
-    SILENT_IMU_STEP: ("silent_imu_step", OF_SAMPLE),
     TIME_STEP: ("time_step", OF_TIME),
     BEGIN: ("begin", OF_TIME._replace(moves=False)),
     PROPAGATE: ("propagate", OF_TIME._replace(draws=False, resumes=True)),
-    SILENT_TIME_STEP: ("silent_time_step", OF_TIME),
 }
 FIXES = {
     POSITION: ("position", FixKind(fast_slip=True)),
     POSITION_AHEAD: ("position_ahead", FixKind(fast_slip=True, ahead=True)),
 }
-SILENT = (SILENT_IMU_STEP, SILENT_TIME_STEP)
 # Rows that the record of a filter holds.
 OF_RECORD = (*FACTORS, *TREND, *DEPARTURE)
 
 
 class OneLane(NamedTuple):
-    """Functions of one filter shape at one lane, see `lane_functions`.
+    """Filter shape at one lane.
 
     Attributes:
         shape: shape of the filter.
-        is_plain: the functions are executed in Python.
         places: (1,) `LanePlaces`.
-        prepare_loop: compiles the kernels of `feed_samples`, to be called before it.
-        take_step: see above, as the others.
-        feed_samples: see above.
-        evaluate_twist: see above.
-        take_tracks: see above.
-        fill_sample: see above.
-        fill_move: see above.
-        follow_scatter: see above.
-        first_report: first of the rows with the changes that a kernel reports.
-        position: rows of the innovation of a position fix and its covariance, of the number admitted,
-            and of place and yaw before and after it.
+        compiled: compiles a function of `lane_functions`; None if they are executed in Python.
     """
 
     shape: FilterShape
-    is_plain: bool
     places: Any
-    prepare_loop: Callable[[], None]
-    take_step: Any
-    feed_samples: Any
-    evaluate_twist: Any
-    take_tracks: Any
-    fill_sample: Any
-    fill_move: Any
-    follow_scatter: Any
-    first_report: int
-    position: Any
+    compiled: Callable[[Any], Any] | None
 
 
 def one_lane(
     model: MotionModel, considered: tuple[int, ...], *, wanders: bool, compiles: bool
 ) -> OneLane:
-    """Make the functions of a motion model for one lane.
+    """Make the kernels of a motion model for one lane.
 
     Every parameter, bias and scale is a state, so that all variants of a model share the kernels. A model
     that has no traced form is computed in Python.
@@ -149,7 +115,7 @@ def kernel_of(which: int, shape: FilterShape) -> tuple[Callable[..., Kernel], tu
         name, kind = FIXES[which]
         return position_kernel, (name, shape, kind)
     named, step = STEPS[which]
-    return step_kernel, (named, shape._replace(reports=which not in SILENT), step)
+    return step_kernel, (named, shape, step)
 
 
 @cache
@@ -158,16 +124,8 @@ def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
     from icreckon.estimator.tracing.machine_code import address_of
 
     shape = shape_of(model, considered, wanders)
-    usual = [which for which in (*STEPS, *FIXES, EVALUATION) if which not in SILENT]
-    kernels = np.zeros(EVALUATION + 1, np.uint64)
-    kernels[usual] = [address_of(*kernel_of(which, shape), 1) for which in usual]
-    places = record_array(places_of(shape, kernels), 1)
-
-    def prepare_loop() -> None:
-        for which in SILENT:
-            places["kernels"][0, which] = address_of(*kernel_of(which, shape), 1)
-
-    return _functions(shape, places, entry)._replace(prepare_loop=prepare_loop)
+    kernels = [address_of(*kernel_of(which, shape), 1) for which in range(EVALUATION + 1)]
+    return OneLane(shape, record_array(places_of(shape, np.array(kernels)), 1), entry)
 
 
 def _plain(
@@ -182,35 +140,8 @@ def _plain(
         make, arguments = kernel_of(which, shape)
         return plain_kernel(lambda numbers: make(*arguments, numbers=numbers), of_user)
 
-    places = [places_of(shape, [plain(which) for which in range(EVALUATION + 1)])]
-    return _functions(shape, places, lambda function: function)._replace(is_plain=True)
-
-
-def _functions(shape: FilterShape, places: Any, compiled: Callable[[Any], Any]) -> OneLane:
-    """Make the functions of one lane.
-
-    Args:
-        shape: shape of the filter.
-        places: (1,) `LanePlaces`.
-        compiled: compiles a function, or returns it as it is.
-    """
-    rows = shape.layout.rows
-    innovation = [f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")]
-    return OneLane(
-        shape,
-        False,
-        places,
-        lambda: None,
-        compiled(take_step),
-        compiled(feed_samples),
-        compiled(evaluate_twist),
-        compiled(take_tracks_of),
-        compiled(sample_of),
-        compiled(move_of),
-        compiled(scatter_of),
-        rows["report0"],
-        np.array([rows[name] for name in (*innovation, *PLACES)]),
-    )
+    kernels = [plain(which) for which in range(EVALUATION + 1)]
+    return OneLane(shape, [places_of(shape, kernels)], None)
 
 
 def places_of(shape: FilterShape, kernels: Any) -> LanePlaces:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.log.input_checks import RANKS
@@ -18,8 +18,8 @@ class SampleArrays(NamedTuple):
         left_wheels: (n, k) speeds of the left wheels [m/s]; k is 0 if they are not known.
         right_wheels: (n, l) speeds of the right wheels [m/s].
         imu_stamps: (m,) stamps, ascending [ns].
-        rates: (m,) yaw rates by the gyros [rad/s].
-        forces: (m, 2) specific forces forward and to the left [m/s²], NaN if there are none.
+        angular_velocities: (m, 3) in the axes of the IMU [rad/s].
+        forces: (m, 3) specific forces in the axes of the IMU [m/s²], NaN if there are none.
     """
 
     track_stamps: Stamps
@@ -27,7 +27,7 @@ class SampleArrays(NamedTuple):
     left_wheels: Floats
     right_wheels: Floats
     imu_stamps: Stamps
-    rates: Floats
+    angular_velocities: Floats
     forces: Floats
 
     def newest(self, tracks: int, imu: int) -> tuple[int, int]:
@@ -37,16 +37,8 @@ class SampleArrays(NamedTuple):
 
     def after(self, tracks: int, imu: int) -> SampleArrays:
         """Samples without so many track speeds and IMU samples at the start."""
-        first, second = slice(tracks, None), slice(imu, None)
-        return SampleArrays(
-            self.track_stamps[first],
-            self.speeds[first],
-            self.left_wheels[first],
-            self.right_wheels[first],
-            self.imu_stamps[second],
-            self.rates[second],
-            self.forces[second],
-        )
+        left: Any = (*(one[tracks:] for one in self[:4]), *(one[imu:] for one in self[4:]))
+        return SampleArrays(*left)
 
 
 class Sampled(NamedTuple):

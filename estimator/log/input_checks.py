@@ -294,35 +294,26 @@ class Admission:
 
     def checked(self, measurement: Measurement) -> tuple[Measurement, str | None]:
         """Measurement by `as_plain`, and the reason to reject it by `objection`."""
-        if self._is_usual(measurement):
+        # Samples of plain numbers come hundreds of times a second.
+        m, kind, usual = cast(Any, measurement), type(measurement), False
+        if kind is ImuSample:
+            force = m.linear_acceleration
+            usual = _are_usual(m.angular_velocity, ABSURD_RATE) and (
+                force is None or _are_usual(force, ABSURD_FORCE)
+            )
+        elif kind is TrackSpeeds:
+            left, right, most = m.left, m.right, self._absurd
+            usual = (
+                type(left) is type(right) is float
+                and -most <= left <= most
+                and -most <= right <= most
+                and type(m.left_wheels) is type(m.right_wheels) is tuple
+                and not (m.left_wheels or m.right_wheels)
+            )
+        if usual and type(m.stamp) is int and EARLIEST <= m.stamp <= LATEST:
             return measurement, None
         plain = as_plain(measurement)
         return plain, self.objection(plain)
-
-    def _is_usual(self, measurement: Measurement) -> bool:
-        """Return True for a sample of plain numbers without an objection.
-
-        Only for the two kinds that come hundreds of times a second.
-        """
-        m, kind = cast(Any, measurement), type(measurement)
-        if kind is ImuSample:
-            rates, force = m.angular_velocity, m.linear_acceleration
-            usual = _are_usual(rates, ABSURD_RATE)
-            usual = usual and (force is None or _are_usual(force, ABSURD_FORCE))
-        elif kind is TrackSpeeds:
-            left, right, most = m.left, m.right, self._absurd
-            usual = type(left) is type(right) is float and -most <= left <= most
-            usual = usual and -most <= right <= most
-            usual = usual and type(m.left_wheels) is type(m.right_wheels) is tuple
-            usual = usual and not m.left_wheels and not m.right_wheels
-        else:
-            return False
-        return usual and type(m.stamp) is int and EARLIEST <= m.stamp <= LATEST
-
-    def in_time(self) -> None:
-        """Record a measurement that was in time."""
-        if self.behind:
-            self.behind.clear()
 
     def too_old(self, measurement: Measurement) -> list[Measurement]:
         """Record a measurement that was too old to be used.

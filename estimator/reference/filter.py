@@ -111,10 +111,11 @@ class ReferenceFilter:
             # The motion is unknown, not at rest.
             record.imu.stamp = m.stamp
             return
-        rate, force = self._sensors.yaw_rate(m), m.linear_acceleration
-        along = (math.nan, math.nan) if force is None else self._sensors.along_ground(force)
+        rate = float(self._sensors.yaw_rates(np.array(m.angular_velocity)))
+        force = m.linear_acceleration or (math.nan, math.nan, math.nan)
+        along = self._sensors.along_ground_of(np.array(force)).tolist()
         imu_clock.take_stamp(record.imu, m.stamp, self._settings.hold)
-        measure_noise(record.noise, m.stamp, rate, *along, self._settings.hold)
+        measure_noise(record.noise, m.stamp, rate, along[0], along[1], self._settings.hold)
         spread, still = measured_noise(record.noise.gyro), record.still
         mean = self._readings.mean(still, m.stamp, rate, spread, record.settings)
         noise, record.stands = noise_of_step(record.noise, still, record.settings), mean == mean
@@ -133,7 +134,7 @@ class ReferenceFilter:
         z, H, R = self._gyro.linearise(rate, at)
         gyro = self._gyro
         ekf.update_scalar(z.item(), H[0], R.item(), fixed=gyro.fixed, stand_in=gyro.stand_in)
-        if self._uses_force and force is not None:
+        if self._uses_force and m.linear_acceleration is not None:
             sigma, slip = self._slip_sigma(), self._disturbances.slip
             for axis, accelerometer in enumerate(self._accelerometers):
                 density = change_density(sigma[axis], slip.time_constant)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.log.measurements import STANDSTILL_SIGMA, ImuSample, Vector3
+from icreckon.estimator.log.measurements import STANDSTILL_SIGMA
 from icreckon.estimator.robot.robot_file import Robot
 
 # Variances of a standing robot's velocity about zero.
@@ -71,33 +71,25 @@ class SensorModels:
 
     Attributes:
         constants: constants of its IMU.
+        mounting: (3, 3) yaw rate of base_link by the gyros; specific force forward and left by the
+            accelerometers.
     """
 
     def __init__(self, robot: Robot) -> None:
         imu = robot.imu
         self.constants = ImuConstants(imu.position[0], imu.position[1])
-        self._forward: list[float]
-        self._leftward: list[float]
-        self._forward, self._leftward, upward = robot.imu_rotation.tolist()
+        forward, leftward, upward = robot.imu_rotation.tolist()
         used = [0.0, 0.0, 1.0 / upward[2]] if imu.gyro_axes == "z" else upward
-        self._of_rates = [one / imu.gyro_scale for one in used]
-
-    def yaw_rate(self, sample: ImuSample) -> float:
-        """Rate about base_link's z axis, measured by the gyros [rad/s]."""
-        return _dot(self._of_rates, sample.angular_velocity)
+        of_rates = [one / imu.gyro_scale for one in used]
+        self.mounting = np.array([of_rates, forward, leftward])
 
     def yaw_rates(self, angular_velocities: Floats) -> Floats:
-        """Rates (n,) about base_link's z axis of gyro samples (n, 3) [rad/s]."""
-        return np.asarray(_dot(self._of_rates, angular_velocities.T))
+        """Rates (...) about base_link's z axis of gyro samples (..., 3) [rad/s]."""
+        return np.asarray(_dot(self.mounting[0], angular_velocities.T))
 
     def along_ground_of(self, forces: Floats) -> Floats:
-        """Components (n, 2) forward and left of specific forces (n, 3) in IMU axes [m/s²]."""
-        parts = _dot(self._forward, forces.T), _dot(self._leftward, forces.T)
-        return np.stack(parts, axis=-1)
-
-    def along_ground(self, force: Vector3) -> tuple[float, float]:
-        """Components forward and left of a specific force in IMU axes [m/s²]."""
-        return _dot(self._forward, force), _dot(self._leftward, force)
+        """Components (..., 2) forward and left of specific forces (..., 3) in IMU axes [m/s²]."""
+        return np.stack([_dot(row, forces.T) for row in self.mounting[1:]], axis=-1)
 
 
 def gyro_variance(density: float, interval: float, by_turning: Any, change: TrackChange) -> float:

@@ -150,11 +150,11 @@ class StampCorrection:
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
         self._estimated_ns = _nanoseconds(estimated)
-        self._imu = SensorModels(robot)
-        self._watch = TrackLatencyEstimator()
+        self._watch = TrackLatencyEstimator(SensorModels(robot).yaw_rates)
         if watch is not None:
             self._watch.recall(watch)
         self._found: TrackLatency | None = self._watch.estimate()
+        self._completed = 0
         self._late = {kind: _nanoseconds(value) for kind, value in latencies.by_kind().items()}
         self._late[TrackSpeeds] += _nanoseconds(estimated)
 
@@ -164,16 +164,19 @@ class StampCorrection:
 
     def corrected(self, measurement: Measurement) -> Measurement:
         """Return the measurement with its stamp corrected."""
-        return _shifted(measurement, self._late.get(type(measurement), 0))
+        late = self._late.get(type(measurement), 0)
+        return _shifted(measurement, late) if late else measurement
 
     def watch(self, measurement: Measurement) -> None:
         """Watch the track speeds' latency by a plausible, corrected measurement."""
-        if isinstance(measurement, TrackSpeeds):
-            stamp = measurement.stamp + self._estimated_ns
-            if self._watch.take_tracks(stamp, measurement.left, measurement.right):
-                self._use_estimate()
-        elif isinstance(measurement, ImuSample):
-            self._watch.take_gyro(measurement.stamp, self._imu.yaw_rate(measurement))
+        m: Any = measurement
+        if type(m) is ImuSample:
+            self._watch.take_gyro(m.stamp, m.angular_velocity)
+        elif type(m) is TrackSpeeds:
+            self._watch.take_tracks(m.stamp + self._estimated_ns, m.left, m.right)
+        if self._watch.completed != self._completed:
+            self._completed = self._watch.completed
+            self._use_estimate()
 
     def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the watch over the track speeds' latency."""
@@ -199,8 +202,6 @@ class StampCorrection:
 
 
 def _shifted(measurement: Measurement, late: int) -> Measurement:
-    if not late:
-        return measurement
     # Measurements are dataclasses, but their protocol only asks for a stamp.
     shifted: Measurement = replace(measurement, stamp=measurement.stamp - late)  # type: ignore[type-var]
     return shifted

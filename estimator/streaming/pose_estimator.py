@@ -20,6 +20,7 @@ from icreckon.estimator.log.input_checks import (
     EARLIEST,
     LATEST,
     OUT_OF_RANGE,
+    RANKS,
     STREAMS,
     Admission,
     as_stamp,
@@ -286,11 +287,13 @@ class PoseEstimator:
         return self._feed_plain(*self._admission.checked(measurement))
 
     def _feed_plain(self, measurement: Measurement, objection: str | None) -> bool:
-        stream, key = self._streams.get(type(measurement)), key_of(measurement)
+        kind, admission, history = type(measurement), self._admission, self._history
+        stream = self._streams.get(kind)
         if stream is None:
-            name = type(measurement).__name__
-            raise EstimatorError(f"{name} was registered after this estimator: make a new one")
-        admission, history = self._admission, self._history
+            raise EstimatorError(
+                f"{kind.__name__} was registered after this estimator: make a new one"
+            )
+        key = measurement.stamp, RANKS[kind]
         in_order = history.is_newest(key)
         reason = (
             objection
@@ -300,7 +303,8 @@ class PoseEstimator:
         if reason:
             self._arrivals.sensor(stream).reject(reason)
             return reason == TOO_OLD and self._set_clock_back(admission.too_old(measurement))
-        admission.in_time()
+        if admission.behind:
+            admission.behind.clear()
         self._stamps.watch(measurement)
         if in_order:
             return history.append(key, measurement)

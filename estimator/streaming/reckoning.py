@@ -6,7 +6,6 @@ end. So the twist is predicted and updated at the start of the step, and then mo
 
 from __future__ import annotations
 
-import math
 from functools import partial
 
 import numpy as np
@@ -15,6 +14,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, assign, copied, or_none, shared_record
 from icreckon.estimator.engine.lane_filter import LaneSteps
+from icreckon.estimator.engine.lane_functions import REFUSED
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import ScatterRecord
 from icreckon.estimator.filter import slip_factor
@@ -113,7 +113,7 @@ class Reckoning:
         self._counts = Health()
         self._settings = settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
-        self._sensors = SensorModels(robot)
+        self._mounting = SensorModels(robot).mounting
         self._prior = robot.imu
         compiles = settings.engine == "compiled"
         make_record = shared_record if compiles else copied
@@ -260,6 +260,12 @@ class Reckoning:
                 return self._take_fix(event)
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
+        if not (m.left_wheels or m.right_wheels):
+            stuck = self._steps.take_track_speeds(m.stamp, m.left, m.right, True)
+            if stuck >= 0:
+                self._counts.stuck_tracks += stuck
+                self._counts.sensor("tracks").used += 1
+                return True
         record, tracks = self._record, self._tracks
         hold, begins = self._settings.hold, tracks.stamp == NEVER
         if begins:
@@ -282,28 +288,26 @@ class Reckoning:
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
-        record, imu = self._record, self._imu
-        hold = self._settings.hold
-        if self._tracks.stamp == NEVER:
+        used = self._steps.take_imu(m, self._mounting, self._uses_force)
+        if used == REFUSED and self._tracks.stamp == NEVER:
             # The motion is unknown, not at rest.
-            imu.stamp = m.stamp
+            self._imu.stamp = m.stamp
             self._counts.sensor("imu").reject("before the first track speeds")
             return False
-        rate, force = self._sensors.yaw_rate(m), m.linear_acceleration
-        along = (math.nan, math.nan) if force is None else self._sensors.along_ground(force)
-        if (m.stamp - record.stamp) * NANOSECOND > hold:
+        if used == REFUSED:
             # The sample measures the present yaw rate, not that in the gap.
-            imu_clock.take_stamp(imu, m.stamp, hold)
-            self._advance(imu_clock.interval_start(imu, m.stamp))
-        used = self._steps.take_imu(m.stamp, rate, *along, uses_force=self._uses_force)
-        self._counts.standstill_updates += record.stands
-        return used
+            imu_clock.take_stamp(self._imu, m.stamp, self._settings.hold)
+            self._advance(imu_clock.interval_start(self._imu, m.stamp))
+            of_imu = self._mounting, self._uses_force
+            used = self._steps.take_imu(m, *of_imu, after_gap=True)
+        self._counts.standstill_updates += self._record.stands
+        return used > 0
 
     def take_samples(self, samples: SampleArrays) -> tuple[int, int, int]:
         """Update with samples, see `PoseEstimator.feed_samples`."""
         if self.ekf.clones is not None or self.ekf.regressors is None:
             return 0, 0, 0
-        found = self._steps.take_samples(samples, uses_force=self._uses_force)
+        found = self._steps.take_samples(samples, self._mounting, uses_force=self._uses_force)
         self._counts.sensor("tracks").used += found.tracks
         self._counts.stuck_tracks += found.stuck
         self._counts.standstill_updates += found.stood

@@ -288,12 +288,12 @@ def test_real_latencies_are_those_of_the_whole_log(
     tracks = {**robot.log["tracks"], "latency": 0.0}
     robot = msgspec.structs.replace(robot, log={**robot.log, "tracks": tracks})
     log = read_log(sample_log(data_dir, name), robot)
-    estimator, models = TrackLatencyEstimator(), SensorModels(robot)
+    estimator = TrackLatencyEstimator(SensorModels(robot).yaw_rates)
     for measurement in Log("raw", log.tracks, log.imu).measurements():
         if isinstance(measurement, TrackSpeeds):
             estimator.take_tracks(measurement.stamp, measurement.left, measurement.right)
         else:
-            estimator.take_gyro(measurement.stamp, models.yaw_rate(measurement))  # type: ignore[arg-type]
+            estimator.take_gyro(measurement.stamp, measurement.angular_velocity)  # type: ignore[attr-defined]
     found = estimator.estimate()
     assert found is not None
     assert found.seconds == pytest.approx(latency, abs=2.0 * found.sigma)

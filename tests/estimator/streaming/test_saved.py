@@ -288,8 +288,8 @@ NONSENSE = {
     ),
     "a mark behind": (lambda c: c.update(behind=[["mark", 0]]), "no measurement"),
     "a watch that goes back": (
-        lambda c: c["watch"]["gyro"].update(seconds=[1.0, 0.0], values=[0.0, 0.0]),
-        "times of an angle must rise",
+        lambda c: c["watch"]["gyro"].update(stamps=[1, 0], rates=[0.0, 0.0]),
+        "stamps of a rate must rise",
     ),
     "a watch of other blocks": (
         lambda c: c["watch"].update(blocks=[[1.0, 2.0]]),
@@ -483,7 +483,7 @@ def test_another_version_of_the_format_is_refused(saved):
     for version in (1, 5, 6, 99):
         document["version"] = version
         saved.write_text(json.dumps(document))
-        message = rf"version {version} .* is not known; this icreckon reads 8"
+        message = rf"version {version} .* is not known; this icreckon reads 9"
         with pytest.raises(EstimatorError, match=message):
             PoseEstimator.restore(saved, ALPHA)
 
@@ -505,7 +505,7 @@ def changed(table, **values):
 def test_windows_of_long_ago_are_not_stepped_through(saved):
     """A file that would take hours at its next measurement goes on like any other."""
     whole = PoseEstimator.restore(saved, ALPHA)
-    rewrite(saved, lambda c: c["watch"].update(next_window=-1e18))
+    rewrite(saved, lambda c: c["watch"].update(next_window=-(10**18)))
     odd = PoseEstimator.restore(saved, ALPHA)
     for stamp in range(whole.stamp + 10_000_000, whole.stamp + 500_000_000, 10_000_000):
         for estimator in (whole, odd):
