@@ -19,8 +19,13 @@ FILTER = ("estimator", "simulation")
 """Packages that every simulated figure depends on."""
 ESTIMATES = "benchmarks/estimates.json"
 """Figures of runs with all parts of the filter: code that leaves them the same makes no table older."""
-WITHOUT_FAULTS = f"{ESTIMATES}#healthy,real,study"
-"""Those of the runs without faults, by the first words of their names."""
+WITHOUT_FAULTS, WITH_FAULTS = (
+    f"{ESTIMATES}#healthy,real,study",
+    f"{ESTIMATES}#faults,healthy,real,study",
+)
+"""Those of the runs without faults, and with them, by the first words of their names."""
+ESTIMATED_LATENCY = ": late"
+"""End of the names of runs that estimate the latency of the tracks, which no table does."""
 KINDS = (".py", ".toml")
 LENGTH = 8
 
@@ -57,14 +62,19 @@ def code_of(source: str) -> str:
 def digest(*names: str) -> str:
     """Digest of all sources of some folders and files, named from the root of the repository.
 
-    FILE#WORD,... stands for the values of a JSON file whose names begin with one of the words.
+    FILE#WORD,... stands for the values of a JSON file whose names begin with one of the words, and do not
+    end in `ESTIMATED_LATENCY`.
     """
     hashed = hashlib.sha256()
     for name in names:
         file, _, words = name.partition("#")
         if words:
             runs = json.loads((ROOT / file).read_text(encoding="utf-8"))
-            chosen = {run: runs[run] for run in sorted(runs) if run.split()[0] in words.split(",")}
+            chosen = {
+                run: runs[run]
+                for run in sorted(runs)
+                if run.split()[0] in words.split(",") and not run.endswith(ESTIMATED_LATENCY)
+            }
             hashed.update(json.dumps(chosen).encode())
     for path in sources(name for name in names if "#" not in name):
         hashed.update(f"{path.relative_to(ROOT)}\0".encode())

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-from _digests import ESTIMATES, FILTER, ROOT, WITHOUT_FAULTS, digest
+from _digests import ESTIMATES, FILTER, ROOT, WITH_FAULTS, WITHOUT_FAULTS, digest
 from _study import PROGRESS_EVERY
 
 from icreckon.estimator.base.array_types import Floats
@@ -151,7 +151,7 @@ def depends_on(part: str) -> tuple[str, ...]:
         return (WITHOUT_FAULTS, *own)
     if part == "faults":
         put = "benchmarks/_scoreboard_put.py"
-        return (ESTIMATES, *own, put, "benchmarks/_scoreboard_faults.py")
+        return (WITH_FAULTS, *own, put, "benchmarks/_scoreboard_faults.py")
     if part == "cost":
         return (ESTIMATES, "benchmarks/_scoreboard_cost.py")
     return (WITHOUT_FAULTS, *own, "benchmarks/_scoreboard_real.py", "benchmarks/accuracy.py")

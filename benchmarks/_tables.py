@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from _digests import ESTIMATES, ROOT, WITHOUT_FAULTS, digest
+from _digests import ROOT, WITH_FAULTS, WITHOUT_FAULTS, digest
 
 DOCS = ROOT / "docs" / "explanation"
 PAGES = (ROOT / "README.md", DOCS / "proof.md", *sorted((DOCS / "proof").glob("*.md")))
@@ -68,7 +68,7 @@ def current(command: str) -> str:
 
         return digest(*depends_on(command.split()[-1]))
     of_faults = script[0].split("/")[-1] in OF_FAULTS
-    return digest(ESTIMATES if of_faults else WITHOUT_FAULTS, script[0])
+    return digest(WITH_FAULTS if of_faults else WITHOUT_FAULTS, script[0])
 
 
 def cells(line: str) -> tuple[str, ...]:

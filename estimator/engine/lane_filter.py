@@ -122,7 +122,7 @@ class LaneSteps:
     def take_imu(
         self, m: ImuSample, mounting: Floats, uses_force: bool, *, after_gap: bool = False
     ) -> int:
-        """Add an IMU sample, and take the step that it ends; see `lane_functions.take_sample`."""
+        """Add an IMU sample, and take the step that it ends, see `take_sample`."""
         readings, force = self._readings, m.linear_acceleration or NO_FORCE
         which = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
         while True:

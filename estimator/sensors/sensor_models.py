@@ -88,7 +88,7 @@ class SensorModels:
         return np.asarray(_dot(self.mounting[0], angular_velocities.T))
 
     def along_ground_of(self, forces: Floats) -> Floats:
-        """Components (..., 2) forward and left of specific forces (..., 3) in IMU axes [m/s²]."""
+        """Components (..., 2) forward and left of specific forces (..., 3) [m/s²]."""
         return np.stack([_dot(row, forces.T) for row in self.mounting[1:]], axis=-1)
 
 

@@ -301,9 +301,9 @@ class TrackLatencyEstimator:
 
 
 def _best(sums: Floats) -> Floats:
-    """Shifts (n,) of the smallest misfit [s], refined by a parabola, of sums (n, 6, m).
+    """Shifts (n,) of the smallest misfit [s], of sums (n, 6, m).
 
-    They are NaN where they are not observable.
+    They are refined by a parabola, and NaN where they are not observable.
     """
     n, x, y, xx, xy, yy = np.moveaxis(sums, 1, 0)
     variance = yy - y * y / n
