@@ -16,12 +16,13 @@ import pytest
 from command_line import fails, icreckon_alone
 from conftest import REPOSITORY
 from icreckon.estimator.engine.filters import BatchFilter
+from icreckon.estimator.engine.work import run_kernel
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.tracing import kernel_cache
 from icreckon.estimator.tracing.emit import lanes_of_machine
-from icreckon.estimator.tracing.jit_kernel import compiled, entry
+from icreckon.estimator.tracing.jit_kernel import COMPILED, compiled, entry
 from icreckon.estimator.tracing.kernel import Kernel, Store
 from icreckon.estimator.tracing.kernel_cache import (
     DIGITS,
@@ -29,7 +30,7 @@ from icreckon.estimator.tracing.kernel_cache import (
     cache_folder,
     environment_digest,
 )
-from icreckon.estimator.tracing.machine_code import compiled_library
+from icreckon.estimator.tracing.machine_code import address_of, compiled_library
 from icreckon.estimator.tracing.trace import lane_input, start
 
 WORKER = REPOSITORY / "tests" / "cache_worker.py"
@@ -146,6 +147,22 @@ def test_a_function_may_be_named_like_an_attribute_it_reads(own_cache: Path) -> 
     record = np.array([(2.0,)], dtype=[("rate", float)])[0]
     assert entry(rate)(record) == 3.0
     assert len(files_of(own_cache)) == 1
+
+
+@as_of_the_estimator
+def scaled(x: float, times: int) -> float:
+    return x * times
+
+
+@as_of_the_estimator
+def six_times(x: float) -> float:
+    return scaled(scaled(x, 2), 3)
+
+
+@pytest.mark.usefixtures("own_cache")
+def test_a_callee_is_compiled_once_whatever_constants_it_is_given() -> None:
+    assert entry(six_times)(1.5) == 9.0
+    assert len(COMPILED[scaled].overloads) == 1
 
 
 def test_a_function_that_calls_itself_is_refused() -> None:
@@ -272,6 +289,40 @@ def test_other_sources_have_another_folder(
     function(np.ones(3))
     assert sum(function.stats.cache_misses.values()) == 1
     assert len({path.parent for path in files_of(own_cache)}) == 2
+
+
+# --- kernels -------------------------------------------------------------------------------------
+
+
+def doubled_kernel(name: str) -> Kernel:
+    """Kernel of this package that doubles one number."""
+    start()
+    return Kernel(name, (1, 0, 0), [Store("lanes", 0, 2.0 * lane_input("lanes", 0))])
+
+
+@pytest.mark.parametrize("harm", ["none", "cut", "empty"])
+def test_a_kernel_is_loaded_from_its_file_or_compiled_again(own_cache: Path, harm: str) -> None:
+    make = address_of.__wrapped__
+    make(doubled_kernel, (harm,), 1)
+    (path,) = files_of(own_cache)
+    content = path.read_bytes()
+    path.write_bytes({"none": content, "cut": content[:-9], "empty": b""}[harm])
+    lanes = np.ones((1, 1))
+    assert entry(run_kernel)(make(doubled_kernel, (harm,), 1), lanes, lanes, lanes) == 0
+    assert lanes[0, 0] == 2.0
+    assert len(path.read_bytes()) == len(content)
+
+
+def test_kernels_of_other_shapes_have_other_files(own_cache: Path) -> None:
+    for arguments, width in ((("one",), 1), (("other",), 1), (("one",), 2)):
+        address_of.__wrapped__(doubled_kernel, arguments, width)
+    assert len(files_of(own_cache)) == 3
+
+
+def test_a_step_whose_kernel_is_not_compiled_is_refused() -> None:
+    lanes = np.ones((1, 1))
+    with pytest.raises(ValueError, match="was not compiled"):
+        entry(run_kernel)(0, lanes, lanes, lanes)
 
 
 # --- sizes ---------------------------------------------------------------------------------------
