@@ -48,7 +48,9 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.work import (
+    AT_TICK,
     ESTIMATE,
+    TICK_BETWEEN_STEPS,
     LaneKernels,
     Places,
     work_through,
@@ -144,6 +146,11 @@ class BatchFilter:
         self._prepared: tuple[Steps, Floats] | None = None
         self._kernels = LaneKernels()
 
+    def __reduce__(self) -> Any:
+        # Addresses of machine code are those of one process.
+        made_of = self.robot, self.variant, self.settings, self.shape.bits, self.width
+        return BatchFilter, made_of
+
     def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
         """Start all lanes at their first track speeds.
 
@@ -232,7 +239,9 @@ class BatchFilter:
             ValueError: an array has the wrong size, or is not aligned with the machine's registers.
         """
         workspace, per_lane = lanes.workspace, (lanes.workspace, inputs)
-        if workspace.shape[1] != self.width or any(a.ctypes.data % LINE for a in per_lane):
+        is_odd = any(one.dtype != self.number for one in (*per_lane, lanes.constants))
+        is_odd |= any(one.ctypes.data % LINE for one in per_lane)
+        if is_odd or workspace.shape[1] != self.width:
             raise ValueError(WRONG_SIZE)
         since_first = steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0)
         entry(work_through)(
@@ -282,8 +291,8 @@ class BatchFilter:
                 f"the IMU is silent for {longest:.2f} s, longer than Settings.hold, which filters side "
                 "by side cannot bridge; use run"
             )
+        self.compile_for(steps)
         if self._prepared is None or self._prepared[0] is not steps:
-            self.compile_for(steps)
             self._prepared = steps, self._step_constants(steps)
         return self._prepared[1]
 
@@ -296,12 +305,15 @@ class BatchFilter:
         ticks = (steps.extras & TICK) > 0
         # Times of fixes, in the order of `AT_STEP` and the others.
         when = 2 * (steps.kinds == AHEAD) + ticks
+        is_log = isinstance(steps, LogSteps)
 
-        def at(bit: int) -> tuple[int, ...]:
-            return tuple(np.unique(when[(steps.extras & bit) > 0]).tolist())
+        def used(values: Any, in_logs: tuple[int, ...]) -> frozenset[int]:
+            # In logs all these are ticks. The next log is to need no other machine code.
+            return frozenset({*values.tolist(), *(in_logs if is_log else ())})
 
-        moves = tuple(np.unique(ticks[steps.kinds == MOVE]).tolist())
-        times = moves, at(POSITION), at(HEADING)
+        fixes = (when[(steps.extras & bit) > 0] for bit in (POSITION, HEADING))
+        of_fixes = (used(one, (AT_TICK, TICK_BETWEEN_STEPS) * (len(one) > 0)) for one in fixes)
+        times = used(ticks[steps.kinds == MOVE], (1,)), *of_fixes
         self._kernels = _kernels(self.shape, self.width, self._uses_force, *times)
 
     @property
@@ -360,9 +372,9 @@ def _kernels(
     shape: FilterShape,
     width: int,
     uses_force: bool,
-    moves: Sequence[int],
-    positions: Sequence[int],
-    headings: Sequence[int],
+    moves: frozenset[int],
+    positions: frozenset[int],
+    headings: frozenset[int],
 ) -> LaneKernels:
     """Compile the kernels of a run, or load them.
 
@@ -379,7 +391,7 @@ def _kernels(
     def kernel(make: Any, name: str, kind: StepKind | FixKind) -> int:
         return address_of(make, (name, shape, kind), width, shape.bits)
 
-    def needed(make: Any, name: str, kinds: Sequence[Any], used: Sequence[int]) -> Any:
+    def needed(make: Any, name: str, kinds: Sequence[Any], used: frozenset[int]) -> Any:
         named = enumerate(kinds)
         return tuple(kernel(make, f"{name}{k}", kind) if k in used else 0 for k, kind in named)
 

@@ -87,13 +87,11 @@ class LaneSteps:
         self._lane = lane = one_lane(
             ekf.model, ekf.considered, wanders=ekf.wanders, compiles=compiles
         )
-        functions = (
-            *(take_step, take_sample, feed_samples, take_tracks_of),
-            *(evaluate_twist, move_of, scatter_of),
-        )
-        compiled = functions if lane.compiled is None else tuple(map(lane.compiled, functions))
-        self._take_step, self._take_sample, self._feed_samples, self._take_tracks = compiled[:4]
-        self._evaluate_twist, self._fill_move, self._follow_scatter = compiled[4:]
+        compiled = lane.compiled or (lambda function: function)
+        self._take_step, self._take_sample = compiled(take_step), compiled(take_sample)
+        self._feed_samples, self._take_tracks = compiled(feed_samples), compiled(take_tracks_of)
+        self._evaluate_twist, self._fill_move = compiled(evaluate_twist), compiled(move_of)
+        self._follow_scatter = compiled(scatter_of)
         rows = lane.shape.layout.rows
         self._first_report = rows["report0"]
         of_fix = (*(f"position_{part}" for part in OF_FIX), *PLACES)
@@ -240,10 +238,8 @@ class LaneSteps:
     def _call(self, function: Any, which: int, arguments: tuple[Any, ...]) -> int:
         """Call `take_step` or `take_sample`, and report the changes of the filter."""
         ekf, lane = self._ekf, self._lane
-        regressors = ekf.regressors
-        is_first = regressors is None
-        if regressors is None:
-            regressors = np.zeros((3, s.PARAMETER_COUNT))
+        is_first = ekf.regressors is None
+        regressors = np.zeros((3, s.PARAMETER_COUNT)) if is_first else ekf.regressors
         # The step advances the model; checkpoints share the memory before it.
         memory, yaw = ekf.model.memory.copy(), ekf.x.item(s.YAW)
         ekf.model.recall(memory)

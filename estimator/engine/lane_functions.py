@@ -228,9 +228,9 @@ def take_sample(
         return FULL
     if inputs.shape != (ROWS, 1) or mounting.shape != (3, 3):
         raise ValueError(WRONG_SIZE)
-    rate = mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z
-    forward = mounting[1, 0] * f_x + mounting[1, 1] * f_y + mounting[1, 2] * f_z
-    left = mounting[2, 0] * f_x + mounting[2, 1] * f_y + mounting[2, 2] * f_z
+    rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
+    forward = float(mounting[1, 0] * f_x + mounting[1, 1] * f_y + mounting[1, 2] * f_z)
+    left = float(mounting[2, 0] * f_x + mounting[2, 1] * f_y + mounting[2, 2] * f_z)
     sample_inputs(record, stamps, rates, inputs, 0, stamp, rate, forward, left, uses_force)
     arrays = (x, P, regressors, memory, lane, inputs, constants)
     return take_step(places, which, records, *arrays, is_first, stamp, 0.0)

@@ -67,8 +67,9 @@ class RateMemory(msgspec.Struct, frozen=True):
     def __post_init__(self) -> None:
         if len(self.rates) != len(self.stamps):
             raise ValueError("samples of a rate need a stamp each")
-        if any(one >= other for one, other in pairwise(self.stamps)):
-            raise ValueError("the stamps of a rate must rise")
+        steps = [other - one for one, other in pairwise(self.stamps)]
+        if steps and not 0 < min(steps) <= max(steps) <= LARGEST_HOLE:
+            raise ValueError("the stamps of a rate must rise, without holes")
 
 
 class TrackLatencyMemory(msgspec.Struct, frozen=True):

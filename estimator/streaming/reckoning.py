@@ -289,17 +289,16 @@ class Reckoning:
 
     def _take_imu(self, m: ImuSample) -> bool:
         used = self._steps.take_imu(m, self._mounting, self._uses_force)
-        if used == REFUSED and self._tracks.stamp == NEVER:
-            # The motion is unknown, not at rest.
-            self._imu.stamp = m.stamp
-            self._counts.sensor("imu").reject("before the first track speeds")
-            return False
         if used == REFUSED:
+            if self._tracks.stamp == NEVER:
+                # The motion is unknown, not at rest.
+                self._imu.stamp = m.stamp
+                self._counts.sensor("imu").reject("before the first track speeds")
+                return False
             # The sample measures the present yaw rate, not that in the gap.
             imu_clock.take_stamp(self._imu, m.stamp, self._settings.hold)
             self._advance(imu_clock.interval_start(self._imu, m.stamp))
-            of_imu = self._mounting, self._uses_force
-            used = self._steps.take_imu(m, *of_imu, after_gap=True)
+            used = self._steps.take_imu(m, self._mounting, self._uses_force, after_gap=True)
         self._counts.standstill_updates += self._record.stands
         return used > 0
 

@@ -45,15 +45,6 @@ def compiled(function: Function) -> Function:
     return cast(Function, _cached(twin, {"error_model": "numpy"}))
 
 
-def jit(function: Callable[..., Any]) -> Any:
-    """Compile a function that other compiled ones call.
-
-    Raises:
-        ValueError: it calls itself, directly or through others.
-    """
-    return _jit(function, ())
-
-
 @cache
 def entry(function: Callable[..., Any]) -> Any:
     """Compile a function, and those that it calls, for Python, with a disk cache.
@@ -79,7 +70,12 @@ def _cached(function: FunctionType, options: dict[str, Any]) -> Any:
     return dispatcher
 
 
-def _jit(function: Any, callers: tuple[Any, ...]) -> Any:
+def jit(function: Any, callers: tuple[Any, ...] = ()) -> Any:
+    """Compile a function that other compiled ones call.
+
+    Raises:
+        ValueError: it calls itself, directly or through others.
+    """
     if function in callers:
         raise ValueError(f"{function.__qualname__} calls itself, which compiled functions cannot")
     if function not in COMPILED:
@@ -96,7 +92,7 @@ def _with_compiled_callees(function: Any, callers: tuple[Any, ...]) -> FunctionT
     for name in _loaded_globals(function):
         callee = names.get(name)
         if isinstance(callee, FunctionType) and callee.__module__.startswith(LIBRARY):
-            names[name] = _jit(callee, (*callers, function))
+            names[name] = jit(callee, (*callers, function))
     return _renamed(function, names)
 
 

@@ -20,7 +20,6 @@ from numba.core.registry import cpu_target
 from icreckon.estimator.tracing.emit import emit
 from icreckon.estimator.tracing.kernel import Kernel
 from icreckon.estimator.tracing.kernel_cache import DIGITS, CodeFiles, environment_digest
-from icreckon.estimator.tracing.trace import TRACING
 
 # Code in memory, which must stay as long as its addresses are used.
 LIBRARIES: list[Any] = []
@@ -63,12 +62,10 @@ def address_of(
         saved = files.load(symbol, key)
         if saved is not None:
             return _loaded(codegen.unserialize_library(saved), symbol)
-        with TRACING:
-            kernel = make(*arguments)
-        library = compiled_library(kernel, symbol, width, bits)
-        address = _loaded(library, symbol)
+        # There is one graph of traced numbers at a time.
+        library = compiled_library(make(*arguments), symbol, width, bits)
         files.save(symbol, key, library.serialize_using_object_code())
-    return address
+        return _loaded(library, symbol)
 
 
 def compiled_library(kernel: Kernel, symbol: str, width: int, bits: int = 64) -> Any:
@@ -87,4 +84,5 @@ def compiled_library(kernel: Kernel, symbol: str, width: int, bits: int = 64) ->
 def _loaded(library: Any, symbol: str) -> int:
     LIBRARIES.append(library)
     address: int = library.get_pointer_to_function(symbol)
+    assert address, symbol  # noqa: S101 - a call of it would end the process
     return address

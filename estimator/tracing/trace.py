@@ -14,14 +14,11 @@ from __future__ import annotations
 
 import builtins
 import math
-import threading
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar, cast
 
 import numpy as np
 
-# Held during tracing: there is one graph at a time.
-TRACING = threading.RLock()
 # Operations whose arguments may be exchanged.
 COMMUTATIVE = {"add", "mul", "and", "or"}
 
@@ -132,7 +129,7 @@ class Traced:
 
 
 def start(bits: int = 64) -> None:
-    """Start a new graph; the caller holds `TRACING` until the graph is compiled.
+    """Start a new graph, of which there is one at a time.
 
     Args:
         bits: number of bits of each number, 64 or 32.

@@ -291,6 +291,10 @@ NONSENSE = {
         lambda c: c["watch"]["gyro"].update(stamps=[1, 0], rates=[0.0, 0.0]),
         "stamps of a rate must rise",
     ),
+    "a watch with a hole": (
+        lambda c: c["watch"]["gyro"].update(stamps=[0, 10**18], rates=[0.0, 0.0]),
+        "without holes",
+    ),
     "a watch of other blocks": (
         lambda c: c["watch"].update(blocks=[[1.0, 2.0]]),
         "blocks of turning need",

@@ -1,5 +1,6 @@
 """Compiled functions on disk: processes that share them, in any order and at once, never mix them up."""
 
+import copy
 import os
 import pickle
 import struct
@@ -16,7 +17,7 @@ import pytest
 from command_line import fails, icreckon_alone
 from conftest import REPOSITORY
 from icreckon.estimator.engine.filters import BatchFilter
-from icreckon.estimator.engine.work import run_kernel
+from icreckon.estimator.engine.work import LaneKernels, run_kernel
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
@@ -337,7 +338,7 @@ def test_a_kernel_cannot_address_rows_that_its_arrays_lack() -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", ["workspace", "constants", "inputs", "table", "estimates", "fixes", "ticks"]
+    "wrong", ["workspace", "constants", "inputs", "type", "table", "estimates", "fixes", "ticks"]
 )
 def test_filters_side_by_side_refuse_arrays_of_the_wrong_size(wrong: str) -> None:
     from icreckon.estimator.engine.constants import aligned
@@ -366,6 +367,8 @@ def test_filters_side_by_side_refuse_arrays_of_the_wrong_size(wrong: str) -> Non
             lanes = lanes._replace(constants=lanes.constants[:-1])
         case "inputs":
             inputs = inputs[:1]
+        case "type":
+            inputs = inputs.astype(np.float32)
         case "table":
             table = table[:, : len(STEP_CONSTANTS)]
         case "estimates":
@@ -378,6 +381,14 @@ def test_filters_side_by_side_refuse_arrays_of_the_wrong_size(wrong: str) -> Non
         filters.work_through(lanes, inputs, steps, np.ascontiguousarray(table), estimates)
     if wrong != "workspace":
         assert np.array_equal(lanes.workspace, before)
+
+
+def test_filters_for_another_process_have_no_addresses() -> None:
+    filters = BatchFilter(load_robot("auriga-alpha"), find_variant("gyro"), Settings(), 32)
+    filters._kernels = LaneKernels(usual=1)
+    other = copy.deepcopy(filters)
+    assert other._kernels == LaneKernels()
+    assert (other.number, other.width, other.shape) == (np.float32, filters.width, filters.shape)
 
 
 def test_an_array_off_the_registers_grid_is_refused() -> None:
