@@ -185,7 +185,7 @@ def main() -> None:
     ours = dict(rows)[f"icreckon, {FULL}, {size} states"]
     print(f"{'engine':66s} {'M steps/CPU s':>13s} {'x filterpy':>11s}")
     for name, seconds in rows:
-        print(f"{name:66s} {1e-6 / seconds:13.3f} {filterpy / seconds:11.1f}")
+        print(f"{name:66s} {1e-6 / seconds:13.4f} {filterpy / seconds:11.2f}")
     of_step = flops(step_kernel("step", full.filters.shape, StepKind()))
     print(
         f"peak of one core {1e-9 * peak:.0f} GFLOP/s; a step of {FULL} is at least {of_step} additions "
