@@ -19,17 +19,11 @@ from _figures import count, differences, figures, run_command
 from _logs import WITH_TRUTH
 from _study import table
 
+from icreckon.simulation.study.plan import study_names
+
 # Differences that rounding can make of sums over some 10^5 samples.
 TOLERANCE = 1e-6
 ENGINES = ("streaming", "batch")
-STUDIES = (
-    "driving-style",
-    "imu-grades",
-    "mis-calibration",
-    "outage-length",
-    "slopes",
-    "ten-thousand",
-)
 
 
 def command_in_fresh_cache(work: Path, arguments: list[str]) -> Path:
@@ -58,7 +52,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("data", type=Path, nargs="?")
     parser.add_argument("--runs", type=int, default=2)
-    parser.add_argument("--studies", default=",".join(STUDIES))
+    parser.add_argument("--studies", default=",".join(study_names()))
     parser.add_argument("--work", type=Path)
     options = parser.parse_args()
     rows = []

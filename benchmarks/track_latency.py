@@ -51,9 +51,11 @@ def watch(log: Log, models: SensorModels) -> tuple[list[str], str, float]:
             estimator.take_gyro(one.stamp, one.angular_velocity)
         elif isinstance(one, TrackSpeeds):
             estimator.take_tracks(one.stamp, one.left, one.right)
-            passed = [turned for turned in TURNED if blocks < turned / BLOCK <= estimator.completed]
+            if estimator.completed == blocks:
+                continue
+            passed = sum(blocks < turned / BLOCK <= estimator.completed for turned in TURNED)
             blocks, seconds = estimator.completed, (one.stamp - log.start) * NANOSECOND
-            cells += [f"{shown(estimator.estimate())} ({seconds:.0f} s)"] * len(passed)
+            cells += [f"{shown(estimator.estimate())} ({seconds:.0f} s)"] * passed
     spent = time.process_time() - begun
     cells += ["-"] * (len(TURNED) - len(cells))
     return cells, shown(estimator.estimate()), spent

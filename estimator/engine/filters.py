@@ -35,7 +35,6 @@ from icreckon.estimator.engine.layout import (
 )
 from icreckon.estimator.engine.model import traced_model
 from icreckon.estimator.engine.schedule import (
-    AHEAD,
     HEADING,
     MOVE,
     MOVE_AND_UPDATE,
@@ -53,6 +52,7 @@ from icreckon.estimator.engine.work import (
     TICK_BETWEEN_STEPS,
     LaneKernels,
     Places,
+    time_of_fix,
     work_through,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
@@ -236,7 +236,8 @@ class BatchFilter:
             all_outputs: the estimates have more rows, those of `Layout.more_outputs`.
 
         Raises:
-            ValueError: an array has the wrong size, or is not aligned with the machine's registers.
+            ValueError: an array has the wrong size or type of numbers, or is not aligned with the
+                machine's registers; or the kernel of a step was not compiled.
         """
         workspace, per_lane = lanes.workspace, (lanes.workspace, inputs)
         is_odd = any(one.dtype != self.number for one in (*per_lane, lanes.constants))
@@ -302,9 +303,7 @@ class BatchFilter:
         Args:
             steps: all steps of the run.
         """
-        ticks = (steps.extras & TICK) > 0
-        # Times of fixes, in the order of `AT_STEP` and the others.
-        when = 2 * (steps.kinds == AHEAD) + ticks
+        when, moves = time_of_fix(steps.kinds, steps.extras), steps.kinds == MOVE
         is_log = isinstance(steps, LogSteps)
 
         def used(values: Any, in_logs: tuple[int, ...]) -> frozenset[int]:
@@ -313,7 +312,7 @@ class BatchFilter:
 
         fixes = (when[(steps.extras & bit) > 0] for bit in (POSITION, HEADING))
         of_fixes = (used(one, (AT_TICK, TICK_BETWEEN_STEPS) * (len(one) > 0)) for one in fixes)
-        times = used(ticks[steps.kinds == MOVE], (1,)), *of_fixes
+        times = used((steps.extras[moves] & TICK) > 0, (1,)), *of_fixes
         self._kernels = _kernels(self.shape, self.width, self._uses_force, *times)
 
     @property

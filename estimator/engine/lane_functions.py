@@ -38,8 +38,7 @@ PARAMETERS = s.PARAMETERS.start
 LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 
-# Results of `take_sample` that did nothing: before the first track speeds or after a gap, and with full
-# buffers.
+# Results of functions that did nothing: a step is needed before, as after a gap; the buffers are full.
 REFUSED, FULL = -1, -2
 # Most states of a filter with a fast slip.
 MOST_STATES = s.WANDER.stop
@@ -171,8 +170,8 @@ def fill_tracks(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
 def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_usual: bool) -> int:
     """Add track speeds to the record in an array (1,), see `take_track_speeds`.
 
-    With `only_if_usual` it returns -1, and adds nothing, if the filter has to take a step before: at the
-    start, after a gap, and while there is no IMU.
+    With `only_if_usual` it adds nothing and returns `REFUSED` if the filter has to take a step before: at
+    the start, after a gap, and while there is no IMU.
     """
     record = records[0]
     tracks, hold = record.tracks, record.settings.hold
@@ -182,7 +181,7 @@ def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_
         or is_hole(tracks, stamp, hold)
         or not is_alive(record.imu, stamp, hold)
     ):
-        return -1
+        return REFUSED
     return take_track_speeds(record, stamp, left, right)
 
 

@@ -136,11 +136,8 @@ def work_through(
             constants[c] = table[k, c]
         constants[places.interval] = table[k, PER_STEP]
         given = inputs[k]
-        is_tick = extras[k] & TICK
-        if kinds[k] == AHEAD:
-            when = TICK_BETWEEN_STEPS if is_tick else BETWEEN_STEPS
-        else:
-            when = AT_TICK if is_tick else AT_STEP
+        is_tick, when = extras[k] & TICK, time_of_fix(kinds[k], extras[k])
+        if kinds[k] != AHEAD:
             quiet = False
             for lane in range(width):
                 quiet |= given[QUIET, lane] == given[QUIET, lane]
@@ -161,6 +158,11 @@ def work_through(
             for row in range(len(places.estimate)):
                 for lane in range(output_lanes):
                     estimates[ticks[k], row, lane] = workspace[places.estimate[row], lane]
+
+
+def time_of_fix(kind: Any, extra: Any) -> Any:
+    """Time of a fix in a step, see `AT_STEP` and the others; of arrays of steps, too."""
+    return 2 * (kind == AHEAD) + ((extra & TICK) > 0)
 
 
 def process_position(

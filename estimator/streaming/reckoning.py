@@ -262,7 +262,7 @@ class Reckoning:
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         if not (m.left_wheels or m.right_wheels):
             stuck = self._steps.take_track_speeds(m.stamp, m.left, m.right, True)
-            if stuck >= 0:
+            if stuck != REFUSED:
                 self._counts.stuck_tracks += stuck
                 self._counts.sensor("tracks").used += 1
                 return True

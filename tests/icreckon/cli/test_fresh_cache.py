@@ -11,16 +11,10 @@ from typing import Any
 
 import pytest
 
+from icreckon.simulation.study.plan import study_names
+
 pytestmark = pytest.mark.slow
 
-STUDIES = (
-    "driving-style",
-    "imu-grades",
-    "mis-calibration",
-    "outage-length",
-    "slopes",
-    "ten-thousand",
-)
 ONE_VARIANT = """# A study of one variant.
 variants = ["gyro"]
 runs = 2
@@ -72,7 +66,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return cache
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", study_names())
 def test_shipped_studies_run_through_and_compile_nothing(
     prepared: Path, tmp_path: Path, name: str
 ) -> None:
