@@ -6,9 +6,17 @@ import pytest
 from _tables import PAGES, Table, all_tables, current, put, renewed, tables
 from all_tables import renew_all
 
+from icreckon.estimator.filter.fault_table import FAULTS
+from readme import ROOT
+
 COMMAND = "python benchmarks/demo_runs.py"
 # Heads of tables without figures of a command of their own.
-OTHERS = {("log", "source"), ("where", "what happens"), ("page", "answers")}
+OTHERS = {
+    ("log", "source"),
+    ("where", "what happens"),
+    ("page", "answers"),
+    ("fault", "indicated by", "effect", "rule"),
+}
 PAGE = """# Page
 
 <!-- figures: python benchmarks/demo_runs.py; of: 00000000 -->
@@ -100,3 +108,10 @@ def test_a_command_that_fails_is_reported_and_does_not_stop_the_others(
     (folder / "bad.py").unlink()
     monkeypatch.setattr("all_tables.run", None)
     assert renew_all([good], "") == 0
+
+
+def test_the_table_of_faults_is_that_of_the_filter() -> None:
+    page = (ROOT / "docs/explanation/proof/faults.md").read_text(encoding="utf-8")
+    rows = [f"| {one.name} | {one.indication} | {one.effect} | `{one.rule}` |" for one in FAULTS]
+    assert "| --- | --- | --- | --- |\n" + "\n".join(rows) + "\n\n" in page
+    assert all((ROOT / "estimator" / one.rule).is_file() for one in FAULTS)

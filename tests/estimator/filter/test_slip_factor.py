@@ -154,7 +154,7 @@ def test_slippery_ground_raises_it_also_if_the_gate_admits_no_fix(robot: Robot) 
     log = simulate(scenario, robot, run_index=7)
     one = run(log, robot, "inertia-online")
     assert one.health.sensors["position"].rejected.get("gate", 0) < 5
-    assert one.health.slip.factor > 2.5
+    assert one.health.slip_factor > 2.5
 
 
 def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:
@@ -168,8 +168,8 @@ def changing() -> Log:
 
 
 def test_changing_ground_raises_it_and_even_ground_does_not(changing: Log, robot: Robot) -> None:
-    found = run(changing, robot, "constant-online").health.slip.factor
-    even = run(drive((), robot), robot, "constant-online").health.slip.factor
+    found = run(changing, robot, "constant-online").health.slip_factor
+    even = run(drive((), robot), robot, "constant-online").health.slip_factor
     assert found > 2.0
     assert even < 1.2
 
@@ -181,10 +181,10 @@ def test_a_restored_estimator_goes_on(changing: Log, robot: Robot, tmp_path) -> 
         if measurement.stamp > middle and restored is None:
             estimator.save(tmp_path / "state.json")
             restored = PoseEstimator.restore(tmp_path / "state.json", robot)
-            assert restored.health.slip.factor == estimator.health.slip.factor > 1.0
+            assert restored.health.slip_factor == estimator.health.slip_factor > 1.0
         estimator.feed(measurement)
         if restored is not None:
             restored.feed(measurement)
     assert restored is not None
     assert np.array_equal(restored.state, estimator.state)
-    assert restored.health.slip.factor == estimator.health.slip.factor
+    assert restored.health.slip_factor == estimator.health.slip_factor

@@ -104,19 +104,18 @@ def test_held_tracks_are_the_same_in_python_and_compiled_to_the_last_bit(seed):
         record_array(TrackRecord(), 1),
         record_array(TrackRecord(), 3),
     )
-    rng, stuck = np.random.default_rng(seed), 0
+    rng = np.random.default_rng(seed)
     for stamp, (left, right) in zip(*drive(seed), strict=True):
-        found = take_tracks(plain, stamp, left, right, SETTINGS)
-        assert found == take_in_lane(alone, 0, stamp, left, right, SETTINGS)
-        assert found == take_in_lane(lanes, 1, stamp, left, right, SETTINGS)
-        stuck += found
+        take_tracks(plain, stamp, left, right, SETTINGS)
+        take_in_lane(alone, 0, stamp, left, right, SETTINGS)
+        take_in_lane(lanes, 1, stamp, left, right, SETTINGS)
         start = stamp + int(rng.integers(0, STEP))
         end = start + int(rng.choice([0, 10**7, 10**9]))
         carried = stamp if int(stamp) % 2 else NEVER
         still = StandstillRecord(restless_since=start - STEP, carried_since=carried)
         expected = step_inputs(plain, still, start, end, SETTINGS)
         assert expected == inputs_of_lane(alone, record_array(still, 1), 0, start, end, SETTINGS)
-    assert stuck == 1
+    assert plain.stuck == 1
     assert values(plain) == values(alone[0]) == values(lanes[1])
     assert values(lanes[0]) == values(TrackRecord())
 
