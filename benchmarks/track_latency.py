@@ -14,12 +14,12 @@ import time
 from pathlib import Path
 
 import msgspec
+import numpy as np
 from _logs import logs_without
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.lag import NoLag
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.track_latency import BLOCK, TrackLatency, TrackLatencyEstimator
@@ -28,6 +28,8 @@ from icreckon.replay.reading.read_log import read_log
 
 TURNED = (5.0, 10.0, 20.0, 40.0)
 """Turning at which the estimate is shown [rad]."""
+PART = 5_000_000_000
+"""Length of the parts of a log that the watch takes at once [ns]."""
 
 
 def with_raw_stamps(name: str) -> Robot:
@@ -44,18 +46,19 @@ def shown(found: TrackLatency | None) -> str:
 
 def watch(log: Log, models: SensorModels) -> tuple[list[str], str, float]:
     """Estimates after `TURNED`, that at the end, and seconds of processor time."""
-    estimator, blocks, cells = TrackLatencyEstimator(models.yaw_rates), 0, []
+    estimator, blocks, cells = TrackLatencyEstimator(), 0, []
     begun = time.process_time()
-    for one in Log("raw", log.tracks, log.imu).measurements():
-        if isinstance(one, ImuSample):
-            estimator.take_gyro(one.stamp, one.angular_velocity)
-        elif isinstance(one, TrackSpeeds):
-            estimator.take_tracks(one.stamp, one.left, one.right)
-            if estimator.completed == blocks:
-                continue
-            passed = sum(blocks < turned / BLOCK <= estimator.completed for turned in TURNED)
-            blocks, seconds = estimator.completed, (one.stamp - log.start) * NANOSECOND
-            cells += [f"{shown(estimator.estimate())} ({seconds:.0f} s)"] * passed
+    tracks, imu = log.tracks, log.imu
+    rates = models.yaw_rates(imu.angular_velocity)
+    for begin in range(log.start, log.start + round(log.duration / NANOSECOND) + 1, PART):
+        of_tracks, of_imu = (
+            (begin <= one.stamps) & (one.stamps < begin + PART) for one in (tracks, imu)
+        )
+        turning = np.diff(tracks.speeds[of_tracks])[:, 0]
+        estimator.take(tracks.stamps[of_tracks], turning, imu.stamps[of_imu], rates[of_imu])
+        passed = sum(blocks < turned / BLOCK <= estimator.completed for turned in TURNED)
+        blocks, seconds = estimator.completed, (begin + PART - log.start) * NANOSECOND
+        cells += [f"{shown(estimator.estimate())} ({seconds:.0f} s)"] * passed
     spent = time.process_time() - begun
     cells += ["-"] * (len(TURNED) - len(cells))
     return cells, shown(estimator.estimate()), spent

@@ -149,8 +149,7 @@ class LaneSteps:
     def take_samples(self, samples: SampleArrays, mounting: Floats, *, uses_force: bool) -> Sampled:
         """Take the steps of samples; stop before one that needs more than a step."""
         readings, ekf, total = self._readings, self._ekf, np.zeros(4, int)
-        memory = ekf.model.memory.copy()
-        ekf.model.recall(memory)
+        memory = ekf.model.memory
         while True:
             found = self._feed_samples(
                 self._lane.places,
@@ -240,9 +239,7 @@ class LaneSteps:
         ekf, lane = self._ekf, self._lane
         is_first = ekf.regressors is None
         regressors = np.zeros((3, s.PARAMETER_COUNT)) if is_first else ekf.regressors
-        # The step advances the model; checkpoints share the memory before it.
-        memory, yaw = ekf.model.memory.copy(), ekf.x.item(s.YAW)
-        ekf.model.recall(memory)
+        memory, yaw = ekf.model.memory, ekf.x.item(s.YAW)
         matrices = ekf.x, ekf.P, regressors, memory
         found: int = function(
             lane.places, which, self._records, *matrices, *self._arrays, is_first, *arguments

@@ -27,6 +27,7 @@ from icreckon.estimator.sensors.imu_clock import is_alive, take_stamp
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
 from icreckon.estimator.sensors.standstill import is_full, quiet_mean
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
+from icreckon.estimator.sensors.track_latency import add_rate
 from icreckon.estimator.tracing.kernel import call_kernel
 
 ROWS = len(INPUTS)
@@ -183,6 +184,7 @@ def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_
     ):
         return REFUSED
     take_track_speeds(record, stamp, left, right)
+    add_rate(record.turning, stamp, right - left)
     return 1
 
 
@@ -231,6 +233,7 @@ def take_sample(
     rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
     forward = float(mounting[1, 0] * f_x + mounting[1, 1] * f_y + mounting[1, 2] * f_z)
     left = float(mounting[2, 0] * f_x + mounting[2, 1] * f_y + mounting[2, 2] * f_z)
+    add_rate(record.yaw_rates, stamp, rate)
     sample_inputs(record, stamps, rates, inputs, 0, stamp, rate, forward, left, uses_force)
     arrays = (x, P, regressors, memory, lane, inputs, constants)
     return take_step(places, which, records, *arrays, is_first, stamp, 0.0)

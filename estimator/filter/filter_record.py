@@ -23,6 +23,7 @@ from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive
 from icreckon.estimator.sensors.imu_noise import NoiseRecord
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_after
+from icreckon.estimator.sensors.track_latency import RateRecord
 
 # Fields of the departure of position fixes from the path, see `faults.departing_fixes.Departure`.
 DEPARTURE = ("departed_for", *(f"departed_{part}" for part in ("from_x", "from_y", "by_x", "by_y")))
@@ -74,6 +75,8 @@ class FilterRecord(msgspec.Struct):
         gyro: counts of the gate of the gyro.
         accelerometer_x: counts of the gate of the forward accelerometer.
         accelerometer_y: counts of the gate of the accelerometer to the left.
+        turning: newest differences of the track speeds, right less left [m/s].
+        yaw_rates: newest yaw rates by the gyro [rad/s].
     """
 
     settings: InputSettings
@@ -100,6 +103,8 @@ class FilterRecord(msgspec.Struct):
     gyro: GateRecord = msgspec.field(default_factory=GateRecord)
     accelerometer_x: GateRecord = msgspec.field(default_factory=GateRecord)
     accelerometer_y: GateRecord = msgspec.field(default_factory=GateRecord)
+    turning: RateRecord = msgspec.field(default_factory=RateRecord)
+    yaw_rates: RateRecord = msgspec.field(default_factory=RateRecord)
 
 
 def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> None:

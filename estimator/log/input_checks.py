@@ -281,13 +281,14 @@ class Admission:
         fastest: highest speed of a track [m/s].
 
     Attributes:
+        longest_gap: see above [ns].
         witnesses: for each stream that is far ahead, the number of consecutive samples that were, and
             the stamp of the newest of them [ns].
         behind: the newest consecutive measurements that were too old.
     """
 
     def __init__(self, longest_gap: float, fastest: float) -> None:
-        self._longest_gap = int(longest_gap / NANOSECOND)
+        self.longest_gap = int(longest_gap / NANOSECOND)
         self._absurd = ABSURD_SPEED * fastest
         self.witnesses: dict[str, tuple[int, int]] = {}
         self.behind: list[Measurement] = []
@@ -323,7 +324,7 @@ class Admission:
             enough of each stream to show that the clock was set back. Otherwise an empty list.
         """
         behind = self.behind
-        if behind and abs(measurement.stamp - behind[-1].stamp) > self._longest_gap:
+        if behind and abs(measurement.stamp - behind[-1].stamp) > self.longest_gap:
             behind.clear()
         behind.append(measurement)
         if len(behind) < BEHIND:
@@ -378,12 +379,12 @@ class Admission:
             stamp: stamp of the measurement [ns].
             now: stamp of the estimate [ns], or None before the first.
         """
-        if now is None or stamp - now <= self._longest_gap:
+        if now is None or stamp - now <= self.longest_gap:
             if self.witnesses:
                 self.witnesses.pop(stream, None)
             return None
         count, before = self.witnesses.get(stream, (0, stamp))
-        count = count + 1 if abs(stamp - before) <= self._longest_gap else 1
+        count = count + 1 if abs(stamp - before) <= self.longest_gap else 1
         self.witnesses[stream] = (count, stamp)
         return "stamp far ahead" if count < CLOCK_WITNESSES else None
 

@@ -141,13 +141,13 @@ class MotionModel(Protocol):
 
     @property
     def memory(self) -> Floats:
-        """Checkpoint (m,) of the model's memory; never changed afterwards."""
+        """Memory (m,) of the model itself, which steps change in place."""
 
     def recall(self, memory: Floats) -> None:
         """Restore a checkpoint.
 
         Args:
-            memory: (m,) checkpoint from `memory`.
+            memory: (m,) copy of `memory`, which the model keeps.
 
         Raises:
             ValueError: its length is not that of the model's memory.

@@ -10,9 +10,7 @@ from leaving out one block at a time. A batch version that looks at a whole log 
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections import deque
-from collections.abc import Callable
 from itertools import pairwise
 from typing import Annotated, Any, NamedTuple
 
@@ -20,9 +18,9 @@ import msgspec
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import beside_lowest, jackknife_sigma
-from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.base.records import NEVER, Stamp
 
 GRID = 20_000_000
 """Spacing of the candidate latencies [ns]."""
@@ -42,8 +40,40 @@ LEAST_CORRELATION = 0.7
 """Smallest correlation of tracks and gyro at which there is an estimate [-]."""
 CAPACITY = 16_384
 """Number of samples that are kept to integrate over the windows: 16 s at 1000 Hz."""
-AT_ONCE = 50
-"""Number of windows that are used at once, which costs less."""
+NO_HOLE = 2**62
+"""A stamp behind all others [ns]."""
+
+
+ROOM = 64
+"""Number of samples of a rate that a filter keeps until the watch takes them."""
+Buffer = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
+
+
+class RateRecord(msgspec.Struct):
+    """Newest samples of a rate, in the record of a filter, until the watch takes them.
+
+    Attributes:
+        begin: stamp of the first of them [ns], or NEVER.
+        count: their number.
+        times: times since the first of them [ns]; the rest is unused.
+        rates: the rates; likewise.
+    """
+
+    begin: Stamp = NEVER
+    count: Annotated[int, msgspec.Meta(ge=0, le=ROOM)] = 0
+    times: Buffer = msgspec.field(default_factory=lambda: [0.0] * ROOM)
+    rates: Buffer = msgspec.field(default_factory=lambda: [0.0] * ROOM)
+
+
+def add_rate(of: RateRecord, stamp: int, rate: float) -> None:
+    """Add a sample, if there is room; plain Python, for numba too."""
+    count = of.count
+    if count == ROOM:
+        return
+    if count == 0:
+        of.begin = stamp
+    of.times[count], of.rates[count] = float(stamp - of.begin), rate
+    of.count = count + 1
 
 
 class TrackLatency(NamedTuple):
@@ -108,39 +138,42 @@ class _Rate:
     """Samples of a rate, over the last seconds.
 
     Args:
-        of_readings: rates (n,) of readings (n, ...).
         held: whether a rate holds until the next sample; otherwise it changes steadily in between.
 
     Attributes:
-        stamps: stamps of the samples [ns].
-        newest: stamp of the newest sample, or NEVER.
+        stamps: (n,) stamps of the samples [ns].
     """
 
-    def __init__(self, of_readings: Callable[[Floats], Floats], *, held: bool) -> None:
-        self._of_readings, self._held, self.newest = of_readings, held, NEVER
-        self.stamps: list[int] = []
-        # Rates of the samples; of the newest, readings whose rates are not computed yet.
-        self._rates: list[float] = []
-        self._readings: list[Any] = []
+    def __init__(self, *, held: bool) -> None:
+        self._held = held
+        self.stamps: Stamps = np.zeros(0, np.int64)
+        self._rates: Floats = np.zeros(0)
 
-    def add(self, stamp: int, reading: Any) -> None:
-        """Add a sample [ns]."""
-        self.newest = stamp
-        self.stamps.append(stamp)
-        self._readings.append(reading)
-        if len(self.stamps) > CAPACITY:
-            self.drop_before(self.stamps[CAPACITY // 2])
+    def first_after_hole(self, stamps: Stamps) -> int:
+        """First of some later stamps [ns] that comes after a hole; `NO_HOLE` for none.
 
-    def _all_rates(self) -> list[float]:
-        if self._readings:
-            self._rates += self._of_readings(np.array(self._readings)).tolist()
-            self._readings.clear()
-        return self._rates
+        A clock that was set back before them is a hole, too.
+        """
+        found = np.concatenate([self.stamps[-1:], stamps])
+        steps = np.diff(found)
+        are_holes = steps > LARGEST_HOLE
+        if len(self.stamps):
+            are_holes[:1] |= steps[:1] < -LARGEST_HOLE
+        holes = np.flatnonzero(are_holes)
+        return int(found[holes[0] + 1]) if len(holes) else NO_HOLE
+
+    def add(self, stamps: Stamps, rates: Floats) -> None:
+        """Add samples; those whose stamps [ns] do not rise are left out."""
+        found = np.concatenate([self.stamps, stamps])
+        values = np.concatenate([self._rates, rates])
+        rises = np.ones(len(found), bool)
+        rises[1:] = found[1:] > np.maximum.accumulate(found)[:-1]
+        self.stamps, self._rates = found[rises][-CAPACITY:], values[rises][-CAPACITY:]
 
     def integral(self, begin: int, count: int) -> Floats:
         """Integral (count,) up to each point of a grid that begins at a stamp [ns]."""
-        seconds = (np.array(self.stamps) - begin) * NANOSECOND
-        rates, values = np.array(self._all_rates()), np.zeros(len(seconds))
+        seconds, rates = (self.stamps - begin) * NANOSECOND, self._rates
+        values = np.zeros(len(seconds))
         between = rates[:-1] if self._held else 0.5 * (rates[:-1] + rates[1:])
         np.cumsum(np.diff(seconds) * between, out=values[1:])
         found: Floats = np.interp(np.arange(count) * (GRID * NANOSECOND), seconds, values)
@@ -148,70 +181,70 @@ class _Rate:
 
     def drop_before(self, stamp: int) -> None:
         """Drop samples that integrals from a stamp on [ns] do not depend on."""
-        first = max(0, bisect_right(self.stamps, stamp) - 1)
-        del self.stamps[:first], self._all_rates()[:first]
+        first = max(0, int(np.searchsorted(self.stamps, stamp, "right")) - 1)
+        self.stamps, self._rates = self.stamps[first:], self._rates[first:]
 
     def memory(self) -> RateMemory:
         """Checkpoint of the samples."""
-        return RateMemory(self.stamps.copy(), self._all_rates().copy())
+        return RateMemory(self.stamps.tolist(), self._rates.tolist())
 
     def recall(self, memory: RateMemory) -> None:
         """Restore a checkpoint."""
-        self.stamps, self._rates = memory.stamps.copy(), memory.rates.copy()
-        self.newest = self.stamps[-1] if self.stamps else NEVER
+        self.stamps, self._rates = np.array(memory.stamps, np.int64), np.array(memory.rates, float)
 
 
 class TrackLatencyEstimator:
-    """Estimator of the latency of track speeds, from samples in the order of arrival.
-
-    Args:
-        yaw_rates: yaw rates (n,) of readings of the gyro (n, ...) [rad/s]; None if these are yaw rates.
+    """Estimator of the latency of track speeds.
 
     Attributes:
         completed: number of blocks that were completed; the estimate changes with it.
     """
 
-    def __init__(self, yaw_rates: Callable[[Floats], Floats] | None = None) -> None:
-        self._yaw_rates = yaw_rates or np.asarray
+    def __init__(self) -> None:
         self._origin = NEVER
         self._blocks: deque[Floats] = deque(maxlen=MOST_BLOCKS)
         self._open = np.zeros((6, len(SHIFTS)))
         self._turned, self.completed = 0.0, 0
+        self._found: tuple[int, TrackLatency | None] = (0, None)
         self._begin()
 
-    def take_tracks(self, stamp: int, left: float, right: float) -> None:
-        """Add track speeds.
+    def take(
+        self, track_stamps: Stamps, turning: Floats, gyro_stamps: Stamps, rates: Floats
+    ) -> None:
+        """Add samples behind those before, and use the windows that they complete.
+
+        Many at once cost less.
 
         Args:
-            stamp: raw stamp [ns].
-            left: left track [m/s], in any scale.
-            right: right track.
+            track_stamps: (n,) raw stamps of the track speeds [ns].
+            turning: (n,) speed of the right track less that of the left [m/s], in any scale.
+            gyro_stamps: (m,) raw stamps of the gyro [ns].
+            rates: (m,) its yaw rates, with the bias [rad/s].
         """
-        tracks = self._tracks
-        if not 0 < stamp - tracks.newest <= LARGEST_HOLE:
-            if not self._may_follow(tracks.newest, stamp):
-                return
-            tracks = self._tracks
-        tracks.add(stamp, right - left)
-        if stamp >= self._due:
-            self._use_windows(AT_ONCE)
-
-    def take_gyro(self, stamp: int, reading: Any) -> None:
-        """Add a reading of the gyro.
-
-        Args:
-            stamp: raw stamp [ns].
-            reading: yaw rate [rad/s], its bias included, or what `yaw_rates` takes.
-        """
-        gyro = self._gyro
-        if not 0 < stamp - gyro.newest <= LARGEST_HOLE:
-            if not self._may_follow(gyro.newest, stamp):
-                return
-            gyro = self._gyro
-        gyro.add(stamp, reading)
+        given = (track_stamps, turning), (gyro_stamps, rates)
+        cut = NEVER
+        while cut != NO_HOLE:
+            of_rates = self._tracks, self._gyro
+            cut = min(
+                one.first_after_hole(stamps)
+                for one, (stamps, _) in zip(of_rates, given, strict=True)
+            )
+            for one, (stamps, values) in zip(of_rates, given, strict=True):
+                before = stamps < cut
+                one.add(stamps[before], values[before])
+            self._use_windows()
+            if cut != NO_HOLE:
+                self._begin()
+                (a, x), (b, y) = given
+                given = (a[a >= cut], x[a >= cut]), (b[b >= cut], y[b >= cut])
 
     def estimate(self) -> TrackLatency | None:
         """Estimate the latency; None while it is not observable."""
+        if self._found[0] != self.completed:
+            self._found = self.completed, self._estimate()
+        return self._found[1]
+
+    def _estimate(self) -> TrackLatency | None:
         if len(self._blocks) < FEWEST_BLOCKS:
             return None
         total = np.sum(self._blocks, axis=0)
@@ -236,37 +269,29 @@ class TrackLatencyEstimator:
         self._begin()
         self._origin, self._turned = memory.origin, memory.turned
         self._blocks = deque(memory.blocks.copy(), maxlen=MOST_BLOCKS)
+        self.completed = len(self._blocks)
         self._open, self._next = memory.open.copy(), memory.next_window
         self._gyro.recall(memory.gyro)
         self._tracks.recall(memory.tracks)
 
     def _begin(self) -> None:
         """Begin new windows; completed blocks stay."""
-        self._gyro, self._tracks = _Rate(self._yaw_rates, held=False), _Rate(np.asarray, held=True)
-        self._next = self._due = NEVER
+        self._gyro, self._tracks = _Rate(held=False), _Rate(held=True)
+        self._next = NEVER
 
-    def _may_follow(self, newest: int, stamp: int) -> bool:
-        """Begin again after a hole; return False for a sample of before the newest one."""
-        if -LARGEST_HOLE <= stamp - newest <= 0:
-            return False
-        if newest != NEVER:
-            self._use_windows(1)
-            self._begin()
-        if self._origin == NEVER:
-            self._origin = stamp
-        return True
-
-    def _use_windows(self, fewest: int) -> None:
-        """Use the windows that both rates cover, if there are so many."""
+    def _use_windows(self) -> None:
+        """Use the windows that both rates cover."""
         gyro, tracks, step = self._gyro, self._tracks, WINDOW_STEP * GRID
         if len(gyro.stamps) < 2 or len(tracks.stamps) < 2:
             return
-        first = max(gyro.stamps[0], tracks.stamps[0] - EARLIEST)
+        if self._origin == NEVER:
+            self._origin = int(min(gyro.stamps[0], tracks.stamps[0]))
+        first = int(max(gyro.stamps[0], tracks.stamps[0] - EARLIEST))
         begin = max(self._next, self._origin - (self._origin - first) // step * step)
-        end = min(tracks.newest - LATEST, gyro.newest) - WINDOW * GRID
+        end = int(min(tracks.stamps[-1] - LATEST, gyro.stamps[-1])) - WINDOW * GRID
         windows = max(0, -((begin - end) // step))
-        self._next, self._due = begin, begin + (fewest - 1) * step + WINDOW * GRID + LATEST + 1
-        if windows < fewest:
+        self._next = begin
+        if not windows:
             return
         starts = np.arange(windows) * WINDOW_STEP
         by_gyro = gyro.integral(begin, starts[-1] + WINDOW + 1)
@@ -275,7 +300,7 @@ class TrackLatencyEstimator:
         x = sliding_window_view(by_tracks[WINDOW:] - by_tracks[:-WINDOW], len(SHIFTS))[starts]
         moving = x.any(axis=1)
         self._add(x[moving], y[moving])
-        self._next, self._due = begin + windows * step, self._due + windows * step
+        self._next = begin + windows * step
         for rate in (gyro, tracks):
             rate.drop_before(self._next + EARLIEST)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
+from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.health import HISTORY_FULL, TOO_OLD
 from icreckon.estimator.log.input_checks import Event, Key, event_of, event_row, key_of
 from icreckon.estimator.log.measurements import Mark
@@ -56,10 +58,13 @@ class History:
     Args:
         reckoning: the filter.
         span: largest delay of a measurement [s].
+        watch: called from time to time with the record of the filter.
     """
 
-    def __init__(self, reckoning: Reckoning, span: float) -> None:
-        self._reckoning = reckoning
+    def __init__(
+        self, reckoning: Reckoning, span: float, watch: Callable[[FilterRecord], None]
+    ) -> None:
+        self._reckoning, self._watch = reckoning, watch
         self._span = round(span / NANOSECOND)
         self._keys: list[Key] = []
         self._events: list[Event] = []
@@ -126,6 +131,7 @@ class History:
         used = self._reckoning.take(event)
         self._since_checkpoint += 1
         if self._since_checkpoint >= CHECKPOINT_EVERY:
+            self._watch(self._reckoning.record)
             self._add_checkpoint(key)
             self._drop_obsolete()
         return used
@@ -164,6 +170,7 @@ class History:
 
     def insert(self, key: Key, event: Event) -> bool:
         """Update the filter with a late measurement; return True if it was used."""
+        self._watch(self._reckoning.record)
         place = bisect_left(self._keys, key)
         self._keys.insert(place, key)
         self._events.insert(place, event)
@@ -180,6 +187,11 @@ class History:
             if index == place:
                 used = now_used
             self._since_checkpoint += 1
+            if index == place:
+                self._watch(reckoning.record)
+            else:
+                # The others were watched before.
+                reckoning.record.turning.count = reckoning.record.yaw_rates.count = 0
             if self._since_checkpoint >= CHECKPOINT_EVERY:
                 self._add_checkpoint(at)
         return used

@@ -7,13 +7,16 @@ of the track speeds is watched while driving, and estimated where nobody gave on
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, TypeVar
+from itertools import chain
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
+import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.checks import Latency, check_bounds, require_flag
 from icreckon.estimator.base.lag_search import BEYOND
+from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.health import TrackLatencyHealth
 from icreckon.estimator.log.input_checks import key_of
 from icreckon.estimator.log.log import Log
@@ -28,9 +31,8 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.track_latency import (
-    TrackLatency,
+    LARGEST_HOLE,
     TrackLatencyEstimator,
     TrackLatencyMemory,
 )
@@ -40,6 +42,8 @@ LARGEST_SIGMA = 0.02
 """Standard error from which on an estimate is used [s]."""
 LEAST, LEAST_CHANGE = 0.03, 0.01
 """Smallest latency that is taken off, and smallest change of one that is [s]."""
+AT_ONCE = 1000
+"""Number of samples that the watch takes at once, which costs less."""
 
 
 class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -127,11 +131,29 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         }
 
 
+class Part(NamedTuple):
+    """Samples of a rate: stamp of the first [ns], times since then [ns], and rates."""
+
+    begin: int
+    times: list[float]
+    rates: list[float]
+
+
+def joined(parts: list[Part]) -> tuple[Stamps, Floats]:
+    """Stamps (n,) and rates (n,) of successive parts."""
+    counts = [len(one.times) for one in parts]
+    begins = np.repeat(np.array([one.begin for one in parts], np.int64), counts)
+    times, rates = (
+        np.array([*chain.from_iterable(of)])
+        for of in ((one.times for one in parts), (one.rates for one in parts))
+    )
+    return begins + times.astype(np.int64), rates
+
+
 class StampCorrection:
     """Correction of stamps by latencies, and the watch over that of the tracks.
 
     Args:
-        robot: the robot, for the mounting of its IMU.
         latencies: the latencies.
         estimated: estimate of an earlier run to begin with [s].
         watch: checkpoint of the watch, see `memory`; None to begin anew.
@@ -143,18 +165,16 @@ class StampCorrection:
 
     def __init__(
         self,
-        robot: Robot,
         latencies: Latencies,
         estimated: float = 0.0,
         watch: TrackLatencyMemory | None = None,
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
-        self._estimated_ns = _nanoseconds(estimated)
-        self._watch = TrackLatencyEstimator(SensorModels(robot).yaw_rates)
+        # Samples of the tracks and of the gyro that the watch has not taken yet.
+        self._turning, self._rates = list[Part](), list[Part]()
+        self._watch, self._count = TrackLatencyEstimator(), 0
         if watch is not None:
             self._watch.recall(watch)
-        self._found: TrackLatency | None = self._watch.estimate()
-        self._completed = 0
         self._late = {kind: _nanoseconds(value) for kind, value in latencies.by_kind().items()}
         self._late[TrackSpeeds] += _nanoseconds(estimated)
 
@@ -167,37 +187,58 @@ class StampCorrection:
         late = self._late.get(type(measurement), 0)
         return _shifted(measurement, late) if late else measurement
 
-    def watch(self, measurement: Measurement) -> None:
-        """Watch the track speeds' latency by a plausible, corrected measurement."""
-        m: Any = measurement
-        if type(m) is ImuSample:
-            self._watch.take_gyro(m.stamp, m.angular_velocity)
-        elif type(m) is TrackSpeeds:
-            self._watch.take_tracks(m.stamp + self._estimated_ns, m.left, m.right)
-        if self._watch.completed != self._completed:
-            self._completed = self._watch.completed
+    def watch(self, record: FilterRecord) -> None:
+        """Take the newest samples of a filter's record, for the watch."""
+        late = _nanoseconds(self.estimated)
+        for parts, of, more in (
+            (self._turning, record.turning, late),
+            (self._rates, record.yaw_rates, 0),
+        ):
+            count, of.count = of.count, 0
+            if not count:
+                continue
+            begin = int(of.begin) + more
+            if parts and begin < parts[-1].begin - LARGEST_HOLE:
+                # The clock was set back.
+                self._flush()
+            parts.append(Part(begin, of.times[:count], of.rates[:count]))
+            self._count += count
+        if self._count >= AT_ONCE:
             self._use_estimate()
+
+    def _flush(self) -> None:
+        """Give the samples to the watch."""
+        samples = *joined(self._turning), *joined(self._rates)
+        self._turning.clear()
+        self._rates.clear()
+        self._watch.take(*samples)
 
     def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the watch over the track speeds' latency."""
+        self._use_estimate()
         return self._watch.memory()
 
     def health(self) -> TrackLatencyHealth:
         """Latency of the track speeds: what is taken off, and what the watch finds."""
-        given, found = self.latencies.tracks, self._found
+        self._flush()
+        given, found = self.latencies.tracks, self._watch.estimate()
         used = given + self.estimated
         if found is None:
             return TrackLatencyHealth(used)
         return TrackLatencyHealth(used, given + found.seconds, found.sigma)
 
     def _use_estimate(self) -> None:
-        found = self._found = self._watch.estimate()
-        if not self.latencies.estimate_tracks or found is None or found.sigma > LARGEST_SIGMA:
+        self._flush()
+        self._count = 0
+        if not self.latencies.estimate_tracks:
+            return
+        found = self._watch.estimate()
+        if found is None or found.sigma > LARGEST_SIGMA:
             return
         clear = abs(found.seconds) > max(LEAST, BEYOND * found.sigma)
         seconds = found.seconds if clear else 0.0
         if abs(seconds - self.estimated) > max(LEAST_CHANGE, found.sigma):
-            self.estimated, self._estimated_ns = seconds, _nanoseconds(seconds)
+            self.estimated = seconds
             self._late[TrackSpeeds] = _nanoseconds(self.latencies.tracks + seconds)
 
 

@@ -13,6 +13,7 @@ from icreckon.estimator.base.checks import require_kind, three_numbers
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
+from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.filter.samples import SampleArrays
@@ -118,11 +119,11 @@ class PoseEstimator:
         self.settings = settings if settings is not None else Settings()
         self._reckoning = Reckoning(robot, self.variant, self.settings, start, start_sigma)
         warm_up(self._reckoning.ekf.model, robot, self.variant, self.settings)
-        self._history = History(self._reckoning, self.settings.history)
+        self._history = History(self._reckoning, self.settings.history, self._watch)
         self._admission = Admission(self.settings.longest_gap, robot.vehicle.max_track_speed)
         # Counts of measurements that do not reach the filter; no checkpoint of the filter resets them.
         self._arrivals = Health()
-        self._stamps = StampCorrection(robot, latencies or Latencies())
+        self._stamps = StampCorrection(latencies or Latencies())
         self._streams = dict(STREAMS)
 
     # --- outputs -----------------------------------------------------------------------------
@@ -295,17 +296,16 @@ class PoseEstimator:
             )
         key = measurement.stamp, RANKS[kind]
         in_order = history.is_newest(key)
-        reason = (
-            objection
-            or (None if in_order else history.objection(key))
-            or admission.objection_to_stamp(stream, measurement.stamp, self._reckoning.stamp)
-        )
+        reason = objection or (None if in_order else history.objection(key))
+        is_far = measurement.stamp - self._reckoning.record.stamp > admission.longest_gap
+        if reason is None and (is_far or admission.witnesses):
+            now = self._reckoning.stamp
+            reason = admission.objection_to_stamp(stream, measurement.stamp, now)
         if reason:
             self._arrivals.sensor(stream).reject(reason)
             return reason == TOO_OLD and self._set_clock_back(admission.too_old(measurement))
         if admission.behind:
             admission.behind.clear()
-        self._stamps.watch(measurement)
         if in_order:
             return history.append(key, measurement)
         self._arrivals.sensor(stream).late += 1
@@ -322,6 +322,9 @@ class PoseEstimator:
         if tracks or imu:
             self._history.begin_anew(samples.newest(tracks, imu), self._reckoning.checkpoint())
         return tracks, imu, used
+
+    def _watch(self, record: FilterRecord) -> None:
+        self._stamps.watch(record)
 
     def set_clock(self, by: int) -> None:
         """Go on by a clock that is ahead of the one so far [ns]; no time passes."""
@@ -488,10 +491,11 @@ class PoseEstimator:
             start_sigma=start_sigma,
         )
         new._start_with(self._reckoning.checkpoint(), 0.0)
-        new._stamps = StampCorrection(self.robot, self.latencies, self._stamps.estimated)
+        new._stamps = StampCorrection(self.latencies, self._stamps.estimated)
         return new
 
     def _saved(self) -> SavedEstimator:
+        self._watch(self._reckoning.record)
         return SavedEstimator(
             self.variant.name,
             robot_constants(self.robot),
@@ -523,13 +527,11 @@ class PoseEstimator:
         self._arrivals = saved.arrivals
         self._admission.witnesses = dict(saved.witnesses)
         self._admission.behind = behind
-        self._stamps = StampCorrection(
-            self.robot, saved.latencies, saved.estimated_latency, saved.watch
-        )
+        self._stamps = StampCorrection(saved.latencies, saved.estimated_latency, saved.watch)
 
     def _start_with(self, checkpoint: FilterCheckpoint, off: float) -> None:
         self._reckoning.warm_start(checkpoint, off)
-        self._history = History(self._reckoning, self.settings.history)
+        self._history = History(self._reckoning, self.settings.history, self._watch)
 
     @classmethod
     def warm_start(
@@ -581,7 +583,7 @@ class PoseEstimator:
         estimator._start_with(saved.now, off)
         wanted = saved.latencies if latencies is None else latencies
         estimated = saved.estimated_latency if wanted.estimate_tracks else 0.0
-        estimator._stamps = StampCorrection(robot, wanted, estimated)
+        estimator._stamps = StampCorrection(wanted, estimated)
         return estimator
 
 

@@ -139,6 +139,11 @@ class Reckoning:
         return or_none(self._record.stamp)
 
     @property
+    def record(self) -> FilterRecord:
+        """Record of the inputs; do not change it."""
+        return self._record
+
+    @property
     def stands(self) -> bool:
         """True if the robot was found standing at the newest IMU sample."""
         return bool(self._record.stands)
@@ -181,7 +186,7 @@ class Reckoning:
             {name: copied(gate.counts) for name, gate in gates if gate.counts.judged},
             self._counts.copy(),
             ekf.clones,
-            ekf.model.memory,
+            ekf.model.memory.copy(),
             None if ekf.regressors is None else ekf.regressors.copy(),
             {one.name: copied(one) for one in self._own_faults},
         )
@@ -192,7 +197,7 @@ class Reckoning:
         ekf.x, ekf.P = checkpoint.state.copy(), checkpoint.covariance.copy()
         ekf.clones = checkpoint.clones
         ekf.regressors = None if regressors is None else regressors.copy()
-        ekf.model.recall(checkpoint.model)
+        ekf.model.recall(checkpoint.model.copy())
         assign(self._record, checkpoint.record)
         self._readings.recall(checkpoint.quiet)
         for gate in self._fix_gates.values():

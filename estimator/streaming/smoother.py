@@ -291,7 +291,7 @@ class _Tape:
 
     def record_row(self, track_speeds: tuple[float, float]) -> None:
         """Record the state of the optimal filter at a row of the result."""
-        P, memory = self._optimal_P[self._upper], self._ekf.model.memory
+        P, memory = self._optimal_P[self._upper], self._ekf.model.memory.copy()
         wander = self._ekf.x[s.SIZE :].copy()
         row = _RowState(len(self._tape), self._delta.copy(), P, track_speeds, memory, wander)
         self._rows.append(row)

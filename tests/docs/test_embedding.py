@@ -99,7 +99,13 @@ def test_every_example_says_something(guide):
         "the motion would show: ['",
         "docked at [",
     )
-    for said in (*said_so, "newest admitted: off by [", "gaps bridged", "found so far: ", "considered: "):
+    for said in (
+        *said_so,
+        "newest admitted: off by [",
+        "gaps bridged",
+        "found so far: ",
+        "considered: ",
+    ):
         assert said in text
     # What is kept fixed has no share, and the others are learnt.
     (learnt,) = re.findall(r"eta0: \S+, share nan\nepsilon0: \S+, share (\S+)\n", text)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -215,15 +216,29 @@ def events(
             yield stamp, (0.5 - 0.3 * turning, 0.5 + 0.3 * turning)
 
 
+def watched(
+    found: Iterable[tuple[int, float | tuple[float, float]]],
+    offset: int = 0,
+    estimator: TrackLatencyEstimator | None = None,
+) -> TrackLatencyEstimator:
+    """An estimator that takes events, 500 at once."""
+    estimator, left = estimator or TrackLatencyEstimator(), iter(found)
+    while batch := list(islice(left, 500)):
+        gyro = [(stamp + offset, value) for stamp, value in batch if isinstance(value, float)]
+        tracks = [
+            (stamp + offset, value[1] - value[0])
+            for stamp, value in batch
+            if not isinstance(value, float)
+        ]
+        of_tracks, of_gyro = (np.array(one, float).reshape(-1, 2).T for one in (tracks, gyro))
+        estimator.take(of_tracks[0].astype(int), of_tracks[1], of_gyro[0].astype(int), of_gyro[1])
+    return estimator
+
+
 @pytest.mark.parametrize("late", [-0.15, 0.0, 0.07, 0.21, 0.6])
 @pytest.mark.parametrize("rate", [10.0, 50.0])
 def test_latency_of_either_sign_at_any_rate(late: float, rate: float) -> None:
-    estimator = TrackLatencyEstimator()
-    for stamp, value in events(late, rate=rate, pause=3.0):
-        if isinstance(value, float):
-            estimator.take_gyro(stamp, value)
-        else:
-            estimator.take_tracks(stamp, *value)
+    estimator = watched(events(late, rate=rate, pause=3.0))
     found = estimator.estimate()
     assert found is not None
     assert found.seconds == pytest.approx(late, abs=max(0.004, 3.0 * found.sigma))
@@ -233,26 +248,21 @@ def test_latency_of_either_sign_at_any_rate(late: float, rate: float) -> None:
 def test_a_latency_that_changes_is_followed() -> None:
     estimator, after = TrackLatencyEstimator(), 200 * 10**9
     for late, offset in ((0.1, 0), (0.3, after)):
-        for stamp, value in events(late, seconds=190.0):
-            if isinstance(value, float):
-                estimator.take_gyro(stamp + offset, value)
-            else:
-                estimator.take_tracks(stamp + offset, *value)
+        watched(events(late, seconds=190.0), offset, estimator)
         found = estimator.estimate()
         assert found is not None
         assert found.seconds == pytest.approx(late, abs=0.01)
 
 
 def test_no_turning_or_no_agreement_gives_no_latency() -> None:
-    straight, unrelated = TrackLatencyEstimator(), TrackLatencyEstimator()
-    rng = np.random.default_rng(1)
-    for stamp, value in events(0.1):
-        if isinstance(value, float):
-            straight.take_gyro(stamp, 0.001)
-            unrelated.take_gyro(stamp, value)
-        else:
-            straight.take_tracks(stamp, 0.5, 0.5)
-            unrelated.take_tracks(stamp, *rng.normal(size=2).tolist())
+    rng, found = np.random.default_rng(1), list(events(0.1))
+    straight = watched(
+        (stamp, 0.001 if isinstance(value, float) else (0.5, 0.5)) for stamp, value in found
+    )
+    unrelated = watched(
+        (stamp, value if isinstance(value, float) else tuple(rng.normal(size=2).tolist()))
+        for stamp, value in found
+    )
     assert straight.estimate() is None
     assert unrelated.estimate() is None
 
@@ -260,11 +270,7 @@ def test_no_turning_or_no_agreement_gives_no_latency() -> None:
 def test_a_clock_that_is_set_back_does_not_stop_the_watch() -> None:
     estimator = TrackLatencyEstimator()
     for offset in (10**12, 0):
-        for stamp, value in events(0.2):
-            if isinstance(value, float):
-                estimator.take_gyro(stamp + offset, value)
-            else:
-                estimator.take_tracks(stamp + offset, *value)
+        watched(events(0.2), offset, estimator)
     found = estimator.estimate()
     assert found is not None
     assert found.seconds == pytest.approx(0.2, abs=0.005)
@@ -288,12 +294,10 @@ def test_real_latencies_are_those_of_the_whole_log(
     tracks = {**robot.log["tracks"], "latency": 0.0}
     robot = msgspec.structs.replace(robot, log={**robot.log, "tracks": tracks})
     log = read_log(sample_log(data_dir, name), robot)
-    estimator = TrackLatencyEstimator(SensorModels(robot).yaw_rates)
-    for measurement in Log("raw", log.tracks, log.imu).measurements():
-        if isinstance(measurement, TrackSpeeds):
-            estimator.take_tracks(measurement.stamp, measurement.left, measurement.right)
-        else:
-            estimator.take_gyro(measurement.stamp, measurement.angular_velocity)  # type: ignore[attr-defined]
+    assert log.imu is not None
+    estimator, turning = TrackLatencyEstimator(), np.diff(log.tracks.speeds)[:, 0]
+    rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
+    estimator.take(log.tracks.stamps, turning, log.imu.stamps, rates)
     found = estimator.estimate()
     assert found is not None
     assert found.seconds == pytest.approx(latency, abs=2.0 * found.sigma)
