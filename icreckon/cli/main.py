@@ -463,17 +463,6 @@ def calibrate(
 
 @app.command()
 def paper(
-    identify: Annotated[
-        bool,
-        typer.Option(
-            "--identify",
-            help="Search for the contact and soil that come closest to the published numbers "
-            "(minutes), instead of using the best known.",
-        ),
-    ] = False,
-    seed: Annotated[
-        int | None, typer.Option(min=0, help="Seed of that search (default: 0).")
-    ] = None,
     out: Out = None,
     json: Json = False,
     wide: Wide = False,
@@ -482,7 +471,7 @@ def paper(
     """Reproduce the paper: its numbers, its Table II, its figures."""
     from icreckon.cli.paper import run_paper
 
-    run_paper(identify=identify, seed=seed, out=out, as_json=json, wide=wide, overwrite=overwrite)
+    run_paper(out=out, as_json=json, wide=wide, overwrite=overwrite)
 
 
 @app.command()
