@@ -5,16 +5,29 @@ from __future__ import annotations
 import os
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from icreckon.cli.comparing import the_robot
-from icreckon.cli.console import (
+from icreckon.cli.common.comparing import the_robot
+from icreckon.cli.common.console import (
     print_fitting,
     progress,
     results_folder,
     working,
     write_file,
+)
+from icreckon.cli.common.options import (
+    LOG_FILES,
+    Json,
+    MessageFiles,
+    Out,
+    Overwrite,
+    RobotName,
+    Ros,
+    UnpackedLimit,
+    Wide,
+    logs,
 )
 from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.models import MODELS
@@ -39,22 +52,47 @@ SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")
 BAG_FOLDER = "metadata.yaml"
 
 
-def run_calibrate(
-    *,
-    paths: list[Path],
-    message_files: list[Path],
-    robot_name: str | None,
-    write: Path | None,
-    ros: Path | None,
-    lever_arm: str | None,
-    models: str | None,
-    segment: float,
-    out: Path | None,
-    as_json: bool,
-    wide: bool,
-    overwrite: bool,
+def command(
+    paths: Annotated[
+        list[Path],
+        logs(
+            f"Logs of one robot with a truth, each by itself: {LOG_FILES}. A folder of such files is one "
+            "log."
+        ),
+    ],
+    robot_name: RobotName = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Write the robot file with what was found here.")
+    ] = None,
+    ros: Ros = None,
+    lever_arm: Annotated[
+        str | None,
+        typer.Option(
+            help="Point that the truth follows, forward and left of the robot's origin in metres, as "
+            "0.3,0.0 (default: estimated if observable)."
+        ),
+    ] = None,
+    models: Annotated[
+        str | None,
+        typer.Option(
+            help="Models to compare, separated by commas (default: all): differential, constant, "
+            "inertia."
+        ),
+    ] = None,
+    segment: Annotated[
+        float, typer.Option(help="Length of the segments that are predicted, in seconds.")
+    ] = 3.0,
+    message_files: MessageFiles = None,
+    _unpacked_limit: UnpackedLimit = 0.5,
+    out: Out = None,
+    as_json: Json = False,
+    wide: Wide = False,
+    overwrite: Overwrite = False,
 ) -> None:
-    """Run `icreckon calibrate`; arguments as in its help."""
+    """Calibrate a robot from logs with a ground truth.
+
+    Reports which parameters the logs determine, and which model they support.
+    """
     robot_name, robot = the_robot(robot_name, paths[:1])
     if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise ReplayError("a log is given twice; it would count twice")
@@ -65,12 +103,13 @@ def run_calibrate(
         check_replaceable(ros, overwrite=overwrite, starts=of_ros)
     names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
     arm = None if lever_arm is None else _pair(lever_arm)
+    message_files = message_files or []
     definitions = read_definitions(message_files)
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
-        logs = [_read(path, robot, definitions) for path in paths]
-        with progress(f"calibrating {robot.name} from {len(logs)} log(s)") as report_progress:
+        read = [_read(path, robot, definitions) for path in paths]
+        with progress(f"calibrating {robot.name} from {len(read)} log(s)") as report_progress:
             found = calibrate(
-                logs,
+                read,
                 robot,
                 segment=segment,
                 lever_arm=arm,
@@ -80,7 +119,7 @@ def run_calibrate(
             )
         summary = summarise_calibration(
             found,
-            logs,
+            read,
             configuration={
                 "logs": [str(path) for path in paths],
                 "robot": robot_name,
@@ -102,7 +141,7 @@ def run_calibrate(
         else:
             print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
     if write is not None:
-        text = robot_file_text(found, [log.name for log in logs], robot_name)
+        text = robot_file_text(found, [log.name for log in read], robot_name)
         write_file(write, text, what="robot file", overwrite=overwrite, starts=starts)
     if ros is not None:
         # Track speeds have the radius and latency of the robot by which they are read.

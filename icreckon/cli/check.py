@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import math
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from rich.text import Text
 
-from icreckon.cli.comparing import the_robot
-from icreckon.cli.console import FAILED, progress, results, write_file
+from icreckon.cli.common.comparing import the_robot
+from icreckon.cli.common.console import FAILED, progress, results, write_file
+from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
@@ -35,21 +35,24 @@ from icreckon.replay.reading.read_log import read_log
 LEAST_COST, LEAST_SHARE = 0.05, 0.2
 
 
-def run_check(
-    *,
-    paths: list[Path],
-    message_files: list[Path],
-    robot_name: str | None,
-    ros: Path | None,
-    as_json: bool,
-    overwrite: bool,
+def command(
+    paths: Logs,
+    robot_name: RobotName = None,
+    ros: Ros = None,
+    message_files: MessageFiles = None,
+    _unpacked_limit: UnpackedLimit = 0.5,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    overwrite: Overwrite = False,
 ) -> None:
-    """Run `icreckon check`; arguments as in its help."""
+    """Check a robot file against a log: units, signs, mounting, latency.
+
+    Says what contradicts the log, worst first, its cost, and what to set; exit status 1 if anything does.
+    """
     _, robot = the_robot(robot_name, paths)
     starts = (ROS_FIRST_WORDS.encode(),)
     if ros is not None:
         check_replaceable(ros, overwrite=overwrite, starts=starts)
-    definitions = read_definitions(message_files)
+    definitions = read_definitions(message_files or [])
     with progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
         guessed = guess_mapping(paths, definitions=definitions)

@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import typer
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.console import messages, print_fitting, results, working, write_file
+from icreckon.cli.common.console import messages, print_fitting, results, working, write_file
+from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.checking.proposed_settings import proposed_ros_settings
@@ -38,17 +40,17 @@ LEFT_OUT = (2, 4)
 WIDE_FROM = 120
 
 
-def run_inspect(
-    *,
-    paths: list[Path],
-    message_files: list[Path],
-    write: Path | None,
-    ros: Path | None,
-    as_json: bool,
-    wide: bool,
-    overwrite: bool,
+def command(
+    paths: Logs,
+    write: Annotated[Path | None, typer.Option(help="Write the proposed robot file here.")] = None,
+    ros: Ros = None,
+    message_files: MessageFiles = None,
+    _unpacked_limit: UnpackedLimit = 0.5,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+    wide: Wide = False,
+    overwrite: Overwrite = False,
 ) -> None:
-    """Run `icreckon inspect`; arguments as in its help."""
+    """List what a log holds, and propose a robot file for it."""
     starts = (FIRST_WORDS.encode(),)
     if write is not None:
         check_replaceable(write, overwrite=overwrite, starts=starts)
@@ -56,7 +58,7 @@ def run_inspect(
     if ros is not None:
         check_replaceable(ros, overwrite=overwrite, starts=of_ros)
     gauge = None if write is None else filled_in_gauge(write)
-    definitions = read_definitions(message_files)
+    definitions = read_definitions(message_files or [])
     with working(f"reading {source_name(paths)}"):
         found = inspect(paths, definitions=definitions, track_gauge=gauge)
     proposed, taken = found.proposed_robot_file, list[str]()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import shutil
 from functools import partial
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import typer
 
-from icreckon.cli.console import print_fitting, results_folder, working
+from icreckon.cli.common.console import print_fitting, results_folder, working
+from icreckon.cli.common.options import Json, Out, Overwrite, Wide
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
@@ -41,8 +41,10 @@ CONTACT_FILE, MOTIONS_FILE = "contact.toml", "motions.csv"
 PACKAGES = ("icreckon", "numpy", "scipy", "matplotlib", "msgspec")
 
 
-def run_paper(*, out: Path | None, as_json: bool, wide: bool, overwrite: bool) -> None:
-    """Run `icreckon paper`; arguments as in its help."""
+def command(
+    out: Out = None, as_json: Json = False, wide: Wide = False, overwrite: Overwrite = False
+) -> None:
+    """Reproduce the paper: its numbers, its Table II, its figures."""
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
         with working("reproducing tables and figures"):
             reproduced = reproduce(load_paper_contact())

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from concurrent.futures import as_completed
 from dataclasses import replace
+from typing import Annotated
 
 import msgspec
+import typer
 
-from icreckon.cli.console import messages, progress, worker_count
+from icreckon.cli.common.console import messages, progress, worker_count
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -33,8 +35,16 @@ SECONDS = 5.0
 MOST_WORKERS = 4
 
 
-def run_prepare(*, workers: int | None) -> None:
-    """Compile all filters in several processes; the body of `icreckon prepare`."""
+def command(
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes (default: as cores, 4 at most).")
+    ] = None,
+) -> None:
+    """Compile all filters ahead, for an image or before a robot's first drive.
+
+    What is compiled is kept for all later processes of this version, in $NUMBA_CACHE_DIR/icreckon or
+    the user's cache folder.
+    """
     if not keeps_kernels():
         raise EstimatorError(
             f"{cache_folder()} cannot be written, so nothing that is compiled would be kept; set "

@@ -14,7 +14,7 @@ from markupsafe import escape
 from rich.console import Console
 
 from command_line import fails, icreckon
-from icreckon.cli.calibrate import run_calibrate
+from icreckon.cli.calibrate import command
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.scores import drift
@@ -165,7 +165,7 @@ def calibrated(folder: Path, **options: object) -> None:
     }
     usual |= options
     usual["paths"] = [folder / str(name) for name in usual["paths"]]
-    run_calibrate(**usual)
+    command(**usual)
 
 
 def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:

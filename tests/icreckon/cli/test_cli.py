@@ -14,6 +14,7 @@ import pytest
 
 from command_line import fails, icreckon, icreckon_alone
 from conftest import thorough
+from icreckon.cli.main import COMMANDS, load
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.trajectories import read_tum
@@ -220,6 +221,11 @@ def test_a_standstill_is_drawn_without_a_warning(tmp_path: Path) -> None:
     assert "Warning" not in done.stderr
 
 
+def test_the_list_of_commands_has_the_first_lines_of_their_help() -> None:
+    for name, first in COMMANDS.items():
+        assert (load(name).help or "").splitlines()[0] == first
+
+
 def test_help_cuts_nothing_at_80_columns(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", "from icreckon.cli.main import main; main()", "simulate", "--help"],
@@ -306,7 +312,6 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     assert "seed must be a whole number" in fails(*into_run, "--seed", big, cwd=tmp_path)
     assert "recorded" not in fails("demo", "--trajectory", "foo", cwd=tmp_path)
     assert "no trajectory of a demo" in fails("demo", "--trajectory", "recorded", cwd=tmp_path)
-    assert "give --identify" in fails("paper", "--seed", 3, cwd=tmp_path)
     (tmp_path / "afile").write_text("a\n")
     for words in (
         ("simulate", "--out", "afile"),
@@ -371,7 +376,7 @@ def test_a_narrow_terminal_gets_the_verdict_and_fewer_columns(tmp_path: Path, mo
     words = ("--out", "run", "--duration", 60, "--outage", "20:60")
     assert icreckon("simulate", *words, cwd=tmp_path).returncode == 0
     command = ("replay", "run", "--robot", "auriga-alpha", "--variants", "gyro,constant-online")
-    monkeypatch.setattr("icreckon.cli.console.TABLE_WIDTH", 80)
+    monkeypatch.setattr("icreckon.cli.common.console.TABLE_WIDTH", 80)
     narrow = icreckon(*command, cwd=tmp_path).stdout
     lines = narrow.splitlines()
     assert max(map(len, lines)) <= 80

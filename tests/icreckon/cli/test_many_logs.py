@@ -69,7 +69,7 @@ def robots(folder: Path) -> Done:
     words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS, "--out", "robots")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("COLUMNS", "80")
-        patch.setattr("icreckon.cli.console.TABLE_WIDTH", 80)
+        patch.setattr("icreckon.cli.common.console.TABLE_WIDTH", 80)
         return icreckon("replay", *words, cwd=folder)
 
 
@@ -120,7 +120,7 @@ def test_what_cannot_be_compared_is_refused_in_one_line(folder: Path) -> None:
 
 def test_an_interrupt_is_no_failure_of_a_log(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from icreckon.cli import replay
-    from icreckon.cli.stopping import Stop
+    from icreckon.cli.common.stopping import Stop
 
     def stopped(*_: object, **__: object) -> None:
         Stop.number = 2

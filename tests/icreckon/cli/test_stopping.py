@@ -17,8 +17,8 @@ import pytest
 
 from command_line import icreckon
 from conftest import thorough
-from icreckon.cli.console import explain
-from icreckon.cli.stopping import warned_in_one_line
+from icreckon.cli.common.console import explain
+from icreckon.cli.common.stopping import warned_in_one_line
 from icreckon.replay.base.outputs import is_being_written
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")

@@ -13,7 +13,7 @@ import pytest
 
 import study_stub
 from conftest import REPOSITORY
-from icreckon.cli.study import run_study_command
+from icreckon.cli.study import command
 from icreckon.simulation.base.errors import SimulationError
 
 COMMAND = [sys.executable, "-c", "from icreckon.cli.main import main; main()", "study"]
@@ -196,20 +196,10 @@ def test_what_cannot_be_done_is_said(
         "list_studies": False,
     }
     with pytest.raises(SimulationError, match=told):
-        run_study_command(**asked | words)
+        command(**asked | words)
 
 
 def test_the_shipped_studies_are_listed(here: Path) -> None:
     done = study("--list", cwd=here)
     for name in ("driving-style", "imu-grades", "mis-calibration", "outage-length", "slopes"):
         assert name in done.stdout
-
-
-def test_help_loads_nothing_heavy(here: Path) -> None:
-    script = (
-        "import icreckon.cli.main, sys\nsys.argv = ['icreckon', 'study', '--help']\n"
-        "try: icreckon.cli.main.main()\nexcept SystemExit: pass\n"
-        "loaded = {name.split('.')[0] for name in sys.modules}\n"
-        "assert not loaded & {'numpy', 'pyarrow', 'distributed', 'matplotlib', 'numba'}, loaded"
-    )
-    subprocess.run([sys.executable, "-c", script], cwd=here, check=True, capture_output=True)

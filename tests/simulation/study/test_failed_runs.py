@@ -12,7 +12,7 @@ import typer
 from pyarrow import parquet
 
 import study_stub
-from icreckon.cli.study import run_study_command
+from icreckon.cli.study import command
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.batch.runs import Worked
 from icreckon.estimator.log.log import Log
@@ -260,10 +260,10 @@ def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
     words |= {"as_json": True, "wide": False, "overwrite": False}
     if fails:
         with pytest.raises(typer.Exit) as left:
-            run_study_command(**words)
+            command(**words)
         assert left.value.exit_code == 1
     else:
-        run_study_command(**words)
+        command(**words)
     shown = capsys.readouterr()
     told = json.loads(shown.out)
     assert told == json.loads((out / "results.json").read_text(encoding="utf-8"))
