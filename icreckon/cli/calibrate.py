@@ -35,7 +35,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.base.outputs import check_replaceable
+from icreckon.replay.base.outputs import check_replaceable, write_text
 from icreckon.replay.calibration.results import summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
@@ -43,7 +43,7 @@ from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
-from icreckon.report.calibration.page import write_calibration_page
+from icreckon.report.calibration.page import calibration_page
 from icreckon.report.calibration.tables import WIDE_FROM, calibration_tables
 from icreckon.report.drawing import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
@@ -132,7 +132,7 @@ def command(
         summary = json_types(summary)
         with working("writing page and figure"), unless_missing():
             write_results(folder / RESULTS_FILE, summary)
-            write_calibration_page(folder / PAGE_FILE, summary)
+            write_text(folder / PAGE_FILE, calibration_page(summary))
             from icreckon.report.calibration.figure import write_calibration_figure
 
             write_calibration_figure(folder / FIGURE_FILE, summary)

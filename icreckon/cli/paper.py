@@ -11,6 +11,7 @@ import typer
 
 from icreckon.cli.common.console import print_fitting, results_folder, working
 from icreckon.cli.common.options import Json, Out, Overwrite, Wide
+from icreckon.replay.base.outputs import write_text
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
@@ -19,7 +20,7 @@ from icreckon.replay.comparison.results import (
     write_results,
 )
 from icreckon.report.drawing import unless_missing
-from icreckon.report.paper.page import write_paper_page
+from icreckon.report.paper.page import paper_page
 from icreckon.report.paper.tables import LEVELS, paper_tables
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 from icreckon.simulation.paper.contact import BEST_FILE, load_paper_contact
@@ -56,7 +57,7 @@ def command(
 
             write_figures(folder, reproduced, FIGURE_FILE)
         write_results(folder / RESULTS_FILE, summary)
-        write_paper_page(folder / PAGE_FILE, summary, folder)
+        write_text(folder / PAGE_FILE, paper_page(summary, folder))
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         else:

@@ -16,10 +16,10 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from command_line import fails, icreckon
 from conftest import sample_log
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.export.trajectories import read_tum
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from readme import ROOT, blocks, code_blocks, run_page, says
+from tum import read_tum
 
 FIRST = "docs/tutorials/first-bag.md"
 OTHER = "docs/how-to/from-robot-localization.md"

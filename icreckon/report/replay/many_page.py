@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from icreckon.replay.comparison.results import Results
@@ -39,13 +38,8 @@ class LogRow(NamedTuple):
     cells: list[Cell]
 
 
-def write_many_page(path: Path, results: Results) -> None:
-    """Write the page; `results` as from `summarise_many`, with the folder of each log."""
-    path.write_text(many_page(results), encoding="utf-8")
-
-
 def many_page(results: Results) -> str:
-    """Render the page as HTML."""
+    """Render the page as HTML; `results` as from `summarise_many`, with the folder of each log."""
     robots, logs = list(results["pooled"]), {one["label"] for one in results["logs"]}
     some = next(iter(logs)) if len(logs) == 1 else f"{len(logs)} logs"
     return render(

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 from icreckon.estimator.robot.robot_file import Vehicle
-from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
@@ -67,24 +65,12 @@ class Section(NamedTuple):
     tables: Sequence[Table]
 
 
-def write_page(path: Path, results: Results, *, overwrite: bool = False) -> Path:
-    """Write the page.
+def replay_page(results: Results) -> str:
+    """Render the page as HTML.
 
     Args:
-        path: the file.
         results: output of `icreckon.replay.comparison.results.summarise`, or content of results.json.
-        overwrite: whether an existing file may be replaced.
-
-    Raises:
-        ReplayError: the file exists, or cannot be written.
     """
-    with written_beside(path, overwrite=overwrite) as new:
-        new.write_text(replay_page(results), encoding="utf-8")
-    return path
-
-
-def replay_page(results: Results) -> str:
-    """Render the page as HTML; argument as for `write_page`."""
     dropped = results["log"]["dropped"]
     return render(
         "replay.html",

@@ -17,11 +17,11 @@ from conftest import thorough
 from icreckon.cli.main import COMMANDS, load
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.export.trajectories import read_tum
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.simulate import simulate
+from tum import read_tum
 
 ALL_VARIANTS = {
     "gyro",

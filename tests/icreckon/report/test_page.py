@@ -25,7 +25,8 @@ from icreckon.replay.comparison.plot_series import (
     SERIES_POINTS,
 )
 from icreckon.replay.comparison.results import summarise, write_results
-from icreckon.report.replay.page import replay_page, write_page
+from icreckon.report.replay.folder import write_views
+from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_charts import page_data
 from icreckon.report.replay.page_text import headline, notes, number, remarks
 from icreckon.simulation.scenario import Scenario
@@ -80,10 +81,11 @@ def test_the_page_is_made_of_results_json_and_nothing_else(
     assert replay_page(json.loads(text)) == page
     # Lists of numbers stand in one line: some lines for each key, not for each number.
     assert len(text.splitlines()) < 1500
-    path = write_page(tmp_path / "page.html", results)
-    assert path.read_text(encoding="utf-8") == page
+    (tmp_path / "again").mkdir()
+    write_views(tmp_path / "again", results)
+    assert (tmp_path / "again" / "page.html").read_text(encoding="utf-8") == page
     with pytest.raises(ReplayError, match="--overwrite"):
-        write_page(path, results)
+        write_views(tmp_path / "again", results)
 
 
 def test_nothing_is_fetched(page: str) -> None:

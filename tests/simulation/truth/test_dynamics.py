@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from forces_of_tracks import track_forces
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
 from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
 from icreckon.estimator.robot.soil import Soil
@@ -20,7 +21,6 @@ from icreckon.simulation.contact.contact import (
     Contact,
     equally_spaced,
     steady_inertia,
-    track_forces,
     vertical_loads,
 )
 from icreckon.simulation.contact.contact_forces import mass_matrix
