@@ -8,8 +8,8 @@ from typing import Annotated
 import msgspec
 import typer
 
-from icreckon.cli.common.comparing import compare_and_report, exit_if_failed
-from icreckon.cli.common.console import messages, results_folder
+from icreckon.cli.common.comparing import compare_and_report
+from icreckon.cli.common.console import exit_if_failed, results_folder, say
 from icreckon.cli.common.options import Formats, Json, Out, Overwrite, Wide, Workers
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
@@ -56,7 +56,7 @@ def command(
     scenario = demo_scenario(seed, duration, trajectory)
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
         bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
-        messages().print(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
+        say(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
         failed = compare_and_report(
             replace(read_log(bag, robot), name=f"{scenario.trajectory} drive over rolling ground"),
             robot,

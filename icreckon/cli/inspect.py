@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.common.console import messages, print_fitting, results, working, write_file
+from icreckon.cli.common.console import print_fitting, results, say, working, write_file
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.outputs import check_replaceable, written_beside
@@ -74,21 +74,17 @@ def command(
                 kept = write.with_name(f"{write.name}~")
                 with written_beside(kept, overwrite=True) as old:
                     old.write_bytes(former)
-                messages().print(f"the file before is in {kept}", markup=False, soft_wrap=True)
+                say(f"the file before is in {kept}")
         with written_beside(write, overwrite=overwrite, starts=starts) as new:
             new.write_text(proposed, encoding="utf-8")
         if taken:
-            messages().print(f"kept from the file before: {', '.join(taken)}", soft_wrap=True)
+            say(f"kept from the file before: {', '.join(taken)}")
         then = (
             f"then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
             if has_tracks(found.mapping)
             else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
         )
-        messages().print(
-            f"proposed robot file in {write}; complete the lines marked «fill in», {then}",
-            markup=False,
-            soft_wrap=True,
-        )
+        say(f"proposed robot file in {write}; complete the lines marked «fill in», {then}")
     if ros is not None:
         with working("measuring wheels and covariances"):
             settings = proposed_ros_settings(proposed, paths, definitions)

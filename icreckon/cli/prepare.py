@@ -9,7 +9,7 @@ from typing import Annotated
 import msgspec
 import typer
 
-from icreckon.cli.common.console import messages, progress, worker_count
+from icreckon.cli.common.console import progress, say, worker_count
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -58,7 +58,7 @@ def command(
     tasks += [("long logs", name) for name in reversed(VARIANTS)]
     tasks += [("study", name) for name in study_names()]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
-    messages().print(f"compiling with {count} processes", markup=False)
+    say(f"compiling with {count} processes")
     # The first of each kind compile what all others load.
     first = [next(task for task in tasks if task[0] == kind) for kind in ("streaming", "long logs")]
     rest, number = [task for task in tasks if task not in first], 0
@@ -68,16 +68,12 @@ def command(
             for done in as_completed(submitted):
                 done.result()
                 kind, *names = submitted[done]
-                messages().print(f"compiled for {kind}: {', '.join(names)}", markup=False)
+                say(f"compiled for {kind}: {', '.join(names)}")
                 number += 1
                 report(number / len(tasks))
     files = kernel_files()
     size = sum(path.stat().st_size for path in files)
-    messages().print(
-        f"ready: {len(files)} compiled functions, {size / 1e6:.0f} MB in {cache_folder()}",
-        markup=False,
-        soft_wrap=True,
-    )
+    say(f"ready: {len(files)} compiled functions, {size / 1e6:.0f} MB in {cache_folder()}")
 
 
 def _compile(kind: str, *names: str) -> None:

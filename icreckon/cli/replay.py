@@ -16,11 +16,10 @@ import typer
 from icreckon.cli.common.comparing import (
     compare_and_report,
     compare_and_write,
-    exit_if_failed,
     show,
     the_robot,
 )
-from icreckon.cli.common.console import messages, progress, results_folder
+from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say
 from icreckon.cli.common.options import (
     LOG_FILES,
     Formats,
@@ -91,11 +90,9 @@ class _Drive:
             log = read_log(
                 self.paths, self.robot, definitions=self.definitions, progress=report_progress
             )
-        messages().print(
+        say(
             f"read {source_name(self.paths)}: {log.duration:.0f} s, "
-            f"{len(log.tracks.stamps)} track speeds",
-            markup=False,
-            soft_wrap=True,
+            f"{len(log.tracks.stamps)} track speeds"
         )
         problems = tuple(one.problem for one in check_robot(log, self.robot) if one.problem)
         if not problems:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from icreckon.cli.common.console import messages
+from icreckon.cli.common.console import say
 from icreckon.cli.common.options import Overwrite
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
@@ -141,25 +141,21 @@ def command(
         lost = lost_options(scenario, change)
         scenario = change_scenario(scenario, change, source)
         if lost:
-            _print(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
+            say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
         of_terrain |= change.get("terrain", {})
     refuse_idle_keys([scenario.terrain], of_terrain, source)
     for text in robot_remarks(loaded, scenario.truth):
-        _print(text)
+        say(text)
     log = simulate(scenario, loaded)
     path = write_log(log, out, kind, loaded, overwrite=overwrite)
     # With fixes throughout no stretch of dead reckoning is left to score.
     too_short = (1.0 - FIXES_SHARE) * log.duration < SCORED_OUTAGE
     has_scores = too_short or log.truth is None or scored_intervals(log)
     part = "" if has_scores else f" --fixes 0:{FIXES_SHARE:.0%}"
-    _print(
+    say(
         f"{log.duration:.0f} s of {loaded.name} in {path}; next: "
         f"icreckon replay {shlex.quote(str(path))} --robot {shlex.quote(robot)}{part}"
     )
-
-
-def _print(text: str) -> None:
-    messages().print(text, markup=False, soft_wrap=True)
 
 
 def _given(**options: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.common.console import FAILED, messages, print_fitting, results
+from icreckon.cli.common.console import exit_if_failed, messages, print_fitting, results, say
 from icreckon.cli.common.options import Json, Wide
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
@@ -107,18 +107,10 @@ def command(
         typer.echo((folder / RESULTS).read_text(encoding="utf-8"), nl=False)
     else:
         print_fitting(partial(_summary, found), wide=wide, wide_from=WIDE_FROM)
-    messages().print(
-        f"results in {folder}/, the page to read and to send is {folder / PAGE}",
-        markup=False,
-        soft_wrap=True,
-    )
+    say(f"results in {folder}/, the page to read and to send is {folder / PAGE}")
     for line in same_results(found):
-        messages().print(line, style="yellow", markup=False, soft_wrap=True)
-    failed = failures(found)
-    for line in failed:
-        messages().print(line, style="red", markup=False, soft_wrap=True)
-    if failed:
-        raise typer.Exit(FAILED)
+        say(line, "yellow")
+    exit_if_failed(failures(found))
 
 
 class _Reporter:
@@ -139,7 +131,7 @@ class _Reporter:
 
     def remark(self, words: str) -> None:
         """Print a remark once."""
-        self._bar.console.print(words, markup=False, soft_wrap=True)
+        self._bar.console.print(words, soft_wrap=True)
 
     def __enter__(self) -> None:
         self._bar.start()
@@ -166,7 +158,7 @@ class _Reporter:
             self._print(text)
 
     def _print(self, text: str) -> None:
-        self._bar.console.print(text, markup=False, soft_wrap=True)
+        self._bar.console.print(text, soft_wrap=True)
 
 
 def duration(seconds: float) -> str:

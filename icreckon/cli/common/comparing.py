@@ -11,8 +11,6 @@ import typer
 from rich.console import RenderableType
 
 from icreckon.cli.common.console import (
-    FAILED,
-    messages,
     print_fitting,
     progress,
     worker_count,
@@ -157,11 +155,3 @@ def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:
             f"file, which `icreckon inspect {' '.join(map(str, paths))} --write robot.toml` proposes"
         )
     return name, load_robot(name)
-
-
-def exit_if_failed(failed: Sequence[str]) -> None:
-    """Print failures and exit with 1 if there are any, after the results are in place."""
-    for line in failed:
-        messages().print(line, style="red", markup=False, soft_wrap=True)
-    if failed:
-        raise typer.Exit(FAILED)

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 import typer
 
-from icreckon.cli.common.comparing import compare_and_report, exit_if_failed
+from icreckon.cli.common.comparing import compare_and_report
+from icreckon.cli.common.console import exit_if_failed
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.lost import LostFilter
 from icreckon.estimator.streaming.outputs import Run, Snapshot
