@@ -331,10 +331,10 @@ def test_a_data_sheet_has_every_error(spec, errors):
         (lambda: InertialSpec(bias_instability=float("inf")), "bias_instability must be zero or"),
         (lambda: EncoderSpec(speed_noise_density=float("nan")), "speed_noise_density must be"),
         (lambda: EncoderSpec(resolution=-1e-3), "resolution must be zero or a positive number"),
-        (lambda: EncoderSpec(dropouts_per_hour=1e9), "dropouts_per_hour must be at most 36000"),
+        (lambda: EncoderSpec(dropouts_per_hour=1e9), "dropouts_per_hour must be from 0 to 36000"),
         (lambda: EncoderSpec(dropout_duration=0.0), "dropout_duration must be a positive number"),
         (lambda: EncoderSpec(dropout_reads="zeros"), "cannot be 'zeros'; did you mean 'zero'"),
-        (lambda: FixSpec(outlier_share=1.5), "outlier_share must be at most 1, found 1.5"),
+        (lambda: FixSpec(outlier_share=1.5), "outlier_share must be from 0 to 1, found 1.5"),
         (lambda: FixSpec(latency=-0.1), "latency must be zero or a positive number, found -0.1"),
     ],
 )
