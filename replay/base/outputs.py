@@ -84,7 +84,7 @@ def written_beside(
 
 @contextmanager
 def new_file(path: Path) -> Iterator[Path]:
-    """Yield a temporary path as `written_beside`, to a block that does nothing but write.
+    """Yield a temporary path, as `written_beside`, to a block that only writes.
 
     Raises:
         ReplayError: `path` exists, or cannot be written.

@@ -39,7 +39,7 @@ class LogRow(NamedTuple):
 
 
 def many_page(results: Results) -> str:
-    """Render the page as HTML; `results` as from `summarise_many`, with the folder of each log."""
+    """Render the page as HTML, from `summarise_many` with the folder of each log."""
     robots, logs = list(results["pooled"]), {one["label"] for one in results["logs"]}
     some = next(iter(logs)) if len(logs) == 1 else f"{len(logs)} logs"
     return render(
