@@ -11,6 +11,7 @@ import typer
 
 from icreckon.cli.common.comparing import the_robot
 from icreckon.cli.common.console import (
+    check_writable,
     print_fitting,
     progress,
     results_folder,
@@ -35,7 +36,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.base.outputs import check_replaceable, write_text
+from icreckon.replay.base.outputs import write_text
 from icreckon.replay.calibration.results import summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
@@ -96,11 +97,8 @@ def command(
     robot_name, robot = the_robot(robot_name, paths[:1])
     if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise ReplayError("a log is given twice; it would count twice")
-    starts, of_ros = (FIRST_WORDS.encode(),), (ROS_FIRST_WORDS.encode(),)
-    if write is not None:
-        check_replaceable(write, overwrite=overwrite, starts=starts)
-    if ros is not None:
-        check_replaceable(ros, overwrite=overwrite, starts=of_ros)
+    check_writable(write, FIRST_WORDS, overwrite=overwrite)
+    check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
     arm = None if lever_arm is None else _pair(lever_arm)
     message_files = message_files or []
@@ -142,12 +140,12 @@ def command(
             print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
     if write is not None:
         text = robot_file_text(found, [log.name for log in read], robot_name)
-        write_file(write, text, what="robot file", overwrite=overwrite, starts=starts)
+        write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
     if ros is not None:
         # Track speeds have the radius and latency of the robot by which they are read.
         again = [_read(path, found.robot, definitions) for path in paths]
         settings = ros_settings(again, found.robot, source=_origin(found))
-        write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=of_ros)
+        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
 
 
 def _origin(found: Calibration) -> str:

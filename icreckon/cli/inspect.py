@@ -12,10 +12,17 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.common.console import print_fitting, results, say, working, write_file
+from icreckon.cli.common.console import (
+    check_writable,
+    print_fitting,
+    results,
+    say,
+    working,
+    write_file,
+)
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
 from icreckon.replay.bags.decoding import read_definitions
-from icreckon.replay.base.outputs import check_replaceable, written_beside
+from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.checking.proposed_settings import proposed_ros_settings
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS
 from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
@@ -51,12 +58,8 @@ def command(
     overwrite: Overwrite = False,
 ) -> None:
     """List what a log holds, and propose a robot file for it."""
-    starts = (FIRST_WORDS.encode(),)
-    if write is not None:
-        check_replaceable(write, overwrite=overwrite, starts=starts)
-    of_ros = (ROS_FIRST_WORDS.encode(),)
-    if ros is not None:
-        check_replaceable(ros, overwrite=overwrite, starts=of_ros)
+    check_writable(write, FIRST_WORDS, overwrite=overwrite)
+    check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     gauge = None if write is None else filled_in_gauge(write)
     definitions = read_definitions(message_files or [])
     with working(f"reading {source_name(paths)}"):
@@ -75,7 +78,7 @@ def command(
                 with written_beside(kept, overwrite=True) as old:
                     old.write_bytes(former)
                 say(f"the file before is in {kept}")
-        with written_beside(write, overwrite=overwrite, starts=starts) as new:
+        with written_beside(write, overwrite=overwrite, starts=(FIRST_WORDS.encode(),)) as new:
             new.write_text(proposed, encoding="utf-8")
         if taken:
             say(f"kept from the file before: {', '.join(taken)}")
@@ -88,7 +91,7 @@ def command(
     if ros is not None:
         with working("measuring wheels and covariances"):
             settings = proposed_ros_settings(proposed, paths, definitions)
-        write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=of_ros)
+        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
 
 
 def _topics(found: Inspection, *, narrow: bool) -> Table:

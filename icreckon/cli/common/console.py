@@ -14,6 +14,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     Progress,
+    ProgressColumn,
     SpinnerColumn,
     TaskProgressColumn,
     TextColumn,
@@ -23,7 +24,12 @@ from rich.progress import (
 from rich.segment import Segment
 
 from icreckon.estimator.base.errors import IcreckonError
-from icreckon.replay.base.outputs import NO_ROOM, is_being_written, written_beside
+from icreckon.replay.base.outputs import (
+    NO_ROOM,
+    check_replaceable,
+    is_being_written,
+    written_beside,
+)
 from icreckon.report.printable import printable
 
 TABLE_WIDTH = 150
@@ -106,7 +112,6 @@ def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[
         log_seconds: duration of the log [s], to show the time reached in it and the speed-up, too.
     """
     columns = (
-        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TextColumn("{task.fields[reached]}"),
@@ -114,10 +119,7 @@ def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    console = messages()
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
+    with _bar(_title(), *columns) as bar:
         task = bar.add_task(title, total=1.0, reached="")
 
         def report(done: float) -> None:
@@ -139,13 +141,19 @@ def working(title: str) -> Iterator[None]:
     Args:
         title: name of the work.
     """
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    console = messages()
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
+    with _bar(SpinnerColumn(), _title(), TimeElapsedColumn()) as bar:
         bar.add_task(title, total=None)
         yield
+
+
+def _title() -> TextColumn:
+    return TextColumn("{task.description}", markup=False)
+
+
+def _bar(*columns: ProgressColumn) -> Progress:
+    """Bar on standard error that vanishes at its end; nothing if that is no terminal."""
+    console = messages()
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 @contextmanager
@@ -176,22 +184,26 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
     say(f"results in {folder}/, {hint}")
 
 
-def write_file(
-    path: Path, text: str, *, what: str, overwrite: bool, starts: tuple[bytes, ...]
-) -> None:
+def check_writable(path: Path | None, first_words: str, *, overwrite: bool) -> None:
+    """Refuse a file that `write_file` would refuse, before long work; None is no file."""
+    if path is not None:
+        check_replaceable(path, overwrite=overwrite, starts=(first_words.encode(),))
+
+
+def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite: bool) -> None:
     """Write a text file in one step, and print where it is.
 
     Args:
         path: the file.
         text: its content.
+        first_words: beginning of the files that may be replaced.
         what: name of the content, for the message.
         overwrite: whether an earlier file may be replaced.
-        starts: first bytes of the files that may be.
 
     Raises:
         ReplayError: the path exists and may not be replaced.
     """
-    with written_beside(path, overwrite=overwrite, starts=starts) as new:
+    with written_beside(path, overwrite=overwrite, starts=(first_words.encode(),)) as new:
         new.write_text(text, encoding="utf-8")
     say(f"{what} in {path}")
 

@@ -154,11 +154,18 @@ def drift_tables(results: Results) -> list[Table]:
                 if name == baseline and "ratio" in key:
                     interval = None
                 is_best = best.get(place) == name and "ratio" not in key
-                beneath = "" if interval is None else " to ".join(map(number, interval))
-                cells.append(Cell(number(one.get(place)), "best" if is_best else "", beneath))
+                cells.append(interval_cell(one.get(place), interval, is_best=is_best))
             rows.append((name, cells))
         tables.append(Table(title, head, rows))
     return tables
+
+
+def interval_cell(
+    value: float | None, interval: Sequence[float] | None, *, is_best: bool = False
+) -> Cell:
+    """Cell of a number with its interval beneath, if there is one."""
+    beneath = "" if interval is None else " to ".join(map(number, interval))
+    return Cell(number(value), "best" if is_best else "", beneath)
 
 
 def _filled(results: Results, key: str) -> list[str]:
