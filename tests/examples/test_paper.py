@@ -12,6 +12,7 @@ from ablation import Choice, ablate, count_close
 from identify import HERE, as_table, as_toml
 from search import HOPELESS, PUBLISHED_TARGETS, deviations, identify
 
+from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.paper.contact import (
     BEST_FILE,
     ContactParameters,
@@ -64,3 +65,13 @@ def test_the_stored_results_are_the_contact_that_ships(tmp_path: Path) -> None:
     for name, value in shipped["contact"].items():
         found = best["guess"]["contact"][name]
         assert found == (pytest.approx(value, rel=1e-5) if isinstance(value, float) else value)
+
+
+def test_a_contact_without_stationary_motions_is_hopeless_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unsolved(*_: object, **__: object) -> None:
+        raise SimulationError("no stationary motion found for 1 of 441 pairs")
+
+    monkeypatch.setattr("icreckon.simulation.paper.reproduction.solve_steady", unsolved)
+    assert count_close(PaperContact()).worst == ""
