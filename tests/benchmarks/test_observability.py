@@ -6,7 +6,6 @@ from analysis.linearised import LinearisedModel, Sensors, stepped
 from analysis.observability import observe
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
@@ -51,14 +50,6 @@ def test_tracks_alone_show_nothing():
     assert seen.unobservable_names == list(seen.states)
 
 
-def test_only_fixes_show_the_pose_and_moving_under_them_the_yaw():
-    assert {"x", "y", "yaw"} < set(names(SLALOM, IMU))
-    assert not {"x", "y", "yaw"} & set(names(SLALOM, FIXES))
-    standing = names(np.zeros((COUNT, 2)), FIXES)
-    assert "yaw" in standing
-    assert not {"x", "y"} & set(standing)
-
-
 def test_a_standing_robot_knows_its_gyro_bias_and_gravity_less_bias_alone():
     seen = observe(ALPHA, "inertia-online", np.zeros((COUNT, 2)), DT, IMU)
     assert seen.rank == 3
@@ -77,36 +68,6 @@ def test_changing_turns_with_fixes_show_all_but_h():
 
 def test_a_constant_circle_cannot_tell_bias_from_scale_of_the_gyro():
     assert "gyro_scale against gyro_bias" in names(CIRCLE, POSES, "constant-online")
-
-
-def test_what_is_unobservable_leaves_no_trace_and_is_of_unit_length():
-    seen = observe(ALPHA, "inertia-online", CIRCLE, DT, IMU)
-    model = LinearisedModel(ALPHA, find_variant("inertia-online"), IMU, DT)
-    asked = [s.STATE_NAMES.index(name) for name in seen.states]
-    for direction in seen.unobservable:
-        assert np.linalg.norm(direction) == pytest.approx(1.0)
-        change = np.zeros(s.SIZE)
-        change[asked] = 1e-4 * direction * seen.sigmas
-        readings = [
-            model.twist_model(x, 0.3, 0.6).twist[2] * (1.0 + x[s.GYRO_SCALE]) + x[s.GYRO_BIAS]
-            for x in (model.start - change, model.start + change)
-        ]
-        # A central difference: the curvature leaves 1e-12 of what a unit does.
-        assert readings[1] - readings[0] == pytest.approx(0.0, abs=1e-9)
-
-
-def test_fixed_variants_are_asked_about_no_index():
-    states = observe(ALPHA, "constant-fixed", CIRCLE, DT, POSES).states
-    assert not set(INDICES) & set(states)
-
-
-def test_bad_questions():
-    with pytest.raises(EstimatorError, match=r"shape \(n, 2\)"):
-        observe(ALPHA, "inertia-online", np.zeros(5), DT, IMU)
-    with pytest.raises(EstimatorError, match="no filter variant"):
-        observe(ALPHA, "inertia", CIRCLE, DT, IMU)
-    with pytest.raises(EstimatorError, match="none of the states"):
-        observe(ALPHA, "inertia-online", CIRCLE[:9], DT, Sensors()).left_of("gyro_bias")
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
