@@ -167,7 +167,7 @@ def test_a_table_that_unpacks_to_more_is_refused(tmp_path: Path, name: str) -> N
 
 
 def test_a_table_of_large_texts_takes_the_place_of_one(tmp_path: Path) -> None:
-    rows, text = 20_000, "x" * 100_000
+    rows, text = 2_000, "x" * 100_000
     columns = {
         "t": np.arange(rows) * 0.02,
         "l": np.ones(rows),
