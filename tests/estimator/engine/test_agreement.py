@@ -376,13 +376,12 @@ def test_side_by_side_agrees_with_streaming(name: str) -> None:
     assert scene.seen(expected), expected.health
 
 
-def short(fix_rate: float = 5.0, seconds: float = 3.0) -> Log:
+def short(fix_rate: float = 5.0, seconds: float = 2.0) -> Log:
     return first(drive(fix_rate=fix_rate), seconds)
 
 
 PLAIN = {
-    "inertia-online": Scene(short, ("inertia-online",)),
-    "full-linear": Scene(lambda: short(seconds=2.0), ("full-linear",)),
+    "full-linear": Scene(short, ("full-linear",)),
     "states that are considered": Scene(
         short, ("inertia-online",), Settings(considered=("eta0", "gyro_bias"))
     ),

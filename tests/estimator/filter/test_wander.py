@@ -174,6 +174,7 @@ def test_another_frame_and_the_mirror_image_change_nothing(log: Log) -> None:
 
 
 def test_smoothing_the_wander(log: Log) -> None:
+    log = log.part(0.0, 8.0)
     both = smooth(log, ALPHA, "constant-online", settings=settings(), **START)
     forward = run(log, ALPHA, "constant-online", settings=settings(), **START)
     assert both.filtered.states == pytest.approx(forward.states, abs=1e-8)

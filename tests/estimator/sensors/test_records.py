@@ -14,7 +14,6 @@ from icreckon.estimator.base.records import (
     array_on,
     assign,
     plain_copy,
-    record_array,
     record_of,
     shared_record,
     shifted,
@@ -70,20 +69,6 @@ def drive(seed, count=400):
     stamps = EPOCH + np.cumsum(STEP + rng.integers(-(10**6), 10**6, count))
     stamps[150:] += 3 * 10**9
     return stamps.tolist(), speeds.tolist()
-
-
-def test_a_checkpoint_is_a_copy():
-    plain, array = TrackRecord(), record_array(TrackRecord(), 1)
-    stamps, speeds = drive(0)
-    for stamp, (left, right) in zip(stamps[:230], speeds[:230], strict=True):
-        take_tracks(plain, stamp, left, right, SETTINGS)
-        take_in_lane(array, 0, stamp, left, right, SETTINGS)
-    checkpoint, of_array = plain_copy(TrackRecord, plain), array.copy()
-    before = values(plain)
-    for stamp, (left, right) in zip(stamps[230:], speeds[230:], strict=True):
-        take_tracks(plain, stamp, left, right, SETTINGS)
-        take_in_lane(array, 0, stamp, left, right, SETTINGS)
-    assert values(checkpoint) == values(of_array[0]) == before != values(plain)
 
 
 def test_a_record_that_is_shifted_goes_on_by_the_other_clock():
