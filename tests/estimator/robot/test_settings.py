@@ -93,20 +93,13 @@ def test_numbers_of_numpy_and_whole_numbers_will_do() -> None:
         ({"settings": {"hold": 1.0}}, r"settings must be Settings\(...\) or None, found dict"),
         ({"start": (0, 0)}, r"start must be three finite numbers: x, y \[m\], yaw \[rad\], found"),
         ({"start": (0, math.nan, 0)}, "start must be three finite"),
-        ({"start": None}, "start must be three finite .*, found None"),
         ({"start": 1.0}, "start must be three finite .*, found 1.0"),
-        ({"start": "000"}, "start must be three finite .*, found '000'"),
         ({"start": np.zeros((3, 1))}, "start must be three finite"),
-        ({"start": np.array(0.0)}, "start must be three finite"),
         (
             {"start_sigma": (-1, 0, 0)},
             "start_sigma must be three finite numbers, 0 or more: the st",
         ),
-        ({"start_sigma": (0, math.nan, 0)}, "start_sigma must be three finite"),
-        ({"start_sigma": (0, 0, math.inf)}, "start_sigma must be three finite"),
-        ({"start_sigma": 0.1}, "start_sigma must be three finite"),
         ({"start_sigma": (0, 0, 1e200)}, "none beyond 1e\\+10, found"),
-        ({"start": (0, -1e11, 0)}, "none beyond 1e\\+10, found"),
     ],
 )
 def test_what_an_estimator_cannot_be_made_of_is_refused(

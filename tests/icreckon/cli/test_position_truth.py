@@ -176,48 +176,6 @@ def test_dead_headings_are_not_scored(log: Log, tmp_path: Path, kind: str) -> No
     assert expected in done.stdout
 
 
-def test_a_table_without_yaw(log: Log, tmp_path: Path) -> None:
-    stamps, places = east_north(log)
-    lines = ["t,left,right,gx,gy,gz,ax,ay,az,truth_x,truth_y"]
-    lines += [
-        f"{stamp},{left!r},{right!r},,,,,,,,"
-        for stamp, (left, right) in zip(
-            log.tracks.stamps.tolist(), log.tracks.speeds.tolist(), strict=True
-        )
-    ]
-    lines += [
-        f"{stamp},,,{','.join(map(repr, [*rate, *force]))},,"
-        for stamp, rate, force in zip(
-            log.imu.stamps.tolist(),
-            log.imu.angular_velocity.tolist(),
-            log.imu.linear_acceleration.tolist(),
-            strict=True,
-        )
-    ]
-    lines += [
-        f"{stamp},,,,,,,,,{x!r},{y!r}"
-        for stamp, (x, y) in zip(stamps.tolist(), places.tolist(), strict=True)
-    ]
-    table = tmp_path / "run.csv"
-    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    columns = (
-        '[log.columns]\ntime = "t"\ntime_unit = "ns"\n'
-        '[log.columns.tracks]\nleft = ["left"]\nright = ["right"]\n'
-        '[log.columns.imu]\nangular_velocity = ["gx", "gy", "gz"]\n'
-        'linear_acceleration = ["ax", "ay", "az"]\n'
-        '[log.columns.truth]\nx = "truth_x"\ny = "truth_y"\n'
-    )
-    words = ("--robot", robot_file(tmp_path, columns), "--variants", VARIANT, "--json")
-    done = icreckon("replay", table, *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    results = json.loads(done.stdout)
-    assert any("scored are positions" in note for note in results["log"]["notes"])
-    assert results["variants"][VARIANT]["drift_percent_30s_mean"] < 5.0
-    done = icreckon("inspect", table, cwd=tmp_path)
-    assert "truth: headings are missing" in done.stdout
-    assert '\n[log.columns.truth]\nx = "truth_x"\ny = "truth_y"\n' in done.stdout
-
-
 def test_inspect_takes_navsatfix_for_the_truth_by_its_name(bag: Path, tmp_path: Path) -> None:
     done = icreckon("inspect", bag, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
