@@ -180,6 +180,14 @@ def until_ready(running: Process, record: Process, path: Path) -> None:
     time.sleep(0.5)
 
 
+def until_heard(record: Process, path: Path, bag: Path) -> None:
+    """Wait until the odometry of each IMU sample of a bag is recorded, and what follows it."""
+    with AnyReader([bag]) as reader:
+        samples = reader.topics["/imu/data_raw"].msgcount
+    until(lambda: odometry_heard(path) >= samples, record)
+    time.sleep(2.0)
+
+
 def until_quiet(record: Process, path: Path) -> None:
     """Wait until the node has worked through its queues: no odometry comes any more."""
     count, since = -1, time.monotonic()
@@ -235,7 +243,7 @@ def live(
     ):
         until_ready(running, record, folder / "out")
         play(ros, bag, "--subscribers", 2)
-        until_quiet(record, folder / "out")
+        until_heard(record, folder / "out", bag)
         assert running.stop() == 0, running.text()
         assert record.stop() == 0, record.text()
     assert "Traceback" not in running.text()
@@ -353,7 +361,7 @@ def test_starts_warm_and_again_after_a_kill(
         until_ready(running, record, tmp_path / "out")
         assert "warm start" in running.text()
         play(ros, bag)
-        until_quiet(record, tmp_path / "out")
+        until_heard(record, tmp_path / "out", bag)
         # SIGTERM, as systemd and docker send.
         assert running.stop(signal.SIGTERM) == 0, running.text()
         assert record.stop() == 0, record.text()
