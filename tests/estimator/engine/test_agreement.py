@@ -509,6 +509,7 @@ def dropouts(reads: str) -> Callable[[], Sequence[Log]]:
 
 STRAY = FixSpec(heading_sigma=0.02, outlier_share=0.1, outlier_sigma=10.0)
 BLOCKS = {
+    "gyro": Block(lambda: logs_of(4), "gyro"),
     "inertia-online": Block(
         lambda: logs_of(4), seen=lambda counts, _: bool(counts["standstill"].min() > 0.0)
     ),

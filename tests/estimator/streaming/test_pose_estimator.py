@@ -578,6 +578,31 @@ def test_one_stamp_far_ahead_is_refused_but_a_clock_that_stays_there_is_believed
 # --- symmetries -------------------------------------------------------------------------------------
 
 
+def test_the_same_log_gives_the_same_bits():
+    log = short_log(duration=8.0)
+    assert_same(
+        remembered(feed_all(PoseEstimator(ALPHA), log)),
+        remembered(feed_all(PoseEstimator(ALPHA), log)),
+    )
+
+
+def shifted(log, by):
+    return Log(
+        log.name,
+        TrackSpeedSeries(log.tracks.stamps + by, log.tracks.speeds),
+        ImuSeries(log.imu.stamps + by, log.imu.angular_velocity, log.imu.linear_acceleration),
+        FixSeries(log.fixes.stamps + by, log.fixes.poses, log.fixes.variances),
+    )
+
+
+@pytest.mark.parametrize("by", [1000, -EPOCH, 987_654_321_987_654_321])
+def test_the_epoch_of_the_stamps_does_not_matter(by):
+    log = short_log(duration=8.0)
+    a = remembered(feed_all(PoseEstimator(ALPHA), log))
+    b = remembered(feed_all(PoseEstimator(ALPHA), shifted(log, by)))
+    assert_same((a[0] + by, *a[1:]), b)
+
+
 def mirrored_robot(robot):
     vehicle, imu, i = robot.vehicle, robot.imu, robot.indices
     forward, left, up = vehicle.centre_of_mass

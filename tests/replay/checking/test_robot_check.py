@@ -274,6 +274,7 @@ def test_costs_without_a_truth_are_distances_from_the_mended_path(log: Log):
 @pytest.mark.parametrize(
     ("name", "own", "other"),
     [
+        ("husky_deflated_part1", "husky-deflated", "warthog"),
         ("marmotte_part1", "marmotte", "husky-deflated"),
         ("warthog_grass_2024_8_8_15h56s39", "warthog", "marmotte"),
     ],

@@ -11,9 +11,11 @@ import pytest
 
 from conftest import inspected, make_log, sample_log
 from icreckon.estimator.log.lag import Lag, NoLag
+from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.comparison.compare import compare
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.mapping.topics import topic_map, writable_topics
@@ -150,3 +152,17 @@ def test_inspect_proposes_it(name: str, seconds: float | None, data_dir: Path) -
         proposed = float(text.split("\nlatency = ")[1].split()[0])
         assert proposed == pytest.approx(seconds, abs=0.015)
         assert "no latency" not in found
+
+
+def test_it_is_worth_more_than_a_model_of_slip(data_dir: Path) -> None:
+    path = sample_log(data_dir, "warthog_grass_2024_7_29_14h46s15")
+    robot = load_robot("warthog")
+    drifts = []
+    for latency in (0.0, 0.2):
+        log = read_log(path, mapped(robot, tracks=latency))
+        comparison = compare(log, robot, ["constant-online"])
+        assert comparison.log.truth is not None
+        run = comparison.runs["constant-online"]
+        found = drift(run.trajectory.pose_series, comparison.log.truth.poses, 30.0)
+        drifts.append(found.percent_mean)
+    assert drifts[1] < 0.75 * drifts[0]
