@@ -95,13 +95,3 @@ def test_an_interrupted_write_leaves_what_was_there(tmp_path: Path) -> None:
         _write_and_fail(path, overwrite=True)
     assert path.read_text() == "old"
     assert list(path.parent.iterdir()) == [path]
-
-
-def test_a_folder_is_replaced_as_a_whole(tmp_path: Path) -> None:
-    path = tmp_path / "out"
-    for content in ("a", "b"):
-        with written_beside(path, overwrite=True, marker="results.json") as new:
-            new.mkdir()
-            (new / "results.json").write_text("{}")
-            (new / content).touch()
-    assert sorted(file.name for file in path.iterdir()) == ["b", "results.json"]

@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from bag_messages import joints, write_bag
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import compose, relative, wrap_angle
+from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.log.scores import interpolate_poses
@@ -35,7 +34,6 @@ from icreckon.simulation.simulate import simulate
 VARIANT = "constant-online"
 SETTINGS = Settings()
 SECONDS = 8.0
-LEFT_WHEELS, RIGHT_WHEELS = ["front_left", "rear_left"], ["front_right", "rear_right"]
 
 
 class Arrived(NamedTuple):
@@ -158,14 +156,6 @@ def test_stamps_rise_although_the_imu_comes_late(robot: Robot, messages: list[Ar
     estimates = live_run(robot, behind, use_fixes=False)
     assert len(estimates) > 100
     assert all(np.diff([one.stamp for one in estimates]) > 0)
-
-
-def test_odom_does_not_jump_where_map_does(robot: Robot, messages: list[Arrived]) -> None:
-    estimates = live_run(robot, messages, reorder=0.05)
-    step = np.diff([one.pose[:2] for one in estimates], axis=0)
-    assert np.hypot(*step.T).max() < robot.vehicle.max_track_speed * 0.015
-    in_map = [one.map_pose for one in estimates if one.map_pose is not None]
-    assert np.hypot(*np.diff(in_map, axis=0)[:, :2].T).max() > 0.015
 
 
 def test_fixes_that_wander_start_the_map_with_little_weight(
@@ -417,51 +407,6 @@ def test_a_map_that_is_turned_about_the_start_waits_for_its_heading(
         assert abs(off) < 3.0 * np.sqrt(one.map_covariance[2, 2]) < 0.9
 
 
-def with_odd_wheel(messages: list[Arrived]) -> list[Arrived]:
-    """Messages of a robot with four wheels, of which the front left one spins for three seconds."""
-    found = []
-    for one in messages:
-        if one.msgtype.endswith("JointState"):
-            left, right = one.message.velocity
-            elapsed = (one.arrival - messages[0].arrival) * 1e-9
-            excess = 8.0 if 3.0 <= elapsed < 6.0 else 0.0
-            speeds = np.array([left + excess, left, right, right])
-            wheels = joints(_stamp(one.message), speeds, [*LEFT_WHEELS, *RIGHT_WHEELS])
-            one = one._replace(message=wheels)
-        found.append(one)
-    return found
-
-
-def _stamp(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec * 10**9 + stamp.nanosec)
-
-
-def test_a_wheel_that_spins_is_left_out_live_as_in_the_replay(
-    robot: Robot, messages: list[Arrived], tmp_path: Path
-) -> None:
-    mapped = {**robot.log["tracks"], "left": LEFT_WHEELS, "right": RIGHT_WHEELS}
-    four = msgspec.structs.replace(robot, log={**robot.log, "tracks": mapped})
-    sent = with_odd_wheel(messages)
-    bag = write_bag(tmp_path / "bag", [(one.topic, one.message) for one in sent])
-    log = read_log(bag, four)
-    assert any("front_left and rear_left are up to" in note for note in log.notes)
-    alone = run(replace(log, fixes=None), four, VARIANT, settings=SETTINGS)
-    live = LiveOdometry(four, VARIANT, settings=SETTINGS, reorder=0.1, use_fixes=False)
-    rows, seen = {}, set()
-    for one in through(live, sent):
-        rows[one.stamp] = one
-        statuses = {status.name: status for status in LiveStatuses(live).report()}
-        seen.add(statuses["icreckon: slip"].message)
-    for k, stamp in enumerate(alone.stamps.tolist()):
-        assert rows[stamp].pose == pytest.approx(alone.trajectory.poses[k], abs=1e-9)
-    assert live.odom.health.slip.odd_wheels == alone.health.slip.odd_wheels == 1
-    assert any(text.startswith("front_left of the left side is 0.") for text in seen), seen
-    # It drives as without the fault.
-    sound = live_run(robot, messages, reorder=0.1, use_fixes=False)[-1]
-    assert rows[sound.stamp].pose == pytest.approx(sound.pose, abs=0.05)
-
-
 def test_a_start_pose_places_the_map_without_fixes(robot: Robot, messages: list[Arrived]) -> None:
     start = (10.0, -5.0, 2.0)
     estimates = live_run(robot, messages, use_fixes=False, start_pose=start, reorder=0.1)
@@ -517,22 +462,6 @@ def test_a_reset_goes_back_to_the_start_pose(robot: Robot, messages: list[Arrive
     live.restart()
     again = [one for one in through(live, messages) if one.map_pose is not None]
     assert again[0].map_pose == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
-
-
-def test_another_base_frame_is_a_fixed_place_on_the_robot(
-    robot: Robot, messages: list[Arrived]
-) -> None:
-    """With the same start in map, the map's poses are that place on the robot."""
-    offset = (-0.4, 0.1, 0.3)
-    at_centre = live_run(robot, messages, use_fixes=False, start_pose=(0.0, 0.0, 0.0))
-    start = tuple(compose((0.0, 0.0, 0.0), offset).tolist())
-    at_base = live_run(robot, messages, use_fixes=False, start_pose=start, base_offset=offset)
-    for centre, base in zip(at_centre, at_base, strict=True):
-        assert base.pose[2] == pytest.approx(centre.pose[2], abs=1e-9)
-        assert base.twist[2] == centre.twist[2]
-        if base.map_pose is not None and centre.map_pose is not None:
-            assert relative(centre.map_pose, base.map_pose) == pytest.approx(offset, abs=1e-9)
-    assert np.abs(at_base[-1].pose - at_centre[-1].pose).max() > 0.01
 
 
 def test_statuses_name_what_is_wrong(robot: Robot, messages: list[Arrived]) -> None:

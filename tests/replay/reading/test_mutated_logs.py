@@ -29,7 +29,7 @@ from tum import read_tum
 
 MEMORY = 2**30
 """Address space that a damaged file may take beside what the process has [B]."""
-COPIES, LONGEST = 100, 20.0
+COPIES, LONGEST = 60, 20.0
 ALPHA = load_robot("auriga-alpha")
 TABLE = robot_with(
     columns={

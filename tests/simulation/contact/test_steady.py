@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-
 import msgspec
 import numpy as np
 import pytest
@@ -228,8 +225,3 @@ def test_the_grid_is_exact():
     assert V_l[10, 0] == 0.0
     np.testing.assert_array_equal(V_l, -V_l[::-1])
     np.testing.assert_array_equal(V_l, V_r.T)
-
-
-def test_scipy_is_not_loaded():
-    script = "import icreckon.simulation.paper.dynamic_map, sys; sys.exit('scipy' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", script], check=False).returncode == 0
