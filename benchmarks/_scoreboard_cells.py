@@ -25,16 +25,15 @@ SEED = 77_013
 """Of all simulated runs of the scoreboard; no tuning and no other study uses it."""
 VARIANTS = ("gyro", "constant-online", "inertia-online")
 FLAGS = {
-    "spins": "slip.times",
-    "slides": "slip.slides",
-    "carries": "slip.carries",
-    "gyro faults": "gyro.times",
-    "odd wheels": "slip.odd_wheels",
-    "scatter": "scatter.used",
-    "stuck tracks": "stuck_tracks",
-    "wrong tilt": "tilt.is_wrong",
+    "spins": "spinning",
+    "slides": "sliding",
+    "carries": "carried",
+    "gyro faults": "failing",
+    "odd wheels": "wheel off",
+    "scatter": "scattering",
+    "stuck tracks": "stuck",
 }
-"""Counts of `Health` that indicate a fault; one that a later version lacks counts as zero."""
+"""Faults of `Health.times` that the scoreboard counts, by their names there."""
 GATE = "gate"
 # Rejections of a measurement for what it holds or for its stamp, which no rule for faults decides.
 OF_MESSAGES = (
@@ -87,14 +86,9 @@ def rules_disabled(names: Sequence[str]) -> Iterator[None]:
 
 
 def flags(health: Any) -> dict[str, float]:
-    """Counts that indicate a fault, by name; zero where `health` has no such attribute."""
-    found = {}
-    for name, path in FLAGS.items():
-        value = health
-        for part in path.split("."):
-            value = getattr(value, part, None)
-        found[name] = float(value or 0)
-    return found
+    """Counts that indicate a fault, by name."""
+    found = {name: float(health.times.get(fault, 0)) for name, fault in FLAGS.items()}
+    return found | {"wrong tilt": float(health.tilt is not None and health.tilt.is_wrong)}
 
 
 def excluded(health: Any) -> tuple[dict[str, int], dict[str, int]]:

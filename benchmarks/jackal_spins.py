@@ -41,7 +41,7 @@ def shares_of_force(log: Log, robot: Robot) -> tuple[float, Floats]:
         if is_imu:
             rate, force = log.imu.angular_velocity[k], log.imu.linear_acceleration[k]
             estimator.feed(ImuSample(stamp, tuple(rate.tolist()), tuple(force.tolist())))
-            spins.append(estimator.health.slip.track is not None)
+            spins.append(estimator.health.finding("spinning") is not None)
         else:
             estimator.feed(TrackSpeeds(stamp, *log.tracks.speeds[k].tolist()))
     stamps, flagged = log.imu.stamps, np.array(spins)
@@ -78,10 +78,11 @@ def main() -> None:
     for name, robot_name in logs_without("jackal", "wetexplorer").items():
         robot = load_robot(robot_name)
         log = read_log(given.logs / name, robot)
-        slip = run_side_by_side(log, robot, ["gyro"])["gyro"].health.slip
-        print(f"{name}: {slip.times} times in {log.duration:.0f} s, {slip.slides} slides")
+        times = run_side_by_side(log, robot, ["gyro"])["gyro"].health.times
+        spins, of_log = times.get("spinning", 0), times.get("sliding", 0)
+        print(f"{name}: {spins} times in {log.duration:.0f} s, {of_log} slides")
         hours += log.duration / 3600.0
-        found, slides = found + slip.times, slides + slip.slides
+        found, slides = found + spins, slides + of_log
     print(f"these logs: {found} times in {hours:.2f} h, {slides} slides")
     jackal = load_robot("jackal")
     share, of_force = shares_of_force(read_log(given.logs / "jackal_test2.bag", jackal), jackal)

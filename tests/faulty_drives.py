@@ -177,8 +177,10 @@ def upper_track_slides(robot: Robot, index: int) -> Sliding:
         estimator.feed(measurement)
         if isinstance(measurement, TrackSpeeds):
             mean = 0.5 * (measurement.left + measurement.right)
-        elif isinstance(measurement, ImuSample) and estimator.health.slip.track is not None:
+        elif (
+            isinstance(measurement, ImuSample) and estimator.health.finding("spinning") is not None
+        ):
             true = float(np.interp(measurement.stamp, twists.stamps, twists.twists[:, 0]))
             found.append((mean - true, float(estimator.twist[0]) - true))
     of_tracks, of_filter = np.array(found).T
-    return Sliding(estimator.health.slip.times, of_tracks, of_filter)
+    return Sliding(estimator.health.times.get("spinning", 0), of_tracks, of_filter)

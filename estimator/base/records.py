@@ -132,8 +132,8 @@ def shifted(record: Record, by: int) -> Record:
 
 def _later(value: Any, is_stamp: bool, by: int) -> Any:
     if _names(value):
-        hints = _hints(cast(Any, type(value)))
-        fields = {name: _later(getattr(value, name), _is_stamp(hints[name]), by) for name in hints}
+        hints, names = _hints(cast(Any, type(value))), _names(value)
+        fields = {name: _later(getattr(value, name), _is_stamp(hints[name]), by) for name in names}
         is_tuple = isinstance(value, tuple)
         return value._replace(**fields) if is_tuple else msgspec.structs.replace(value, **fields)
     if isinstance(value, dict):

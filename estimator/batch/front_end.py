@@ -85,7 +85,6 @@ class LaneRecords(NamedTuple):
         records: (lanes,) `FilterRecord` of each, of which the inputs are used.
         quiet_stamps: (lanes, n) buffers of the stamps of yaw-rate readings [ns].
         quiet_rates: (lanes, n) buffers of the readings [rad/s].
-        stuck: (lanes,) number of times that a track was found stuck.
         fixes: (lanes,) number of fixes so far.
         judged: (lanes,) index of the newest fix that does not repeat a position; -1 for none.
     """
@@ -93,7 +92,6 @@ class LaneRecords(NamedTuple):
     records: Any
     quiet_stamps: Stamps
     quiet_rates: Floats
-    stuck: NDArray[np.int64]
     fixes: NDArray[np.int64]
     judged: NDArray[np.int64]
 
@@ -143,15 +141,9 @@ class FrontEnd:
             np.zeros((lanes, room), np.int64),
             np.zeros((lanes, room)),
             np.zeros(lanes, np.int64),
-            np.zeros(lanes, np.int64),
             np.full(lanes, -1),
         )
         self._added = 0
-
-    @property
-    def stuck_tracks(self) -> NDArray[np.int64]:
-        """(lanes,) number of times so far that a track was found stuck."""
-        return self._lanes.stuck.copy()
 
     def record(self, lane: int) -> FilterRecord:
         """Record of the inputs of a lane."""
@@ -209,7 +201,7 @@ def fill_lane(
         while added < steps.tracks[k]:
             speeds, stamp = measured.tracks[lane, added], measured.track_stamps[added]
             if np.isfinite(speeds[0]):
-                lanes.stuck[lane] += take_track_sample(
+                take_track_sample(
                     record,
                     stamp,
                     speeds,
@@ -284,8 +276,7 @@ def check_sizes(
     """Compare sizes; see `fill_inputs`."""
     count, n, tracks = len(lanes.records), len(steps.starts), len(measured.track_stamps)
     sizes_fit = len(inputs) >= n and inputs.shape[1] == ROWS and inputs.shape[2] >= count > 0
-    sizes_fit &= len(lanes.stuck) == len(lanes.quiet_stamps) == count
-    sizes_fit &= len(lanes.fixes) == len(lanes.judged) == count
+    sizes_fit &= len(lanes.quiet_stamps) == len(lanes.fixes) == len(lanes.judged) == count
     sizes_fit &= lanes.quiet_stamps.shape == lanes.quiet_rates.shape
     sizes_fit &= measured.tracks.shape == (count, tracks, 2) and 0 <= added <= tracks
     for wheels in (measured.left_wheels, measured.right_wheels):

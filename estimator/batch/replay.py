@@ -19,6 +19,7 @@ from icreckon.estimator.engine.constants import SMOOTHING, aligned
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import (
+    AHEAD,
     MOVE,
     MOVE_AND_UPDATE,
     STEP_COLUMNS,
@@ -30,9 +31,7 @@ from icreckon.estimator.engine.schedule import (
 )
 from icreckon.estimator.engine.work import ESTIMATE
 from icreckon.estimator.filter.filter_record import FixesRecord
-from icreckon.estimator.filter.health import (
-    add_findings,
-)
+from icreckon.estimator.filter.health import add_findings
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, require_robot
@@ -121,10 +120,13 @@ def run_side_by_side(
     found: dict[str, Run] = {}
     for name, one, lanes, before in zip(variants, filters, begun, began, strict=True):
         health = before.health
-        health.track_gaps, health.stuck_tracks = steps.gaps, int(front.stuck_tracks[0])
+        health.track_gaps = steps.gaps
         health.sensor("tracks").used = len(measured.track_stamps)
         found[name] = rows.pop(0).finish(name, one, lanes, health)
         record = front.record(0)
+        record.stamp = int(steps.ends[steps.kinds != AHEAD].max(initial=0))
+        # Those behind the last step are not silent.
+        record.tracks.stamp = int(measured.track_stamps[-1]) - begin_stamp
         record.slip_factor = float(lanes.workspace[one.rows["slip_factor"], 0])
         record.fixes = record_of(FixesRecord, lanes.fixes[0])
         record, at_end = shifted(record, begin_stamp), one.state(lanes, 0)

@@ -56,6 +56,7 @@ from icreckon.estimator.engine.work import (
     work_through,
 )
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
+from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.estimator.filter.filter_record import DEPARTURE, FixesRecord
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.robot.robot_file import Robot
@@ -110,6 +111,8 @@ class BatchFilter:
         bits: int = 64,
         width: int | None = None,
     ) -> None:
+        if OWN_FAULTS:
+            raise BatchError("filters side by side do not watch for faults from outside")
         if bits not in PRECISIONS:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
         self._wander = wander_of(robot, settings)

@@ -148,7 +148,7 @@ class LaneSteps:
 
     def take_samples(self, samples: SampleArrays, mounting: Floats, *, uses_force: bool) -> Sampled:
         """Take the steps of samples; stop before one that needs more than a step."""
-        readings, ekf, total = self._readings, self._ekf, np.zeros(5, int)
+        readings, ekf, total = self._readings, self._ekf, np.zeros(4, int)
         memory = ekf.model.memory.copy()
         ekf.model.recall(memory)
         while True:

@@ -182,7 +182,8 @@ def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_
         or not is_alive(record.imu, stamp, hold)
     ):
         return REFUSED
-    return take_track_speeds(record, stamp, left, right)
+    take_track_speeds(record, stamp, left, right)
+    return 1
 
 
 def take_sample(
@@ -277,7 +278,7 @@ def feed_samples(
     readings are full.
     """
     record = records[0]
-    hold, tracks, samples, used, stuck, stood = record.settings.hold, 0, 0, 0, 0, 0
+    hold, tracks, samples, used, stood = record.settings.hold, 0, 0, 0, 0
     if len(speeds) != len(track_stamps) or speeds.shape[1] != 2:
         raise ValueError(WRONG_SIZE)
     if not len(left_wheels) == len(right_wheels) == len(speeds):
@@ -299,7 +300,7 @@ def feed_samples(
                 move: Any = (records, *arrays, newest, 0.0)
                 take_step(places, TIME_STEP, *move)
             wheels = (left_wheels[tracks], right_wheels[tracks])
-            stuck += take_track_sample(record, stamp, speeds[tracks], *wheels)
+            take_track_sample(record, stamp, speeds[tracks], *wheels)
             tracks += 1
             continue
         stamp, w, f = imu_stamps[samples], angular_velocities[samples], forces[samples]
@@ -313,7 +314,7 @@ def feed_samples(
         used += found
         stood += record.stands
         samples += 1
-    return tracks, samples, used, stuck, stood
+    return tracks, samples, used, stood
 
 
 def fill_state(lane: Floats, constants: Floats, x: Floats, memory: Floats, places: Any) -> None:

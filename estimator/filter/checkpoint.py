@@ -31,6 +31,7 @@ class FilterCheckpoint(msgspec.Struct, frozen=True, rename={"clones": "marks"}):
         model: (m,) memory of the motion model, see `icreckon.estimator.motion.motion_model.MotionModel`.
         regressors: (3, 9) of the filter, see `icreckon.estimator.filter.ekf.Ekf`; None before its first
             step.
+        own_faults: faults from outside by name, with their memory; from a file their fields.
     """
 
     state: np.ndarray[Any, Any]
@@ -42,6 +43,7 @@ class FilterCheckpoint(msgspec.Struct, frozen=True, rename={"clones": "marks"}):
     clones: Clones | None = None
     model: np.ndarray[Any, Any] = NO_MEMORY
     regressors: np.ndarray[Any, Any] | None = None
+    own_faults: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
         size = s.WANDER.stop if self.state.shape == (s.WANDER.stop,) else s.SIZE

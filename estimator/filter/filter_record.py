@@ -102,19 +102,19 @@ class FilterRecord(msgspec.Struct):
     accelerometer_y: GateRecord = msgspec.field(default_factory=GateRecord)
 
 
-def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> int:
-    """Add track speeds [m/s] at a stamp [ns]; return the number of newly stuck tracks."""
+def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> None:
+    """Add track speeds [m/s] at a stamp [ns]."""
     settings = record.settings
     stopped_after(record.still, stamp, left, right, settings.track_speed)
-    return take_tracks(record.tracks, stamp, left, right, settings)
+    take_tracks(record.tracks, stamp, left, right, settings)
 
 
 def take_track_sample(
     record: FilterRecord, stamp: int, speeds: Floats, left_wheels: Floats, right_wheels: Floats
-) -> int:
+) -> None:
     """Add track speeds (2,), and those of the wheels (n,) and (m,) if known."""
     left, right = sides_of(record, stamp, speeds, left_wheels, right_wheels, True)
-    return take_track_speeds(record, stamp, left, right)
+    take_track_speeds(record, stamp, left, right)
 
 
 def sides_of(

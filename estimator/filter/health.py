@@ -3,38 +3,35 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from copy import copy
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.records import Count, Size, or_none
+from icreckon.estimator.base.records import Count, Size
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS
-from icreckon.estimator.faults.odd_wheels import NO_WHEEL, WheelsRecord, are_found
-from icreckon.estimator.faults.scattering_fixes import correlation_of, wanders
-from icreckon.estimator.faults.sliding_robot import SlideRecord, slides
-from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, UNKNOWN, is_found
+from icreckon.estimator.filter.fault_table import (
+    GYRO_FAULTS,
+    REPEATED,
+    Finding,
+    OwnFault,
+    findings_of,
+    times_of,
+)
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Imu
-from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
 from icreckon.estimator.sensors.input_settings import InputSettings
-from icreckon.estimator.sensors.standstill import StandstillRecord, tracks_rest
+from icreckon.estimator.sensors.standstill import tracks_rest
 
 # Verdicts of a gate. A re-acquired measurement is used after the variance of the states that it measures
 # was inflated.
 ADMITTED, REJECTED, REACQUIRED = range(3)
 VERDICTS = ("admitted", "rejected", "reacquired")
-# Names of a track that spins.
-SIDES = {LEFT: "left", UNKNOWN: "unknown", RIGHT: "right"}
-# Reason to reject a reading or a fix; names of a gyro's faults, the reasons to reject its readings.
-REPEATED = "repeats itself"
-GYRO_FAULTS = {JUMPED: "jumped", REPEATS: REPEATED, BEYOND: "beyond its range"}
-# Correlation of successive innovations of position fixes from which on it is clear.
-CORRELATED = 0.5
 # A deviation that moves the twist by this share of the slip's standard deviation is observable after some
 # hundred correlation times of the slip: about a minute of such motion.
 EXCITED = 0.1
@@ -190,147 +187,6 @@ def noise_health(
     return found
 
 
-class Slide(NamedTuple):
-    """Slide of the whole robot along one of its axes.
-
-    Attributes:
-        since: stamp at which it began [ns].
-        speed: velocity of the robot less that of its tracks [m/s]; forward, it is negative if both tracks
-            spin up, and positive if they stop and the robot does not.
-    """
-
-    since: int
-    speed: float
-
-
-class OddWheel(NamedTuple):
-    """Wheels of one side that disagree.
-
-    Attributes:
-        since: stamp from which on they do [ns].
-        wheel: index of the one that is not used, in `TrackSpeeds.left_wheels` or `right_wheels`; None if
-            it is not known which: their mean is used, and the covariance grows.
-        apart: distance of that wheel from the speed that is used, or of both from their mean [m/s].
-        samples: number of samples in which they did.
-    """
-
-    since: int
-    wheel: int | None
-    apart: float
-    samples: int
-
-
-@dataclass(frozen=True)
-class SlipHealth:
-    """Slip beyond what bends explain.
-
-    Attributes:
-        track: "left" or "right", the track that spins or whose sensor fails; "unknown" if it cannot be
-            told which; None if neither does.
-        since: stamp from which on it does [ns], or None.
-        mismatch: difference of the track speeds that the gyro does not confirm [m/s].
-        times: number of times that a track was found spinning.
-        forward: slide of both tracks, forward or back, as far as the accelerometer shows it; or None.
-        slides: number of slides that were found.
-        carried: stamp at which the robot, with its tracks at rest, had been shaken for a second: it is
-            carried, pushed or worked on [ns]; None if it is not.
-        carries: number of times that it was.
-        factor: slip that position fixes have shown, over that which the robot file gives; at least 1.
-        left_wheels: wheels of the left side that disagree; None if they do not, or there is one sensor.
-        right_wheels: likewise of the right side.
-        odd_wheels: number of times that wheels of a side were found to disagree.
-    """
-
-    track: str | None = None
-    since: int | None = None
-    mismatch: float = 0.0
-    times: int = 0
-    forward: Slide | None = None
-    slides: int = 0
-    carried: int | None = None
-    carries: int = 0
-    factor: float = 1.0
-    left_wheels: OddWheel | None = None
-    right_wheels: OddWheel | None = None
-    odd_wheels: int = 0
-
-
-def slip_health(held: TrackRecord, still: StandstillRecord, factor: float) -> SlipHealth:
-    """Slip that the records show; `factor` is that of `filter.slip_factor`."""
-    spin = held.spin
-    found = SlipHealth(
-        times=spin.times,
-        forward=_slide(held.forward),
-        slides=held.forward.times,
-        carried=or_none(still.carried_since),
-        carries=still.carries,
-        factor=factor,
-        left_wheels=_odd_wheel(held.left_wheels),
-        right_wheels=_odd_wheel(held.right_wheels),
-        odd_wheels=held.left_wheels.times + held.right_wheels.times,
-    )
-    if not is_found(spin):
-        return found
-    return replace(found, track=SIDES[spin.side], since=spin.since, mismatch=abs(spin.mismatch))
-
-
-def _slide(slide: SlideRecord) -> Slide | None:
-    return Slide(slide.since, slide.speed) if slides(slide) else None
-
-
-def _odd_wheel(wheels: WheelsRecord) -> OddWheel | None:
-    if not are_found(wheels):
-        return None
-    wheel = None if wheels.odd == NO_WHEEL else wheels.odd
-    return OddWheel(wheels.since, wheel, wheels.apart, wheels.samples)
-
-
-@dataclass(frozen=True)
-class GyroHealth:
-    """Fault of the gyro, whose readings are not used meanwhile.
-
-    Attributes:
-        fault: "jumped", "repeats itself" or "beyond its range"; None while it works.
-        since: stamp at which the fault was found [ns], or None.
-        times: number of faults that were found.
-    """
-
-    fault: str | None = None
-    since: int | None = None
-    times: int = 0
-
-
-@dataclass(frozen=True)
-class ScatterHealth:
-    """Position fixes that scatter more than stated.
-
-    Attributes:
-        sigma: standard deviation with which fixes are used now that state a smaller one, 0 if they
-            scatter as stated [m].
-        wanders: they scatter, and their errors resemble those of the fixes before.
-        used: number of fixes that were used with a larger standard deviation than they state.
-        correlation: correlation of successive innovations, about 0 for white errors; None before 30
-            fixes.
-    """
-
-    sigma: Size = 0.0
-    wanders: bool = False
-    used: Count = 0
-    correlation: float | None = None
-
-    @property
-    def is_correlated(self) -> bool:
-        """True if the errors of fixes clearly resemble those before them."""
-        return self.correlation is not None and self.correlation > CORRELATED
-
-    @property
-    def text(self) -> str:
-        """Text for people."""
-        if not self.sigma:
-            return "as stated" + ", but their errors wander" * self.is_correlated
-        return f"sigma {self.sigma:.2g} m" + ", wandering" * self.wanders
-
-
 class TiltHealth(NamedTuple):
     """Tilt of the IMU beyond that of the robot file, by the accelerometers' biases.
 
@@ -406,29 +262,27 @@ class Health:
         sensors: counts by name of the sensor.
         standstill_updates: number of IMU samples at which the robot was found standing.
         track_gaps: number of gaps in the track speeds longer than `Settings.hold`.
-        stuck_tracks: number of times that a track's sensor was found stuck.
         clock_steps: number of times that the clock of all sensors was set: found set back, or by
             `PoseEstimator.set_clock`.
         track_latency: latency of the track speeds, used and estimated.
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
-        slip: slip beyond what bends explain: a track that spins.
+        findings: faults that last, see `icreckon.FAULTS`.
+        times: number of times that each fault was found, by its name.
+        slip_factor: slip that position fixes have shown, over that of the robot file; at least 1.
         wander: estimated wander of the position fixes; None if it is not estimated.
-        scatter: scatter of position fixes beyond the stated sigma.
-        gyro: fault of the gyro.
         tilt: tilt of the IMU beyond that of the robot file; None while it is not known.
     """
 
     sensors: dict[str, SensorHealth] = field(default_factory=dict)
     standstill_updates: Count = 0
     track_gaps: Count = 0
-    stuck_tracks: Count = 0
     clock_steps: Count = 0
     track_latency: TrackLatencyHealth = TrackLatencyHealth()
     noise: dict[str, NoiseHealth] = field(default_factory=dict)
-    slip: SlipHealth = SlipHealth()
+    findings: list[Finding] = field(default_factory=list)
+    times: dict[str, Count] = field(default_factory=dict)
+    slip_factor: Size = 1.0
     wander: WanderHealth | None = None
-    scatter: ScatterHealth = ScatterHealth()
-    gyro: GyroHealth = GyroHealth()
     tilt: TiltHealth | None = None
 
     def sensor(self, name: str) -> SensorHealth:
@@ -437,6 +291,11 @@ class Health:
         if found is None:
             found = self.sensors[name] = SensorHealth()
         return found
+
+    def finding(self, fault: str) -> Finding | None:
+        """Newest finding of a fault by its name; None if the fault does not last."""
+        of_fault = [one for one in self.findings if one.fault == fault]
+        return max(of_fault, key=lambda one: one.since or 0, default=None)
 
     def rejections(self) -> dict[str, int]:
         """Number of rejected measurements, by "sensor: reason"."""
@@ -450,7 +309,8 @@ class Health:
         """Copy the counts."""
         found = copy(self)
         found.sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
-        found.noise = self.noise.copy()
+        found.noise, found.times = self.noise.copy(), self.times.copy()
+        found.findings = self.findings.copy()
         return found
 
     def add(self, other: Health) -> None:
@@ -458,6 +318,8 @@ class Health:
         for name, sensor in other.sensors.items():
             self.sensor(name).add(sensor)
         self.noise.update(other.noise)
+        for fault, count in other.times.items():
+            self.times[fault] = self.times.get(fault, 0) + count
         for one in fields(self):
             theirs, nothing = getattr(other, one.name), getattr(Health(), one.name)
             if isinstance(theirs, int):
@@ -466,7 +328,14 @@ class Health:
                 setattr(self, one.name, theirs)
 
 
-def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) -> None:
+def add_findings(
+    health: Health,
+    record: Any,
+    x: Floats,
+    P: Floats,
+    imu: Imu,
+    own_faults: Iterable[OwnFault] = (),
+) -> None:
     """Add to health what a filter has found.
 
     Args:
@@ -475,15 +344,12 @@ def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) ->
         x: (n,) its state.
         P: (n, n) its covariance.
         imu: the robot file's `[imu]`.
+        own_faults: faults from outside, with their memory.
     """
-    tracks, still, scatter = record.tracks, record.still, record.fixes.scatter
-    health.noise = noise_health(record.noise, tracks_rest(still), record.settings)
-    health.slip = slip_health(tracks, still, float(record.slip_factor))
-    gyro = tracks.gyro
-    fault = GYRO_FAULTS.get(gyro.fault)
-    health.gyro = GyroHealth(fault, gyro.since if fault else None, gyro.times)
-    sigma, correlation = math.sqrt(scatter.variance), correlation_of(scatter)
-    health.scatter = ScatterHealth(sigma, wanders(scatter), scatter.used, correlation)
+    gyro = record.tracks.gyro
+    health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
+    health.findings, health.times = findings_of(record, own_faults), times_of(record)
+    health.slip_factor = float(record.slip_factor)
     health.wander, health.tilt = wander_health(x, P), tilt_health(x, np.sqrt(P.diagonal()), imu)
     for sensor, reason, count in (
         ("gyro", GYRO_FAULTS[JUMPED], gyro.jumped),

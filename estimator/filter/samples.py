@@ -48,12 +48,10 @@ class Sampled(NamedTuple):
         tracks: number of track speeds.
         imu: number of IMU samples.
         rates_used: number of yaw rates that were used.
-        stuck: number of tracks that were newly found stuck.
         stood: number of IMU samples at which the robot stood.
     """
 
     tracks: int
     imu: int
     rates_used: int
-    stuck: int
     stood: int

@@ -10,7 +10,7 @@ import math
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Interval, Stamp
+from icreckon.estimator.base.records import NEVER, Count, Interval, Stamp
 from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
 from icreckon.estimator.faults.odd_wheels import WheelsRecord
 from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
@@ -61,6 +61,7 @@ class TrackRecord(msgspec.Struct):
         spin: record of a spinning track.
         forward: record of slides along the tracks.
         gyro: record of the gyro's faults.
+        stuck: number of times that a track's sensor was found stuck.
     """
 
     stamp: Stamp = NEVER
@@ -78,6 +79,7 @@ class TrackRecord(msgspec.Struct):
     spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
     gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)
+    stuck: Count = 0
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:
@@ -125,8 +127,8 @@ def walked_density(
 
 def take_tracks(
     held: TrackRecord, stamp: int, left: float, right: float, settings: InputSettings
-) -> int:
-    """Add a later sample; return the number of tracks newly found stuck.
+) -> None:
+    """Add a later sample.
 
     Args:
         held: record of the track speeds, changed in place.
@@ -158,7 +160,7 @@ def take_tracks(
     held.smooth_left += weight * (left - held.smooth_left)
     held.smooth_right += weight * (right - held.smooth_right)
     held.stamp, held.left, held.right = stamp, left, right
-    return left_found + right_found + 2 * newly_frozen
+    held.stuck += left_found + right_found + 2 * newly_frozen
 
 
 def take_motion(

@@ -21,6 +21,12 @@ from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.ekf import Ekf, update
+from icreckon.estimator.filter.fault_table import (
+    OWN_FAULTS,
+    Exclude,
+    Replace,
+    restored,
+)
 from icreckon.estimator.filter.filter_record import (
     FilterRecord,
     may_be_pushed,
@@ -40,7 +46,7 @@ from icreckon.estimator.filter.initial_state import assumptions, considered_stat
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
 from icreckon.estimator.filter.samples import SampleArrays
-from icreckon.estimator.log.input_checks import Event
+from icreckon.estimator.log.input_checks import STREAMS, Event
 from icreckon.estimator.log.measurements import (
     ImuSample,
     Mark,
@@ -54,7 +60,7 @@ from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.motion.propagation import step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
-from icreckon.estimator.robot.variants import Variant
+from icreckon.estimator.robot.variants import Variant, state_names
 from icreckon.estimator.sensors import imu_clock, predictions
 from icreckon.estimator.sensors.held_tracks import is_hole, speeds_at
 from icreckon.estimator.sensors.input_settings import input_settings
@@ -111,10 +117,11 @@ class Reckoning:
 
         # Counts of all but the gates, which count themselves.
         self._counts = Health()
+        self._own_faults = [kind() for kind in OWN_FAULTS.values()]
         self._settings = settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._mounting = SensorModels(robot).mounting
-        self._prior = robot.imu
+        self._prior, self._names = robot.imu, state_names(variant)
         compiles = settings.engine == "compiled"
         make_record = shared_record if compiles else copied
         self._record = make_record(FilterRecord(input_settings(robot, settings)))
@@ -140,7 +147,8 @@ class Reckoning:
     def health(self) -> Health:
         """Copy of the counts of the measurements, with measured noise and slip."""
         health = self._judged_counts()
-        add_findings(health, self._record, self.ekf.x, self.ekf.P, self._prior)
+        of_filter = self._record, self.ekf.x, self.ekf.P
+        add_findings(health, *of_filter, self._prior, self._own_faults)
         return health
 
     def _judged_counts(self) -> Health:
@@ -175,6 +183,7 @@ class Reckoning:
             ekf.clones,
             ekf.model.memory,
             None if ekf.regressors is None else ekf.regressors.copy(),
+            {one.name: copied(one) for one in self._own_faults},
         )
 
     def restore(self, checkpoint: FilterCheckpoint) -> None:
@@ -191,6 +200,7 @@ class Reckoning:
         for name, counts in checkpoint.gates.items():
             assign(self._fix_gates[name].counts, counts)
         self._counts = checkpoint.counts.copy()
+        self._own_faults = [restored(kind, checkpoint.own_faults) for kind in OWN_FAULTS.values()]
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
         """Start with parameters, biases and scales of a checkpoint.
@@ -249,6 +259,11 @@ class Reckoning:
         Returns:
             True if it was used.
         """
+        if self._own_faults and not isinstance(event, Mark):
+            watched = self._watched(event)
+            if watched is None:
+                return False
+            event = watched
         match event:
             case ImuSample():
                 return self._take_imu(event)
@@ -259,13 +274,29 @@ class Reckoning:
             case _:
                 return self._take_fix(event)
 
+    def _watched(self, m: Measurement) -> Measurement | None:
+        """Measurement after the effects of faults from outside; None if one excludes it.
+
+        Raises:
+            EstimatorError: an effect names no state, or has a measurement of another type or stamp.
+        """
+        for fault in self._own_faults:
+            effect = fault.watch(m, self)
+            if isinstance(effect, Exclude):
+                self._counts.sensor(STREAMS[type(m)]).reject(fault.name)
+                return None
+            if isinstance(effect, Replace):
+                m = effect.replaced(m, fault.name)
+            elif effect is not None:
+                for state, variance in effect.variances(self._names, fault.name):
+                    self.ekf.inflate(state, variance=variance)
+        return m
+
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
-        if not (m.left_wheels or m.right_wheels):
-            stuck = self._steps.take_track_speeds(m.stamp, m.left, m.right, True)
-            if stuck != REFUSED:
-                self._counts.stuck_tracks += stuck
-                self._counts.sensor("tracks").used += 1
-                return True
+        take, is_plain = self._steps.take_track_speeds, not (m.left_wheels or m.right_wheels)
+        if is_plain and take(m.stamp, m.left, m.right, True) != REFUSED:
+            self._counts.sensor("tracks").used += 1
+            return True
         record, tracks = self._record, self._tracks
         hold, begins = self._settings.hold, tracks.stamp == NEVER
         if begins:
@@ -277,7 +308,7 @@ class Reckoning:
             self._counts.track_gaps += hole
         wheels = m.left_wheels, m.right_wheels
         speeds = sides_of(record, m.stamp, (m.left, m.right), *wheels, True)
-        self._counts.stuck_tracks += self._steps.take_track_speeds(m.stamp, *speeds)
+        take(m.stamp, *speeds)
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
@@ -304,11 +335,10 @@ class Reckoning:
 
     def take_samples(self, samples: SampleArrays) -> tuple[int, int, int]:
         """Update with samples, see `PoseEstimator.feed_samples`."""
-        if self.ekf.clones is not None or self.ekf.regressors is None:
+        if self.ekf.clones is not None or self.ekf.regressors is None or self._own_faults:
             return 0, 0, 0
         found = self._steps.take_samples(samples, self._mounting, uses_force=self._uses_force)
         self._counts.sensor("tracks").used += found.tracks
-        self._counts.stuck_tracks += found.stuck
         self._counts.standstill_updates += found.stood
         return found.tracks, found.imu, found.tracks + found.rates_used
 

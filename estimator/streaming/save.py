@@ -37,7 +37,7 @@ from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.saved_checks import require_64_bits
 
 FORMAT = "icreckon estimator"
-VERSION = 9
+VERSION = 10
 # Objects of so many characters stand on one line of the file.
 SHORT = 120
 # Keys of a robot file that an estimator does not depend on.

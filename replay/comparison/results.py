@@ -20,7 +20,8 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.filter.health import CORRELATED, ScatterHealth
+from icreckon.estimator.filter.fault_table import CORRELATED
+from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot
@@ -198,7 +199,7 @@ def _findings(comparison: Comparison) -> list[str]:
         notes.append(
             f"the last fix was off by {wander.text}, by {name}: its estimate of the wander of the fixes"
         )
-    notes += _scatter_note([one.scatter for one in healths.values()])
+    notes += _scatter_note(list(healths.values()))
     tilts = [one.tilt for one in healths.values() if one.tilt is not None and one.tilt.is_wrong]
     if tilts:
         notes.append(
@@ -213,23 +214,24 @@ def _findings(comparison: Comparison) -> list[str]:
             "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
             "wander_time where icreckon inspect proposes them, else least_sigma: 2.0 for plain GPS"
         )
-    gyro = next(iter(healths.values())).gyro if healths else None
-    if gyro is not None and gyro.times:
+    failures = next(iter(healths.values())).times.get("failing") if healths else None
+    if failures:
         notes.append(
-            f"the gyro failed {_times(gyro.times)} (it jumped, repeated itself or was beyond its range) "
+            f"the gyro failed {_times(failures)} (it jumped, repeated itself or was beyond its range) "
             "and was not used meanwhile"
         )
-    carries = max((one.slip.carries for one in healths.values()), default=0)
+    carries = max((one.times.get("carried", 0) for one in healths.values()), default=0)
     if carries:
         notes.append(f"shaken {_times(carries)} with the tracks at rest: was the robot carried?")
     return notes
 
 
-def _scatter_note(found: list[ScatterHealth]) -> list[str]:
-    used = max((one.used for one in found), default=0)
+def _scatter_note(found: list[Health]) -> list[str]:
+    used = max((one.times.get("scattering", 0) for one in found), default=0)
     if not used:
         return []
-    sigmas = sorted(one.sigma for one in found if one.sigma)
+    lasting = (finding for one in found for finding in one.findings)
+    sigmas = sorted(one.size or 0.0 for one in lasting if one.fault == "scattering")
     at_end = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
     return [
         f"position fixes scatter more than stated: {used} were used with a larger sigma{at_end}; set "

@@ -118,7 +118,7 @@ def _consistency(one: Run) -> Results:
         "rejected": health.rejections(),
         "standstill_updates": health.standstill_updates,
         "track_gaps": health.track_gaps,
-        "stuck_tracks": health.stuck_tracks,
+        "stuck_tracks": health.times.get("stuck", 0),
         "final_parameters": {name: final[name] for name in kept},
         "final_parameter_sigmas": {name: sigmas[name] for name in kept},
     }

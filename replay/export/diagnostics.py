@@ -129,7 +129,7 @@ def _counts(variant: str, one: Run) -> DiagnosticStatus:
     values |= {f"{what}, rejected": str(count) for what, count in one.health.rejections().items()}
     values["standstill updates"] = str(one.health.standstill_updates)
     values["gaps in the track speeds"] = str(one.health.track_gaps)
-    values["stuck tracks"] = str(one.health.stuck_tracks)
+    values |= {f"{fault}: times found": str(count) for fault, count in one.health.times.items()}
     for name, noise in one.health.noise.items():
         if noise.measured is not None:
             values[f"{name}: noise over that of the robot file"] = (
@@ -137,8 +137,6 @@ def _counts(variant: str, one: Run) -> DiagnosticStatus:
             )
     if one.health.wander is not None:
         values["wander of the fixes"] = one.health.wander.text
-    if one.health.scatter.used:
-        values["fixes used with more than stated"] = str(one.health.scatter.used)
     seconds = (one.stamps[-1] - one.stamps[0]) * NANOSECOND
     return DiagnosticStatus(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
 

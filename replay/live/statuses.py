@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from icreckon.estimator.base.lag_search import BEYOND
-from icreckon.estimator.filter.health import (
-    GyroHealth,
-    OddWheel,
-    ScatterHealth,
-    SensorHealth,
-    SlipHealth,
-    TiltHealth,
-)
+from icreckon.estimator.filter.fault_table import Finding
+from icreckon.estimator.filter.health import Health, SensorHealth, TiltHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import (
     ERROR,
@@ -30,10 +24,8 @@ CHANGED_LATENCY = 0.05
 """Difference of latencies from which a latency is reported as changed [s]."""
 MANY_REJECTED = 0.1
 """Share of rejected measurements between two reports from which a sensor is reported as WARN."""
-GYRO, IMU, POSITION = "gyro", "imu", "position"
-"""Sensor whose use shows that the IMU works, the stream that counts rejected samples, and the fixes."""
-LARGE_FACTOR = 3.0
-"""Factor on the slip that is reported, see `SlipHealth.factor`."""
+GYRO, IMU = "gyro", "imu"
+"""Sensor whose use shows that the IMU works, and the stream that counts rejected samples."""
 
 
 class Counts(NamedTuple):
@@ -63,7 +55,8 @@ class LiveStatuses:
         if live.map is not None:
             statuses.append(self._map())
         newest = live.odom if live.map is None or live.map.estimator is None else live.map.estimator
-        sensors = newest.health.sensors
+        health = newest.health
+        sensors = health.sensors
         new = {name: self._new(name, sensor) for name, sensor in sensors.items()}
         gyro_now = new[GYRO].used if GYRO in new else 0
         for name, sensor in sorted(sensors.items()):
@@ -73,13 +66,9 @@ class LiveStatuses:
         if newest.stamp is not None:
             statuses.append(_parameters(newest))
             statuses += self._never_heard()
-        statuses.append(self._slip(newest.health.slip))
-        if GYRO in sensors:
-            statuses.append(gyro_status(newest.health.gyro, is_silent=gyro_now == 0))
-        if newest.health.tilt is not None:
-            statuses.append(tilt_status(newest.health.tilt))
-        if POSITION in sensors:
-            statuses.append(scatter_status(newest.health.scatter))
+        statuses.append(self._faults(health))
+        if health.tilt is not None:
+            statuses.append(tilt_status(health.tilt))
         statuses += [self._messages(), self._clocks(), self._latency(newest)]
         return statuses
 
@@ -96,7 +85,6 @@ class LiveStatuses:
             "standing": str(estimator.stands).lower(),
             "standstill_updates": str(health.standstill_updates),
             "gaps_in_track_speeds": str(health.track_gaps),
-            "stuck_tracks": str(health.stuck_tracks),
             "warm_start": str(self._live.warm).lower(),
         }
         if frame == "map" and health.wander is not None:
@@ -109,7 +97,7 @@ class LiveStatuses:
     ) -> DiagnosticStatus:
         """Status of an estimate, with faults of the tracks since the last report."""
         health, stamp = estimator.health, estimator.stamp or 0
-        now = stamp, health.track_gaps, health.stuck_tracks
+        now = stamp, health.track_gaps, health.times.get("stuck", 0)
         before = self._estimates.get(frame, (-1, 0, 0))
         self._estimates[frame] = now
         if now == before:
@@ -169,9 +157,11 @@ class LiveStatuses:
             WARN, name, f"not usable since the last report, with counts: {text}", values
         )
 
-    def _slip(self, slip: SlipHealth) -> DiagnosticStatus:
+    def _faults(self, health: Health) -> DiagnosticStatus:
         tracks = self._live.inputs.mapping.tracks
-        return slip_status(slip, *((tracks.left, tracks.right) if tracks else ()))
+        names = (tracks.left, tracks.right) if tracks else ((), ())
+        findings = [named_wheels(one, *names) for one in health.findings]
+        return findings_status(findings, health.times, health.slip_factor)
 
     def _clocks(self) -> DiagnosticStatus:
         inputs = self._live.inputs
@@ -242,82 +232,37 @@ def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticSta
     return DiagnosticStatus(OK, title, f"{new.used} used since the last report", values)
 
 
-def slip_status(
-    slip: SlipHealth, left: Sequence[str] = (), right: Sequence[str] = ()
+def findings_status(
+    findings: Sequence[Finding], times: Mapping[str, int], slip_factor: float
 ) -> DiagnosticStatus:
-    """Slip beyond what bends explain.
+    """Status of the faults that last.
 
     Args:
-        slip: the slip.
-        left: names of the left wheels.
-        right: names of the right wheels.
+        findings: the faults.
+        times: number of times that each was found.
+        slip_factor: see `Health.slip_factor`.
     """
-    name = "icreckon: slip"
-    values = {
-        "times": str(slip.times),
-        "slides": str(slip.slides),
-        "carries": str(slip.carries),
-        "odd_wheels": str(slip.odd_wheels),
-        "slip_factor": f"{slip.factor:.2f}",
-    }
-    texts = []
-    if slip.track is not None:
-        values |= {
-            "track": slip.track,
-            "since_ns": str(slip.since),
-            "mismatch_m_s": f"{slip.mismatch:.3f}",
-        }
-        which = "one track" if slip.track == "unknown" else f"the {slip.track} track"
-        texts.append(f"{which} spins, or its sensor fails: {slip.mismatch:.2f} m/s too much")
-    for side, odd, names in (("left", slip.left_wheels, left), ("right", slip.right_wheels, right)):
-        if odd is not None:
-            values |= {
-                f"{side}_wheels_since_ns": str(odd.since),
-                f"{side}_wheels_samples": str(odd.samples),
-            }
-            texts.append(_odd_wheel(side, odd, names))
-    if slip.forward is not None:
-        values["forward_since_ns"] = str(slip.forward.since)
-        values["forward_m_s"] = f"{slip.forward.speed:.3f}"
-        than = "slower" if slip.forward.speed < 0.0 else "faster"
-        texts.append(f"the robot is {abs(slip.forward.speed):.2f} m/s {than} than its tracks")
-    if slip.factor > LARGE_FACTOR:
-        texts.append(
-            f"position fixes show {slip.factor:.1f} times the slip expected, or they wander"
-        )
-    if slip.carried is not None:
-        values["carried_since_ns"] = str(slip.carried)
-        texts.append("the robot is shaken with its tracks at rest: it may be carried")
-    if not texts:
-        return DiagnosticStatus(OK, name, "no track spins", values)
-    return DiagnosticStatus(WARN, name, "; ".join(texts), values)
+    values = {f"{fault}: times": str(count) for fault, count in times.items()}
+    values["slip_factor"] = f"{slip_factor:.2f}"
+    for one in findings:
+        title = f"{one.part or one.sensor}: {one.fault}"
+        values[f"{title}: effect"] = one.effect
+        if one.since is not None:
+            values[f"{title}: since_ns"] = str(one.since)
+        if one.size is not None:
+            values[f"{title}: size"] = f"{one.size:.3f}"
+    text = "; ".join(one.text for one in findings)
+    return DiagnosticStatus(WARN if text else OK, "icreckon: faults", text or "none", values)
 
 
-def _odd_wheel(side: str, odd: OddWheel, names: Sequence[str]) -> str:
-    if odd.wheel is None:
-        return f"the {side} wheels are {2.0 * odd.apart:.2f} m/s apart, which is right is not clear"
-    name = names[odd.wheel] if odd.wheel < len(names) else f"wheel {odd.wheel + 1}"
-    return f"{name} of the {side} side is {odd.apart:.2f} m/s off and is not used"
-
-
-def gyro_status(gyro: GyroHealth, *, is_silent: bool = False) -> DiagnosticStatus:
-    """Fault of the gyro.
-
-    Args:
-        gyro: its faults.
-        is_silent: whether nothing of it was used since the last report.
-    """
-    name, values = "icreckon: gyro faults", {"times": str(gyro.times)}
-    if gyro.fault is None and is_silent:
-        text = "nothing of it was used since the last report"
-        return DiagnosticStatus(STALE, name, text, values)
-    if gyro.fault is None:
-        return DiagnosticStatus(OK, name, "it works", values)
-    values["since_ns"] = str(gyro.since)
-    what = f"is {gyro.fault}" if gyro.fault.startswith("beyond") else gyro.fault
-    return DiagnosticStatus(
-        WARN, name, f"the gyro {what}: only the tracks show the turning", values
-    )
+def named_wheels(finding: Finding, left: Sequence[str], right: Sequence[str]) -> Finding:
+    """Finding with the joint's name of a wheel."""
+    for side, names in (("left", left), ("right", right)):
+        for k, name in enumerate(names):
+            if finding.part == f"{side} wheel {k + 1}":
+                text = finding.text.replace(finding.part, f"{finding.part} ({name})")
+                return finding._replace(text=text)
+    return finding
 
 
 def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
@@ -326,23 +271,6 @@ def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
     if not tilt.is_wrong:
         return DiagnosticStatus(OK, name, "as in the robot file", values)
     text = f"tilted by {tilt.text} beyond rotation_rpy_deg of [imu]"
-    return DiagnosticStatus(WARN, name, text, values)
-
-
-def scatter_status(scatter: ScatterHealth) -> DiagnosticStatus:
-    """Scatter of the position fixes beyond the stated sigma."""
-    name, values = "icreckon: scatter of fixes", {"used_with_more": str(scatter.used)}
-    if scatter.correlation is not None:
-        values["correlation"] = f"{scatter.correlation:.2f}"
-    if not scatter.sigma and scatter.is_correlated:
-        text = f"their errors wander: innovations have a correlation of {scatter.correlation:.2f}"
-        return DiagnosticStatus(WARN, name, text, values)
-    if not scatter.sigma:
-        return DiagnosticStatus(OK, name, "as stated", values)
-    values["sigma_m"] = f"{scatter.sigma:.3g}"
-    text = f"more than stated: used with a sigma of {scatter.sigma:.2g} m"
-    if scatter.wanders:
-        text += ", as their errors wander"
     return DiagnosticStatus(WARN, name, text, values)
 
 

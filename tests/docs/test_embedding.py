@@ -98,7 +98,13 @@ def test_every_example_says_something(guide):
         "the motion would show: ['",
         "docked at [",
     )
-    for said in (*said_so, "newest admitted: off by [", "gaps bridged, ", "considered: "):
+    for said in (
+        *said_so,
+        "newest admitted: off by [",
+        "gaps bridged",
+        "found so far: ",
+        "considered: ",
+    ):
         assert said in text
     # What is kept fixed has no share, and the others are learnt.
     (learnt,) = re.findall(r"eta0: \S+, share nan\nepsilon0: \S+, share (\S+)\n", text)
@@ -157,4 +163,4 @@ def test_position_fixes_tell_a_heading_that_is_not_far_off_if_it_is_not_said_to_
     assert abs(unsure.pose[2] - in_the_map(names)[2]) < 0.1
     assert unsure.health.rejections() == {}
     # The path is turned by what the fixes show once they depart from it.
-    assert sure.health.slip.factor > 2.0
+    assert sure.health.slip_factor > 2.0

@@ -5,9 +5,17 @@ from pathlib import Path
 import pytest
 from _tables import PAGES, Table, all_tables, current, put, renewed, tables
 
+from icreckon.estimator.filter.fault_table import FAULTS
+from readme import ROOT
+
 COMMAND = "python benchmarks/demo_runs.py"
 # Heads of tables without figures of a command of their own.
-OTHERS = {("log", "source"), ("where", "what happens"), ("page", "answers")}
+OTHERS = {
+    ("log", "source"),
+    ("where", "what happens"),
+    ("page", "answers"),
+    ("fault", "indicated by", "effect", "rule"),
+}
 PAGE = """# Page
 
 <!-- figures: python benchmarks/demo_runs.py; of: 00000000 -->
@@ -61,3 +69,10 @@ def table(
     *rows: tuple[str, ...], head: tuple[str, ...] = ("fault", "variant", "error, m")
 ) -> Table:
     return Table(PAGES[0], 0, head, rows, COMMAND)
+
+
+def test_the_table_of_faults_is_that_of_the_filter() -> None:
+    page = (ROOT / "docs/explanation/proof/faults.md").read_text(encoding="utf-8")
+    rows = [f"| {one.name} | {one.indication} | {one.effect} | `{one.rule}` |" for one in FAULTS]
+    assert "| --- | --- | --- | --- |\n" + "\n".join(rows) + "\n\n" in page
+    assert all((ROOT / "estimator" / one.rule).is_file() for one in FAULTS)

@@ -105,7 +105,7 @@ def literals(*sources: str) -> set[str]:
 
 
 def test_the_diagnostics_that_are_explained_are_those_that_are_sent() -> None:
-    sent = literals("replay/live/statuses.py")
+    sent = literals("replay/live/statuses.py", "estimator/filter/fault_table.py")
     rows = re.findall(
         r"^\| (?:`(.+?)`.*)? \| (OK|WARN|ERROR|STALE) \| `(.+?)` \|", page(), flags=re.MULTILINE
     )

@@ -44,7 +44,7 @@ def assert_same(one: PoseEstimator, other: PoseEstimator) -> None:
     assert np.abs((one.covariance - other.covariance) / np.outer(unit, unit)).max() < 1e-9
     a, b = one.health, other.health
     assert a.standstill_updates == b.standstill_updates
-    assert (a.track_gaps, a.stuck_tracks) == (b.track_gaps, b.stuck_tracks)
+    assert (a.track_gaps, a.times, a.findings) == (b.track_gaps, b.times, b.findings)
     assert a.sensors.keys() == b.sensors.keys()
     for name, sensor in a.sensors.items():
         for count in COUNTS:

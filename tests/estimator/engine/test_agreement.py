@@ -229,12 +229,12 @@ SCENES = {
     "fixes that scatter": Scene(
         lambda: with_fixes(scatter),
         ("inertia-online",),
-        seen=lambda one: one.health.scatter.used > 10,
+        seen=lambda one: one.health.times.get("scattering", 0) > 10,
     ),
     "fixes of a turned path that scatter": Scene(
         lambda: with_poses(drive(40.0, 5.0), turn_and_scatter),
         settings=Settings(gates=GateSettings(patience=3)),
-        seen=lambda one: one.health.scatter.used > 10 and taken_back("position")(one),
+        seen=lambda one: one.health.times.get("scattering", 0) > 10 and taken_back("position")(one),
     ),
     "fixes that repeat": Scene(
         lambda: with_fixes(repeat), seen=rejected("position", "repeats itself", 10)
@@ -265,7 +265,7 @@ SCENES = {
         lambda: every(drive(), "tracks", 25), rounding=FEW_DIGITS, stale=True
     ),
     "a track that is stuck": Scene(
-        stuck, rounding=FEW_DIGITS, seen=lambda one: one.health.stuck_tracks > 0
+        stuck, rounding=FEW_DIGITS, seen=lambda one: one.health.times["stuck"] > 0
     ),
     "a gyro that jumps": Scene(
         lambda: with_yaw_rates(spikes),
@@ -297,25 +297,25 @@ SCENES = {
     ),
     "fixes that depart by a bias": Scene(
         lambda: with_rates(fixed(1.0, 0.05), 99.0, lambda rates: rates + 0.1, 20.0),
-        seen=lambda one: one.health.slip.factor > 2.0,
+        seen=lambda one: one.health.slip_factor > 2.0,
     ),
     "fixes that depart by slip": Scene(
         lambda: with_tracks(fixed(5.0, 0.02), 10.0, lambda speeds: speeds + 0.3, 30.0),
         ("inertia-online",),
-        seen=lambda one: one.health.slip.factor > 2.0,
+        seen=lambda one: one.health.slip_factor > 2.0,
     ),
     "a track that spins": Scene(
         lambda: with_free_track(healthy()),
         ("inertia-online",),
-        seen=lambda one: one.health.slip.times == 1,
+        seen=lambda one: one.health.times["spinning"] == 1,
     ),
     "an upper track that slides": Scene(
-        sloping, EVERYDAY, robot=ALONG, seen=lambda one: one.health.slip.times > 0
+        sloping, EVERYDAY, robot=ALONG, seen=lambda one: one.health.times["spinning"] > 0
     ),
     "a slide": Scene(
         lambda: first(with_free_tracks(healthy(), 1.2), 32.0),
         ("inertia-online",),
-        seen=lambda one: one.health.slip.forward is not None,
+        seen=lambda one: one.health.finding("sliding") is not None,
     ),
     "a gyro that is clipped": Scene(
         lambda: with_rates(healthy(), 10.0, lambda rates: rates.clip(-0.3, 0.3)),
@@ -326,7 +326,7 @@ SCENES = {
         lambda: first(with_tracks(healthy(), 10.0, np.zeros_like, RESTS), 8.0),
         EVERYDAY[1:],
         robot=msgspec.structs.replace(ROBOT, undetected_slip=UndetectedSlip(share=0.1)),
-        seen=lambda one: one.health.slip.carries == 1,
+        seen=lambda one: one.health.times["carried"] == 1,
     ),
 }
 """Each is there for code that no other reaches."""
@@ -548,7 +548,7 @@ BLOCKS = {
             for change in (scatter, repeat)
         ],
         seen=lambda _, streams: bool(
-            streams[0].health.scatter.used
+            streams[0].health.times.get("scattering", 0)
             and "repeats itself" in streams[1].health.sensors["position"].rejected
         ),
     ),

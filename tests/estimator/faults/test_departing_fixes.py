@@ -266,7 +266,7 @@ def test_a_departure_goes_on_after_a_restart(biased: Log, robot: Robot, tmp_path
             restored = PoseEstimator.restore(tmp_path / "state.json", robot)
             assert departure_of(restored) == departure
     assert restored is not None
-    assert estimator.health.slip.factor > 2.0
+    assert estimator.health.slip_factor > 2.0
     assert np.array_equal(restored.state, estimator.state)
     assert np.array_equal(restored.covariance, estimator.covariance)
 
@@ -282,8 +282,8 @@ def test_fixes_that_come_late_show_the_same_departure(biased: Log, robot: Robot)
 
     for m in sorted(measurements, key=arrival):
         late.feed(m)
-    assert in_time.health.slip.factor > 2.0
-    assert late.health.slip.factor == pytest.approx(in_time.health.slip.factor)
+    assert in_time.health.slip_factor > 2.0
+    assert late.health.slip_factor == pytest.approx(in_time.health.slip_factor)
     assert late.state == pytest.approx(in_time.state, abs=1e-9)
 
 

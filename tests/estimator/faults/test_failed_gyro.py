@@ -285,20 +285,21 @@ def test_a_restored_estimator_knows_of_the_fault(
     for measurement in measurements:
         if measurement.stamp <= half:
             estimator.feed(measurement)
-    fault = estimator.health.gyro
-    assert fault.fault == "jumped"
+    fault = estimator.health.finding("failing")
+    assert fault is not None
+    assert fault.text == "the reading of the gyro jumped"
     assert fault.since is not None
     assert abs(fault.since - faulty.start - BEGINS * SECOND) < 2 * STEP
     estimator.save(tmp_path / "state.json")
     restored = PoseEstimator.restore(tmp_path / "state.json", robot)
-    assert restored.health.gyro == fault
+    assert restored.health.finding("failing") == fault
     for measurement in measurements:
         if measurement.stamp > half:
             estimator.feed(measurement)
             restored.feed(measurement)
     assert np.array_equal(restored.state, estimator.state)
-    assert restored.health.gyro == estimator.health.gyro
-    assert restored.health.gyro.fault is None
+    assert restored.health.findings == estimator.health.findings
+    assert restored.health.finding("failing") is None
 
 
 def test_a_robot_file_gives_the_range(robot: Robot, healthy: Log) -> None:

@@ -164,7 +164,7 @@ def drive(robot: Robot) -> Log:
 def test_the_uncertainty_covers_both_tracks_spinning(
     variant: str, robot: Robot, drive: Log
 ) -> None:
-    found = motion_over(drive, robot, variant, lambda health: health.slip.forward is not None)
+    found = motion_over(drive, robot, variant, lambda health: health.finding("sliding") is not None)
     assert found.delay < 0.3
     assert found.error < 3.0 * found.sigma
     assert found.sigma < 2.0 * 1.2 * 3.0
@@ -176,14 +176,14 @@ def test_a_restored_estimator_knows_of_the_slide(robot: Robot, drive: Log, tmp_p
     for measurement in measurements:
         if measurement.stamp <= drive.start + SPINNING:
             estimator.feed(measurement)
-    assert estimator.health.slip.forward is not None
+    assert estimator.health.finding("sliding") is not None
     estimator.save(tmp_path / "state.json")
     restored = PoseEstimator.restore(tmp_path / "state.json", robot)
-    assert restored.health.slip == estimator.health.slip
+    assert restored.health.findings == estimator.health.findings
     for measurement in measurements:
         if measurement.stamp > drive.start + SPINNING:
             estimator.feed(measurement)
             restored.feed(measurement)
     assert np.array_equal(restored.state, estimator.state)
-    assert restored.health.slip == estimator.health.slip
-    assert restored.health.slip.forward is None
+    assert restored.health.findings == estimator.health.findings
+    assert restored.health.finding("sliding") is None

@@ -129,4 +129,4 @@ def test_late_fixes_meet_a_fault_as_those_in_time_do(name: str) -> None:
         late.feed(m)
     sigmas = np.sqrt(np.diagonal(in_time.covariance))
     assert np.abs((late.state - in_time.state) / np.where(sigmas > 0.0, sigmas, 1.0)).max() < 1e-9
-    assert late.health.slip == in_time.health.slip
+    assert late.health.findings == in_time.health.findings

@@ -12,7 +12,6 @@ import pytest
 import faulty_drives
 from faulty_drives import RESTS, motion_over, with_tracks
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip, load_robot
@@ -124,7 +123,7 @@ def carried(log: Log) -> Log:
 
 
 def slides(health: Health) -> bool:
-    return health.slip.slides > 0 or health.slip.carries > 0
+    return {"sliding", "carried"} & health.times.keys() != set()
 
 
 @pytest.fixture(scope="module")
@@ -161,7 +160,7 @@ def test_a_restored_estimator_knows_that_it_is_carried(
     for measurement in measurements:
         if measurement.stamp <= faulty.start + 7 * SECOND:
             estimator.feed(measurement)
-    assert estimator.health.slip.carried not in (None, NEVER)
+    assert estimator.health.finding("carried").since is not None
     estimator.save(tmp_path / "state.json")
     restored = PoseEstimator.restore(tmp_path / "state.json", robot)
     for measurement in measurements:
@@ -169,4 +168,4 @@ def test_a_restored_estimator_knows_that_it_is_carried(
             estimator.feed(measurement)
             restored.feed(measurement)
     assert np.array_equal(restored.covariance, estimator.covariance)
-    assert restored.health.slip == estimator.health.slip
+    assert restored.health.findings == estimator.health.findings

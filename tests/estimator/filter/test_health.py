@@ -7,17 +7,15 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.health import (
     EXCITED,
-    GyroHealth,
     Health,
     JudgedInnovation,
     NoiseHealth,
     ParameterHealth,
-    ScatterHealth,
     SensorHealth,
-    SlipHealth,
     TiltHealth,
     TrackLatencyHealth,
     WanderHealth,
@@ -53,14 +51,13 @@ FULL = Health(
     },
     standstill_updates=1,
     track_gaps=2,
-    stuck_tracks=3,
     clock_steps=4,
     track_latency=TrackLatencyHealth(0.1),
     noise={"gyro": NoiseHealth(1.0, 2.0, 3.0)},
-    slip=SlipHealth(times=1),
+    findings=[Finding("robot", "", "carried", 1, None, "shaken", "none")],
+    times={"carried": 1},
+    slip_factor=2.0,
     wander=WanderHealth(1.0, 2.0, 3.0),
-    scatter=ScatterHealth(1.0),
-    gyro=GyroHealth("jumped", 1, 1),
     tilt=TiltHealth(1.0, 2.0, 3.0, is_wrong=True),
 )
 
@@ -164,7 +161,7 @@ def test_counts_add_up():
     summed = SensorHealth(5, {"gate": 3, "x": 1}, 3.5, 5, 1, reacquired=4)
     assert total.sensors["gyro"] == summed
     assert total.sensors["imu"].used == 1
-    assert (total.standstill_updates, total.track_gaps, total.stuck_tracks) == (5, 5, 6)
+    assert (total.standstill_updates, total.track_gaps, total.clock_steps) == (5, 5, 6)
     assert one.sensors["gyro"].rejected == {"gate": 1}
     assert other.sensors["gyro"].rejected == {"gate": 2, "x": 1}
 
@@ -295,7 +292,7 @@ def test_gaps_and_stuck_tracks_are_counted_once_each():
         if 1100 <= k < 1200:
             right = 0.4
         estimator.feed(TrackSpeeds(k * STEP, left, right))
-        told.append((k, estimator.health.track_gaps, estimator.health.stuck_tracks))
+        told.append((k, estimator.health.track_gaps, estimator.health.times.get("stuck", 0)))
     gaps, stuck = told[-1][1:]
     # The first hole is shorter than `Settings.hold`.
     assert (gaps, stuck) == (1, 3)

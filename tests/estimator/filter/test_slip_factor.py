@@ -153,7 +153,7 @@ def changing() -> Log:
 
 
 def test_changing_ground_raises_it_and_even_ground_does_not(changing: Log, robot: Robot) -> None:
-    found = run(changing, robot, "constant-online").health.slip.factor
-    even = run(drive((), robot), robot, "constant-online").health.slip.factor
+    found = run(changing, robot, "constant-online").health.slip_factor
+    even = run(drive((), robot), robot, "constant-online").health.slip_factor
     assert found > 2.0
     assert even < 1.2

@@ -69,7 +69,7 @@ def test_a_stuck_speed_is_not_moved_by_the_accelerometer(log: Log, variant: str)
         estimator.feed(m)
         assert abs(estimator.twist[0]) < 1.2 * FASTEST
         assert np.sqrt(estimator.twist_covariance[0, 0]) < 1.001 * FASTEST
-    assert estimator.health.stuck_tracks == 1
+    assert estimator.health.times["stuck"] == 1
 
 
 def test_a_covariance_that_is_bounded_keeps_its_correlations() -> None:

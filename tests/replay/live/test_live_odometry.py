@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from bag_messages import joints, write_bag
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.log import Log
@@ -34,6 +35,7 @@ from icreckon.simulation.simulate import simulate
 VARIANT = "constant-online"
 SETTINGS = Settings()
 SECONDS = 8.0
+LEFT_WHEELS, RIGHT_WHEELS = ["front_left", "rear_left"], ["front_right", "rear_right"]
 
 
 class Arrived(NamedTuple):
@@ -300,7 +302,7 @@ def _truncated(content: bytes) -> bytes:
         _truncated,
         lambda _: b"",
         lambda _: b"\x00\xff{]",
-        lambda content: content.replace(b'"version": 9', b'"version": 8'),
+        lambda content: content.replace(b'"version": 10', b'"version": 8'),
         lambda content: content.replace(b"constant-online", b"inertia-online"),
         lambda content: content.replace(b"[", b"[" * 10_000),
     ],
@@ -405,6 +407,51 @@ def test_a_map_that_is_turned_about_the_start_waits_for_its_heading(
         yaw = interpolate_poses(truth.poses, np.array([one.stamp]))[0, 2]
         off = wrap_angle(one.map_pose[2] - yaw - np.pi / 2)
         assert abs(off) < 3.0 * np.sqrt(one.map_covariance[2, 2]) < 0.9
+
+
+def with_odd_wheel(messages: list[Arrived]) -> list[Arrived]:
+    """Messages of a robot with four wheels, of which the front left one spins for three seconds."""
+    found = []
+    for one in messages:
+        if one.msgtype.endswith("JointState"):
+            left, right = one.message.velocity
+            elapsed = (one.arrival - messages[0].arrival) * 1e-9
+            excess = 8.0 if 3.0 <= elapsed < 6.0 else 0.0
+            speeds = np.array([left + excess, left, right, right])
+            wheels = joints(_stamp(one.message), speeds, [*LEFT_WHEELS, *RIGHT_WHEELS])
+            one = one._replace(message=wheels)
+        found.append(one)
+    return found
+
+
+def _stamp(message: Any) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec * 10**9 + stamp.nanosec)
+
+
+def test_a_wheel_that_spins_is_left_out_live_as_in_the_replay(
+    robot: Robot, messages: list[Arrived], tmp_path: Path
+) -> None:
+    mapped = {**robot.log["tracks"], "left": LEFT_WHEELS, "right": RIGHT_WHEELS}
+    four = msgspec.structs.replace(robot, log={**robot.log, "tracks": mapped})
+    sent = with_odd_wheel(messages)
+    bag = write_bag(tmp_path / "bag", [(one.topic, one.message) for one in sent])
+    log = read_log(bag, four)
+    assert any("front_left and rear_left are up to" in note for note in log.notes)
+    alone = run(replace(log, fixes=None), four, VARIANT, settings=SETTINGS)
+    live = LiveOdometry(four, VARIANT, settings=SETTINGS, reorder=0.1, use_fixes=False)
+    rows, seen = {}, set()
+    for one in through(live, sent):
+        rows[one.stamp] = one
+        statuses = {status.name: status for status in LiveStatuses(live).report()}
+        seen.add(statuses["icreckon: faults"].message)
+    for k, stamp in enumerate(alone.stamps.tolist()):
+        assert rows[stamp].pose == pytest.approx(alone.trajectory.poses[k], abs=1e-9)
+    assert live.odom.health.times["wheel off"] == alone.health.times["wheel off"] == 1
+    assert any(text.startswith("the left wheel 1 (front_left) is 0.") for text in seen), seen
+    # It drives as without the fault.
+    sound = live_run(robot, messages, reorder=0.1, use_fixes=False)[-1]
+    assert rows[sound.stamp].pose == pytest.approx(sound.pose, abs=0.05)
 
 
 def test_a_start_pose_places_the_map_without_fixes(robot: Robot, messages: list[Arrived]) -> None:

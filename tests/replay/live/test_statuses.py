@@ -4,61 +4,45 @@ from __future__ import annotations
 
 import pytest
 
-from icreckon.estimator.filter.health import (
-    GyroHealth,
-    OddWheel,
-    SensorHealth,
-    Slide,
-    SlipHealth,
-)
+from icreckon.estimator.filter.fault_table import Finding
+from icreckon.estimator.filter.health import SensorHealth
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.diagnostic_status import OK, STALE, WARN
 from icreckon.replay.live.odometry import LiveOdometry
 from icreckon.replay.live.statuses import (
     Counts,
     LiveStatuses,
-    gyro_status,
+    findings_status,
+    named_wheels,
     sensor_status,
-    slip_status,
 )
 
-
-@pytest.mark.parametrize(
-    ("slip", "level", "text"),
-    [
-        (SlipHealth(times=2, slides=1), OK, "no track spins"),
-        (
-            SlipHealth("left", 5, 0.8, 1),
-            WARN,
-            "the left track spins, or its sensor fails: 0.80 m/s too much",
-        ),
-        (
-            SlipHealth("unknown", 5, 0.8, 1, Slide(7, -1.2)),
-            WARN,
-            "one track spins, or its sensor fails: 0.80 m/s too much; "
-            "the robot is 1.20 m/s slower than its tracks",
-        ),
-        (
-            SlipHealth(forward=Slide(7, 0.9), slides=1),
-            WARN,
-            "the robot is 0.90 m/s faster than its tracks",
-        ),
-        (
-            SlipHealth(left_wheels=OddWheel(5, 1, 0.8, 9), odd_wheels=1),
-            WARN,
-            "rear_left of the left side is 0.80 m/s off and is not used",
-        ),
-        (
-            SlipHealth(right_wheels=OddWheel(5, None, 0.4, 9), odd_wheels=1),
-            WARN,
-            "the right wheels are 0.80 m/s apart, which is right is not clear",
-        ),
-    ],
+LEFT = Finding(
+    "tracks", "left wheel 2", "wheel off", 5, 0.8, "the left wheel 2 is 0.80 m/s off", "out"
 )
-def test_slip_is_a_sentence(slip: SlipHealth, level: int, text: str) -> None:
-    status = slip_status(slip, ["front_left", "rear_left"], ["front_right", "rear_right"])
-    assert (status.level, status.message) == (level, text)
-    assert status.values["slides"] == str(slip.slides)
+SLIDE = Finding("robot", "", "sliding", 7, -1.2, "the robot is 1.20 m/s slower", "grows")
+
+
+def test_faults_are_sentences_with_values() -> None:
+    status = findings_status([LEFT, SLIDE], {"wheel off": 3, "sliding": 1}, 1.5)
+    assert status.level == WARN
+    assert status.message == "the left wheel 2 is 0.80 m/s off; the robot is 1.20 m/s slower"
+    assert status.values["wheel off: times"] == "3"
+    assert status.values["left wheel 2: wheel off: since_ns"] == "5"
+    assert status.values["robot: sliding: size"] == "-1.200"
+    assert status.values["robot: sliding: effect"] == "grows"
+
+
+def test_without_a_fault_all_is_well() -> None:
+    status = findings_status([], {"sliding": 2}, 1.0)
+    assert (status.level, status.message) == (OK, "none")
+    assert status.values == {"sliding: times": "2", "slip_factor": "1.00"}
+
+
+def test_a_wheel_has_the_name_of_its_joint() -> None:
+    named = named_wheels(LEFT, ["front_left", "rear_left"], ["front_right", "rear_right"])
+    assert named.text == "the left wheel 2 (rear_left) is 0.80 m/s off"
+    assert named_wheels(SLIDE, ["front_left"], ["front_right"]) == SLIDE
 
 
 def test_counts_that_begin_anew_are_no_negative_ones() -> None:
@@ -84,17 +68,6 @@ def test_a_sensor_has_a_status_by_its_new_counts(new: Counts, level: int, text: 
     assert (status.level, status.message) == (level, text)
 
 
-def test_a_slide_has_its_values() -> None:
-    values = slip_status(SlipHealth(forward=Slide(7, -1.2), slides=1)).values
-    assert (values["forward_since_ns"], values["forward_m_s"]) == ("7", "-1.200")
-
-
-def test_wheels_have_theirs() -> None:
-    values = slip_status(SlipHealth(left_wheels=OddWheel(5, 1, 0.8, 9), odd_wheels=3)).values
-    found = values["left_wheels_since_ns"], values["left_wheels_samples"], values["odd_wheels"]
-    assert found == ("5", "9", "3")
-
-
 def test_messages_that_cannot_be_used_are_reported_once() -> None:
     statuses = LiveStatuses(live := LiveOdometry(load_robot("auriga-alpha"), "gyro"))
     assert statuses._messages().level == OK
@@ -105,8 +78,3 @@ def test_messages_that_cannot_be_used_are_reported_once() -> None:
     live.inputs.lost["tracks: cannot be read"] = 1
     assert "fixes" not in statuses._messages().message
     assert statuses._messages().level == OK
-
-
-def test_a_silent_gyro_does_not_work() -> None:
-    assert gyro_status(GyroHealth(), is_silent=True).level == STALE
-    assert gyro_status(GyroHealth()).message == "it works"

@@ -157,7 +157,7 @@ def test_a_stuck_sensor_is_still_found(driven: Log) -> None:
     found = without_holding(log, "auto")
     assert found is not log
     assert (found.tracks.speeds[moving + SAMPLES :, 0] == speeds[moving, 0]).all()
-    assert run(found, ROBOT, "constant-fixed").health.stuck_tracks == 1
+    assert run(found, ROBOT, "constant-fixed").health.times["stuck"] == 1
 
 
 def test_a_hole_is_not_bridged(driven: Log) -> None:

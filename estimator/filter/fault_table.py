@@ -1,0 +1,436 @@
+"""Table of faults: what indicates each, and what the filter does while it lasts.
+
+The rules stand in `icreckon.estimator.faults` and `sensors`; a row reads the record that they keep.
+`add_fault` adds a fault from outside of the package.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+import msgspec
+
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.records import NEVER, copied, or_none
+from icreckon.estimator.faults.departing_fixes import DEPARTURE_TIME
+from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS, WORKS
+from icreckon.estimator.faults.odd_wheels import NO_WHEEL, are_found
+from icreckon.estimator.faults.repeating_fixes import most_driven
+from icreckon.estimator.faults.scattering_fixes import correlation_of, wanders
+from icreckon.estimator.faults.sliding_robot import slides
+from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, is_found
+from icreckon.estimator.faults.stuck_tracks import frozen_from, stuck_from
+from icreckon.estimator.log.measurements import Measurement
+from icreckon.estimator.sensors.imu_clock import is_alive
+
+LARGE_SLIP = 3.0
+"""Factor on the slip from which it is a finding."""
+# Correlation of successive innovations of position fixes from which on it is clear.
+CORRELATED = 0.5
+# Names of a gyro's faults, the reasons to reject its readings, and of fixes that repeat a position.
+REPEATED = "repeats itself"
+GYRO_FAULTS = {JUMPED: "jumped", REPEATS: REPEATED, BEYOND: "beyond its range"}
+
+
+class Finding(NamedTuple):
+    """Fault that a filter has found and that lasts.
+
+    Attributes:
+        sensor: name of the sensor in `Health.sensors`, or "robot".
+        part: part of the sensor, such as "left track" or "right wheel 2"; "" for all of it.
+        fault: name of the fault, see `FAULTS`.
+        since: stamp at which it began or was found [ns]; None if unknown.
+        size: size in the unit of the fault (m/s, m or a ratio); None if it has none.
+        text: the finding in words, with units.
+        effect: what the filter does meanwhile.
+    """
+
+    sensor: str
+    part: str
+    fault: str
+    since: int | None
+    size: float | None
+    text: str
+    effect: str
+
+
+class Found(NamedTuple):
+    """Finding of a row of the table, see `Finding`."""
+
+    sensor: str
+    text: str
+    part: str = ""
+    since: int = NEVER
+    size: float | None = None
+
+
+class Fault(NamedTuple):
+    """Row of the table.
+
+    Attributes:
+        name: name of the fault.
+        indication: what indicates it.
+        effect: what the filter does while it lasts.
+        rule: file of its rule in `estimator/`.
+        find: finds it in a `FilterRecord`.
+        times: number of times that it was found, from a `FilterRecord`; None if that is not counted.
+    """
+
+    name: str
+    indication: str
+    effect: str
+    rule: str
+    find: Callable[[Any], Iterator[Found]]
+    times: Callable[[Any], int] | None = None
+
+
+def _stuck(record: Any) -> Iterator[Found]:
+    tracks, settings = record.tracks, record.settings
+    both = frozen_from(tracks.repeating_left, tracks.repeating_right, settings.track_speed)
+    if both != NEVER:
+        yield Found("tracks", "both tracks repeat their readings", since=both)
+        return
+    for side, one in (("left", tracks.repeating_left), ("right", tracks.repeating_right)):
+        since = stuck_from(one, settings.hold)
+        if since != NEVER:
+            part = f"{side} track"
+            yield Found("tracks", f"the {part} repeats its reading", part, since)
+
+
+def _silent(record: Any) -> Iterator[Found]:
+    tracks, imu, hold, now = record.tracks, record.imu, record.settings.hold, record.stamp
+    if tracks.stamp != NEVER and (now - tracks.stamp) * NANOSECOND > hold:
+        yield Found("tracks", "no track speeds", since=tracks.stamp)
+    if imu.stamp != NEVER and not is_alive(imu, now, hold):
+        yield Found("imu", "no IMU samples: the tracks turn the pose", since=imu.stamp)
+
+
+def _spinning(record: Any) -> Iterator[Found]:
+    spin = record.tracks.spin
+    if is_found(spin):
+        part = {LEFT: "left track", RIGHT: "right track"}.get(spin.side, "")
+        which, size = f"the {part}" if part else "one track", abs(spin.mismatch)
+        text = f"{which} spins, or its sensor fails: {size:.2f} m/s too much"
+        yield Found("tracks", text, part, spin.since, size)
+
+
+def _wheel_off(record: Any) -> Iterator[Found]:
+    tracks = record.tracks
+    for side, wheels in (("left", tracks.left_wheels), ("right", tracks.right_wheels)):
+        if are_found(wheels) and wheels.odd == NO_WHEEL:
+            part, size = f"{side} wheels", 2.0 * wheels.apart
+            text = f"the {part} are {size:.2f} m/s apart, which is right is not clear"
+            yield Found("tracks", text, part, wheels.since, size)
+        elif are_found(wheels):
+            part = f"{side} wheel {wheels.odd + 1}"
+            text = f"the {part} is {wheels.apart:.2f} m/s off"
+            yield Found("tracks", text, part, wheels.since, wheels.apart)
+
+
+def _sliding(record: Any) -> Iterator[Found]:
+    slide = record.tracks.forward
+    if slides(slide):
+        than = "slower" if slide.speed < 0.0 else "faster"
+        text = f"the robot is {abs(slide.speed):.2f} m/s {than} than its tracks"
+        yield Found("robot", text, since=slide.since, size=slide.speed)
+
+
+def _carried(record: Any) -> Iterator[Found]:
+    if record.still.carried_since != NEVER:
+        text = "the robot is shaken or turned with its tracks at rest: it may be carried"
+        yield Found("robot", text, since=record.still.carried_since)
+
+
+def _slipping(record: Any) -> Iterator[Found]:
+    factor = float(record.slip_factor)
+    if factor > LARGE_SLIP:
+        text = f"position fixes show {factor:.1f} times the slip expected, or they wander"
+        yield Found("robot", text, size=factor)
+
+
+def _failing(record: Any) -> Iterator[Found]:
+    gyro = record.tracks.gyro
+    if gyro.fault != WORKS:
+        verb = "is " * (gyro.fault == BEYOND)
+        text = f"the reading of the gyro {verb}{GYRO_FAULTS[gyro.fault]}"
+        yield Found("gyro", text, since=gyro.since)
+
+
+def _repeating(record: Any) -> Iterator[Found]:
+    for sensor, place in (("position", record.positions), ("pose", record.poses)):
+        size = abs(place.driven)
+        if size > most_driven(place):
+            text = f"fixes repeat a position over {size:.1f} m of driving"
+            yield Found(sensor, text, since=place.stamp, size=size)
+
+
+def _scattering(record: Any) -> Iterator[Found]:
+    scatter = record.fixes.scatter
+    sigma = math.sqrt(scatter.variance)
+    if sigma > 0.0:
+        wander = ", as their errors wander" * wanders(scatter)
+        text = f"fixes scatter more than stated: used with a sigma of {sigma:.2g} m{wander}"
+        yield Found("position", text, size=sigma)
+
+
+def _wandering(record: Any) -> Iterator[Found]:
+    correlation = correlation_of(record.fixes.scatter)
+    if correlation is not None and correlation > CORRELATED and not record.fixes.scatter.variance:
+        text = f"errors of fixes wander: successive innovations have a correlation of {correlation:.2f}"
+        yield Found("position", text, size=correlation)
+
+
+def _departing(record: Any) -> Iterator[Found]:
+    if record.departed_for >= DEPARTURE_TIME:
+        size = math.hypot(record.departed_by_x, record.departed_by_y)
+        text = f"fixes depart from the path, now by {size:.2f} m"
+        yield Found("position", text, size=size)
+
+
+FAULTS = (
+    Fault(
+        "stuck",
+        "a track speed repeats itself while the other changes, or both do",
+        "the speed stays in use with an error that grows with time; accelerometers are excluded",
+        "faults/stuck_tracks.py",
+        _stuck,
+        lambda record: record.tracks.stuck,
+    ),
+    Fault(
+        "silent",
+        "no sample for longer than `Settings.hold`",
+        "track speeds fade within seconds and their error grows; without the IMU tracks turn the pose",
+        "sensors/held_tracks.py",
+        _silent,
+    ),
+    Fault(
+        "spinning",
+        "track speeds differ by more than the gyro and the robot's own bends explain",
+        "the speed of that track is replaced: that of the other one and the gyro's turning",
+        "faults/spinning_tracks.py",
+        _spinning,
+        lambda record: record.tracks.spin.times,
+    ),
+    Fault(
+        "wheel off",
+        "a wheel differs from the others of its side",
+        "the wheel is excluded; as long as it is unclear which, their mean is used with a larger error",
+        "faults/odd_wheels.py",
+        _wheel_off,
+        lambda record: record.tracks.left_wheels.times + record.tracks.right_wheels.times,
+    ),
+    Fault(
+        "sliding",
+        "the accelerometer shows a change of velocity that the tracks do not, or the reverse",
+        "the error of the forward speed grows by the size of the slide",
+        "faults/sliding_robot.py",
+        _sliding,
+        lambda record: record.tracks.forward.times,
+    ),
+    Fault(
+        "carried",
+        "the gyro is not quiet for a second while the tracks rest",
+        "the speed is unknown; accelerometers are excluded",
+        "sensors/standstill.py",
+        _carried,
+        lambda record: record.still.carries,
+    ),
+    Fault(
+        "slipping",
+        "innovations of position fixes point to one side of the robot again and again",
+        "the standard deviation of the slip is larger by this factor",
+        "filter/slip_factor.py",
+        _slipping,
+    ),
+    Fault(
+        "failing",
+        "the yaw rate jumps further than friction can turn the robot, repeats itself while the tracks' "
+        "turning changes, or is at the end of `gyro_range`",
+        "readings of the gyro are excluded; only the tracks turn the pose",
+        "faults/failed_gyro.py",
+        _failing,
+        lambda record: record.tracks.gyro.times,
+    ),
+    Fault(
+        "repeating",
+        "fixes repeat a position while the tracks drive",
+        "fixes are excluded",
+        "faults/repeating_fixes.py",
+        _repeating,
+        lambda record: record.positions.rejected + record.poses.rejected,
+    ),
+    Fault(
+        "scattering",
+        "fixes scatter about the path along and across by more than they state",
+        "fixes are used with the larger variance, and what they have moved becomes uncertain",
+        "faults/scattering_fixes.py",
+        _scattering,
+        lambda record: record.fixes.scatter.used,
+    ),
+    Fault(
+        "wandering",
+        "successive innovations of position fixes are correlated",
+        "none; `wander_sigma` in `[log.fixes]` accounts for it",
+        "faults/scattering_fixes.py",
+        _wandering,
+    ),
+    Fault(
+        "departing",
+        "rejected fixes depart from the path to one side, no faster than the robot",
+        "slip, yaw and gyro bias become uncertain by what explains it; fixes are used then",
+        "faults/departing_fixes.py",
+        _departing,
+    ),
+)
+"""Faults in the order in which `Health.findings` has them."""
+
+
+# --- faults from outside ------------------------------------------------------------------------------
+
+
+class Exclude(NamedTuple):
+    """Effect: reject the measurement; the reason is the name of the fault."""
+
+
+class Replace(NamedTuple):
+    """Effect: use another measurement of the same type and stamp."""
+
+    measurement: Measurement
+
+    def replaced(self, before: Measurement, fault: str) -> Measurement:
+        """Return the other measurement.
+
+        Raises:
+            EstimatorError: it has another type or stamp.
+        """
+        found = self.measurement
+        if type(found) is not type(before) or found.stamp != before.stamp:
+            raise EstimatorError(
+                f"{fault!r}: Replace needs a {type(before).__name__} of the same stamp"
+            )
+        return found
+
+
+class Inflate(NamedTuple):
+    """Effect: add the squares of these to the variances of states, see `state_names`."""
+
+    sigmas: dict[str, float]
+
+    def variances(self, names: tuple[str, ...], fault: str) -> list[tuple[int, float]]:
+        """Return states and variances, by the names of all states.
+
+        Raises:
+            EstimatorError: there is no such state, or a number is not finite.
+        """
+        for name, sigma in self.sigmas.items():
+            if name not in names or not math.isfinite(sigma):
+                raise EstimatorError(
+                    f"{fault!r}: cannot inflate {name!r} by {sigma!r}; see state_names"
+                )
+        return [(names.index(name), sigma * sigma) for name, sigma in self.sigmas.items()]
+
+
+Effect = Exclude | Replace | Inflate
+
+
+class FilterView(Protocol):
+    """View of the filter before it takes a measurement, for faults from outside."""
+
+    @property
+    def stamp(self) -> int | None:
+        """Time of the estimate [ns]."""
+
+    @property
+    def stands(self) -> bool:
+        """True if the robot was found standing."""
+
+    @property
+    def track_speeds(self) -> tuple[float, float]:
+        """Present speeds of the left and the right track [m/s]."""
+
+    def snapshot(self) -> Any:
+        """State, covariance, twist and its covariance, see `PoseEstimator.snapshot`."""
+
+
+class OwnFault(msgspec.Struct):
+    """Fault of your own.
+
+    Its fields are its memory: numbers, texts, lists of them. Copies for late measurements and saved files
+    follow from the fields. Stamps have the type `icreckon.estimator.base.records.Stamp`, so that they
+    follow changes of the clock.
+
+    Attributes:
+        name: name of the fault.
+        effect: what it does, in words.
+    """
+
+    name: ClassVar[str]
+    effect: ClassVar[str]
+
+    def watch(self, measurement: Measurement, view: FilterView) -> Effect | None:
+        """Watch a measurement before the filter takes it; return an effect or None."""
+        raise NotImplementedError
+
+    def find(self) -> Found | None:
+        """Return what lasts, for `Health.findings`; None if nothing does."""
+        return None
+
+
+OWN_FAULTS: dict[str, type[OwnFault]] = {}
+"""Faults from outside by name."""
+
+
+def add_fault(kind: type[OwnFault]) -> None:
+    """Add a fault; estimators that are made afterwards watch for it.
+
+    Logs are then streamed, as the compiled passes over logs and studies do not call it.
+
+    Raises:
+        EstimatorError: the name is taken, or its fields have no defaults.
+    """
+    if kind.name in OWN_FAULTS or any(kind.name == one.name for one in FAULTS):
+        raise EstimatorError(f"{kind.name!r}: there is such a fault already")
+    try:
+        kind()
+    except TypeError as problem:
+        raise EstimatorError(f"{kind.name!r}: all fields need defaults: {problem}") from None
+    OWN_FAULTS[kind.name] = kind
+
+
+def remove_fault(name: str) -> None:
+    """Remove a fault that `add_fault` added."""
+    del OWN_FAULTS[name]
+
+
+def restored(kind: type[OwnFault], memories: dict[str, Any]) -> OwnFault:
+    """Copy a fault of a checkpoint; make a new one if the checkpoint has none.
+
+    Raises:
+        EstimatorError: the fields of a file are not those of the fault.
+    """
+    memory = memories.get(kind.name)
+    if isinstance(memory, OwnFault):
+        return copied(memory)
+    try:
+        return kind() if memory is None else msgspec.convert(memory, kind)
+    except msgspec.ValidationError as problem:
+        raise EstimatorError(f"{kind.name!r}: the saved memory does not fit: {problem}") from None
+
+
+def findings_of(record: Any, own: Iterable[OwnFault]) -> list[Finding]:
+    """Find the faults that last, by a `FilterRecord` and faults from outside."""
+    rows = [(one.name, one.effect, found) for one in FAULTS for found in one.find(record)]
+    rows += [(one.name, one.effect, found) for one in own if (found := one.find()) is not None]
+    return [
+        Finding(f.sensor, f.part, name, or_none(f.since), f.size, f.text, effect)
+        for name, effect, f in rows
+    ]
+
+
+def times_of(record: Any) -> dict[str, int]:
+    """Number of times that each fault was found, if it was, by its name."""
+    counts = {one.name: int(one.times(record)) for one in FAULTS if one.times is not None}
+    return {name: count for name, count in counts.items() if count}

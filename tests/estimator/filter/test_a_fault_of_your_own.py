@@ -1,0 +1,190 @@
+"""A fault that is no part of the package: a motor driver that clips the track speeds."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from icreckon import (
+    BatchError,
+    EstimatorError,
+    Exclude,
+    Found,
+    ImuSample,
+    Inflate,
+    Log,
+    Measurement,
+    OwnFault,
+    PoseEstimator,
+    PositionFix,
+    Replace,
+    Scenario,
+    TrackSpeeds,
+    add_fault,
+    load_robot,
+    remove_fault,
+    run,
+    run_many,
+    simulate,
+)
+from icreckon.estimator.base.records import Stamp
+from icreckon.estimator.filter.fault_table import Effect, FilterView
+from icreckon.replay.comparison.compare import compare
+
+# --- the fault ----------------------------------------------------------------------------------------
+
+
+class Clipped(OwnFault):
+    """Track speeds at the limit of the motor driver are larger in truth."""
+
+    name: ClassVar[str] = "clipped"
+    effect: ClassVar[str] = "the forward slip becomes uncertain"
+    limit: ClassVar[float] = 0.5  # [m/s]
+    since: Stamp = 0
+
+    def watch(self, measurement: Measurement, _view: FilterView) -> Effect | None:
+        """Inflate the slip at the limit."""
+        if not isinstance(measurement, TrackSpeeds):
+            return None
+        if max(abs(measurement.left), abs(measurement.right)) < self.limit:
+            self.since = 0
+            return None
+        self.since = self.since or measurement.stamp
+        return Inflate({"slip_x": 0.1})
+
+    def find(self) -> Found | None:
+        """Find it while it lasts."""
+        if not self.since:
+            return None
+        return Found("tracks", "a motor driver is at its limit", since=self.since)
+
+
+# --- its tests ----------------------------------------------------------------------------------------
+
+ALPHA = load_robot("auriga-alpha")
+STEP = 10_000_000
+
+
+@pytest.fixture(autouse=True)
+def clipped() -> Iterator[None]:
+    add_fault(Clipped)
+    yield
+    remove_fault("clipped")
+
+
+def fed(count: int, fast_from: int, *, engine: PoseEstimator | None = None) -> PoseEstimator:
+    estimator = engine or PoseEstimator(ALPHA, "constant-online")
+    for k in range(count):
+        speed = 0.5 if k >= fast_from else 0.4
+        estimator.feed(TrackSpeeds(1 + k * 2 * STEP, speed, speed))
+        estimator.feed(ImuSample(1 + k * 2 * STEP + STEP, (0.0, 0.0, 0.0)))
+    return estimator
+
+
+def test_it_is_found_and_has_its_effect() -> None:
+    well, ill = fed(100, 100), fed(100, 90)
+    assert well.health.finding("clipped") is None
+    found = ill.health.finding("clipped")
+    assert found is not None
+    assert (found.sensor, found.since) == ("tracks", 1 + 180 * STEP)
+    assert found.effect == Clipped.effect
+    assert ill.covariance[3, 3] > 4.0 * well.covariance[3, 3]
+
+
+def test_late_measurements_saved_files_and_clocks_follow(tmp_path: Path) -> None:
+    in_order, late = fed(100, 90), PoseEstimator(ALPHA, "constant-online")
+    fed(100, 90, engine=late)
+    fix = PositionFix(1 + 185 * STEP, 0.7, 0.0, 0.01)
+    whole = PoseEstimator(ALPHA, "constant-online")
+    for k in range(100):
+        speed = 0.5 if k >= 90 else 0.4
+        whole.feed(TrackSpeeds(1 + k * 2 * STEP, speed, speed))
+        whole.feed(ImuSample(1 + k * 2 * STEP + STEP, (0.0, 0.0, 0.0)))
+        if fix.stamp == 1 + k * 2 * STEP + STEP:
+            whole.feed(fix)
+    assert late.feed(fix)
+    np.testing.assert_allclose(late.state, whole.state, atol=1e-12)
+    in_order.save(tmp_path / "saved.json")
+    again = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    assert again.health.findings == in_order.health.findings
+    again.set_clock(5 * 10**9)
+    found = again.health.finding("clipped")
+    assert found is not None
+    assert found.since == 1 + 180 * STEP + 5 * 10**9
+
+
+class Doubtful(OwnFault):
+    """Excludes fixes beyond a fence, and halves the yaw rate."""
+
+    name: ClassVar[str] = "doubtful"
+    effect: ClassVar[str] = "fixes are excluded"
+
+    def watch(self, measurement: Measurement, view: FilterView) -> Effect | None:
+        """Exclude or replace."""
+        if isinstance(measurement, PositionFix) and view.snapshot().state[0] > -1.0:
+            return Exclude()
+        if isinstance(measurement, ImuSample):
+            w = 0.5 * measurement.angular_velocity[2]
+            return Replace(ImuSample(measurement.stamp, (0.0, 0.0, w)))
+        return None
+
+
+def test_measurements_are_excluded_and_replaced() -> None:
+    add_fault(Doubtful)
+    try:
+        estimator = PoseEstimator(ALPHA, "gyro")
+        for k in range(200):
+            estimator.feed(TrackSpeeds(k * STEP, 0.4, 0.4))
+            estimator.feed(ImuSample(k * STEP, (0.0, 0.0, 0.1)))
+        assert not estimator.feed(PositionFix(199 * STEP, 0.7, 0.0, 0.01))
+        assert estimator.health.sensors["position"].rejected == {"doubtful": 1}
+        assert estimator.pose[2] == pytest.approx(0.05 * 2.0, rel=0.2)
+    finally:
+        remove_fault("doubtful")
+
+
+def test_logs_are_streamed_and_lanes_refuse() -> None:
+    log = simulate(Scenario(duration=10.0, trajectory="straight"), ALPHA)
+    with pytest.raises(BatchError, match="faults from outside"):
+        run_many([log], ALPHA, "gyro")
+    fast = Log.from_measurements(
+        TrackSpeeds(m.stamp, 0.6, 0.6) if isinstance(m, TrackSpeeds) else m
+        for m in log.measurements()
+    )
+    assert run(fast, ALPHA, "gyro").health.finding("clipped") is not None
+    (found,) = compare(fast, ALPHA, ["gyro"], engine="auto").runs.values()
+    assert found.health.finding("clipped") is not None
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(EstimatorError, match="such a fault already"):
+        add_fault(Clipped)
+
+    class Wrong(OwnFault):
+        name: ClassVar[str] = "wrong"
+        effect: ClassVar[str] = "none"
+        must: int
+
+    with pytest.raises(EstimatorError, match="defaults"):
+        add_fault(Wrong)
+
+    class Unknown(OwnFault):
+        name: ClassVar[str] = "unknown"
+        effect: ClassVar[str] = "none"
+
+        def watch(self, measurement: Measurement, _view: FilterView) -> Effect | None:
+            if isinstance(measurement, TrackSpeeds):
+                return Inflate({"slipx": 1.0})
+            return Replace(TrackSpeeds(measurement.stamp, 0.0, 0.0))
+
+    add_fault(Unknown)
+    try:
+        estimator = PoseEstimator(ALPHA, "gyro")
+        with pytest.raises(EstimatorError, match="slipx"):
+            estimator.feed(TrackSpeeds(1, 0.1, 0.1))
+        with pytest.raises(EstimatorError, match="ImuSample"):
+            estimator.feed(ImuSample(1, (0.0, 0.0, 0.0)))
+    finally:
+        remove_fault("unknown")
