@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import sys
+import sysconfig
 import time
 import venv
 from functools import cache
@@ -26,6 +28,7 @@ from icreckon.estimator.log.series import (
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.inspection.inspect import Inspection, inspect
+from icreckon.replay.reading.read_log import read_log
 
 REPOSITORY = Path(__file__).parent.parent
 
@@ -36,22 +39,27 @@ os.environ.pop("COLUMNS", None)
 settings.register_profile("same-examples", derandomize=True, database=None, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-examples"))
 LONG = (
+    "test_how_to.py",
     "test_fresh_cache.py",
     "test_pages.py",
     "test_live_ros.py",
-    "test_accuracy.py",
     "test_readme.py",
-    "test_calibrate.py",
-    "test_study_engines.py",
-    "test_kernel_cache.py",
+    "test_ros2.py",
+    "test_accuracy.py",
+    "test_calibrate_command.py",
     "test_compiled.py",
-    "test_agreement.py",
-    "test_sample_logs.py",
     "test_cli.py",
     "test_study_command.py",
+    "test_stopping.py",
+    "test_extreme_configurations.py",
+    "test_calibrate.py",
+    "test_scattering_fixes.py",
+    "test_agreement.py",
+    "test_truth_tables.py",
     "test_considered.py",
-    "test_first_looks.py",
-    "test_broken_input.py",
+    "test_position_truth.py",
+    "test_paper_command.py",
+    "test_robot_check.py",
 )
 """Files that take longest. They begin first, so that no worker is left with one at the end."""
 
@@ -73,6 +81,16 @@ def sample_log(folder: Path, name: str) -> Path:
     if not path.exists():
         pytest.skip(f"no sample log {path}")
     return path
+
+
+@cache
+def _read(path: Path, robot_name: str) -> Log:
+    return read_log(path, load_robot(robot_name))
+
+
+def sample(folder: Path, name: str, robot_name: str) -> Log:
+    """A sample log as it is read with a shipped robot file, read once for all tests."""
+    return _read(sample_log(folder, name), robot_name)
 
 
 @cache
@@ -113,8 +131,12 @@ def evo(tmp_path_factory: pytest.TempPathFactory) -> Path:
         while not result.exists() and time.monotonic() < deadline:
             time.sleep(0.1)
     else:
-        venv.create(programs.parent, with_pip=True)
-        command = [programs / "python", "-m", "pip", "install", "-q", "evo"]
+        # It sees the packages of the tests, so that pip adds only what these lack.
+        venv.create(programs.parent, with_pip=False)
+        (packages,) = (programs.parent / "lib").glob("*/site-packages")
+        (packages / "tests.pth").write_text(sysconfig.get_paths()["purelib"], encoding="utf-8")
+        command = [sys.executable, "-m", "pip", "--python", programs / "python"]
+        command += ["install", "-q", "evo"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         unfinished = result.with_suffix(".part")
         unfinished.write_text(done.stderr if done.returncode else "", encoding="utf-8")

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import msgspec
-import typer
 
-from icreckon.cli.main import app
+from icreckon.cli.main import COMMANDS, load
 from icreckon.estimator.base.checks import Bound
 from icreckon.estimator.robot import robot_file
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot, robot_names
@@ -154,11 +153,9 @@ def robots() -> str:
 
 def commands() -> str:
     """Arguments and options of all commands."""
-    group = typer.main.get_command(app)
     parts = []
-    for name, command in group.commands.items():
-        if command.hidden:
-            continue
+    for name in COMMANDS:
+        command = load(name)
         named = [one for one in command.params if one.param_type_name == "argument"]
         usage = " ".join(
             ["icreckon", name, *(one.metavar or str(one.name) for one in named), "[OPTIONS]"]

@@ -1,4 +1,4 @@
-"""Command line: options and bodies of the commands, imported when called.
+"""Command line: a file for each command, with its options and its body.
 
 Below: `report`, and all other rooms.
 """

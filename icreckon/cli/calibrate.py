@@ -5,16 +5,30 @@ from __future__ import annotations
 import os
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
-from icreckon.cli.comparing import the_robot
-from icreckon.cli.console import (
+from icreckon.cli.common.comparing import the_robot
+from icreckon.cli.common.console import (
+    check_writable,
     print_fitting,
     progress,
     results_folder,
     working,
     write_file,
+)
+from icreckon.cli.common.options import (
+    LOG_FILES,
+    Json,
+    MessageFiles,
+    Out,
+    Overwrite,
+    RobotName,
+    Ros,
+    UnpackedLimit,
+    Wide,
+    logs,
 )
 from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.models import MODELS
@@ -22,7 +36,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.base.outputs import check_replaceable
+from icreckon.replay.base.outputs import write_text
 from icreckon.replay.calibration.results import summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
@@ -30,7 +44,7 @@ from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
-from icreckon.report.calibration.page import write_calibration_page
+from icreckon.report.calibration.page import calibration_page
 from icreckon.report.calibration.tables import WIDE_FROM, calibration_tables
 from icreckon.report.drawing import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
@@ -39,38 +53,61 @@ SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")
 BAG_FOLDER = "metadata.yaml"
 
 
-def run_calibrate(
-    *,
-    paths: list[Path],
-    message_files: list[Path],
-    robot_name: str | None,
-    write: Path | None,
-    ros: Path | None,
-    lever_arm: str | None,
-    models: str | None,
-    segment: float,
-    out: Path | None,
-    as_json: bool,
-    wide: bool,
-    overwrite: bool,
+def command(
+    paths: Annotated[
+        list[Path],
+        logs(
+            f"Logs of one robot with a truth, each by itself: {LOG_FILES}. A folder of such files is one "
+            "log."
+        ),
+    ],
+    robot_name: RobotName = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Write the robot file with what was found here.")
+    ] = None,
+    ros: Ros = None,
+    lever_arm: Annotated[
+        str | None,
+        typer.Option(
+            help="Point that the truth follows, forward and left of the robot's origin in metres, as "
+            "0.3,0.0 (default: estimated if observable)."
+        ),
+    ] = None,
+    models: Annotated[
+        str | None,
+        typer.Option(
+            help="Models to compare, separated by commas (default: all): differential, constant, "
+            "inertia."
+        ),
+    ] = None,
+    segment: Annotated[
+        float, typer.Option(help="Length of the segments that are predicted, in seconds.")
+    ] = 3.0,
+    message_files: MessageFiles = None,
+    _unpacked_limit: UnpackedLimit = 0.5,
+    out: Out = None,
+    as_json: Json = False,
+    wide: Wide = False,
+    overwrite: Overwrite = False,
 ) -> None:
-    """Run `icreckon calibrate`; arguments as in its help."""
+    """Calibrate a robot from logs with a ground truth.
+
+    Reports which parameters the logs determine, and which model they support.
+    """
     robot_name, robot = the_robot(robot_name, paths[:1])
     if len({os.path.realpath(path) for path in paths}) < len(paths):
         raise ReplayError("a log is given twice; it would count twice")
-    starts, of_ros = (FIRST_WORDS.encode(),), (ROS_FIRST_WORDS.encode(),)
-    if write is not None:
-        check_replaceable(write, overwrite=overwrite, starts=starts)
-    if ros is not None:
-        check_replaceable(ros, overwrite=overwrite, starts=of_ros)
+    check_writable(write, FIRST_WORDS, overwrite=overwrite)
+    check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
     arm = None if lever_arm is None else _pair(lever_arm)
+    message_files = message_files or []
     definitions = read_definitions(message_files)
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
-        logs = [_read(path, robot, definitions) for path in paths]
-        with progress(f"calibrating {robot.name} from {len(logs)} log(s)") as report_progress:
+        read = [_read(path, robot, definitions) for path in paths]
+        with progress(f"calibrating {robot.name} from {len(read)} log(s)") as report_progress:
             found = calibrate(
-                logs,
+                read,
                 robot,
                 segment=segment,
                 lever_arm=arm,
@@ -80,7 +117,7 @@ def run_calibrate(
             )
         summary = summarise_calibration(
             found,
-            logs,
+            read,
             configuration={
                 "logs": [str(path) for path in paths],
                 "robot": robot_name,
@@ -93,7 +130,7 @@ def run_calibrate(
         summary = json_types(summary)
         with working("writing page and figure"), unless_missing():
             write_results(folder / RESULTS_FILE, summary)
-            write_calibration_page(folder / PAGE_FILE, summary)
+            write_text(folder / PAGE_FILE, calibration_page(summary))
             from icreckon.report.calibration.figure import write_calibration_figure
 
             write_calibration_figure(folder / FIGURE_FILE, summary)
@@ -102,13 +139,13 @@ def run_calibrate(
         else:
             print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
     if write is not None:
-        text = robot_file_text(found, [log.name for log in logs], robot_name)
-        write_file(write, text, what="robot file", overwrite=overwrite, starts=starts)
+        text = robot_file_text(found, [log.name for log in read], robot_name)
+        write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
     if ros is not None:
         # Track speeds have the radius and latency of the robot by which they are read.
         again = [_read(path, found.robot, definitions) for path in paths]
         settings = ros_settings(again, found.robot, source=_origin(found))
-        write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=of_ros)
+        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
 
 
 def _origin(found: Calibration) -> str:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import json
 import math
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from rich.text import Text
 
-from icreckon.cli.comparing import the_robot
-from icreckon.cli.console import FAILED, progress, results, write_file
+from icreckon.cli.common.comparing import the_robot
+from icreckon.cli.common.console import FAILED, check_writable, progress, results, write_file
+from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.base.outputs import check_replaceable
 from icreckon.replay.checking.check import Check
 from icreckon.replay.checking.robot_check import (
     check_robot,
@@ -35,21 +34,22 @@ from icreckon.replay.reading.read_log import read_log
 LEAST_COST, LEAST_SHARE = 0.05, 0.2
 
 
-def run_check(
-    *,
-    paths: list[Path],
-    message_files: list[Path],
-    robot_name: str | None,
-    ros: Path | None,
-    as_json: bool,
-    overwrite: bool,
+def command(
+    paths: Logs,
+    robot_name: RobotName = None,
+    ros: Ros = None,
+    message_files: MessageFiles = None,
+    _unpacked_limit: UnpackedLimit = 0.5,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    overwrite: Overwrite = False,
 ) -> None:
-    """Run `icreckon check`; arguments as in its help."""
+    """Check a robot file against a log: units, signs, mounting, latency.
+
+    Says what contradicts the log, worst first, its cost, and what to set; exit status 1 if anything does.
+    """
     _, robot = the_robot(robot_name, paths)
-    starts = (ROS_FIRST_WORDS.encode(),)
-    if ros is not None:
-        check_replaceable(ros, overwrite=overwrite, starts=starts)
-    definitions = read_definitions(message_files)
+    check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
+    definitions = read_definitions(message_files or [])
     with progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
         guessed = guess_mapping(paths, definitions=definitions)
@@ -70,7 +70,7 @@ def run_check(
         of_log, of_robot = with_mended(log, robot, checks)
         source = "by this log" if mended else "of the robot file"
         settings = ros_settings([of_log], of_robot, source=source, mended=mended)
-        write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=starts)
+        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
     if any(one.problem for one in checks) or not _any_measured(checks):
         raise typer.Exit(FAILED)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
+from typing import Annotated
 
 import msgspec
+import typer
 
-from icreckon.cli.comparing import compare_and_report, exit_if_failed
-from icreckon.cli.console import messages, results_folder
+from icreckon.cli.common.comparing import compare_and_report
+from icreckon.cli.common.console import exit_if_failed, results_folder, say
+from icreckon.cli.common.options import Formats, Json, Out, Overwrite, Wide, Workers
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.formats import parse_formats
@@ -30,19 +32,21 @@ FIXES_END = 1.0 / 3.0
 TERRAIN = Terrain(rolling_deg=3.0, wavelength=20.0)
 
 
-def run_demo(
-    *,
-    seed: int,
-    duration: float,
-    trajectory: str,
-    formats: str | None,
-    out: Path | None,
-    as_json: bool,
-    wide: bool,
-    overwrite: bool,
-    workers: int | None,
+def command(
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 1,
+    duration: Annotated[float, typer.Option(help="Length of the run in seconds.")] = DURATION,
+    trajectory: Annotated[str, typer.Option(help=f"{', '.join(TRAJECTORIES)}.")] = "random",
+    formats: Formats = None,
+    out: Out = None,
+    as_json: Json = False,
+    wide: Wide = False,
+    overwrite: Overwrite = False,
+    workers: Workers = None,
 ) -> None:
-    """Run `icreckon demo`; arguments as in its help."""
+    """Simulate a bag, read it back, and compare the variants.
+
+    The robot is Auriga-alpha.
+    """
     if trajectory not in TRAJECTORIES:
         raise SimulationError(
             f"no trajectory of a demo: {trajectory!r}{nearest_hint(trajectory, list(TRAJECTORIES))}"
@@ -52,7 +56,7 @@ def run_demo(
     scenario = demo_scenario(seed, duration, trajectory)
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
         bag = write_log(simulate(scenario, robot), folder / BAG, "mcap", robot)
-        messages().print(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
+        say(f"simulated {duration:.0f} s of {ROBOT} and wrote them as a bag")
         failed = compare_and_report(
             replace(read_log(bag, robot), name=f"{scenario.trajectory} drive over rolling ground"),
             robot,

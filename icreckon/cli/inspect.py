@@ -5,15 +5,24 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import typer
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.console import messages, print_fitting, results, working, write_file
+from icreckon.cli.common.console import (
+    check_writable,
+    print_fitting,
+    results,
+    say,
+    working,
+    write_file,
+)
+from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
 from icreckon.replay.bags.decoding import read_definitions
-from icreckon.replay.base.outputs import check_replaceable, written_beside
+from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.checking.proposed_settings import proposed_ros_settings
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS
 from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
@@ -38,25 +47,21 @@ LEFT_OUT = (2, 4)
 WIDE_FROM = 120
 
 
-def run_inspect(
-    *,
-    paths: list[Path],
-    message_files: list[Path],
-    write: Path | None,
-    ros: Path | None,
-    as_json: bool,
-    wide: bool,
-    overwrite: bool,
+def command(
+    paths: Logs,
+    write: Annotated[Path | None, typer.Option(help="Write the proposed robot file here.")] = None,
+    ros: Ros = None,
+    message_files: MessageFiles = None,
+    _unpacked_limit: UnpackedLimit = 0.5,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of tables.")] = False,
+    wide: Wide = False,
+    overwrite: Overwrite = False,
 ) -> None:
-    """Run `icreckon inspect`; arguments as in its help."""
-    starts = (FIRST_WORDS.encode(),)
-    if write is not None:
-        check_replaceable(write, overwrite=overwrite, starts=starts)
-    of_ros = (ROS_FIRST_WORDS.encode(),)
-    if ros is not None:
-        check_replaceable(ros, overwrite=overwrite, starts=of_ros)
+    """List what a log holds, and propose a robot file for it."""
+    check_writable(write, FIRST_WORDS, overwrite=overwrite)
+    check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     gauge = None if write is None else filled_in_gauge(write)
-    definitions = read_definitions(message_files)
+    definitions = read_definitions(message_files or [])
     with working(f"reading {source_name(paths)}"):
         found = inspect(paths, definitions=definitions, track_gauge=gauge)
     proposed, taken = found.proposed_robot_file, list[str]()
@@ -72,25 +77,21 @@ def run_inspect(
                 kept = write.with_name(f"{write.name}~")
                 with written_beside(kept, overwrite=True) as old:
                     old.write_bytes(former)
-                messages().print(f"the file before is in {kept}", markup=False, soft_wrap=True)
-        with written_beside(write, overwrite=overwrite, starts=starts) as new:
+                say(f"the file before is in {kept}")
+        with written_beside(write, overwrite=overwrite, starts=(FIRST_WORDS.encode(),)) as new:
             new.write_text(proposed, encoding="utf-8")
         if taken:
-            messages().print(f"kept from the file before: {', '.join(taken)}", soft_wrap=True)
+            say(f"kept from the file before: {', '.join(taken)}")
         then = (
             f"then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
             if has_tracks(found.mapping)
             else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
         )
-        messages().print(
-            f"proposed robot file in {write}; complete the lines marked «fill in», {then}",
-            markup=False,
-            soft_wrap=True,
-        )
+        say(f"proposed robot file in {write}; complete the lines marked «fill in», {then}")
     if ros is not None:
         with working("measuring wheels and covariances"):
             settings = proposed_ros_settings(proposed, paths, definitions)
-        write_file(ros, settings, what="settings for ROS", overwrite=overwrite, starts=of_ros)
+        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
 
 
 def _topics(found: Inspection, *, narrow: bool) -> Table:

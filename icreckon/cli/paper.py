@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import shutil
 from functools import partial
-from pathlib import Path
 
 import msgspec
 import numpy as np
 import typer
 
-from icreckon.cli.console import messages, print_fitting, progress, results_folder, working
+from icreckon.cli.common.console import print_fitting, results_folder, working
+from icreckon.cli.common.options import Json, Out, Overwrite, Wide
+from icreckon.replay.base.outputs import write_text
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
@@ -18,11 +20,10 @@ from icreckon.replay.comparison.results import (
     write_results,
 )
 from icreckon.report.drawing import unless_missing
-from icreckon.report.paper.page import write_paper_page
+from icreckon.report.paper.page import paper_page
 from icreckon.report.paper.tables import LEVELS, paper_tables
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
-from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.paper.contact import PaperContact, as_toml, load_paper_contact
+from icreckon.simulation.paper.contact import BEST_FILE, load_paper_contact
 from icreckon.simulation.paper.dynamic_map import VelocityErrors
 from icreckon.simulation.paper.motions_table import write_motions
 from icreckon.simulation.paper.published import published_errors
@@ -41,74 +42,29 @@ CONTACT_FILE, MOTIONS_FILE = "contact.toml", "motions.csv"
 PACKAGES = ("icreckon", "numpy", "scipy", "matplotlib", "msgspec")
 
 
-def run_paper(
-    *,
-    identify: bool,
-    seed: int | None,
-    out: Path | None,
-    as_json: bool,
-    wide: bool,
-    overwrite: bool,
+def command(
+    out: Out = None, as_json: Json = False, wide: Wide = False, overwrite: Overwrite = False
 ) -> None:
-    """Run `icreckon paper`; arguments as in its help."""
-    if seed is not None and not identify:
-        raise SimulationError("--seed is that of the search; give --identify, too, or leave it out")
-    seed = seed or 0
+    """Reproduce the paper: its numbers, its Table II, its figures."""
     with results_folder(out, DEFAULT_FOLDER, overwrite=overwrite) as folder:
-        guess, found = load_paper_contact(), None
-        if identify:
-            guess, found = _identify(seed)
         with working("reproducing tables and figures"):
-            reproduced = reproduce(guess)
-        summary = json_types(_summary(reproduced, seed if identify else None, found))
-        comment = "Contact of Auriga-alpha and reading of the paper, as `icreckon paper` used them."
-        if identify:
-            comment = f"Found by: icreckon paper --identify --seed {seed}"
+            reproduced = reproduce(load_paper_contact())
+        summary = json_types(_summary(reproduced))
         write_motions(folder / MOTIONS_FILE, reproduced.mapped)
-        text = as_toml(guess, comment)
-        (folder / CONTACT_FILE).write_text(text, encoding="utf-8")
+        shutil.copyfile(BEST_FILE, folder / CONTACT_FILE)
         with working("drawing figures"), unless_missing():
             from icreckon.report.paper.figures import write_figures
 
             write_figures(folder, reproduced, FIGURE_FILE)
         write_results(folder / RESULTS_FILE, summary)
-        write_paper_page(folder / PAGE_FILE, summary, folder)
+        write_text(folder / PAGE_FILE, paper_page(summary, folder))
         if as_json:
             typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         else:
             print_fitting(partial(paper_tables, summary), wide=wide, wide_from=WIDE_FROM)
 
 
-def _identify(seed: int) -> tuple[PaperContact, Results]:
-    from icreckon.simulation.paper.ablation import ablate
-    from icreckon.simulation.paper.search import identify
-
-    with progress(f"identifying contact and soil, seed {seed}") as done:
-        identified = identify(seed=seed, progress=done)
-    messages().print(
-        f"drew {identified.samples} contacts, of which {identified.failed} gave no numbers, and "
-        f"refined {len(identified.refined)}"
-    )
-    guess = identified.best.guess
-    with progress("what each choice changes") as done:
-        rows = ablate(guess, progress=done)
-    return guess, {
-        "samples": identified.samples,
-        "failed": identified.failed,
-        "cost": identified.best.cost,
-        "candidates": [
-            {
-                "cost": candidate.cost,
-                "far": candidate.far,
-                "guess": msgspec.to_builtins(candidate.guess),
-            }
-            for candidate in identified.refined
-        ],
-        "ablation": [msgspec.to_builtins(row) for row in rows],
-    }
-
-
-def _summary(reproduced: Reproduction, seed: int | None, found: Results | None) -> Results:
+def _summary(reproduced: Reproduction) -> Results:
     """Content of `results.json`."""
     mapped, guess = reproduced.mapped, reproduced.guess
     printed = reproduced.printed_rows
@@ -116,8 +72,8 @@ def _summary(reproduced: Reproduction, seed: int | None, found: Results | None) 
     return {
         "format": FORMAT,
         "command": "paper",
-        "configuration": {"identify": found is not None, **msgspec.to_builtins(guess)},
-        "seed": seed,
+        "configuration": msgspec.to_builtins(guess),
+        "seed": None,
         "versions": versions(PACKAGES),
         "published": [msgspec.to_builtins(row) for row in reproduced.rows],
         "counts": {
@@ -141,7 +97,6 @@ def _summary(reproduced: Reproduction, seed: int | None, found: Results | None) 
             "tipping": int(mapped.motion.tipping.sum()),
             "largest_inertia_N": float(np.max(mapped.magnitude)),
         },
-        "identification": found,
     }
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from concurrent.futures import as_completed
 from dataclasses import replace
+from typing import Annotated
 
 import msgspec
+import typer
 
-from icreckon.cli.console import messages, progress, worker_count
+from icreckon.cli.common.console import progress, say, worker_count
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.batch.replay import run_side_by_side
@@ -33,8 +35,16 @@ SECONDS = 5.0
 MOST_WORKERS = 4
 
 
-def run_prepare(*, workers: int | None) -> None:
-    """Compile all filters in several processes; the body of `icreckon prepare`."""
+def command(
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes (default: as cores, 4 at most).")
+    ] = None,
+) -> None:
+    """Compile all filters ahead, for an image or before a robot's first drive.
+
+    What is compiled is kept for all later processes of this version, in $NUMBA_CACHE_DIR/icreckon or
+    the user's cache folder.
+    """
     if not keeps_kernels():
         raise EstimatorError(
             f"{cache_folder()} cannot be written, so nothing that is compiled would be kept; set "
@@ -48,7 +58,7 @@ def run_prepare(*, workers: int | None) -> None:
     tasks += [("long logs", name) for name in reversed(VARIANTS)]
     tasks += [("study", name) for name in study_names()]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
-    messages().print(f"compiling with {count} processes", markup=False)
+    say(f"compiling with {count} processes")
     # The first of each kind compile what all others load.
     first = [next(task for task in tasks if task[0] == kind) for kind in ("streaming", "long logs")]
     rest, number = [task for task in tasks if task not in first], 0
@@ -58,16 +68,12 @@ def run_prepare(*, workers: int | None) -> None:
             for done in as_completed(submitted):
                 done.result()
                 kind, *names = submitted[done]
-                messages().print(f"compiled for {kind}: {', '.join(names)}", markup=False)
+                say(f"compiled for {kind}: {', '.join(names)}")
                 number += 1
                 report(number / len(tasks))
     files = kernel_files()
     size = sum(path.stat().st_size for path in files)
-    messages().print(
-        f"ready: {len(files)} compiled functions, {size / 1e6:.0f} MB in {cache_folder()}",
-        markup=False,
-        soft_wrap=True,
-    )
+    say(f"ready: {len(files)} compiled functions, {size / 1e6:.0f} MB in {cache_folder()}")
 
 
 def _compile(kind: str, *names: str) -> None:

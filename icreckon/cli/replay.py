@@ -8,19 +8,31 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
+import typer
 
-from icreckon.cli.comparing import (
+from icreckon.cli.common.comparing import (
     compare_and_report,
     compare_and_write,
-    exit_if_failed,
     show,
     the_robot,
 )
-from icreckon.cli.console import messages, progress, results_folder
-from icreckon.cli.stopping import Stop
+from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say
+from icreckon.cli.common.options import (
+    LOG_FILES,
+    Formats,
+    Json,
+    MessageFiles,
+    Out,
+    Overwrite,
+    UnpackedLimit,
+    Wide,
+    Workers,
+    logs,
+)
+from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
@@ -78,11 +90,9 @@ class _Drive:
             log = read_log(
                 self.paths, self.robot, definitions=self.definitions, progress=report_progress
             )
-        messages().print(
+        say(
             f"read {source_name(self.paths)}: {log.duration:.0f} s, "
-            f"{len(log.tracks.stamps)} track speeds",
-            markup=False,
-            soft_wrap=True,
+            f"{len(log.tracks.stamps)} track speeds"
         )
         problems = tuple(one.problem for one in check_robot(log, self.robot) if one.problem)
         if not problems:
@@ -99,28 +109,67 @@ class _Drive:
         }
 
 
-def run_replay(
-    *,
-    paths: list[Path],
-    one_log: bool,
-    message_files: list[Path],
-    robot_names: list[str],
-    variants: str | None,
-    fixes: str | None,
-    smooth: bool,
-    engine: str,
-    formats: str | None,
-    out: Path | None,
-    as_json: bool,
-    wide: bool,
-    overwrite: bool,
-    workers: int | None,
+def command(
+    paths: Annotated[list[Path], logs(f"Logs, each by itself: {LOG_FILES}.")],
+    robot_names: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--robot",
+            help="Name of a robot that ships with icreckon, or a TOML file. Required; repeatable, to "
+            "compare robot files.",
+        ),
+    ] = None,
+    one_log: Annotated[
+        bool, typer.Option("--one-log", help="The files are parts of one log.")
+    ] = False,
+    variants: Annotated[
+        str | None,
+        typer.Option(
+            help="Filter variants, separated by commas (default: all): gyro, differential, "
+            "constant-fixed, constant-online, full-linear, inertia-fixed, inertia-online."
+        ),
+    ] = None,
+    fixes: Annotated[
+        str | None,
+        typer.Option(
+            help="Part of the log in which fixes are used, as 0:40% or 0:100 (seconds); taken from the "
+            "ground truth if the log has no fixes. Default: all fixes of the log."
+        ),
+    ] = None,
+    message_files: MessageFiles = None,
+    _unpacked_limit: UnpackedLimit = 0.5,
+    smooth: Annotated[
+        bool,
+        typer.Option(
+            "--smooth",
+            help="Smooth each run, too: every pose from all measurements, also later ones; "
+            "as variants NAME-smoothed.",
+        ),
+    ] = False,
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="Engine: streaming, one variant after the other; batch, all at once; or auto, batch "
+            "for long logs."
+        ),
+    ] = "auto",
+    formats: Formats = None,
+    out: Out = None,
+    as_json: Json = False,
+    wide: Wide = False,
+    overwrite: Overwrite = False,
+    workers: Workers = None,
 ) -> None:
-    """Run `icreckon replay`; arguments as in its help."""
-    logs = [paths] if one_log else [[path] for path in paths]
+    """Run all filter variants over a log, or several, and score them.
+
+    If a log has a ground truth, they are scored against it, otherwise compared with one another. Several
+    logs are scored together, too.
+    """
+    robot_names, message_files = robot_names or [], message_files or []
+    files_of = [paths] if one_log else [[path] for path in paths]
     _refuse_twice(paths, "log")
     wanted: list[str | None] = [*robot_names] or [None]
-    robots = dict(the_robot(name, logs[0]) for name in wanted)
+    robots = dict(the_robot(name, files_of[0]) for name in wanted)
     _refuse_twice(robot_names, "robot file")
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
@@ -146,7 +195,7 @@ def run_replay(
     definitions = read_definitions(message_files)
     drives = [
         _Drive(log, name, robot, message_files, definitions, configuration, options)
-        for log in logs
+        for log in files_of
         for name, robot in robots.items()
     ]
     with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
@@ -157,7 +206,7 @@ def run_replay(
                 one.log(), one.robot, folder, as_json=as_json, wide=wide, **found
             )
         else:
-            summary = _many(_labelled(drives, logs, robots), folder, configuration)
+            summary = _many(_labelled(drives, files_of, robots), folder, configuration)
             failed = many_failures(summary)
             show(folder, partial(many_tables, summary), as_json=as_json, wide=wide)
     exit_if_failed(failed)

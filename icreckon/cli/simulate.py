@@ -5,14 +5,18 @@ from __future__ import annotations
 import shlex
 import tomllib
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
-from icreckon.cli.console import messages
+import typer
+
+from icreckon.cli.common.console import say
+from icreckon.cli.common.options import Overwrite
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.comparison.fixes import SCORED_OUTAGE, scored_intervals
 from icreckon.replay.export.log_bag import Format, check_place, write_log
 from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.drives.trajectories import TRAJECTORIES
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.robot_remarks import robot_remarks
@@ -23,19 +27,90 @@ FORMATS = ("mcap", "sqlite3", "ros1")
 FIXES_SHARE = 0.4
 
 
-def run_simulate(
-    *,
-    out: Path,
-    robot: str,
-    scenario_file: Path | None,
-    settings: list[str],
-    outages: list[str],
-    fixes: dict[str, float | None],
-    bag_format: str,
-    overwrite: bool,
-    **options: Any,
+def command(
+    out: Annotated[Path, typer.Option(help="The bag: a folder, or a file for ros1.")],
+    robot: Annotated[
+        str, typer.Option(help="Name of a robot that ships with icreckon, or a TOML file.")
+    ] = "auriga-alpha",
+    scenario_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--scenario",
+            help="TOML file of the run (docs/reference/scenario-file.md); the other options change it.",
+        ),
+    ] = None,
+    trajectory: Annotated[
+        str | None,
+        typer.Option(help=f"{', '.join(TRAJECTORIES)}, or recorded (default: random)."),
+    ] = None,
+    trajectory_file: Annotated[
+        str | None,
+        typer.Option(
+            help="CSV file with columns t, left, right (s, m/s) of the recorded trajectory."
+        ),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(help="Length of the run in seconds (default: 300).")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of all random numbers (default: 0).")
+    ] = None,
+    noise: Annotated[
+        str | None,
+        typer.Option(
+            help="perfect, nominal (the robot file's, the default), or an IMU grade: consumer, "
+            "industrial, tactical."
+        ),
+    ] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Any key of a scenario file, as gyro.noise_density=0.001 or "
+            "trajectory_options.speed=0.4; repeatable. Wins over the other options.",
+        ),
+    ] = None,
+    truth: Annotated[
+        str | None, typer.Option(help="Model of the truth: friction (the default) or kinematic.")
+    ] = None,
+    truth_spread: Annotated[
+        float | None,
+        typer.Option(
+            help="Relative spread of the true parameters about the robot file's (default: 0.15)."
+        ),
+    ] = None,
+    imu_rate: Annotated[
+        float | None, typer.Option(help="IMU samples per second (default: 100).")
+    ] = None,
+    track_rate: Annotated[
+        float | None, typer.Option(help="Track-speed samples per second (default: 50).")
+    ] = None,
+    fix_rate: Annotated[
+        float | None, typer.Option(help="Position fixes per second; 0 for none (default: 1).")
+    ] = None,
+    fix_sigma: Annotated[
+        float | None, typer.Option(help="Their standard deviation in metres (default: 0.05).")
+    ] = None,
+    fix_heading_sigma: Annotated[
+        float | None,
+        typer.Option(help="Standard deviation of their yaw in radians (default: no heading)."),
+    ] = None,
+    outages: Annotated[
+        list[str] | None,
+        typer.Option("--outage", help="Time without fixes, as 100:300 seconds; repeatable."),
+    ] = None,
+    bag_format: Annotated[
+        str, typer.Option("--format", help="mcap, sqlite3 (both ROS 2) or ros1.")
+    ] = "mcap",
+    include_truth: Annotated[
+        bool | None,
+        typer.Option(
+            "--with-truth/--without-truth", help="Whether the bag holds the truth (default: yes)."
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
-    """Run `icreckon simulate`; arguments as in its help, None if not given."""
+    """Simulate a run and write it as a bag of standard messages."""
     if bag_format not in FORMATS:
         raise SimulationError(
             f"no bag format {bag_format!r}{nearest_hint(bag_format, list(FORMATS))}"
@@ -43,38 +118,47 @@ def run_simulate(
     kind = cast("Format", bag_format)
     loaded = load_robot(robot)
     check_place(out, kind, loaded, overwrite=overwrite)
-    changes = _given(options) | {"fixes": _given(fixes)}
+    changes = _given(
+        trajectory=trajectory,
+        trajectory_file=trajectory_file,
+        duration=duration,
+        seed=seed,
+        noise=noise,
+        truth=truth,
+        truth_spread=truth_spread,
+        imu_rate=imu_rate,
+        track_rate=track_rate,
+        fix_rate=fix_rate,
+        include_truth=include_truth,
+    )
+    changes["fixes"] = _given(sigma=fix_sigma, heading_sigma=fix_heading_sigma)
     if outages:
         changes["outages"] = [_outage(text) for text in outages]
     scenario = Scenario() if scenario_file is None else load_scenario(scenario_file)
     source = "command line" if scenario_file is None else f"command line over {scenario_file}"
     of_terrain: dict[str, Any] = {}
-    for change in [changes, *(_setting(text) for text in settings)]:
+    for change in [changes, *(_setting(text) for text in settings or [])]:
         lost = lost_options(scenario, change)
         scenario = change_scenario(scenario, change, source)
         if lost:
-            _print(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
+            say(f"dropped, as trajectory {scenario.trajectory!r} has no such: {', '.join(lost)}")
         of_terrain |= change.get("terrain", {})
     refuse_idle_keys([scenario.terrain], of_terrain, source)
     for text in robot_remarks(loaded, scenario.truth):
-        _print(text)
+        say(text)
     log = simulate(scenario, loaded)
     path = write_log(log, out, kind, loaded, overwrite=overwrite)
     # With fixes throughout no stretch of dead reckoning is left to score.
     too_short = (1.0 - FIXES_SHARE) * log.duration < SCORED_OUTAGE
     has_scores = too_short or log.truth is None or scored_intervals(log)
     part = "" if has_scores else f" --fixes 0:{FIXES_SHARE:.0%}"
-    _print(
+    say(
         f"{log.duration:.0f} s of {loaded.name} in {path}; next: "
         f"icreckon replay {shlex.quote(str(path))} --robot {shlex.quote(robot)}{part}"
     )
 
 
-def _print(text: str) -> None:
-    messages().print(text, markup=False, soft_wrap=True)
-
-
-def _given(options: dict[str, Any]) -> dict[str, Any]:
+def _given(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 

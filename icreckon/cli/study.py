@@ -6,6 +6,7 @@ import shlex
 import sys
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import typer
@@ -14,8 +15,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.console import FAILED, messages, print_fitting, results
-from icreckon.cli.stopping import Stop
+from icreckon.cli.common.console import exit_if_failed, messages, print_fitting, results, say
+from icreckon.cli.common.options import Json, Wide
+from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.report.study.folder import PAGE, run_study
 from icreckon.report.study.text import failures, headline, notes, same_results, summary_tables
@@ -33,20 +35,46 @@ WIDE_FROM = 125
 LINE_EVERY = 30.0
 
 
-def run_study_command(
-    *,
-    study: str | None,
-    out: Path | None,
-    runs: int | None,
-    workers: int | None,
-    engine: str | None,
-    cluster: str | None,
-    as_json: bool,
-    wide: bool,
-    overwrite: bool,
-    list_studies: bool,
+def command(
+    study: Annotated[
+        str | None,
+        typer.Argument(help="Name of a study that ships with icreckon, or a TOML file."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for blocks and results (default: icreckon-study/ and the study's name). A study "
+            "begun there is continued."
+        ),
+    ] = None,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Runs of each cell (default: the study's).")
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Threads or processes here (default: one for each core)."),
+    ] = None,
+    engine: Annotated[
+        str | None,
+        typer.Option(help="Engine of the runs: auto, or one of docs/reference/study-file.md."),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(help="Address of a dask.distributed scheduler to run on, as tcp://host:8786."),
+    ] = None,
+    as_json: Json = False,
+    wide: Wide = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace another study that is at --out.")
+    ] = False,
+    list_studies: Annotated[
+        bool, typer.Option("--list", help="List the studies that ship with icreckon.")
+    ] = False,
 ) -> None:
-    """Run `icreckon study`; arguments as in its help."""
+    """Simulate many runs over a sweep of parameters, and summarise them.
+
+    The same command continues an interrupted study.
+    """
     if list_studies:
         results().print(_list_of_studies())
         return
@@ -79,18 +107,10 @@ def run_study_command(
         typer.echo((folder / RESULTS).read_text(encoding="utf-8"), nl=False)
     else:
         print_fitting(partial(_summary, found), wide=wide, wide_from=WIDE_FROM)
-    messages().print(
-        f"results in {folder}/, the page to read and to send is {folder / PAGE}",
-        markup=False,
-        soft_wrap=True,
-    )
+    say(f"results in {folder}/, the page to read and to send is {folder / PAGE}")
     for line in same_results(found):
-        messages().print(line, style="yellow", markup=False, soft_wrap=True)
-    failed = failures(found)
-    for line in failed:
-        messages().print(line, style="red", markup=False, soft_wrap=True)
-    if failed:
-        raise typer.Exit(FAILED)
+        say(line, "yellow")
+    exit_if_failed(failures(found))
 
 
 class _Reporter:
@@ -111,7 +131,7 @@ class _Reporter:
 
     def remark(self, words: str) -> None:
         """Print a remark once."""
-        self._bar.console.print(words, markup=False, soft_wrap=True)
+        self._bar.console.print(words, soft_wrap=True)
 
     def __enter__(self) -> None:
         self._bar.start()
@@ -138,7 +158,7 @@ class _Reporter:
             self._print(text)
 
     def _print(self, text: str) -> None:
-        self._bar.console.print(text, markup=False, soft_wrap=True)
+        self._bar.console.print(text, soft_wrap=True)
 
 
 def duration(seconds: float) -> str:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import Iterable, Mapping
-from typing import Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
+from icreckon.estimator.base.checks import Bound, check_bounds
 from icreckon.estimator.base.config import in_words
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 from icreckon.replay.live.base_frame import CENTRE, Pose
@@ -28,14 +29,14 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     publish_tf: bool = True
     publish_map_tf: bool = True
     use_fixes: bool = True
-    highest_rate: float = 0.0
-    reorder: float = 0.0
-    diagnostics_rate: float = 1.0
+    highest_rate: Annotated[float, Bound("from 0 to 10000", 0.0, 10_000.0)] = 0.0
+    reorder: Annotated[float, Bound("from 0 to 10", 0.0, 10.0)] = 0.0
+    diagnostics_rate: Annotated[float, Bound("from 0.01 to 100", 0.01, 100.0)] = 1.0
     icr_markers: bool = False
     state_file: str = ""
-    save_period: float = 60.0
+    save_period: Annotated[float, Bound("from 1 to 86400", 1.0, 86_400.0)] = 60.0
     input_reliability: Reliability = "auto"
-    input_depth: int = 100
+    input_depth: Annotated[int, Bound("from 1 to 100000", 1, 100_000)] = 100
     start_pose: tuple[float, ...] = ()
     base_offset: tuple[float, ...] = CENTRE
 
@@ -51,12 +52,7 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"parameter input_reliability {self.input_reliability!r}"
                 f"{nearest_hint(self.input_reliability, choices)}"
             )
-        for name, least, most in _BOUNDS:
-            value = getattr(self, name)
-            if not least <= value <= most:
-                raise EstimatorError(
-                    f"parameter {name} must be from {least:g} to {most:g}, found {value!r}"
-                )
+        check_bounds(self, "parameter {}", EstimatorError)
         if self.start_pose:
             self._pose("start_pose")
         self._pose("base_offset")
@@ -90,22 +86,6 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
         return (x, y, yaw)
 
-
-class Bounds(NamedTuple):
-    """Range of a numeric parameter."""
-
-    name: str
-    least: float
-    most: float
-
-
-_BOUNDS = (
-    Bounds("highest_rate", 0.0, 10_000.0),
-    Bounds("reorder", 0.0, 10.0),
-    Bounds("diagnostics_rate", 0.01, 100.0),
-    Bounds("save_period", 1.0, 86_400.0),
-    Bounds("input_depth", 1, 100_000),
-)
 
 DESCRIPTIONS: Mapping[str, str] = {
     "robot": "Robot file, or name of a robot that ships with icreckon; its [log] names the topics.",

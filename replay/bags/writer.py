@@ -82,7 +82,7 @@ class Outbox(NamedTuple):
                 yield bytes(messages.serialize(self.make(messages, i), self.msgtype))
 
 
-def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool) -> Path:
+def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:
     """Write a bag.
 
     Args:

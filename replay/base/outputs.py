@@ -83,6 +83,27 @@ def written_beside(
 
 
 @contextmanager
+def new_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path, as `written_beside`, to a block that only writes.
+
+    Raises:
+        ReplayError: `path` exists, or cannot be written.
+    """
+    with written_beside(path) as new:
+        try:
+            yield new
+        except OSError as problem:
+            raise ReplayError(f"{path}: cannot be written: {problem.strerror or problem}") from None
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text as a new file; errors as `new_file`."""
+    with new_file(path) as new:
+        new.write_text(text, encoding="utf-8")
+    return path
+
+
+@contextmanager
 def _named(new: Path, path: Path) -> Iterator[None]:
     """Report errors of the temporary path as those of the target."""
     try:

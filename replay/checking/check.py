@@ -71,6 +71,16 @@ class Check:
     measured: Measured | None = None
     settings: dict[str, float | list[float]] = field(default_factory=dict)
 
+    def contradicted(
+        self,
+        problem: str,
+        remedy: str,
+        mend: Mend | None = None,
+        settings: dict[str, float | list[float]] | None = None,
+    ) -> Check:
+        """Copy that contradicts the file; arguments as the attributes."""
+        return replace(self, problem=problem, remedy=remedy, mend=mend, settings=settings or {})
+
 
 def mended(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
     """Mend log and robot by the checks that can, one after the other."""

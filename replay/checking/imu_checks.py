@@ -84,10 +84,10 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
     if imu is None or imu.linear_acceleration is None:
         return
     size = float(np.linalg.norm(np.nanmean(imu.linear_acceleration, axis=0)))
-    in_log = f"{size:.4g} m/s²"
     measured = Measured(size, "m/s²", GRAVITY)
+    found = Check("mean specific force", f"{GRAVITY} m/s²", f"{size:.4g} m/s²", measured=measured)
     if abs(size - GRAVITY) <= WRONG_GRAVITY * GRAVITY:
-        yield Check("mean specific force", f"{GRAVITY} m/s²", in_log, measured=measured)
+        yield found
         return
 
     def scaled(log: Log, robot: Robot) -> tuple[Log, Robot]:
@@ -96,14 +96,10 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
         force = log.imu.linear_acceleration * (GRAVITY / size)
         return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
 
-    yield Check(
-        "mean specific force",
-        f"{GRAVITY} m/s²",
-        in_log,
+    yield found.contradicted(
         f"the accelerometer reads {size:.4g} m/s² on average, not {GRAVITY}{unit_of_gravity(size)}",
         "the driver's unit, or acceleration_unit in [log.imu] for fields of a message",
         scaled if size > 0.0 else None,
-        measured,
     )
 
 
@@ -119,10 +115,13 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         return
     up = up / np.linalg.norm(up)
     tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
-    angles = angles_text(robot.imu.rotation_rpy_deg)
-    measured = Measured(tilt, "deg", 0.0)
+    angles, in_log = (
+        angles_text(robot.imu.rotation_rpy_deg),
+        f"{tilt:.1f} deg beside it, by gravity",
+    )
+    found = Check(MOUNTING, angles, in_log, measured=Measured(tilt, "deg", 0.0))
     if tilt <= LEAST_TILT + _tilt_by_turning(log, robot):
-        yield Check(MOUNTING, angles, f"{tilt:.1f} deg beside it, by gravity", measured=measured)
+        yield found
         return
     turned = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
     if tilt > ANOTHER_MOUNTING and (whole := estimate_mounting(log)) is not None:
@@ -132,14 +131,10 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         robot.imu.gyro_axes == "xyz" or abs(np.cos(roll) * np.cos(pitch)) >= LEAST_UPRIGHT
     )
     upside = " (upside down)" if tilt > 180.0 - ANOTHER_MOUNTING else ""
-    yield Check(
-        MOUNTING,
-        angles,
-        f"{tilt:.1f} deg beside it, by gravity",
+    yield found.contradicted(
         f"gravity shows the IMU {tilt:.1f} deg beside its mounting in the file{upside}",
         f"rotation_rpy_deg = {list(turned)} in [imu]",
         with_imu(rotation_rpy_deg=turned) if shows_turning else None,
-        measured,
         {"imu.rotation_rpy_deg": list(turned)},
     )
 
@@ -206,20 +201,16 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
     bias, sigma = float(rates.mean()), robot.imu.gyro_bias_sigma
     seconds = len(rates) * float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
     of_mean = robot.imu.gyro_noise_density / math.sqrt(seconds)
-    shown = f"{bias:+.5f} rad/s at standstill"
     in_file = f"{robot.imu.gyro_bias:+.5f} ± {sigma:g} rad/s"
     measured = Measured(bias, "rad/s", robot.imu.gyro_bias, of_mean)
+    found = Check("gyro bias", in_file, f"{bias:+.5f} rad/s at standstill", measured=measured)
     if abs(bias - robot.imu.gyro_bias) <= SIGMAS * math.hypot(sigma, of_mean):
-        yield Check("gyro bias", in_file, shown, measured=measured)
+        yield found
         return
-    yield Check(
-        "gyro bias",
-        in_file,
-        shown,
+    yield found.contradicted(
         f"the gyro reads {bias:+.5f} rad/s at standstill, the file says {in_file}",
         f"gyro_bias = {bias:.5f} in [imu], or a larger gyro_bias_sigma",
         with_imu(gyro_bias=min(1.0, max(-1.0, bias))),
-        measured,
         {"imu.gyro_bias": round(bias, 5)},
     )
 
@@ -230,20 +221,15 @@ def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     if log.imu is None or still is None or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
         return
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    found = density(in_base(log.imu, robot)[0], still, step)
-    stated = robot.imu.gyro_noise_density
-    in_file, shown = f"{stated:.2g} rad/s/√Hz", f"{found:.2g} rad/s/√Hz at standstill"
-    measured = Measured(found, "rad/s/√Hz", stated)
-    if found <= OTHER_NOISE * stated:
-        yield Check("gyro noise", in_file, shown, measured=measured)
+    noise, stated = density(in_base(log.imu, robot)[0], still, step), robot.imu.gyro_noise_density
+    in_file, in_log = f"{stated:.2g} rad/s/√Hz", f"{noise:.2g} rad/s/√Hz at standstill"
+    found = Check("gyro noise", in_file, in_log, measured=Measured(noise, "rad/s/√Hz", stated))
+    if noise <= OTHER_NOISE * stated:
+        yield found
         return
-    yield Check(
-        "gyro noise",
-        in_file,
-        shown,
-        f"at standstill the gyro shakes {found / stated:.0f} times as much as the file says",
-        f"gyro_noise_density = {found:.2g} in [imu] (the filter measures noise, too)",
-        with_imu(gyro_noise_density=found),
-        measured,
-        {"imu.gyro_noise_density": float(f"{found:.2g}")},
+    yield found.contradicted(
+        f"at standstill the gyro shakes {noise / stated:.0f} times as much as the file says",
+        f"gyro_noise_density = {noise:.2g} in [imu] (the filter measures noise, too)",
+        with_imu(gyro_noise_density=noise),
+        {"imu.gyro_noise_density": float(f"{noise:.2g}")},
     )

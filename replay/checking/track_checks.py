@@ -211,10 +211,11 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     stated = f"{of_file:g} s"
     measured = Measured(of_file + late.seconds, "s", of_file, late.sigma)
     shown = f"{of_file + late.seconds:.3f} ± {late.sigma:.3f} s after the gyro"
+    found = Check("latency of the tracks", stated, shown, measured=measured)
     if objection(late) or abs(late.seconds) <= max(LEAST_LATENCY, SIGMAS * late.sigma):
         if abs(late.seconds) > SIGMAS * late.sigma:
-            shown += f"; counts from {LEAST_LATENCY:g} s on"
-        yield Check("latency of the tracks", stated, shown, measured=measured)
+            found = replace(found, in_log=f"{shown}; counts from {LEAST_LATENCY:g} s on")
+        yield found
         return
     by = late.seconds
     word = "late" if by > 0.0 else "early"
@@ -223,14 +224,10 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
         stamps = log.tracks.stamps - round(by / NANOSECOND)
         return replace(log, tracks=TrackSpeedSeries(stamps, log.tracks.speeds)), robot
 
-    yield Check(
-        "latency of the tracks",
-        stated,
-        shown,
+    yield found.contradicted(
         f"track speeds are stamped {abs(by):.2f} s {word} against the gyro, ± {late.sigma:.3f} s",
         f"add {by:+.2f} to latency in [log.tracks]",
         shifted,
-        measured,
         {"log.tracks.latency": round(of_file + by, 2)},
     )
 
@@ -366,47 +363,35 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     ratio = track / in_file
     error = "" if sigma is None else f" ± {sigma:.1g}"
     shown = f"{track:.2f}{error} m by the gyro, {ratio:.2f} times"
-    measured = Measured(track, "m", in_file, sigma)
+    check = Check(TRACK, f"{in_file:.2f} m", shown, measured=Measured(track, "m", in_file, sigma))
     gauge = robot.vehicle.track_gauge
     if not is_other_track(ratio) and track > 0.9 * gauge:
-        yield Check(TRACK, f"{in_file:.2f} m", shown, measured=measured)
+        yield check
         return
     if gauge > TOO_WIDE:
         in_metres = structs.replace(robot.vehicle, track_gauge=gauge / 1000.0)
-        yield Check(
-            TRACK,
-            f"{in_file:.4g} m",
-            shown,
+        yield replace(check, in_file=f"{in_file:.4g} m").contradicted(
             f"track_gauge is {gauge:g} m, the effective track {track:.3g} m by the gyro: is it in mm?",
             f"track_gauge = {gauge / 1000.0:g} in [vehicle]",
             lambda log, robot: (log, structs.replace(robot, vehicle=in_metres)),
-            measured,
             {"vehicle.track_gauge": gauge / 1000.0},
         )
         return
     eta0 = track / gauge
     if eta0 < 1.0:
-        yield Check(
-            TRACK,
-            f"{in_file:.2f} m",
-            shown,
+        yield check.contradicted(
             f"the effective track is {track:.3g} m by the gyro, narrower than track_gauge = {gauge:g} m, "
             "which no slip explains",
             "measure track_gauge between the centrelines, and check sprocket_radius",
             lambda log, robot: (log, _with_track(robot, track, 1.0)),
-            measured,
         )
         return
-    yield Check(
-        TRACK,
-        f"{in_file:.2f} m",
-        shown,
+    yield check.contradicted(
         f"the effective track is {track:.2f} m by the gyro, {ratio:.2f} times that of the file: wheel "
         f"odometry turns {ratio:.2f} times as far as the robot",
         f"eta0 = {eta0:.2f} in [indices]{_also(robot, eta0)}, or calibrate; where sprocket_radius is "
         "wrong, this is, too",
         lambda log, robot: (log, _with_track(robot, gauge, eta0)),
-        measured,
         _keys_of_track(robot, round(eta0, 2)),
     )
 

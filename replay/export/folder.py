@@ -11,7 +11,7 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.replay.export.geojson import write_geojson
 from icreckon.replay.export.replay_bag import write_replay_bag
-from icreckon.replay.export.tables import write_poses, write_run
+from icreckon.replay.export.tables import Format, write_poses, write_run
 from icreckon.replay.export.trajectories import write_kitti, write_tum
 
 ODOMETRY_FILE = "odometry.mcap"
@@ -27,18 +27,7 @@ def write_exports(
     formats: Sequence[str] = DEFAULT_FORMATS,
 ) -> None:
     """Write a comparison's trajectories in some formats; arguments as `write_report`."""
-    _write_trajectories(folder, comparison, formats)
-    _write_tables(folder, comparison, robot, formats)
-    if "mcap" in formats:
-        write_replay_bag(folder / ODOMETRY_FILE, "mcap", comparison, robot)
-    if "ros1" in formats:
-        write_replay_bag(folder / ROS1_FILE, "ros1", comparison, robot)
-    if "geojson" in formats:
-        write_geojson(folder / GEOJSON_FILE, comparison)
-
-
-def _write_trajectories(folder: Path, comparison: Comparison, formats: Sequence[str]) -> None:
-    truth = comparison.log.truth
+    truth, start = comparison.log.truth, comparison.log.start
     paths: dict[str, PoseSeries] = {
         name: one.trajectory.pose_series for name, one in comparison.runs.items()
     }
@@ -49,16 +38,15 @@ def _write_trajectories(folder: Path, comparison: Comparison, formats: Sequence[
             write_tum(folder / f"{name}.tum", poses)
         if "kitti" in formats:
             write_kitti(folder / f"{name}.kitti", poses)
-
-
-def _write_tables(
-    folder: Path, comparison: Comparison, robot: Robot, formats: Sequence[str]
-) -> None:
-    truth, start = comparison.log.truth, comparison.log.start
-    for form in ("csv", "parquet"):
-        if form not in formats:
-            continue
+    tables: tuple[Format, ...] = ("csv", "parquet")
+    for form in (kind for kind in tables if kind in formats):
         for name, one in comparison.runs.items():
             write_run(folder / f"{name}.{form}", form, one, robot, start)
         if truth is not None:
             write_poses(folder / f"{TRUTH}.{form}", form, truth.poses, start)
+    if "mcap" in formats:
+        write_replay_bag(folder / ODOMETRY_FILE, "mcap", comparison, robot)
+    if "ros1" in formats:
+        write_replay_bag(folder / ROS1_FILE, "ros1", comparison, robot)
+    if "geojson" in formats:
+        write_geojson(folder / GEOJSON_FILE, comparison)

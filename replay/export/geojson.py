@@ -11,8 +11,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.base.outputs import written_beside
+from icreckon.replay.base.outputs import write_text
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.export.formats import check_formats
 from icreckon.replay.export.sampling import thinned
@@ -24,7 +23,7 @@ RATE = 5.0
 DECIMALS = 8
 
 
-def write_geojson(path: Path, comparison: Comparison, *, overwrite: bool = False) -> Path:
+def write_geojson(path: Path, comparison: Comparison) -> Path:
     """Write the paths of all runs, the truth and the fixes that were used.
 
     Each path is a LineString with the properties `name`, `start_ns`, `end_ns`, and `stroke` (its colour);
@@ -33,7 +32,6 @@ def write_geojson(path: Path, comparison: Comparison, *, overwrite: bool = False
     Args:
         path: the file.
         comparison: the runs, over a log with an origin on the globe.
-        overwrite: whether an existing file may be replaced.
 
     Returns:
         The path.
@@ -57,12 +55,7 @@ def write_geojson(path: Path, comparison: Comparison, *, overwrite: bool = False
             _feature("MultiPoint", points, name="fixes", **{"marker-color": FIX_COLOUR})
         )
     text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
-    with written_beside(path, overwrite=overwrite) as new:
-        try:
-            new.write_text(text + "\n", encoding="utf-8")
-        except OSError as problem:
-            raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from None
-    return path
+    return write_text(path, text + "\n")
 
 
 def _line(name: str, series: PoseSeries, origin: Origin, colour: str) -> dict[str, Any]:

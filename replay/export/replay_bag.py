@@ -63,9 +63,7 @@ PATH_POSES = 1000
 ROLL_PITCH = (21, 28)
 
 
-def write_replay_bag(
-    path: Path, form: Format, comparison: Comparison, robot: Robot, *, overwrite: bool = False
-) -> Path:
+def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Robot) -> Path:
     """Write the runs of a comparison as a bag.
 
     It holds, with `-` in names of variants written as `_`: `/<variant>/odom` (nav_msgs/Odometry),
@@ -80,7 +78,6 @@ def write_replay_bag(
         form: "mcap", "sqlite3" or "ros1".
         comparison: the runs.
         robot: the robot, for its gauge.
-        overwrite: whether an existing bag may be replaced.
 
     Returns:
         The path.
@@ -115,7 +112,7 @@ def write_replay_bag(
     if log.fixes is not None and len(log.fixes.stamps):
         outboxes.append(fix_messages(FIXES_TOPIC, log.fixes))
     outboxes.append(diagnostics(comparison.runs, robot.name))
-    return write_bag(path, form, [one for one in outboxes if len(one.stamps)], overwrite=overwrite)
+    return write_bag(path, form, [one for one in outboxes if len(one.stamps)])
 
 
 def frame_of(variant: str) -> str:

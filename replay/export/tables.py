@@ -17,8 +17,7 @@ from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.base.outputs import written_beside
+from icreckon.replay.base.outputs import new_file
 from icreckon.replay.base.units import column
 
 Format = Literal["csv", "parquet"]
@@ -101,15 +100,7 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
     return columns | {name: np.asarray(value, np.float32) for name, value in single.items()}
 
 
-def write_run(
-    path: Path,
-    form: Format,
-    one: Run,
-    robot: Robot,
-    start: int,
-    *,
-    overwrite: bool = False,
-) -> Path:
+def write_run(path: Path, form: Format, one: Run, robot: Robot, start: int) -> Path:
     """Write a run as a table.
 
     Args:
@@ -118,20 +109,16 @@ def write_run(
         one: the run.
         robot: the robot, for its gauge.
         start: stamp of `t_s` = 0 [ns].
-        overwrite: whether an existing file may be replaced.
 
     Raises:
         ReplayError: the file exists, or cannot be written.
     """
-    return _write(path, form, run_columns(one, robot, start), overwrite=overwrite)
+    return _write(path, form, run_columns(one, robot, start))
 
 
-def write_poses(
-    path: Path, form: Format, poses: PoseSeries, start: int, *, overwrite: bool = False
-) -> Path:
+def write_poses(path: Path, form: Format, poses: PoseSeries, start: int) -> Path:
     """Write poses alone, such as the truth; arguments and errors as `write_run`."""
-    columns = _pose_columns(poses.stamps, poses.poses, start)
-    return _write(path, form, columns, overwrite=overwrite)
+    return _write(path, form, _pose_columns(poses.stamps, poses.poses, start))
 
 
 def _pose_columns(stamps: Stamps, poses: Floats, start: int) -> dict[str, Any]:
@@ -144,7 +131,7 @@ def _pose_columns(stamps: Stamps, poses: Floats, start: int) -> dict[str, Any]:
     }
 
 
-def _write(path: Path, form: Format, columns: dict[str, Any], *, overwrite: bool) -> Path:
+def _write(path: Path, form: Format, columns: dict[str, Any]) -> Path:
     import pyarrow as pa
     from pyarrow import csv, parquet
 
@@ -153,14 +140,11 @@ def _write(path: Path, form: Format, columns: dict[str, Any], *, overwrite: bool
         for name, value in columns.items()
     }
     table = pa.table(arrays)
-    with written_beside(path, overwrite=overwrite) as new:
-        try:
-            if form == "csv":
-                csv.write_csv(table, new)
-            else:
-                parquet.write_table(
-                    table, new, compression="zstd", use_dictionary=False, column_encoding=ENCODING
-                )
-        except OSError as problem:
-            raise ReplayError(f"{path}: cannot be written: {problem}") from None
+    with new_file(path) as new:
+        if form == "csv":
+            csv.write_csv(table, new)
+        else:
+            parquet.write_table(
+                table, new, compression="zstd", use_dictionary=False, column_encoding=ENCODING
+            )
     return path

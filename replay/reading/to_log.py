@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,7 @@ from icreckon.estimator.log.series import (
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.columns import PoseColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
-from icreckon.replay.mapping.topics import TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.conversions import (
@@ -40,7 +39,7 @@ from icreckon.replay.reading.gather import Gathered
 from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
-from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
+from icreckon.replay.reading.stream import NAN, Stream
 from icreckon.replay.reading.wheels import of_sides
 
 OVERLAID = ("tracks", "imu")
@@ -119,14 +118,18 @@ class _Assembly:
             return self._origin
         return None
 
+    def _spec(self, stream: Stream) -> Any:
+        """Entry of the mapping for a stream: its columns, or its topic; None without."""
+        mapping = self.gathered.mapping
+        table = mapping.columns if stream.from_table else None
+        # The true track speeds come by the joints of the measured ones.
+        purpose = stream.purpose.removeprefix("truth ")
+        return getattr(mapping if table is None else table, purpose, None)
+
     def _held(self, stream: Stream | None) -> Held:
         """Treatment of repeated track speeds; those of counters are left alone."""
-        mapping = self.gathered.mapping
-        columns = mapping.columns.tracks if mapping.columns else None
-        spec = columns if stream is not None and stream.msgtype == COLUMNS else mapping.tracks
-        if spec is None or spec.unit in ADDS_UP:
-            return "keep"
-        return spec.held
+        spec = self.gathered.mapping.tracks if stream is None else self._spec(stream)
+        return "keep" if spec is None or spec.unit in ADDS_UP else spec.held
 
     def _drop(self, reason: str, count: int) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + count
@@ -142,7 +145,8 @@ class _Assembly:
                 inside = (stamps >= begin) & (stamps <= end)
                 stream.lose("two times one over the other", int(inside.sum()))
                 stamps, rows = stamps[~inside], rows[~inside]
-        late = round(self._latency(stream) / NANOSECOND)
+        spec = None if stream.purpose.startswith("truth ") else self._spec(stream)
+        late = 0 if spec is None else round(spec.latency / NANOSECOND)
         return stamps - late, rows.reshape(-1, width)
 
     def _ordered(self, stream: Stream) -> tuple[Stamps, Floats]:
@@ -171,13 +175,6 @@ class _Assembly:
                 "and bridged"
             )
 
-    def _latency(self, stream: Stream) -> float:
-        """Latency of a stream's stamps from the robot file [s]."""
-        mapping = self.gathered.mapping
-        table = stream.from_table and mapping.columns is not None
-        spec = getattr(mapping.columns if table else mapping, stream.purpose, None)
-        return 0.0 if spec is None else float(spec.latency)
-
     def _screened(
         self, stream: Stream, stamps: Stamps, values: Floats, positive: Floats | None = None
     ) -> NDArray[np.bool_]:
@@ -197,9 +194,7 @@ class _Assembly:
     def _tracks(self, stream: Stream | None) -> TrackSpeedSeries | None:
         if stream is None:
             return None
-        mapping, vehicle = self.gathered.mapping, self.robot.vehicle
-        columns = mapping.columns.tracks if mapping.columns else None
-        spec = columns if stream.msgtype == COLUMNS else mapping.tracks
+        vehicle, spec = self.robot.vehicle, self._spec(stream)
         if spec is None:
             return None
         stamps, rows = self._arrays(stream, track_width(stream.msgtype, spec))
@@ -253,9 +248,7 @@ class _Assembly:
     def _fixes(self, stream: Stream | None) -> FixSeries | None:
         if stream is None:
             return None
-        table = self.gathered.mapping.columns is not None and stream.from_table
-        columns = self.gathered.mapping.columns
-        spec = columns.fixes if table and columns else self.gathered.mapping.fixes
+        spec = self._spec(stream)
         if spec is None:
             return None
         if stream.msgtype == NAVSATFIX or spec.latitude:
@@ -264,7 +257,7 @@ class _Assembly:
             stamps, rows = self._arrays(stream, 11)
             poses, variances = planar_poses(rows), rows[:, 6:8].copy()
         unknown = fill_variances(variances, spec)
-        where = "[log.columns.fixes]" if table else "[log.fixes]"
+        where = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
         if len(stamps) and unknown.all():
             raise ReplayError(
                 f"{stream.source}: topic {stream.topic!r}: the fixes carry no covariance; give "
@@ -313,9 +306,7 @@ class _Assembly:
     def _headings(self, stream: Stream | None) -> tuple[HeadingFix, ...]:
         if stream is None:
             return ()
-        columns = self.gathered.mapping.columns
-        table = columns is not None and stream.from_table
-        mapped = columns.heading if table and columns else self.gathered.mapping.heading
+        mapped = self._spec(stream)
         if mapped is None:
             return ()
         stamps, rows = self._arrays(stream, 2)
@@ -335,7 +326,7 @@ class _Assembly:
         stream = streams.get("truth")
         if stream is None:
             return None
-        spec = self._truth_spec(stream)
+        spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX:
             stamps, poses, _ = self._geodetic(stream, spec.origin if spec is not None else None)
             twists = np.full_like(poses, NAN)
@@ -361,10 +352,6 @@ class _Assembly:
             source=self.gathered.truth_source or (spec.source if spec else "") or stream.topic,
             headings=headings,
         )
-
-    def _truth_spec(self, stream: Stream) -> PoseColumns | TruthTopic | None:
-        mapping = self.gathered.mapping
-        return mapping.columns.truth if stream.from_table and mapping.columns else mapping.truth
 
     def _twists(self, stream: Stream) -> TwistSeries | None:
         stamps, rows = self._arrays(stream, 3)

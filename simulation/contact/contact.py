@@ -240,44 +240,6 @@ def vertical_loads(
     return Loads(loads.T, by_right.T, by_forward.T, tipping)
 
 
-def track_forces(
-    twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact, loads: Loads
-) -> tuple[Wrench, Any, Any]:
-    """Force and moment of the ground on both tracks at given loads.
-
-    Args:
-        twist: velocity of the origin, (n,) each.
-        V_l: (n,) speed of the left track [m/s].
-        V_r: (n,) speed of the right track [m/s].
-        contact: soil, geometry, body.
-        loads: from `vertical_loads`.
-
-    Returns:
-        Wrench with its Jacobian by the twist at these loads, and derivatives (3, n) of its values by
-        the force at the centre of mass to the right and forward, through the loads.
-    """
-    from icreckon.simulation.contact import contact_forces as contact_kernel
-
-    motion = _columns(*twist, V_l, V_r)
-    values, jacobian = _zeros(motion)
-    of_points = (len(motion), len(loads.values))
-    pressed, by_right, by_forward = (
-        np.ascontiguousarray(np.broadcast_to(values.T, of_points)) for values in loads[:3]
-    )
-    contact_kernel.track_forces_of_many(
-        ground(contact),
-        np.ascontiguousarray(motion[:, :3]),
-        np.ascontiguousarray(motion[:, 3:]),
-        pressed,
-        by_right,
-        by_forward,
-        values,
-        jacobian,
-    )
-    slopes = np.moveaxis(jacobian, 0, -1)
-    return Wrench(values.T, slopes[:, :3]), slopes[:, 5], slopes[:, 6]
-
-
 def steady_inertia(twist: PaperTwist, body: Body) -> Any:
     """Force of inertia in steady motion, (4) and (10), and moment about the origin.
 

@@ -295,32 +295,6 @@ def loads_of_many(
 
 
 @compiled
-def track_forces_of_many(
-    ground: Ground,
-    twist: Any,
-    V: Any,
-    loads: Any,
-    by_right: Floats,
-    by_forward: Floats,
-    values: Any,
-    jacobian: Any,
-) -> None:
-    """Apply `add_track_forces` to n motions.
-
-    Twist (n, 3), V (n, 2), loads (n, m), values (n, 3).
-    """
-    n, points = len(twist), len(ground.x)
-    sizes_fit = twist.shape == values.shape == (n, 3) and V.shape == (n, 2)
-    sizes_fit &= loads.shape == by_right.shape == by_forward.shape == (n, points)
-    if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
-        raise ValueError(WRONG_SIZE)
-    for k in range(len(twist)):
-        of_one, speeds = (twist[k, 0], twist[k, 1], twist[k, 2]), (V[k, 0], V[k, 1])
-        pressing = PointLoads(loads[k], by_right[k], by_forward[k])
-        add_track_forces(ground, of_one, speeds, pressing, values[k], jacobian[k])
-
-
-@compiled
 def balances_of_many(ground: Ground, twist: Any, V: Any, values: Any, jacobian: Any) -> None:
     """Apply `add_steady_balance` to n motions.
 

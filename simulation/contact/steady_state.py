@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.contact import Contact, ground, steady_inertia, vertical_loads
 
 # Largest residual of a solved state, as a share of the weight (moments: of the weight times half the
@@ -81,7 +81,7 @@ class SteadyMotion:
         """Return the motions if all converged.
 
         Raises:
-            EstimatorError: some did not; the message names their track speeds.
+            SimulationError: some did not; the message names their track speeds.
         """
         failed = np.flatnonzero(~self.converged)
         if not failed.size:
@@ -94,7 +94,7 @@ class SteadyMotion:
             for left, right, rest in list(zip(V_l, V_r, residual, strict=True))[:NAMED]
         )
         more = f" and {failed.size - NAMED} more" if failed.size > NAMED else ""
-        raise EstimatorError(
+        raise SimulationError(
             f"no stationary motion found for {failed.size} of {self.converged.size} pairs of track "
             f"speeds: (V_l, V_r) [m/s] and the balance left as a share of the weight: {named}{more}"
         )
@@ -119,12 +119,12 @@ def solve_steady(
         strict: True to raise an error if a pair does not converge.
 
     Raises:
-        EstimatorError: a track speed is not finite, or (strict) some pairs did not converge.
+        SimulationError: a track speed is not finite, or (strict) some pairs did not converge.
     """
     left, right = np.broadcast_arrays(np.asarray(V_l, dtype=float), np.asarray(V_r, dtype=float))
     shape, V = left.shape, np.stack([left.ravel(), right.ravel()])
     if not np.isfinite(V).all():
-        raise EstimatorError("track speeds must be finite numbers, found NaN or infinity")
+        raise SimulationError("track speeds must be finite numbers, found NaN or infinity")
     start = _guess(V, contact)
     if guess is not None:
         start = np.stack([np.broadcast_to(part, shape).ravel() for part in guess]).astype(float)

@@ -103,25 +103,3 @@ def load_paper_contact(path: Path = BEST_FILE) -> PaperContact:
         SimulationError: no such file, a misspelt key, a wrong type or a bad value.
     """
     return convert(read_toml(path, SimulationError), PaperContact, str(path), SimulationError)
-
-
-def as_toml(guess: PaperContact, comment: str = "") -> str:
-    """Text of a TOML file that `load_paper_contact` reads.
-
-    Args:
-        guess: contact and reading to write.
-        comment: lines at the top of the file.
-    """
-    lines = [f"# {line}".rstrip() for line in comment.splitlines()]
-    for table, content in msgspec.to_builtins(guess).items():
-        lines += ["", f"[{table}]"]
-        lines += [f"{key} = {_toml(value)}" for key, value in content.items() if value is not None]
-    return "\n".join(lines).lstrip("\n") + "\n"
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return f'"{value}"'
-    return repr(value)

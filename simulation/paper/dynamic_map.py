@@ -1,8 +1,8 @@
 """Dynamic mapping of the paper: ICRs, inertia, indices from stationary motions.
 
 Sections II to IV of the paper, on stationary motions from `simulation.contact.steady_state` over a
-grid of track speeds. Symbols and axes are the paper's (X right, Y forward); equations come from
-`icreckon.estimator.motion.icr`.
+grid of track speeds; `readings.py` derives means and fits from it. Symbols and axes are the paper's
+(X right, Y forward); equations come from `icreckon.estimator.motion.icr`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.icr import (
@@ -30,8 +30,7 @@ from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.contact.contact import Contact
-from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
+from icreckon.simulation.contact.steady_state import SteadyMotion
 
 Inertia = Literal["measured", "literal", "smooth"]
 
@@ -68,23 +67,6 @@ class VelocityErrors(NamedTuple):
     constant: PaperTwist
 
 
-def dynamic_map(contact: Contact, *, top: float = 1.0, count: int = 21) -> DynamicMap:
-    """Map over all pairs of evenly spaced track speeds; by default the paper's 441.
-
-    Args:
-        contact: soil, contact geometry and body.
-        top: largest track speed [m/s].
-        count: speeds per track.
-
-    Raises:
-        SimulationError: some pairs have no stationary motion.
-    """
-    motion = solve_steady(*track_speed_grid(top, count), contact)
-    body = contact.body
-    vehicle = VehicleConstants(contact.geometry.gauge, body.mass, body.x_CM, body.y_CM)
-    return map_of(motion, vehicle)
-
-
 def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
     """Map of given stationary motions.
 
@@ -105,24 +87,6 @@ def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
         inertia=(right, forward),
         magnitude=np.hypot(right, forward),
     )
-
-
-def mean_icrs(mapped: DynamicMap, include: ArrayLike | None = None) -> ConstantIcr:
-    """Constant ICRs: the plain mean of each distribution (section II).
-
-    Args:
-        mapped: the map.
-        include: mask of the motions that enter; all that turn by default.
-
-    Raises:
-        SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
-    """
-    chosen = _chosen(mapped, include)
-    means = (float(np.mean(part[chosen])) for part in mapped.icrs)
-    try:
-        return ConstantIcr(*means)
-    except ValueError as error:
-        raise SimulationError(f"the mean ICRs make no sense: {error}") from error
 
 
 def on_spot_line(mapped: DynamicMap) -> float:
@@ -159,39 +123,6 @@ def on_spot_line(mapped: DynamicMap) -> float:
     return float(-(V_l @ V_r) / (V_r @ V_r))
 
 
-def fit_parameters(
-    mapped: DynamicMap, H: float | None = None, include: ArrayLike | None = None
-) -> Indices:
-    """Fit the eight parameters: H, and the least-squares fits of (25) to (27).
-
-    Args:
-        mapped: the map.
-        H: ratio of track speeds of on-spot turning; from `on_spot_line` by default.
-        include: mask of the motions that enter; all that turn by default.
-
-    Raises:
-        SimulationError: too few motions, or a fit that is not that of a skid-steer vehicle.
-    """
-    chosen = _chosen(mapped, include)
-    H = on_spot_line(mapped) if H is None else H
-    x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
-    force = mapped.magnitude[chosen]
-    zeta, epsilon, eta = (part[chosen] for part in mapped.indices)
-    one, signed = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
-    values = np.concatenate(
-        [
-            [H],
-            _least_squares(zeta, one, force * np.sign(x_2)),
-            _least_squares(epsilon, one, signed),
-            _least_squares(eta, one, signed, force**2),
-        ]
-    )
-    try:
-        return Indices(*values.tolist())
-    except ValueError as error:
-        raise SimulationError(f"the fitted parameters make no sense: {error}") from error
-
-
 def inertia_based_twist(
     mapped: DynamicMap, parameters: Indices, inertia: Inertia = "measured"
 ) -> PaperTwist:
@@ -225,32 +156,6 @@ def constant_twist(mapped: DynamicMap, icrs: ConstantIcr) -> PaperTwist:
     return direct(mapped.motion.V_l, mapped.motion.V_r, indices_from_icrs(constant, gauge), gauge)
 
 
-def velocity_errors(
-    mapped: DynamicMap,
-    parameters: Indices | None = None,
-    icrs: ConstantIcr | None = None,
-    inertia: Inertia = "measured",
-) -> VelocityErrors:
-    """Table II: errors of both models over all motions of the map, straight ones too.
-
-    Args:
-        mapped: the map, the truth.
-        parameters: parameters of the inertia-based model; from `fit_parameters` by default.
-        icrs: ICRs of the constant model; from `mean_icrs` by default.
-        inertia: see `inertia_based_twist`.
-
-    Raises:
-        SimulationError: see `fit_parameters` and `mean_icrs`.
-    """
-    parameters = fit_parameters(mapped) if parameters is None else parameters
-    icrs = mean_icrs(mapped) if icrs is None else icrs
-    truth = mapped.motion.twist
-    return VelocityErrors(
-        rmse(inertia_based_twist(mapped, parameters, inertia), truth),
-        rmse(constant_twist(mapped, icrs), truth),
-    )
-
-
 def rmse(twist: PaperTwist, truth: PaperTwist) -> PaperTwist:
     """Root mean squared error of each velocity component over all motions.
 
@@ -264,18 +169,3 @@ def rmse(twist: PaperTwist, truth: PaperTwist) -> PaperTwist:
             for found, true in zip(twist, truth, strict=True)
         )
     )
-
-
-def _chosen(mapped: DynamicMap, include: ArrayLike | None) -> NDArray[np.bool_]:
-    chosen = mapped.turning if include is None else mapped.turning & np.asarray(include, dtype=bool)
-    if not chosen.any():
-        raise SimulationError("none of the motions turns: there are no ICRs to average or fit")
-    return chosen
-
-
-def _least_squares(target: Floats, *columns: Floats) -> Floats:
-    matrix = np.stack(columns, axis=-1)
-    solution, _, rank, _ = np.linalg.lstsq(matrix, target, rcond=None)
-    if rank < matrix.shape[1]:
-        raise SimulationError(f"{len(target)} motions do not show all parameters of an index")
-    return np.asarray(solution, dtype=float)

@@ -2,7 +2,7 @@
 
 The paper averages each ICR distribution and fits the indices by least squares; the weights of turning
 motions are not stated. Each reading gives the same ten numbers and two motion models.
-`icreckon.simulation.paper.search` finds the one that comes closest to the printed numbers.
+`examples/paper` finds the one that comes closest to the printed numbers.
 """
 
 from __future__ import annotations
@@ -22,9 +22,7 @@ from icreckon.simulation.paper.dynamic_map import (
     Inertia,
     VelocityErrors,
     constant_twist,
-    fit_parameters,
     inertia_based_twist,
-    mean_icrs,
     on_spot_line,
     rmse,
 )
@@ -62,51 +60,48 @@ class Reading(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
-    """Constant ICRs of a map [m].
+    """Constant ICRs of a map [m] (section II).
 
     Args:
         mapped: the map.
         reading: method of the means.
 
     Raises:
-        SimulationError: see `icreckon.simulation.paper.dynamic_map.mean_icrs`.
+        SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
     """
     chosen = _chosen(mapped, reading)
+    values = [part[chosen] for part in mapped.icrs]
     if reading.means == "plain":
-        return mean_icrs(mapped, chosen)
-    if not chosen.any():
-        raise SimulationError("none of the motions turns: there are no ICRs to average")
-    values = np.stack([part[chosen] for part in mapped.icrs])
-    if reading.means == "median":
-        means = np.median(values, axis=1)
+        means = [float(np.mean(of_part)) for of_part in values]
+    elif reading.means == "median":
+        means = np.median(values, axis=1).tolist()
     else:
-        means = np.average(values, axis=1, weights=mapped.motion.twist.w[chosen] ** 2)
+        means = np.average(values, axis=1, weights=mapped.motion.twist.w[chosen] ** 2).tolist()
     try:
-        return ConstantIcr(*means.tolist())
+        return ConstantIcr(*means)
     except ValueError as error:
         raise SimulationError(f"the mean ICRs make no sense: {error}") from error
 
 
-def read_parameters(mapped: DynamicMap, reading: Reading) -> Indices:
-    """Eight index parameters of a map.
+def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None) -> Indices:
+    """Eight index parameters of a map: H, and the fits of (25) to (27).
 
     Args:
         mapped: the map, over a grid of track speeds.
         reading: method of the fit.
+        H: ratio of track speeds of on-spot turning; from `on_spot_line` by default.
 
     Raises:
-        SimulationError: see `icreckon.simulation.paper.dynamic_map.fit_parameters`.
+        SimulationError: too few motions, or a fit that is not that of a skid-steer vehicle.
     """
     chosen = _chosen(mapped, reading)
-    if reading.fit == "plain":
-        return fit_parameters(mapped, include=chosen)
-    H = on_spot_line(mapped)
+    H = on_spot_line(mapped) if H is None else H
     x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
     force = mapped.magnitude[chosen]
     zeta, epsilon, eta = (part[chosen] for part in mapped.indices)
     one, signed = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
-    weight = mapped.motion.twist.w[chosen] ** 2
-    fit = _weighted if reading.fit == "velocity" else _absolute
+    weight = mapped.motion.twist.w[chosen] ** 2 if reading.fit == "velocity" else one
+    fit = _absolute if reading.fit == "absolute" else _weighted
     values = [H]
     for target, columns in (
         (zeta, [one, force * np.sign(x_2)]),
@@ -151,19 +146,24 @@ def read_errors(
 def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
     difference = np.abs(mapped.motion.V_l - mapped.motion.V_r)
     chosen = mapped.turning & (difference >= reading.least_difference)
-    if reading.largest_inertia is None:
-        return chosen
-    return chosen & (mapped.magnitude <= reading.largest_inertia)
+    if reading.largest_inertia is not None:
+        chosen &= mapped.magnitude <= reading.largest_inertia
+    if not chosen.any():
+        raise SimulationError("none of the motions turns: there are no ICRs to average or fit")
+    return chosen
 
 
 def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
     root = np.sqrt(weight)
-    return np.asarray(np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)[0])
+    solution, _, rank, _ = np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)
+    if rank < columns.shape[1]:
+        raise SimulationError(f"{len(target)} motions do not show all parameters of an index")
+    return np.asarray(solution, dtype=float)
 
 
 def _absolute(columns: Floats, target: Floats, weight: Floats) -> Floats:
     """Least absolute deviations, with equal weights of all motions."""
-    solution = _weighted(columns, target, np.ones_like(weight))
+    solution = _weighted(columns, target, weight)
     least = SMALLEST_DEVIATION * float(np.abs(target - columns @ solution).max()) + 1e-300
     for _ in range(REWEIGHTINGS):
         deviation = np.abs(target - columns @ solution)

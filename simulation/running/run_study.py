@@ -49,24 +49,7 @@ def run_study(
 ) -> Results:
     """Run or continue a study, and write its tables to a folder.
 
-    Args:
-        study: the study.
-        folder: folder of blocks and results; if it has blocks of the same study, the study continues.
-        engine: name of an engine, or "auto"; None for the study's setting.
-        workers: number of threads or processes, as the engine needs; None for one per core.
-        executor: executor to run on instead.
-        cluster: address of a `dask.distributed` scheduler to run on instead (extra `cluster`).
-        overwrite: True if another study in the folder may be deleted.
-        report: called at the start and after each block.
-        remark: called with warnings, as text.
-
-    Returns:
-        Content of `results.json`, with NaN for null.
-
-    Raises:
-        SimulationError: an invalid study, a swept key that changes nothing, ground that a vehicle
-            cannot drive on, or a folder with other content.
-        EstimatorError: no such robot.
+    Arguments, result and errors are those of `icreckon.run_study`, which writes figures and page, too.
     """
     if executor is not None and cluster is not None:
         raise SimulationError("an executor and a cluster to run on; give one of them")

@@ -7,11 +7,11 @@ These three classes document all parameters.
 
 from __future__ import annotations
 
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 
-from icreckon.estimator.base.checks import NotNegative, Positive
+from icreckon.estimator.base.checks import Bound, NotNegative, Positive
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
@@ -21,7 +21,7 @@ from icreckon.simulation.sensors.fixes import FixErrors
 from icreckon.simulation.sensors.imu import InertialErrors
 
 # Ten dropouts in a second are a broken encoder, or a mistake.
-MOST_DROPOUTS_PER_HOUR = 36_000.0
+DropoutRate = Annotated[float, Bound("from 0 to 36000", 0.0, 36_000.0)]
 # Parameters that `factor` multiplies.
 ENCODER_SCALED = ("speed_noise_density", "scale_sigma", "scale_difference_sigma", "resolution")
 INERTIAL_SCALED = (
@@ -45,21 +45,17 @@ class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     scale_sigma: NotNegative | None = None
     scale_difference_sigma: NotNegative | None = None
     resolution: NotNegative | None = None
-    dropouts_per_hour: NotNegative | None = None
+    dropouts_per_hour: DropoutRate | None = None
     dropout_duration: Positive | None = None
     dropout_reads: str | None = None
     factor: NotNegative | None = None
 
     def __post_init__(self) -> None:
         settle_types(self)
-        reads, rate = self.dropout_reads, self.dropouts_per_hour
+        reads = self.dropout_reads
         if reads is not None and reads not in DROPOUT_READINGS:
             hint = nearest_hint(reads, list(DROPOUT_READINGS))
             raise SimulationError(f"dropout_reads cannot be {reads!r}{hint}")
-        if rate is not None and rate > MOST_DROPOUTS_PER_HOUR:
-            raise SimulationError(
-                f"dropouts_per_hour must be at most {MOST_DROPOUTS_PER_HOUR:.0f}, found {rate!r}"
-            )
 
 
 class InertialSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -90,19 +86,15 @@ class FixSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     sigma: NotNegative | None = None
     heading_sigma: NotNegative | None = None
-    outlier_share: NotNegative | None = None
+    outlier_share: Annotated[float, Bound("from 0 to 1", 0.0, 1.0)] | None = None
     outlier_sigma: NotNegative | None = None
     latency: NotNegative | None = None
     wander_sigma: NotNegative | None = None
-    wander_time: NotNegative | None = None
+    wander_time: Positive | None = None
     factor: NotNegative | None = None
 
     def __post_init__(self) -> None:
         settle_types(self)
-        if self.wander_time == 0.0:
-            raise SimulationError("wander_time must be a positive number of seconds, found 0")
-        if self.outlier_share is not None and self.outlier_share > 1.0:
-            raise SimulationError(f"outlier_share must be at most 1, found {self.outlier_share!r}")
 
 
 class SensorSpecs(msgspec.Struct, frozen=True, kw_only=True):

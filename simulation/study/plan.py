@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import msgspec
 
@@ -20,16 +20,21 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
-from icreckon.simulation.base.random_streams import LARGEST_SEED
+from icreckon.simulation.base.random_streams import check_whole
 from icreckon.simulation.scenario import Scenario
 
 STUDIES_FOLDER = Path(__file__).parent / "studies"
 # Default number of distinct true motions of a cell; they are the most expensive part of a run.
 DEFAULT_TRUTHS = 20
+MOST_CELLS = 100_000
 # More runs take a year, and gigabytes for their results.
 MOST_RUNS = 10_000_000
-MOST_CELLS = 100_000
-_HORIZON = Bound("at least 1 s", 1.0)
+Runs = Annotated[
+    int, Bound(f"a whole number from 1 to {MOST_RUNS:,} (for each cell)", 1, MOST_RUNS)
+]
+Points = Annotated[int, Bound(f"a whole number from 1 to {MOST_CELLS:,}", 1, MOST_CELLS)]
+Count = Annotated[int, Bound("a whole number of at least 1", 1)]
+Horizon = Annotated[float, Bound("at least 1 s", 1.0)]
 DEFAULT_VARIANTS = ("constant-online", "inertia-online")
 SCALES = ("linear", "log")
 # Names become folders and labels columns.
@@ -44,16 +49,11 @@ class LatinHypercube(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         ranges: dotted key -> (lowest, highest, "linear" or "log"); the scale is linear by default.
     """
 
-    points: int
+    points: Points
     ranges: dict[str, Any]
 
     def __post_init__(self) -> None:
-        settle_types(self)
-        _require_whole("points of a latin hypercube", self.points, 1)
-        if self.points > MOST_CELLS:
-            raise SimulationError(
-                f"points of a latin hypercube must be at most {MOST_CELLS}, found {self.points}"
-            )
+        settle_types(self, "{} of a latin hypercube")
         ranges = flatten(self.ranges)
         if not ranges:
             raise SimulationError("a latin hypercube needs ranges; give at least one key")
@@ -164,24 +164,17 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     scenario: Scenario = Scenario()
     variants: tuple[str | FilterSpec, ...] = DEFAULT_VARIANTS
     sweep: Sweep | None = None
-    runs: int = 20
-    truths: int | None = None
+    runs: Runs = 20
+    truths: Count | None = None
     seed: int = 1
     baseline: str | None = None
-    horizons: tuple[float, ...] = HORIZONS
+    horizons: tuple[Horizon, ...] = HORIZONS
     engine: str = "auto"
 
     def __post_init__(self) -> None:
         settle_types(self)
         _require_name("name of a study", self.name)
-        _require_whole("runs", self.runs, 1)
-        if self.runs > MOST_RUNS:
-            raise SimulationError(
-                f"runs must be at most {MOST_RUNS:,} for each cell, found {self.runs!r}"
-            )
-        _require_whole("seed", self.seed, 0)
-        if self.truths is not None:
-            _require_whole("truths", self.truths, 1)
+        check_whole("seed", self.seed)
         if self.scenario.seed:
             raise SimulationError("the scenario of a study has no seed of its own; give it above")
         if not self.scenario.include_truth:
@@ -201,8 +194,6 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             raise SimulationError(f"no variant labelled {self.baseline!r} to be the baseline{hint}")
         if not self.horizons or len(set(self.horizons)) < len(self.horizons):
             raise SimulationError(f"horizons must be times, each once, found {self.horizons!r}")
-        for horizon in self.horizons:
-            _HORIZON.require("a horizon", horizon, SimulationError)
 
     def filters(self) -> tuple[FilterSpec, ...]:
         """Filters in full."""
@@ -320,11 +311,6 @@ def _refuse_shared_keys(sweep: Sweep) -> None:
                     f"{key!r} is swept twice, by {owners[key]!r} and by {axis!r}; leave one out"
                 )
             owners[key] = axis
-
-
-def _require_whole(name: str, value: int, least: int) -> None:
-    if not least <= value <= LARGEST_SEED:
-        raise SimulationError(f"{name} must be a whole number of at least {least}, found {value!r}")
 
 
 def _require_name(what: str, name: str) -> None:

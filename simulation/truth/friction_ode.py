@@ -238,9 +238,9 @@ def integrate(
                     at[row] = y[row]
                     for before in range(stage):
                         at[row] += A[stage, before] * stages[before, row]
-                left, right, left_rate, right_rate = _speeds_at(
-                    speeds, speed_rates, k, step, done + STAGE_TIMES[stage] * h / step
-                )
+                share = done + STAGE_TIMES[stage] * h / step
+                left, left_rate = _speed_at(speeds, speed_rates, k, 0, step, share)
+                right, right_rate = _speed_at(speeds, speed_rates, k, 1, step, share)
                 tips = _rates(vehicle, pressing, slopes[k], at, (left, right), forces, rate)
                 if stage == 0:
                     if done == 0.0:
@@ -410,38 +410,21 @@ def _pressing(ground: Ground, slope: Floats) -> Ground:
 
 
 @compiled
-def _speeds_at(
-    speeds: Floats, rates: Floats, k: int, step: float, share: float
-) -> tuple[float, float, float, float]:
-    """Track speeds V_l, V_r and their rates, on the cubic after grid point k."""
+def _speed_at(
+    speeds: Floats, rates: Floats, k: int, side: int, step: float, share: float
+) -> tuple[float, float]:
+    """Speed of a track and its rate, on the cubic after grid point k."""
     s = share
     from_value, to_value = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * s * (3.0 - 2.0 * s)
     from_rate, to_rate = step * s * (1.0 - s) ** 2, step * s * s * (s - 1.0)
     value_rate = 6.0 * s * (s - 1.0) / step
     from_rate_rate, to_rate_rate = (1.0 - s) * (1.0 - 3.0 * s), s * (3.0 * s - 2.0)
-    left = (
-        from_value * speeds[k, 0]
-        + to_value * speeds[k + 1, 0]
-        + from_rate * rates[k, 0]
-        + to_rate * rates[k + 1, 0]
+    before, after = speeds[k, side], speeds[k + 1, side]
+    rate, next_rate = rates[k, side], rates[k + 1, side]
+    return (
+        from_value * before + to_value * after + from_rate * rate + to_rate * next_rate,
+        value_rate * (before - after) + from_rate_rate * rate + to_rate_rate * next_rate,
     )
-    right = (
-        from_value * speeds[k, 1]
-        + to_value * speeds[k + 1, 1]
-        + from_rate * rates[k, 1]
-        + to_rate * rates[k + 1, 1]
-    )
-    left_rate = (
-        value_rate * (speeds[k, 0] - speeds[k + 1, 0])
-        + from_rate_rate * rates[k, 0]
-        + to_rate_rate * rates[k + 1, 0]
-    )
-    right_rate = (
-        value_rate * (speeds[k, 1] - speeds[k + 1, 1])
-        + from_rate_rate * rates[k, 1]
-        + to_rate_rate * rates[k + 1, 1]
-    )
-    return left, right, left_rate, right_rate
 
 
 @compiled

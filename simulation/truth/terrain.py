@@ -126,6 +126,12 @@ def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: 
             )
 
 
+PatchSlope = Annotated[
+    float,
+    Bound("between 0 and 60 degrees (uphill_deg is where it rises to)", 0.0, STEEPEST),
+]
+
+
 class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Ground unlike the robot's nominal one; None leaves a property unchanged.
 
@@ -153,7 +159,7 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     onset: NotNegative = 0.5
     friction: Positive | None = None
     rolling_resistance: NotNegative | None = None
-    slope_deg: float | None = None
+    slope_deg: PatchSlope | None = None
     uphill_deg: Annotated[float, Bound("a finite number")] | None = None
 
     def __post_init__(self) -> None:
@@ -165,11 +171,6 @@ class Patch(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
                     f"{name} of a patch must rise from its first to its second value, "
                     f"found {low!r} to {high!r}"
                 )
-        if self.slope_deg is not None and not 0.0 <= self.slope_deg <= STEEPEST:
-            raise SimulationError(
-                f"slope_deg of a patch must lie between 0 and {STEEPEST:g} degrees, found "
-                f"{self.slope_deg!r}; uphill_deg is the direction in which it rises"
-            )
         if self.uphill_deg is not None and self.slope_deg is None:
             raise SimulationError(
                 f"a patch has uphill_deg = {self.uphill_deg!r} but no slope_deg; give both"

@@ -2,7 +2,6 @@
 
 import sys
 
-import numpy as np
 import pytest
 
 from conftest import REPOSITORY
@@ -29,15 +28,3 @@ def test_a_full_filter_is_two_hundred_times_as_fast_as_filterpys_algebra(engines
         filterpy = 1e-6 * engines.plain_microseconds(1000)
         ratios.append(filterpy / min(drive.seconds() for _ in range(3)))
     assert max(ratios) > FLOOR
-
-
-def test_numpy_works_out_the_same_step(engines) -> None:
-    """The graph that is compiled is the one that other libraries are measured on."""
-    drive = engines.Drive("constant-online")
-    kernel = engines.step_kernel("step", drive.filters.shape, engines.StepKind())
-    function = engines.step_function(kernel, np, engines.numpy_while_loop)
-    drive.lanes.workspace[:] = drive.begun
-    drive._go(engines.BEGIN, engines.BEGIN + 1)
-    found = function(list(drive.begun), list(drive.inputs[engines.BEGIN]), drive.lanes.constants)
-    for row, value in found.items():
-        assert np.allclose(drive.lanes.workspace[row], value, rtol=1e-9, atol=1e-300)

@@ -3,18 +3,16 @@
 import msgspec
 import numpy as np
 import pytest
-from analysis.sampled_model import Fixes, ModelSampler, Terms
+from analysis.sampled_model import ModelSampler, Terms
 from scipy.stats import chi2
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Slip, load_robot
 from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.robot.slip import slip_components
 from icreckon.estimator.robot.variants import default_adaptation, find_variant, slip_of
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.truth.true_motion import exponential
 
 ALPHA = load_robot("auriga-alpha")
@@ -31,13 +29,6 @@ def bend(seconds, dt=DT):
 def draw(speeds, seed=1, dt=DT, robot=ALPHA, **options):
     sampler = ModelSampler(robot, VARIANT, options.pop("settings", SETTINGS), **options)
     return sampler.run(speeds, dt, np.random.default_rng(seed))
-
-
-def test_the_same_seed_draws_the_same_run():
-    a, b, c = draw(bend(1.0)), draw(bend(1.0)), draw(bend(1.0), seed=2)
-    assert a.measurements == b.measurements
-    assert (a.states == b.states).all()
-    assert a.measurements != c.measurements
 
 
 def test_without_slip_and_spread_it_is_the_kinematics():
@@ -74,27 +65,6 @@ def test_start_is_drawn_from_what_the_filter_does_not_know():
     # Draws that no vehicle has are left out, which takes a little from the tails of the parameters.
     assert unit.std(axis=0) == pytest.approx(np.ones(len(known)), abs=0.25)
     assert unit.mean(axis=0) == pytest.approx(np.zeros(len(known)), abs=0.35)
-
-
-def test_fixes_come_as_often_and_as_good_as_asked():
-    fixes = Fixes(interval=0.1, position_sigma=0.3, heading_sigma=0.1, velocity_sigma=None)
-    run = draw(bend(40.0), fixes=fixes)
-    at = dict(zip(run.stamps.tolist(), run.states, strict=True))
-    errors = [
-        (m.x - at[m.stamp][s.X], m.y - at[m.stamp][s.Y])
-        for m in run.measurements
-        if isinstance(m, PositionFix)
-    ]
-    assert len(errors) == 400
-    assert np.std(errors) == pytest.approx(0.3, rel=4.0 / np.sqrt(2.0 * 800))
-    kinds = [type(m) for m in run.measurements[:3]]
-    assert kinds == [TrackSpeeds, TrackSpeeds, ImuSample]
-
-
-@pytest.mark.parametrize("speeds", [np.zeros((5, 2)), np.ones(5)])
-def test_what_cannot_be_driven_is_refused(speeds):
-    with pytest.raises(SimulationError):
-        draw(speeds)
 
 
 @pytest.mark.thorough

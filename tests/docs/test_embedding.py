@@ -53,7 +53,6 @@ def test_the_pose_graphs_edges_are_right_within_their_information(guide):
     assert names["front_end"].estimator.marks == (names["front_end"].keyframe,)
 
 
-@pytest.mark.slow
 def test_visual_odometry_helps(guide):
     names, _ = guide
     true = names["truth"].poses[-1]

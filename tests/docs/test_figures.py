@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 from _tables import PAGES, Table, all_tables, current, put, renewed, tables
-from all_tables import renew_all
 
 from icreckon.estimator.filter.fault_table import FAULTS
 from readme import ROOT
@@ -70,44 +69,6 @@ def table(
     *rows: tuple[str, ...], head: tuple[str, ...] = ("fault", "variant", "error, m")
 ) -> Table:
     return Table(PAGES[0], 0, head, rows, COMMAND)
-
-
-def test_a_table_that_is_not_in_the_output_stays() -> None:
-    assert renewed(table(("none", "`none`", "1")), OUTPUT) is None
-    assert (
-        renewed(table(("none", "`gyro`", "1"), head=("fault", "variant", "other")), OUTPUT) is None
-    )
-
-
-def test_rows_that_the_output_does_not_tell_apart_stay() -> None:
-    assert renewed(table(("none", "1"), head=("fault", "error, m")), OUTPUT) is None
-    assert renewed(table(("all", "1"), head=("fault", "error, m")), OUTPUT) == [("all", "0.99")]
-
-
-def test_a_command_that_fails_is_reported_and_does_not_stop_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    page, folder = tmp_path / "page.md", tmp_path / "benchmarks"
-    folder.mkdir()
-    (folder / "bad.py").write_text("import sys\nsys.exit('no such robot')\n", encoding="utf-8")
-    (folder / "good.py").write_text(f"print({OUTPUT!r})\n", encoding="utf-8")
-    both = PAGE + PAGE
-    page.write_text(
-        both.replace("demo_runs.py", "bad.py", 1).replace("demo_runs.py", "good.py"),
-        encoding="utf-8",
-    )
-    for name, value in (("ROOT", tmp_path), ("KEPT", tmp_path / "kept")):
-        monkeypatch.setattr(f"all_tables.{name}", value)
-    monkeypatch.setattr("_tables.ROOT", tmp_path)
-    assert renew_all(tables(page), "") == 1
-    bad, good = tables(page)
-    assert (bad.is_stale, good.is_stale) == (True, False)
-    assert good.rows[0] == ("none", "`gyro`", "0.15")
-    assert "bad.py: failed with exit code 1: no such robot" in capsys.readouterr().out
-    # The output is kept: the command does not run again.
-    (folder / "bad.py").unlink()
-    monkeypatch.setattr("all_tables.run", None)
-    assert renew_all([good], "") == 0
 
 
 def test_the_table_of_faults_is_that_of_the_filter() -> None:

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from conftest import REPOSITORY
-from icreckon.cli.console import LONGEST_LINE
+from icreckon.cli.common.console import LONGEST_LINE
 from icreckon.estimator.base import checks
 from icreckon.estimator.robot import robot_file, settings
 from icreckon.replay.bags import decoding, readers, table_files, unpacking

@@ -16,10 +16,10 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from command_line import fails, icreckon
 from conftest import sample_log
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.export.trajectories import read_tum
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
-from readme import ROOT, blocks, code_blocks, run_page, says
+from readme import ROOT, blocks, code_blocks, run_page
+from tum import read_tum
 
 FIRST = "docs/tutorials/first-bag.md"
 OTHER = "docs/how-to/from-robot-localization.md"
@@ -168,10 +168,3 @@ def literals() -> set[str]:
                 elif isinstance(node, ast.Constant) and isinstance(node.value, str):
                     found.add(node.value)
     return found
-
-
-def test_what_is_shown_is_compared() -> None:
-    assert says("│ a │ 13.17 │  0.74 │", "│ a │   13.2 │ 0.75 │")
-    assert not says("│ a │ 13.17 │  0.74 │", "│ a │ 13.2 │ 0.84 │")
-    assert not says("│ b │ 13.17 │", "│ a │ 13.17 │")
-    assert not says("│ a │ -13.17 │", "│ a │ 13.17 │")

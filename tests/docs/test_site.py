@@ -49,13 +49,6 @@ def test_the_tables_of_keys_and_options_are_those_of_the_code() -> None:
         assert TABLES["up_to_date"](text) == text, f"{page}: run `python docs/hooks/tables.py`"
 
 
-def test_what_is_loaded_from_outside_is_found() -> None:
-    assert LOADED.search('<script async src="https://cdn.example/a.js">')
-    assert LOADED.search("<link rel=stylesheet href=//fonts.example/css>")
-    assert LOADED.search("@import 'https://fonts.example/a.css';")
-    assert not LOADED.search('<a href="https://example.org/">a link</a><img src="demo.png">')
-
-
 @pytest.mark.slow
 def test_the_site_builds_strictly_and_loads_nothing_from_outside(tmp_path: Path) -> None:
     if find_spec("mkdocstrings") is None:

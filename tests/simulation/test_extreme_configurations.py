@@ -34,7 +34,7 @@ from icreckon.simulation.study.plan import Study
 
 VALUES = (
     *EXTREMES,
-    *(sign * size for size in (LARGEST_NUMBER, 1e6, 100.0) for sign in (1.0, -1.0)),
+    *(sign * size for size in (LARGEST_NUMBER, 100.0) for sign in (1.0, -1.0)),
     LEAST_POSITIVE,
     10**30,
 )
@@ -43,7 +43,7 @@ ROBOT = tomllib.loads((ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="
 ROBOT |= {"constant_icr": {"x_ICRl": -1.0, "x_ICRr": 1.0}}
 ROBOT.pop("log", None)
 SCENARIO = {
-    "duration": 5.0,
+    "duration": 2.5,
     "imu_rate": 50.0,
     "track_rate": 20.0,
     "truth_rate": 20.0,
@@ -101,7 +101,7 @@ def accepted(
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    scenario = Scenario(duration=6.0, seed=3, imu_rate=50.0, track_rate=20.0)
+    scenario = Scenario(duration=2.0, seed=3, imu_rate=50.0, track_rate=20.0)
     return simulate(scenario, load_robot("auriga-alpha"))
 
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.results import Results
 from icreckon.report.calibration.tables import (
     footnotes,
@@ -18,23 +15,12 @@ from icreckon.report.pages import Picture, render
 ORIGIN = ("versions", "inputs", "format")
 
 
-def write_calibration_page(path: Path, results: Results) -> Path:
-    """Write the page.
+def calibration_page(results: Results) -> str:
+    """Render the page as HTML.
 
     Args:
-        path: the file, which must not exist.
         results: output of `icreckon.replay.calibration.results.summarise_calibration`, of JSON's types.
-
-    Raises:
-        ReplayError: the file exists, or cannot be written.
     """
-    with written_beside(path, overwrite=False) as new:
-        new.write_text(calibration_page(results), encoding="utf-8")
-    return path
-
-
-def calibration_page(results: Results) -> str:
-    """Render the page as HTML; argument as for `write_calibration_page`."""
     logs = results["logs"]
     count = f"{len(logs)} {'log' if len(logs) == 1 else 'logs'}"
     distance = sum(one["distance_m"] for one in logs)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Picture, render
 from icreckon.report.paper.tables import (
@@ -28,29 +27,18 @@ WIDE = ("figure", "figure-6", "figure-7", "figure-8")
 ORIGIN = ("versions", "seed", "format")
 
 
-def write_paper_page(path: Path, results: Results, folder: Path) -> Path:
-    """Write the page.
+def paper_page(results: Results, folder: Path) -> str:
+    """Render the page as HTML.
 
     Args:
-        path: the file, which must not exist.
         results: results of `icreckon paper`, of JSON's types.
         folder: folder with the figures of these results, if there are any.
-
-    Raises:
-        ReplayError: the file exists, or cannot be written.
     """
     pictures = [
         Picture(name, caption, (folder / f"{name}.png").read_bytes(), name in WIDE)
         for name, caption in CAPTIONS.items()
         if (folder / f"{name}.png").exists()
     ]
-    with written_beside(path, overwrite=False) as new:
-        new.write_text(paper_page(results, pictures), encoding="utf-8")
-    return path
-
-
-def paper_page(results: Results, pictures: list[Picture]) -> str:
-    """Render the page as HTML, from the results and their figures."""
     return render(
         "paper.html",
         title="The paper, reproduced",

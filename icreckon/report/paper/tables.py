@@ -14,7 +14,7 @@ LEVELS = (5.0, 10.0, 20.0)
 
 
 def paper_tables(results: Results, *, narrow: bool) -> Group:
-    """Numbers, Table II, ablation and verdict, for the terminal."""
+    """Numbers, Table II and verdict, for the terminal."""
     tables = [rich_table(one) for one in all_tables(results, narrow=narrow)]
     sentences = (counts_text(results), origin_text(results), contradiction_text(results))
     return Group(*tables, Text("\n".join(sentences)))
@@ -27,10 +27,7 @@ def all_tables(results: Results, *, narrow: bool = False) -> list[Table]:
         results: results of `icreckon paper`.
         narrow: fit 80 characters: leave out where a number is in the paper, and turn Table II.
     """
-    tables = [_numbers(results, narrow=narrow), _table_2(results, narrow=narrow)]
-    if results["identification"]:
-        tables.append(_ablation(results["identification"]["ablation"]))
-    return tables
+    return [_numbers(results, narrow=narrow), _table_2(results, narrow=narrow)]
 
 
 def counts_text(results: Results) -> str:
@@ -112,20 +109,3 @@ def _table_2(results: Results, *, narrow: bool) -> Table:
         columns = values
     rows = [(label, list(map(Cell, row))) for label, row in zip(labels, columns, strict=True)]
     return Table(title, head, rows)
-
-
-def _ablation(rows: list[Results]) -> Table:
-    shown = []
-    for row in rows:
-        cells = []
-        for which in ("unchanged", "refitted"):
-            count = row[which]
-            within = " / ".join(str(count[f"within_{level:.0f}_percent"]) for level in LEVELS)
-            cells += [
-                Cell(within),
-                Cell(f"{count['worst']} {count['worst_percent']:+.0f} %", "wrap"),
-            ]
-        shown.append((row["choice"], cells))
-    title = "What each choice changes: printed numbers within 5 / 10 / 20 %, and the farthest off"
-    head = ["choice made otherwise", "all else\nas it is", "farthest off"]
-    return Table(title, [*head, "contact\nrefitted", "farthest off"], shown)

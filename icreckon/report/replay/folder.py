@@ -7,13 +7,14 @@ from pathlib import Path
 
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import write_text
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.results import Results, write_results
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.report.drawing import unless_missing
-from icreckon.report.replay.many_page import write_many_page
-from icreckon.report.replay.page import write_page
+from icreckon.report.replay.many_page import many_page
+from icreckon.report.replay.page import replay_page
 
 RESULTS_FILE = "results.json"
 FIGURE_FILE = "figure.png"
@@ -49,13 +50,13 @@ def write_report(
 def write_many(folder: Path, results: Results) -> None:
     """Write results and page of several logs; their own are in subfolders."""
     write_results(folder / RESULTS_FILE, results)
-    write_many_page(folder / PAGE_FILE, results)
+    write_text(folder / PAGE_FILE, many_page(results))
 
 
 def write_views(folder: Path, results: Results) -> None:
     """Write results, figure and page, which do not need the runs."""
     write_results(folder / RESULTS_FILE, results)
-    write_page(folder / PAGE_FILE, results)
+    write_text(folder / PAGE_FILE, replay_page(results))
     with unless_missing():
         from icreckon.report.replay.figures import write_figure
 

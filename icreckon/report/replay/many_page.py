@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 from icreckon.replay.comparison.results import Results
@@ -17,7 +16,7 @@ from icreckon.report.replay.many_text import (
     many_remarks,
     pooled_over,
 )
-from icreckon.report.replay.page import drift_tables
+from icreckon.report.replay.page import drift_tables, interval_cell
 from icreckon.report.replay.page_text import CHECK_HINT, horizon_text, lowest, number
 
 HORIZONS = ("10s", "30s", "60s")
@@ -39,13 +38,8 @@ class LogRow(NamedTuple):
     cells: list[Cell]
 
 
-def write_many_page(path: Path, results: Results) -> None:
-    """Write the page; `results` as from `summarise_many`, with the folder of each log."""
-    path.write_text(many_page(results), encoding="utf-8")
-
-
 def many_page(results: Results) -> str:
-    """Render the page as HTML."""
+    """Render the page as HTML, from `summarise_many` with the folder of each log."""
     robots, logs = list(results["pooled"]), {one["label"] for one in results["logs"]}
     some = next(iter(logs)) if len(logs) == 1 else f"{len(logs)} logs"
     return render(
@@ -116,11 +110,9 @@ def _ratios(results: Results) -> list[Table]:
         ]
         rows = []
         for name, one in found["variants"].items():
-            cells = []
-            for label in labels:
-                interval = one[f"ratio_{label}_95"]
-                beneath = "" if interval is None else " to ".join(map(number, interval))
-                cells.append(Cell(number(one[f"ratio_{label}"]), "", beneath))
+            cells = [
+                interval_cell(one[f"ratio_{label}"], one[f"ratio_{label}_95"]) for label in labels
+            ]
             rows.append((name, cells))
         head = ["variant", *(horizon_text(label) for label in labels)]
         title = f"Drift with {robot} over that with {found['to']}, on the same segments"

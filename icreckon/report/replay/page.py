@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 from icreckon.estimator.robot.robot_file import Vehicle
-from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
@@ -67,24 +65,12 @@ class Section(NamedTuple):
     tables: Sequence[Table]
 
 
-def write_page(path: Path, results: Results, *, overwrite: bool = False) -> Path:
-    """Write the page.
+def replay_page(results: Results) -> str:
+    """Render the page as HTML.
 
     Args:
-        path: the file.
         results: output of `icreckon.replay.comparison.results.summarise`, or content of results.json.
-        overwrite: whether an existing file may be replaced.
-
-    Raises:
-        ReplayError: the file exists, or cannot be written.
     """
-    with written_beside(path, overwrite=overwrite) as new:
-        new.write_text(replay_page(results), encoding="utf-8")
-    return path
-
-
-def replay_page(results: Results) -> str:
-    """Render the page as HTML; argument as for `write_page`."""
     dropped = results["log"]["dropped"]
     return render(
         "replay.html",
@@ -168,11 +154,18 @@ def drift_tables(results: Results) -> list[Table]:
                 if name == baseline and "ratio" in key:
                     interval = None
                 is_best = best.get(place) == name and "ratio" not in key
-                beneath = "" if interval is None else " to ".join(map(number, interval))
-                cells.append(Cell(number(one.get(place)), "best" if is_best else "", beneath))
+                cells.append(interval_cell(one.get(place), interval, is_best=is_best))
             rows.append((name, cells))
         tables.append(Table(title, head, rows))
     return tables
+
+
+def interval_cell(
+    value: float | None, interval: Sequence[float] | None, *, is_best: bool = False
+) -> Cell:
+    """Cell of a number with its interval beneath, if there is one."""
+    beneath = "" if interval is None else " to ".join(map(number, interval))
+    return Cell(number(value), "best" if is_best else "", beneath)
 
 
 def _filled(results: Results, key: str) -> list[str]:

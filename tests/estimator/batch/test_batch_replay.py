@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from conftest import sample_log, thorough
+from conftest import sample, thorough
 from icreckon.estimator.base.errors import BatchError, EstimatorError
-from icreckon.estimator.batch import replay_rows
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ZeroVelocity
@@ -23,7 +22,6 @@ from icreckon.estimator.streaming.run import run
 from icreckon.replay.comparison import compare as comparison
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
-from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from same_runs import ROBOT, assert_same_run, drive
@@ -42,17 +40,13 @@ from same_runs import ROBOT, assert_same_run, drive
 def test_real_logs(data_dir: Path, name: str, robot_name: str, part: str | None) -> None:
     """Clocks that are not even, holes, and fixes that show that the robot was lost."""
     robot = load_robot(robot_name)
-    log = read_log(sample_log(data_dir, name), robot)
+    log = sample(data_dir, name, robot_name)
     if part is not None:
         log = with_fixes_within(log, parse_part(part))
     for variant, found in run_side_by_side(
         log, robot, ["constant-online", "inertia-online"]
     ).items():
         assert_same_run(found, run(log, robot, variant))
-
-
-def test_older_judgements_matter_less_than_rounding() -> None:
-    assert 0.99**replay_rows.OUTPUT_AT_END < 1e-12
 
 
 def test_what_cannot_be_taken_is_refused_by_name() -> None:
@@ -102,28 +96,6 @@ def test_long_logs_are_compared_side_by_side(monkeypatch: pytest.MonkeyPatch) ->
     assert told[0] < 0.5 < told[-1] <= 1.0
 
 
-def test_processes_are_for_what_cannot_run_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    log, asked = drive(), []
-    log = log.between(log.start, log.start + 12 * 10**9)
-    others = (ZeroVelocity(int(log.tracks.stamps[50]), (0.1, 0.1, 0.1)),)
-
-    def processes(task: Any, variants: list[str], workers: int, progress: Any) -> Any:
-        asked.append((tuple(variants), workers))
-        return comparison._here(task, variants, progress)
-
-    monkeypatch.setattr(comparison, "_in_processes", processes)
-    monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
-    variants = ("constant-online", "inertia-online")
-    compare(log, ROBOT, variants, workers=3)
-    # A short log is worth no processes, unless they are to compile.
-    compare(replace(log, others=others), ROBOT, variants, workers=3)
-    assert asked == []
-    monkeypatch.setattr(comparison, "kernel_files", list)
-    found = compare(replace(log, others=others), ROBOT, variants, workers=3)
-    assert tuple(found.runs) == variants
-    assert asked == [(variants, 3)]
-
-
 def _not_streamed(*_: Any, **__: Any) -> Run:
     raise AssertionError("all variants were to run side by side")
 
@@ -143,7 +115,7 @@ def test_a_truth_that_was_logged_is_aligned_side_by_side(
     monkeypatch: pytest.MonkeyPatch, data_dir: Path
 ) -> None:
     robot = load_robot("warthog")
-    log = read_log(sample_log(data_dir, "warthog_asphalt_2024_9_25_12h8s57"), robot)
+    log = sample(data_dir, "warthog_asphalt_2024_9_25_12h8s57", "warthog")
     apart = compare(log, robot, ("constant-online",))
     monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
     monkeypatch.setattr(comparison, "run", _not_streamed)

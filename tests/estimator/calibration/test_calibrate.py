@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from calibration import Case, compared, make_case
 
-from conftest import sample_log, thorough
+from conftest import sample, thorough
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.calibration import Calibration, calibrate
@@ -23,7 +23,6 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.inspection.latency import track_latency
-from icreckon.replay.reading.read_log import read_log
 
 KINEMATIC = ("differential", "constant", "inertia")
 # Of seven parameters, biases and so on, each 95 % interval misses now and then, but not by so much.
@@ -32,7 +31,7 @@ FAR = 4.0
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    return make_case(4, "aggressive", {}, 150.0)
+    return make_case(4, "aggressive", {}, 120.0)
 
 
 @pytest.fixture(scope="module")
@@ -402,7 +401,7 @@ def test_without_a_known_place_the_origin_stays(case: Case) -> None:
 
 
 def test_a_circle_at_constant_speed_shows_no_effect_of_inertia() -> None:
-    circle = make_case(1, "circle", {}, 90.0)
+    circle = make_case(1, "circle", {}, 60.0)
     found = calibrate([circle.log], circle.robot, models=("constant", "inertia"))
     for name in ("zeta1", "epsilon1", "eta1", "eta2"):
         gain = found.parameter(f"indices.{name}")
@@ -518,7 +517,7 @@ def test_real_logs_give_what_is_known_of_them(
     data_dir: Path,
 ) -> None:
     robot = load_robot(robot_name)
-    log = read_log(sample_log(data_dir, name), robot)
+    log = sample(data_dir, name, robot_name)
     found = calibrate([log], robot, models=("constant", "inertia"))
     assert found.robot.vehicle.sprocket_radius == pytest.approx(radius, rel=0.03)
     assert found.parameter("effective_track").value == pytest.approx(track, rel=0.03)

@@ -2,8 +2,6 @@
 
 import copy
 import pickle
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -31,7 +29,6 @@ from icreckon.estimator.robot.variants import (
     motion_model,
     register,
 )
-from icreckon.estimator.sensors.held_tracks import stuck_density
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.smoother import smooth
 from icreckon.simulation.scenario import Scenario
@@ -196,10 +193,8 @@ def everything():
 
 
 EVERYTHING = everything()
-# When the left track has been stuck for a second and a half.
-STUCK = min(m.stamp for m in EVERYTHING) + 12_100_000_000
 # A part of it, with late ones.
-SOME = EVERYTHING[200:400]
+SOME = EVERYTHING[200:270]
 
 
 def fed(engine, variant="inertia-online", measurements=EVERYTHING, **options):
@@ -267,15 +262,8 @@ def test_compiled_agrees_with_plain(variant):
     assert compiled.indices == pytest.approx(plain.indices, abs=1e-10)
 
 
-def test_everything_has_a_stuck_track():
-    estimator, _ = fed("compiled", measurements=[m for m in EVERYTHING if m.stamp < STUCK])
-    record = estimator._reckoning._record
-    stuck = stuck_density(record.tracks.repeating_left, STUCK, STUCK + 1, record.settings)
-    assert stuck > 0.0
-
-
 def test_smoother_works_with_both():
-    log = simulate(Scenario(duration=2.0, seed=7), ALPHA)
+    log = simulate(Scenario(duration=1.0, seed=7), ALPHA)
     plain, compiled = (
         smooth(log, ALPHA, "inertia-online", settings=Settings(engine=engine))
         for engine in ("plain", "compiled")
@@ -298,20 +286,6 @@ def test_copies_and_pickles_go_on_to_the_last_bit_and_do_not_carry_the_table():
     for other in others:
         assert (other.state == estimator.state).all()
         assert (other.covariance == estimator.covariance).all()
-
-
-def test_plain_engine_needs_no_numba():
-    script = (
-        "import sys; from icreckon.estimator.streaming.pose_estimator import PoseEstimator as P;"
-        "from icreckon.estimator.robot.robot_file import load_robot;"
-        "from icreckon.estimator.robot.settings import GateSettings, Settings;"
-        "P(load_robot('auriga-alpha'), 'inertia-online', settings=Settings(engine='plain'));"
-        "print('numba' in sys.modules)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.strip() == "False"
 
 
 class Slower(LaggedIndexMotion):
@@ -391,15 +365,6 @@ def sluggish():
     del VARIANTS["sluggish"]
 
 
-def test_model_that_is_not_compiled_is_asked_in_python(sluggish):
-    ours, used = fed("compiled", measurements=SOME)
-    sluggish(0.0)
-    theirs, theirs_used = fed("compiled", "sluggish", SOME)
-    assert isinstance(theirs._reckoning.ekf.model, Sluggish)
-    assert used == theirs_used
-    assert max(apart(theirs, ours)) < 1e-9
-
-
 def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, tmp_path):
     sluggish(0.2)
     late, _ = fed("compiled", "sluggish", SOME, history=2.0)
@@ -409,10 +374,10 @@ def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, tmp_
     assert (memory == in_order._reckoning.ekf.model.memory).all()
     assert (late.state == in_order.state).all()
 
-    before, _ = fed("compiled", "sluggish", SOME[:100])
+    before, _ = fed("compiled", "sluggish", SOME[:40])
     before.save(tmp_path / "saved.json")
     after = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
-    for m in SOME[100:]:
+    for m in SOME[40:]:
         assert before.feed(m) == after.feed(m)
     assert (before.state == after.state).all()
     assert (before._reckoning.ekf.model.memory == after._reckoning.ekf.model.memory).all()

@@ -145,19 +145,6 @@ def test_its_gate_rejects_outliers_and_reacquires_after_some_time():
     assert (estimator.pose == state[s.POSE]).all(), "it must not move the pose"
 
 
-@pytest.mark.parametrize("offset", [0, 3_000_000])
-def test_late_is_as_in_order_to_the_last_bit(offset: int):
-    measurements = drive(2.0, offset=offset)
-    late = [m for m in measurements if isinstance(m, GroundSpeed)][-3:]
-    one, other = (
-        fed(measurements),
-        fed([*(m for m in measurements if m not in late), *reversed(late)]),
-    )
-    assert (one.state == other.state).all()
-    assert (one.covariance == other.covariance).all()
-    assert other.health.sensors["radar"].late == 3
-
-
 def test_bad_readings_are_refused():
     estimator = fed(drive(1.0))
     stamp = estimator.stamp

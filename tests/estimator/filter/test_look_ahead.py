@@ -191,19 +191,3 @@ def drive_with(shift, kind):
 def test_it_does_not_matter_whether_they_come_with_the_imu_or_between(kind):
     in_phase, between = drive_with(0, kind), drive_with(4_000_000, kind)
     assert between == pytest.approx(in_phase, rel=0.05)
-
-
-def test_the_order_of_arrival_does_not_matter_between_samples_either():
-    log = simulate(Scenario(duration=8.0, seed=3, fix_rate=7.3), ALPHA)
-    in_order, late = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
-    measurements = list(log.measurements())
-    delays = [200_000_000 * isinstance(m, PositionFix) for m in measurements]
-    arrival = np.argsort(
-        [m.stamp + delay for m, delay in zip(measurements, delays, strict=True)], kind="stable"
-    )
-    for m, index in zip(measurements, arrival, strict=True):
-        in_order.feed(m)
-        late.feed(measurements[index])
-    assert late.health.sensors["position"].late > 20
-    assert (late.state == in_order.state).all()
-    assert (late.covariance == in_order.covariance).all()

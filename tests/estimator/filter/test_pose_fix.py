@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.log.measurements import (
     HeadingFix,
-    ImuSample,
     PoseFix,
     PositionFix,
     TrackSpeeds,
@@ -212,13 +210,6 @@ def test_a_covariance_that_cannot_be_is_refused_by_its_reason(reason, covariance
     assert estimator.health.rejections() == {f"pose: {reason}": 1}
 
 
-@pytest.mark.parametrize("place", [(np.nan, 0.0, 0.0), (0.0, np.inf, 0.0), (0.0, 0.0, np.nan)])
-def test_a_pose_that_cannot_be_is_refused(place):
-    estimator = driven(0.5)
-    assert estimator.feed(PoseFix(estimator.stamp, *place, SMALL)) is False
-    assert estimator.health.rejections() == {"pose: not finite": 1}
-
-
 @pytest.mark.parametrize("scale", [1e-14, 1e12])
 def test_a_covariance_of_any_size_will_do(scale):
     estimator = driven()
@@ -234,47 +225,3 @@ def test_a_covariance_that_is_symmetric_but_for_rounding_is_taken_as_symmetric()
     assert one.feed(PoseFix(one.stamp, *one.pose + 0.05, tilted))
     assert other.feed(PoseFix(other.stamp, *other.pose + 0.05, tilted.T))
     assert (one.state == other.state).all()
-
-
-@pytest.mark.parametrize("covariance", [0.1, [1.0, 2.0, 3.0], np.eye(2), np.eye(4), "abc", None])
-def test_what_is_no_matrix_is_an_error_of_the_caller(covariance):
-    estimator = driven(0.5)
-    with pytest.raises(EstimatorError, match="covariance must be three rows of three numbers"):
-        estimator.feed(PoseFix(estimator.stamp, 0.0, 0.0, 0.0, covariance))
-
-
-def test_arrays_and_lists_will_do_and_may_be_used_again():
-    one, other = driven(), driven()
-    buffer, pose = np.array(SMALL), one.pose + 0.05
-    late = one.stamp - 7 * STEP
-    one.feed(PoseFix(np.int64(one.stamp), *pose, buffer))
-    buffer[:] = 0.0
-    other.feed(PoseFix(other.stamp, *pose.tolist(), SMALL))
-    for estimator in (one, other):
-        estimator.feed(ImuSample(late + 1, (0.0, 0.0, 0.1)))
-    assert (one.state == other.state).all()
-    assert one.feed(PoseFix(one.stamp, *pose, SMALL)) is False
-    assert one.health.rejections() == {"pose: duplicate stamp": 1}
-
-
-def test_a_late_one_counts_as_if_it_had_come_in_time_and_outlives_a_program(tmp_path):
-    estimators = [driven(), driven()]
-    stamp, pose = estimators[0].stamp, (estimators[0].pose + 0.1).tolist()
-    fix = PoseFix(
-        stamp + STEP // 2, *pose, ((0.02, 0.01, 0.0), (0.01, 0.02, 0.0), (0.0, 0.0, 0.01))
-    )
-    samples = [ImuSample(stamp + k * STEP, (0.0, 0.0, 0.1), (0.0, 0.0, 9.8)) for k in range(1, 30)]
-    estimators[0].feed(fix)
-    for sample in samples:
-        for estimator in estimators:
-            estimator.feed(sample)
-    assert estimators[1].feed(fix) is True
-    assert (estimators[0].state == estimators[1].state).all()
-    assert estimators[1].health.sensors["pose"].late == 1
-    estimators[0].save(tmp_path / "saved.json")
-    restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
-    # It is worked through again after what comes late.
-    late = TrackSpeeds(stamp + 1, 0.5, 0.2)
-    assert restored.feed(late) is estimators[0].feed(late) is True
-    assert (restored.state == estimators[0].state).all()
-    assert (restored.covariance == estimators[0].covariance).all()

@@ -371,16 +371,6 @@ def test_a_fix_at_a_forgotten_mark_is_kept_when_later_ones_are_late():
     np.testing.assert_allclose(with_mark.state, without.state, rtol=0.0, atol=1e-12)
 
 
-def test_marks_are_saved_and_restored(tmp_path):
-    before = fed_in_order(until=len(MEASUREMENTS) - 30)
-    before.save(tmp_path / "saved.json")
-    restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
-    for m in [*MEASUREMENTS[-30:], PositionFix(FIRST + 1, 0.0, 0.0, 0.01)]:
-        assert before.feed(m) == restored.feed(m)
-    assert restored.marks == before.marks
-    assert numbers(restored, FIRST, SECOND) == numbers(before, FIRST, SECOND)
-
-
 def test_a_mark_that_cannot_be_set_says_why():
     estimator = PoseEstimator(ALPHA)
     with pytest.raises(EstimatorError, match="before the first measurement"):

@@ -24,7 +24,6 @@ from icreckon.estimator.filter.slip_factor import (
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -134,8 +133,8 @@ EXTREME = tuple(
 def test_ground_that_changes_is_not_taken_for_a_bias(variant: str, robot: Robot) -> None:
     """Yaw was 6 and 26 degrees off when any rejected fixes made the bias uncertain."""
     off = []
-    for seed in range(4):
-        log = simulate(Scenario(duration=150.0, seed=seed, patches=EXTREME), robot)
+    for seed in range(2):
+        log = simulate(Scenario(duration=100.0, seed=seed, patches=EXTREME), robot)
         one = run(log, robot, variant)
         assert log.truth is not None
         true = interpolate_poses(log.truth.poses, one.stamps)
@@ -143,22 +142,8 @@ def test_ground_that_changes_is_not_taken_for_a_bias(variant: str, robot: Robot)
     assert np.sqrt(np.mean(np.square(np.concatenate(off)))) < math.radians(2.0)
 
 
-def test_slippery_ground_raises_it_also_if_the_gate_admits_no_fix(robot: Robot) -> None:
-    """A filter that is sure of its slip rejected ten fixes, and went on with a factor of 1.3."""
-    thirds = ((0.9, 0.07), (0.6, 0.03), (0.4, 0.1))
-    ground = tuple(
-        Patch(time=(20.0 * k, 20.0 * (k + 1)), friction=friction, rolling_resistance=rolling)
-        for k, (friction, rolling) in enumerate(thirds)
-    )
-    scenario = Scenario(duration=60.0, seed=31_337, trajectory="random", patches=ground)
-    log = simulate(scenario, robot, run_index=7)
-    one = run(log, robot, "inertia-online")
-    assert one.health.sensors["position"].rejected.get("gate", 0) < 5
-    assert one.health.slip_factor > 2.5
-
-
 def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:
-    scenario = Scenario(duration=120.0, seed=5, trajectory="random", patches=patches)
+    scenario = Scenario(duration=100.0, seed=5, trajectory="random", patches=patches)
     return simulate(scenario, robot, run_index=run_index)
 
 
@@ -172,19 +157,3 @@ def test_changing_ground_raises_it_and_even_ground_does_not(changing: Log, robot
     even = run(drive((), robot), robot, "constant-online").health.slip_factor
     assert found > 2.0
     assert even < 1.2
-
-
-def test_a_restored_estimator_goes_on(changing: Log, robot: Robot, tmp_path) -> None:
-    estimator, restored = PoseEstimator(robot, "inertia-online"), None
-    middle = changing.start + 60 * 1_000_000_000
-    for measurement in changing.measurements():
-        if measurement.stamp > middle and restored is None:
-            estimator.save(tmp_path / "state.json")
-            restored = PoseEstimator.restore(tmp_path / "state.json", robot)
-            assert restored.health.slip_factor == estimator.health.slip_factor > 1.0
-        estimator.feed(measurement)
-        if restored is not None:
-            restored.feed(measurement)
-    assert restored is not None
-    assert np.array_equal(restored.state, estimator.state)
-    assert restored.health.slip_factor == estimator.health.slip_factor

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import math
-import pickle
 from dataclasses import replace
 
 import msgspec
@@ -15,9 +13,8 @@ from scipy.stats import chi2
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import BodyVelocity, HeadingFix, PoseFix, PositionFix
+from icreckon.estimator.log.measurements import BodyVelocity, HeadingFix, PoseFix
 from icreckon.estimator.log.scores import pose_nees
 from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import Imu, load_robot
@@ -176,45 +173,8 @@ def test_another_frame_and_the_mirror_image_change_nothing(log: Log) -> None:
 # --- late, saved, copied, smoothed, side by side ----------------------------------------------------
 
 
-def test_late_fixes_are_used_as_if_in_time(log: Log) -> None:
-    late = []
-    for measurement in log.measurements():
-        delay = 400_000_000 if isinstance(measurement, PositionFix | PoseFix) else 0
-        late.append((measurement.stamp + delay, len(late), measurement))
-    estimator = PoseEstimator(ALPHA, "inertia-online", settings=settings(), **START)
-    for _, _, measurement in sorted(late, key=lambda row: row[:2]):
-        estimator.feed(measurement)
-    in_time = fed(log, settings())
-    assert estimator.health.sensors["position"].late > 20
-    a, b = estimator._reckoning.checkpoint(), in_time._reckoning.checkpoint()
-    np.testing.assert_array_equal(a.state, b.state)
-    np.testing.assert_array_equal(a.covariance, b.covariance)
-
-
-def test_saved_and_copied_estimators_continue_to_the_last_bit(log: Log, tmp_path) -> None:
-    measurements = list(log.measurements())
-    begun = PoseEstimator(ALPHA, "inertia-online", settings=settings(), **START)
-    for measurement in measurements[:1500]:
-        begun.feed(measurement)
-    begun.mark()
-    begun.save(tmp_path / "saved.json")
-    # The wander is part of the settings that are saved, not of the robot file.
-    others = [
-        PoseEstimator.restore(tmp_path / "saved.json", ALPHA),
-        begun.copy(),
-        pickle.loads(pickle.dumps(begun)),  # noqa: S301 - our own
-        copy.deepcopy(begun),
-    ]
-    for measurement in measurements[1500:]:
-        for estimator in (begun, *others):
-            estimator.feed(measurement)
-    for other in others:
-        assert known(other) == known(begun)
-    warm = PoseEstimator.warm_start(tmp_path / "saved.json", ALPHA, off=10.0)
-    assert warm.health.wander == (0.0, 0.0, pytest.approx(WANDER.sigma))
-
-
 def test_smoothing_the_wander(log: Log) -> None:
+    log = log.part(0.0, 8.0)
     both = smooth(log, ALPHA, "constant-online", settings=settings(), **START)
     forward = run(log, ALPHA, "constant-online", settings=settings(), **START)
     assert both.filtered.states == pytest.approx(forward.states, abs=1e-8)
@@ -229,15 +189,6 @@ def test_smoothing_the_wander(log: Log) -> None:
     scale = expected.state_sigmas + 1e-9
     assert np.abs((found.states - expected.states) / scale).max() < 1e-6
     assert np.abs((found.state_sigmas - expected.state_sigmas) / scale).max() < 1e-6
-
-
-def test_arrays_are_fed_as_samples_are(log: Log) -> None:
-    alone = replace(log, fixes=None, others=())
-    one, other = (PoseEstimator(ALPHA, settings=settings()) for _ in range(2))
-    feed_arrays(one, alone.tracks, alone.imu)
-    for measurement in alone.measurements():
-        other.feed(measurement)
-    assert_close(one, other, 1e-9)
 
 
 def test_a_lost_heading_is_found_by_fixes_that_wander() -> None:
@@ -289,23 +240,6 @@ def test_wander_as_it_is_makes_the_filter_as_sure_as_it_may_be() -> None:
 
 
 # --- settings ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("sigma", "time", "message"),
-    [
-        (-1.0, 60.0, "FixWander.sigma must be from 0 to 1000 m, found -1"),
-        (math.nan, 60.0, "FixWander.sigma must be .* found nan"),
-        (1.2, -60.0, "FixWander.time must be from 0 to 1e6 s, found -60"),
-        (1.2, math.inf, "FixWander.time"),
-        (1.2, 0.0, "FixWander.sigma = 1.2 needs FixWander.time"),
-        (0.0, 60.0, "FixWander.time = 60.0 needs FixWander.sigma"),
-        ("1.2", 60.0, "FixWander.sigma must be"),
-    ],
-)
-def test_values_that_are_no_wander(sigma: float, time: float, message: str) -> None:
-    with pytest.raises(EstimatorError, match=message):
-        FixWander(sigma, time)
 
 
 def test_wander_of_the_robot_file_and_of_the_settings() -> None:

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.log.measurements import (
     STANDSTILL_SIGMA,
@@ -184,22 +183,6 @@ def test_a_sigma_that_cannot_be_is_refused(sigma):
     assert estimator.health.rejections() == {"zero velocity: sigma not positive": 1}
 
 
-@pytest.mark.parametrize("sigma", [0.1, (0.1, 0.1), "abc", None])
-def test_what_are_no_three_numbers_is_an_error_of_the_caller(sigma):
-    with pytest.raises(EstimatorError, match="sigma must be three numbers"):
-        PoseEstimator(ALPHA).feed(ZeroVelocity(EPOCH, sigma))
-
-
-def test_duplicates_and_what_is_too_old_are_refused():
-    estimator = brought_to_a_stop(1, after=1.0)
-    assert estimator.feed(ZeroVelocity(estimator.stamp + STEP // 3)) is False
-    assert estimator.feed(ZeroVelocity(estimator.stamp - 150 * STEP)) is False
-    assert estimator.health.rejections() == {
-        "zero velocity: duplicate stamp": 1,
-        "zero velocity: older than Settings.history": 1,
-    }
-
-
 def test_before_any_track_speeds_it_does_no_harm():
     estimator = PoseEstimator(ALPHA)
     assert estimator.feed(ZeroVelocity(EPOCH)) is True
@@ -208,25 +191,6 @@ def test_before_any_track_speeds_it_does_no_harm():
         one.feed(TrackSpeeds(EPOCH + STEP, 0.4, 0.5))
         one.feed(ImuSample(EPOCH + 2 * STEP, (0.0, 0.0, 0.1)))
     assert estimator.state == pytest.approx(fresh.state, abs=1e-12)
-
-
-def test_a_late_one_counts_as_if_it_had_come_in_time_and_outlives_a_program(tmp_path):
-    estimators = [brought_to_a_stop(after=2.0) for _ in range(2)]
-    stamp = estimators[0].stamp
-    word = ZeroVelocity(stamp + STEP // 2, (2e-3, 1e-3, 1e-3))
-    estimators[0].feed(word)
-    estimators[0].save(tmp_path / "saved.json")
-    estimators.append(PoseEstimator.restore(tmp_path / "saved.json", ALPHA))
-    for k in range(1, 30):
-        for estimator in estimators:
-            estimator.feed(ImuSample(stamp + k * STEP, (0.0, 0.0, BIAS), (0.0, 0.0, 9.8)))
-    assert (estimators[0].state != estimators[1].state).any()
-    assert estimators[1].feed(word) is True
-    late = BodyVelocity(stamp + 1, 0.0, 0.0, 1e-4)
-    for estimator in estimators:
-        assert estimator.feed(late) is True
-        assert (estimator.state == estimators[0].state).all()
-        assert (estimator.covariance == estimators[0].covariance).all()
 
 
 def test_what_is_worked_through_again_does_not_know_the_word_before_its_time():
@@ -241,19 +205,3 @@ def test_what_is_worked_through_again_does_not_know_the_word_before_its_time():
         assert late.feed(measurement)
     assert (late.state == in_order.state).all()
     assert (late.covariance == in_order.covariance).all()
-
-
-def test_a_word_that_is_refused_leaves_no_trace():
-    """Of a robot that is pushed hard with its tracks at rest."""
-    untold = brought_to_a_stop(after=2.0)
-    for k in range(1, 200):
-        rate = min(2.0, 0.1 * k)
-        untold.feed(ImuSample(untold.stamp + STEP, (0.0, 0.0, rate), (0.0, 0.0, 9.81)))
-        if k % 2 == 0:
-            untold.feed(TrackSpeeds(untold.stamp, 0.0, 0.0))
-    told, stamp = copy.deepcopy(untold), untold.stamp
-    assert told.feed(ZeroVelocity(stamp + STEP // 2)) is False
-    for estimator in (told, untold):
-        assert estimator.feed(ImuSample(stamp + STEP, (0.0, 0.0, 2.0), (0.0, 0.0, 9.81)))
-    assert (told.state == untold.state).all()
-    assert (told.covariance == untold.covariance).all()

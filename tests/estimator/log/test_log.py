@@ -30,8 +30,6 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import state_names
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 
 def stamps(*values):
@@ -41,12 +39,6 @@ def stamps(*values):
 def test_clean_stream_is_kept_whole():
     keep, reasons = screen("imu", [1, 2, 5], [0.0, 1.0, 2.0], [[1, 2]] * 3, positive=[1, 2, 3])
     assert keep.tolist() == [True, True, True]
-    assert reasons == {}
-
-
-def test_empty_stream_is_no_defect():
-    keep, reasons = screen("imu", [], np.zeros((0, 3)), positive=np.zeros((0, 2)))
-    assert keep.tolist() == []
     assert reasons == {}
 
 
@@ -191,14 +183,6 @@ def test_at_equal_stamps_tracks_come_first_then_imu_then_fixes():
     ]
 
 
-def test_measurements_are_plain_numbers():
-    for m in make_log(seconds=1.0).measurements():
-        assert type(m.stamp) is int
-        if isinstance(m, ImuSample):
-            assert type(m.angular_velocity) is tuple
-            assert type(m.angular_velocity[2]) is float
-
-
 def test_start_and_end_are_those_of_tracks_and_imu():
     log = Log(
         "spans",
@@ -295,11 +279,6 @@ def test_what_cannot_be_right_is_dropped_and_counted():
     }
 
 
-def test_what_is_no_measurement_makes_no_log():
-    with pytest.raises(EstimatorError, match="no measurement: 3"):
-        Log.from_measurements([TrackSpeeds(1, 0.0, 0.0), 3])
-
-
 def test_a_list_of_measurements_can_be_run_and_smoothed():
     robot, at = load_robot("auriga-alpha"), stamps(*range(0, 2_000_000_000, 20_000_000))
     drive = [
@@ -319,12 +298,6 @@ def test_a_list_of_measurements_can_be_run_and_smoothed():
     assert plain.state_names == state_names("constant-fixed")
     # The fix counts for what was before it, too.
     assert smoothed.state_sigmas[5, 1] < 0.7 * filtered.state_sigmas[5, 1]
-
-
-def test_an_empty_list_makes_a_log_of_nothing():
-    log = Log.from_measurements([])
-    assert list(log.measurements()) == []
-    assert (log.imu, log.fixes) == (None, None)
 
 
 def test_measurements_made_some_at_a_time_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -358,14 +331,3 @@ def test_a_part_of_a_log_has_what_lies_between():
     assert log.between(log.start, log.end).tracks.speeds.shape == log.tracks.speeds.shape
     bare = replace(log, imu=None, fixes=None, truth=None)
     assert bare.between(begin, end).imu is None
-
-
-def test_a_log_shows_itself_in_one_line() -> None:
-    log = simulate(Scenario(duration=10.0, fix_rate=1.0), load_robot("auriga-alpha"))
-    assert repr(log).endswith(
-        "10.0 s: 501 track speeds, 1001 IMU samples, 11 fixes, 501 true poses>"
-    )
-    empty = TrackSpeedSeries(np.zeros(0, np.int64), np.zeros((0, 2)))
-    assert repr(Log("none", empty, dropped={"tracks: not finite": 3})) == (
-        "<Log 'none', 0 track speeds, 3 dropped>"
-    )

@@ -123,7 +123,7 @@ def test_its_derivatives_are_those_of_a_complex_step():
 
 
 def test_without_its_gain_it_is_the_model_of_constant_icrs():
-    log = simulate(Scenario(duration=4.0, truth="kinematic", seed=3), ALPHA)
+    log = simulate(Scenario(duration=2.0, truth="kinematic", seed=3), ALPHA)
     shipped, own = (PoseEstimator(ALPHA, name) for name in (SHIPPED, "no-gain"))
     for measurement in log.measurements():
         assert own.feed(measurement) == shipped.feed(measurement)
@@ -148,7 +148,7 @@ def drive(seconds: float) -> Log:
 
 
 def test_it_predicts_its_own_motion_better_than_the_shipped_model():
-    log = drive(10.0)
+    log = drive(6.0)
     own, shipped = (
         np.sqrt(np.mean(run(log, ALPHA, name).innovations[50:, 0] ** 2)) for name in (OWN, SHIPPED)
     )
@@ -156,20 +156,20 @@ def test_it_predicts_its_own_motion_better_than_the_shipped_model():
 
 
 def test_a_saved_estimator_goes_on_with_it(tmp_path):
-    measurements = list(drive(4.0).measurements())
+    measurements = list(drive(2.0).measurements())
     before = PoseEstimator(ALPHA, OWN)
-    for measurement in measurements[:200]:
+    for measurement in measurements[:100]:
         before.feed(measurement)
     before.save(tmp_path / "saved.json")
     after = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
     assert isinstance(motion_model(ALPHA, after.variant), FastTurns)
-    for measurement in measurements[200:]:
+    for measurement in measurements[100:]:
         assert before.feed(measurement) == after.feed(measurement)
     assert (before.state == after.state).all()
 
 
 def test_replays_stream_it_and_lanes_and_studies_refuse_it():
-    log = drive(2.0)
+    log = drive(1.0)
     found = compare(log, ALPHA, [OWN, SHIPPED], smooth=True).runs
     assert list(found) == [OWN, SHIPPED, OWN + SMOOTHED, SHIPPED + SMOOTHED]
     with pytest.raises(BatchError, match="'fast-turns-online' cannot run side by side"):

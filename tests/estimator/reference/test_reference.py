@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import sample_log
+from conftest import sample
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.log import Log
@@ -14,7 +14,6 @@ from icreckon.estimator.log.measurements import HeadingFix, PositionFix
 from icreckon.estimator.reference.filter import ReferenceFilter
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
@@ -45,7 +44,7 @@ VARIANTS = ["constant-online", "inertia-online", "inertia-fixed", "gyro", "full-
 def test_simulated_drive_with_fixes(variant: str) -> None:
     """Fixes at IMU samples and between them; their slip factor stays 1, which the textbook lacks."""
     scenario = Scenario(
-        duration=12.0,
+        duration=8.0,
         seed=12,
         truth="kinematic",
         truth_spread=0.0,
@@ -67,7 +66,7 @@ def test_standstill_and_turns() -> None:
 def test_real_drive(data_dir: Path, variant: str) -> None:
     """Half a minute of a Warthog on grass, without a found fault."""
     robot = load_robot("warthog")
-    log = read_log(sample_log(data_dir, "warthog_grass_2024_8_8_16h11s19"), robot)
+    log = sample(data_dir, "warthog_grass_2024_8_8_16h11s19", "warthog")
     begin = log.start + 40 * 10**9
     driving = replace(log.between(begin, begin + 30 * 10**9), fixes=None)
     health = both(driving, variant, robot).health

@@ -1,7 +1,5 @@
 """The robot file: defaults, and everything that is refused."""
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -55,12 +53,6 @@ def test_shipped_robots_load_and_are_named_like_their_files(name):
     assert robot.name == name
 
 
-def test_a_folder_of_the_same_name_does_not_hide_a_shipped_robot(tmp_path, monkeypatch):
-    (tmp_path / "auriga-alpha").mkdir()
-    monkeypatch.chdir(tmp_path)
-    assert load_robot("auriga-alpha").name == "auriga-alpha"
-
-
 def test_unknown_robot_names_the_nearest():
     with pytest.raises(
         EstimatorError, match="no robot named 'auriga-alfa'; did you mean 'auriga-a"
@@ -70,24 +62,16 @@ def test_unknown_robot_names_the_nearest():
         load_robot("zzzzzz")
 
 
-def test_missing_file_is_named(tmp_path):
-    with pytest.raises(EstimatorError, match=r"none\.toml: no such file"):
-        load_robot(tmp_path / "none.toml")
-
-
 @pytest.mark.parametrize(
     ("more", "found", "right"),
     [
         ("[indices]\nzeta_0 = 0.1", "'zeta_0' in [indices]", "'zeta0'"),
-        ("[indicies]\nzeta0 = 0.1", "'indicies'", "'indices'"),
-        ("[imu]\nrotation_rpy = [0.0, 0.0, 0.0]", "'rotation_rpy' in [imu]", "'rotation_rpy_deg'"),
         ("[constant_icr]\nx_icrl = -1.0", "'x_icrl' in [constant_icr]", "'x_ICRl'"),
         (
             "[slip.inertia-online]\nturning_z = 0.1",
             "'turning_z' in [slip.inertia-online]",
             "'turning_",
         ),
-        ("[tracks]\nspeed_noise = 0.1", "'speed_noise' in [tracks]", "'speed_noise_density'"),
     ],
 )
 def test_misspelt_key_is_refused_with_the_nearest_right_one(tmp_path, more, found, right):
@@ -103,40 +87,14 @@ def test_misspelt_key_is_refused_with_the_nearest_right_one(tmp_path, more, foun
         ("[imu]\nposition = [0.0, 0.0]", "[imu] position"),
         ("[imu]\ngyro_axes = 'y'", "[imu] gyro_axes"),
         ("[indices]\neta0 = 0.9", "eta0 must be at least 1"),
-        ("[indices]\neta0 = nan", "eta0"),
-        ("[indices]\nzeta1 = inf", "zeta1 must be finite, found inf"),
         ("[constant_icr]\nx_ICRl = 0.3\nx_ICRr = 0.5", "x_ICRl < 0 < x_ICRr must hold"),
         ("[constant_icr]\nx_ICRl = -0.1\nx_ICRr = 0.1", "at least track_gauge = 0.5 m apart"),
-        ("[constant_icr]\nx_ICRl = -0.4\nx_ICRr = inf", "x_ICRr"),
-        ("[imu]\ngyro_noise_density = 0.0", "gyro_noise_density must be a positive number"),
-        ("[imu]\naccelerometer_noise_density = -1.0", "accelerometer_noise_density"),
-        ("[imu]\ngyro_bias_sigma = -0.1", "gyro_bias_sigma must be zero or a positive number"),
-        ("[imu]\ngyro_bias = 40.0", "gyro_bias must be a number of rad/s, 1 at most"),
-        ("[indices]\nepsilon_F = 1e6", "epsilon_F must be a number of metres, 10 at most"),
-        ("[slope]\nsigma = 50.0", "sigma must be from 0 to 9.81 m/s²"),
-        ("[imu]\ngyro_scale = 0.0", "gyro_scale must be a positive number"),
-        ("[imu]\nposition = [0.0, nan, 0.0]", "position must be finite, found nan"),
         ("[imu]\ngyro_axes = 'z'\nrotation_rpy_deg = [90.0, 0.0, 0.0]", "rotation_rpy_deg"),
-        ("[soil]\nfriction = 1e-308", "friction must be from 0.001 to 100, found 1e-308"),
-        ("[soil]\nlongitudinal_friction = 1e9", "friction must be from 0.001 to 100"),
         ("contact_points = 1", "contact_points must be from 2 to 1000, found 1"),
-        (f"contact_points = {2**63 - 1}", "contact_points must be from 2 to 1000, found 92233"),
-        ("[tracks]\nspeed_noise_density = -1.0", "speed_noise_density must be zero or"),
-        ("[slip.constant-online]\ntime_constant = 0.0", "time_constant must be a positive number"),
-        ("[slip.constant-online]\nturning_w = -0.1", "turning_w must be zero or a positive"),
     ],
 )
 def test_bad_value_is_refused_and_named(tmp_path, more, told):
     assert told in refused(tmp_path, SMALLEST + more)
-
-
-@pytest.mark.parametrize("name", ["mass", "track_gauge", "sprocket_radius"])
-@pytest.mark.parametrize("value", ["0.0", "-1.0", "nan", "inf"])
-def test_mass_and_geometry_must_be_positive(tmp_path, name, value):
-    lines = [
-        f"{name} = {value}" if line.startswith(name) else line for line in SMALLEST.splitlines()
-    ]
-    assert f"{name} must be a positive number, found" in refused(tmp_path, "\n".join(lines))
 
 
 def test_what_must_be_there_is_asked_for(tmp_path):
@@ -149,10 +107,6 @@ def test_what_must_be_there_is_asked_for(tmp_path):
 def test_format_of_another_version_is_refused(tmp_path):
     message = refused(tmp_path, "format = 2\n" + SMALLEST)
     assert "format 2 is not known; this version reads 1" in message
-
-
-def test_no_toml_is_refused(tmp_path):
-    assert "not a valid TOML file" in refused(tmp_path, "name = mine")
 
 
 def test_constant_icrs_default_to_the_indices_at_no_inertia(tmp_path):
@@ -179,7 +133,3 @@ def test_imu_rotation_takes_the_imus_axes_to_the_bodys(tmp_path):
     # Upside down, rolled by half a turn: what is up for the IMU is down for the body.
     robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [180.0, 0.0, 0.0]"))
     assert robot.imu_rotation @ [0.0, 0.0, 1.0] == pytest.approx([0.0, 0.0, -1.0])
-
-
-def test_robot_survives_pickling(robot):
-    assert pickle.loads(pickle.dumps(robot)) == robot  # noqa: S301 - our own bytes

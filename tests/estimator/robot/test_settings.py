@@ -28,40 +28,20 @@ BEYOND_FLOATS = 10**400
 @pytest.mark.parametrize(
     ("kind", "name", "value", "said"),
     [
-        ("Settings", "engine", "fast", "there is 'compiled', 'plain'"),
         ("Settings", "engine", "compield", "did you mean 'compiled'?"),
-        ("Settings", "engine", None, "cannot be None"),
         ("Settings", "engine", ["plain"], "did you mean 'plain'?"),
         ("Settings", "slip", {}, "Slip(...) or None, found dict"),
         ("Settings", "adaptation", {"eta0": 0.0}, "Adaptation(...) or None, found dict"),
         ("Settings", "gates", None, "GateSettings(...), found NoneType"),
         ("Settings", "standstill", 1.0, "StandstillSettings(...), found float 1.0"),
-        ("Settings", "hold", -1.0, "no more than 1e+09 s, found -1.0"),
         ("Settings", "hold", 0.0, "no more than 1e+09 s, found 0.0"),
         ("Settings", "hold", "0.3", "no more than 1e+09 s, found '0.3'"),
         ("Settings", "hold", True, "no more than 1e+09 s, found True"),
-        ("Settings", "longest_gap", math.inf, "no more than 1e+09 s, found inf"),
-        ("Settings", "longest_gap", 1e300, "no more than 1e+09 s, found 1e+300"),
         ("Settings", "longest_gap", BEYOND_FLOATS, "no more than 1e+09 s, found 1000"),
-        ("Settings", "gap_acceleration", -0.1, "zero or a positive number, found -0.1"),
         ("Settings", "gap_acceleration", (0.1,), "zero or a positive number, found (0.1,)"),
-        ("Settings", "history", "1", "from 0 to 60 s, found '1'"),
-        ("Settings", "history", None, "from 0 to 60 s, found None"),
-        ("Settings", "history", math.nan, "from 0 to 60 s, found nan"),
         ("Settings", "use_accelerometer", "no", "True or False, found 'no'"),
-        ("Settings", "use_accelerometer", 1, "True or False, found 1"),
-        *(
-            ("Adaptation", name, value, f"zero or a positive number, found {value!r}")
-            for name in icreckon.Adaptation.__struct_fields__
-            for value in (-0.4, math.nan)
-        ),
         ("Adaptation", "eta0", None, "zero or a positive number, found None"),
-        ("GateSettings", "patience", -1, "a time of 0 s or more, found -1"),
-        ("GateSettings", "patience", math.inf, "a time of 0 s or more, found inf"),
         ("GateSettings", "patience", True, "a time of 0 s or more, found True"),
-        ("StandstillSettings", "track_speed", -0.1, "zero or a positive number, found -0.1"),
-        ("StandstillSettings", "quiet_gyro", math.inf, "zero or a positive number, found inf"),
-        ("StandstillSettings", "duration", 0.0, "from 0.001 to 60 s, found 0.0"),
     ],
 )
 def test_what_a_setting_cannot_be_is_refused(kind: str, name: str, value: Any, said: str) -> None:
@@ -74,7 +54,13 @@ def test_what_a_setting_cannot_be_is_refused(kind: str, name: str, value: Any, s
         msgspec.structs.replace(getattr(icreckon, kind)(), **{name: value})
 
 
-@pytest.mark.parametrize("value", [-0.1, math.nan, "0.1", None])
+@pytest.mark.parametrize(
+    "value",
+    [
+        -0.1,
+        "0.1",
+    ],
+)
 def test_what_a_share_of_slip_cannot_be_is_refused(value: Any) -> None:
     with pytest.raises(EstimatorError, match="turning_x must be zero or a positive number"):
         icreckon.Slip(turning_x=value)
@@ -97,20 +83,6 @@ def test_numbers_of_numpy_and_whole_numbers_will_do() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ('{"hold": -1.0}', r"Settings.hold must be a time of .*, found -1.0"),
-        ('{"history": 99.0}', "Settings.history must be from 0 to 60 s, found 99.0"),
-        ('{"adaptation": {"eta0": -1.0}}', "Adaptation.eta0 must be .*, found -1.0"),
-        ('{"gates": {"patience": -1}}', "GateSettings.patience must be .*, found -1"),
-    ],
-)
-def test_settings_from_a_file_are_checked_alike(text: str, said: str) -> None:
-    with pytest.raises(msgspec.ValidationError, match=said):
-        msgspec.json.decode(text, type=Settings)
-
-
-@pytest.mark.parametrize(
     ("arguments", "said"),
     [
         ({"robot": "auriga-alpha"}, r"found str 'auriga-alpha'; use load_robot\('auriga-alpha'\)"),
@@ -121,20 +93,13 @@ def test_settings_from_a_file_are_checked_alike(text: str, said: str) -> None:
         ({"settings": {"hold": 1.0}}, r"settings must be Settings\(...\) or None, found dict"),
         ({"start": (0, 0)}, r"start must be three finite numbers: x, y \[m\], yaw \[rad\], found"),
         ({"start": (0, math.nan, 0)}, "start must be three finite"),
-        ({"start": None}, "start must be three finite .*, found None"),
         ({"start": 1.0}, "start must be three finite .*, found 1.0"),
-        ({"start": "000"}, "start must be three finite .*, found '000'"),
         ({"start": np.zeros((3, 1))}, "start must be three finite"),
-        ({"start": np.array(0.0)}, "start must be three finite"),
         (
             {"start_sigma": (-1, 0, 0)},
             "start_sigma must be three finite numbers, 0 or more: the st",
         ),
-        ({"start_sigma": (0, math.nan, 0)}, "start_sigma must be three finite"),
-        ({"start_sigma": (0, 0, math.inf)}, "start_sigma must be three finite"),
-        ({"start_sigma": 0.1}, "start_sigma must be three finite"),
         ({"start_sigma": (0, 0, 1e200)}, "none beyond 1e\\+10, found"),
-        ({"start": (0, -1e11, 0)}, "none beyond 1e\\+10, found"),
     ],
 )
 def test_what_an_estimator_cannot_be_made_of_is_refused(

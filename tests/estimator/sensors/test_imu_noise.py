@@ -4,9 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from numba import njit
 
-from icreckon.estimator.base.records import NEVER, record_array, record_of, shifted
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.imu_noise import (
@@ -18,23 +16,11 @@ from icreckon.estimator.sensors.imu_noise import (
     noise_of_file,
 )
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.tracing.jit_kernel import jit
 
 SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
 OF_FILE = SETTINGS.gyro_noise_density
 EPOCH = 1_700_000_000_123_456_789
 RATES = pytest.mark.parametrize("rate", [20, 50, 100, 200, 400])
-compiled_measure, compiled_noise = jit(measure_noise), jit(imu_noise)
-
-
-@njit
-def measure_in_lane(records, lane, stamp, rate, force_x, force_y, hold):
-    compiled_measure(records[lane], stamp, rate, force_x, force_y, hold)
-
-
-@njit
-def noise_of_lane(records, lane, at_rest, chosen):
-    return compiled_noise(records[lane], at_rest, chosen)
 
 
 def stamps_at(rate, count):
@@ -173,28 +159,3 @@ def test_accelerometers_are_never_better_than_the_file_says():
     of_file = noise_of_file(SETTINGS)
     assert noise.gyro < of_file.gyro
     assert noise[1:] == of_file[1:]
-
-
-@pytest.mark.parametrize("rate", [50, 400])
-def test_it_is_the_same_in_python_and_compiled(rate):
-    stamps, readings = white(rate, 3.0, 0.02)
-    readings[20:30] = readings[20]
-    readings[40:60, 1:] = math.nan
-    stamps = [stamp + (10**9 if k > 70 else 0) for k, stamp in enumerate(stamps)]
-    plain, lanes = NoiseRecord(), record_array(NoiseRecord(), 2)
-    for stamp, values in zip(stamps, readings.tolist(), strict=True):
-        measure_noise(plain, stamp, *values, SETTINGS.hold)
-        measure_in_lane(lanes, 1, stamp, *values, SETTINGS.hold)
-        expected = imu_noise(plain, False, SETTINGS)
-        assert noise_of_lane(lanes, 1, False, SETTINGS) == pytest.approx(expected, rel=1e-12)
-    assert densities(record_of(NoiseRecord, lanes[1])) == pytest.approx(densities(plain), rel=1e-12)
-    assert record_of(NoiseRecord, lanes[0]) == NoiseRecord()
-
-
-def test_a_record_that_is_shifted_goes_on_by_the_other_clock():
-    stamps, readings = white(100, 2.0)
-    whole = measured(stamps, readings)
-    half = shifted(measured(stamps[:100], readings[:100]), 10**12)
-    measured([stamp + 10**12 for stamp in stamps[100:]], readings[100:], half)
-    assert half == shifted(whole, 10**12)
-    assert shifted(NoiseRecord(), 5).readings.stamp == NEVER

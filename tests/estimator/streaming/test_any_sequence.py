@@ -20,7 +20,6 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
-from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
@@ -232,7 +231,7 @@ class AnySequence(RuleBasedStateMachine):
 def test_any_sequence_of_calls(tmp_path):
     AnySequence.folder = tmp_path
     limits = settings(
-        max_examples=60,
+        max_examples=40,
         stateful_step_count=40,
         phases=PHASES,
         suppress_health_check=list(HealthCheck),
@@ -269,8 +268,11 @@ def fed(estimator, measurements):
     return known(estimator)
 
 
+THREADS = ("gyro", "full-linear", "inertia-online")
+
+
 def test_estimators_in_several_threads_are_those_of_one():
-    jobs = [(variant, seed) for variant in VARIANTS for seed in range(2)]
+    jobs = [(variant, seed) for variant in THREADS for seed in range(2)]
     options = {"start_sigma": (0.1, 0.1, 0.1)}
     drives = {seed: list(drive(seed)) for seed in range(2)}
     alone = [fed(PoseEstimator(ALPHA, name, **options), drives[seed]) for name, seed in jobs]

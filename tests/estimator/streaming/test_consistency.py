@@ -18,7 +18,7 @@ from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.true_motion import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")
-RUNS = 12
+RUNS = 8
 SCENARIO = Scenario(
     duration=60.0,
     seed=7,

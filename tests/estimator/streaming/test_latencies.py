@@ -13,7 +13,6 @@ import pytest
 from conftest import sample_log
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     HeadingFix,
@@ -112,18 +111,6 @@ def test_a_log_of_raw_stamps_is_corrected_as_a_whole(log: Log) -> None:
     assert [type(one) for one in back.others] == [PoseFix, HeadingFix]
 
 
-def test_arrays_are_corrected_as_single_samples_are(log: Log, robot: Robot) -> None:
-    latencies = Latencies(tracks=0.1, imu=-0.02)
-    assert log.imu is not None
-    one_by_one = PoseEstimator(robot, VARIANT, latencies=latencies)
-    for measurement in Log("raw", log.tracks, log.imu).measurements():
-        one_by_one.feed(measurement)
-    at_once = PoseEstimator(robot, VARIANT, latencies=latencies)
-    feed_arrays(at_once, log.tracks, log.imu)
-    assert at_once.stamp == one_by_one.stamp
-    assert at_once.state == pytest.approx(one_by_one.state, abs=1e-9)
-
-
 def test_the_latencies_are_those_of_the_robot_file(robot: Robot) -> None:
     import msgspec
 
@@ -173,28 +160,6 @@ def test_a_latency_that_is_none_is_not_taken_off(log: Log, robot: Robot, own: fl
     found = estimator.health.track_latency
     assert found.used == 0.0
     assert found.estimated == pytest.approx(own, abs=0.01)
-
-
-def test_an_estimated_latency_outlives_a_restart(log: Log, robot: Robot, tmp_path: Path) -> None:
-    latencies = Latencies(estimate_tracks=True)
-    estimator = PoseEstimator(robot, VARIANT, latencies=latencies)
-    for measurement in raw(log, Latencies(tracks=0.2)):
-        estimator.feed(measurement)
-    used = estimator.health.track_latency.used
-    assert used > 0.18
-    estimator.save(tmp_path / "state.json")
-    for again in (
-        PoseEstimator.restore(tmp_path / "state.json", robot),
-        PoseEstimator.warm_start(tmp_path / "state.json", robot, off=10.0),
-        estimator.copy(),
-        estimator.restarted(),
-    ):
-        assert again.health.track_latency.used == used
-        assert again.latencies == latencies
-    given = PoseEstimator.warm_start(
-        tmp_path / "state.json", robot, off=10.0, latencies=Latencies(tracks=0.1)
-    )
-    assert given.health.track_latency.used == 0.1
 
 
 def events(

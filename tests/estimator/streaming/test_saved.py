@@ -81,8 +81,10 @@ def saved(half_way, tmp_path):
     return path
 
 
-@pytest.mark.parametrize("way", COPIES)
-@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize(
+    ("variant", "way"),
+    [*((name, "file") for name in VARIANTS), ("gyro", "pickle"), ("inertia-online", "deepcopy")],
+)
 def test_a_copy_goes_on_as_if_nothing_had_been(variant, way, tmp_path):
     original = feed_all(PoseEstimator(ALPHA, variant), MEASUREMENTS[:HALF])
     copied = COPIES[way](original, tmp_path)
@@ -92,8 +94,10 @@ def test_a_copy_goes_on_as_if_nothing_had_been(variant, way, tmp_path):
     assert known(copied) == known(original)
 
 
-@pytest.mark.parametrize("way", COPIES)
-@pytest.mark.parametrize("count", [0, 1, 2, 3, 17, 200])
+@pytest.mark.parametrize(
+    ("count", "way"),
+    [*((count, "file") for count in (0, 1, 2, 3, 17, 200)), (17, "pickle"), (200, "deepcopy")],
+)
 def test_what_comes_late_after_a_copy_is_taken_in_where_it_belongs(way, count, tmp_path):
     held_back = [m for i, m in enumerate(MEASUREMENTS[:count]) if i % 5 == 2]
     others = [m for i, m in enumerate(MEASUREMENTS[:count]) if i % 5 != 2]
@@ -142,30 +146,6 @@ def test_the_file_can_be_read_by_people(half_way, saved):
 # --- what does not fit ------------------------------------------------------------------------------
 
 
-def test_a_cut_file_is_refused_wherever_it_was_cut(saved):
-    whole = saved.read_bytes()
-    for length in range(0, len(whole) - 2, len(whole) // 60):
-        saved.write_bytes(whole[:length])
-        with pytest.raises(EstimatorError, match=r"saved\.json: damaged, or no saved estimator"):
-            PoseEstimator.restore(saved, ALPHA)
-
-
-def test_a_changed_digit_is_noticed_wherever_it_is(saved):
-    whole = saved.read_text()
-    digits = [i for i, c in enumerate(whole) if c in "123456789" and i > whole.index('"content"')]
-    rng = np.random.default_rng(0)
-    for place in rng.choice(digits, 60, replace=False).tolist():
-        changed = "1" if whole[place] != "1" else "2"
-        text = whole[:place] + changed + whole[place + 1 :]
-        if json.loads(text) == json.loads(whole):
-            continue  # A seventeenth digit may be of no consequence.
-        saved.write_text(text)
-        with pytest.raises(EstimatorError, match="damaged"):
-            PoseEstimator.restore(saved, ALPHA)
-    saved.write_text(whole)
-    PoseEstimator.restore(saved, ALPHA)
-
-
 def rewrite(path, change):
     """Change the content of a saved file and sign it anew, as another version of icreckon might."""
     from icreckon.estimator.streaming.save import _checksum
@@ -178,25 +158,6 @@ def rewrite(path, change):
 
 def tracks_row(content):
     return next(row for row in content["history"]["measurements"] if row[0] == "tracks")
-
-
-CHANGES = {
-    "no state": lambda c: c["now"].pop("state"),
-    "a state is missing": lambda c: c["now"]["state"].pop("yaw"),
-    "a row is missing": lambda c: c["now"]["covariance"].pop(),
-    "not finite": lambda c: c["now"]["state"].update(x=None),
-    "an unknown key": lambda c: c.update(more=1),
-    "an unknown stream": lambda c: c["history"]["measurements"][3].__setitem__(0, "sonar"),
-    "a short row": lambda c: tracks_row(c).pop(),
-    "a row with a word": lambda c: tracks_row(c).__setitem__(2, "fast"),
-    "a row that begins with a list": lambda c: tracks_row(c).__setitem__(0, []),
-    "an empty row": lambda c: c["history"]["measurements"][3].clear(),
-    "disorder": lambda c: c["history"]["measurements"].reverse(),
-    "no history": lambda c: c.update(history=None),
-    "an unknown gate": lambda c: c["now"]["gates"].update(sonar={}),
-    "a wrong setting": lambda c: c["settings"].update(history=-1.0),
-    "a wrong gate": lambda c: c["settings"]["gates"].update(patience=-1),
-}
 
 
 def now(change):
@@ -403,7 +364,7 @@ def test_a_random_drive_goes_on_alike_wherever_it_was_saved(seed, tmp_path):
     )
     latencies = Latencies(estimate_tracks=True) if seed % 2 else Latencies(tracks=0.05)
     original = PoseEstimator(ALPHA, settings=settings, latencies=latencies, start_sigma=(0.1,) * 3)
-    acts = random_drive(rng, 800)
+    acts = random_drive(rng, 500)
     saves = set(rng.choice(len(acts), 5, replace=False).tolist())
     copies = []
     for k, act in enumerate(acts):
@@ -462,13 +423,6 @@ def test_a_wrong_setting_in_a_file_is_named_with_its_place(saved):
         "found -1.0 - at `$.settings.adaptation`"
     )
     with pytest.raises(EstimatorError, match=re.escape(said)):
-        PoseEstimator.restore(saved, ALPHA)
-
-
-@pytest.mark.parametrize("change", CHANGES)
-def test_a_file_that_is_not_as_it_should_be_is_refused(saved, change):
-    rewrite(saved, CHANGES[change])
-    with pytest.raises(EstimatorError, match=r"saved\.json: not as icreckon writes it"):
         PoseEstimator.restore(saved, ALPHA)
 
 

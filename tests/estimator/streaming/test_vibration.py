@@ -17,7 +17,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 ALPHA = load_robot("auriga-alpha")
 # Noise of 0.05 rad/s at 100 Hz.
 DENSITY, BIAS = 0.005, -0.005
-RATES = pytest.mark.parametrize("rate", [50, 100, 200, 400])
+RATES = pytest.mark.parametrize("rate", [50, 400])
 
 
 def robot_with(density):
@@ -59,7 +59,7 @@ def yaw_of(estimator):
 
 
 @RATES
-@pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0, 30.0])
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 30.0])
 def test_yaw_stays_for_ten_minutes_whatever_the_file_says(rate, factor):
     estimator = fed(shaken(rate, 600.0), robot_with(factor * DENSITY))
     yaw, sigma = yaw_of(estimator)
@@ -82,8 +82,8 @@ def test_an_engine_is_not_a_turn(rate, hertz, factor):
     assert estimator.health.standstill_updates > 0.98 * 120 * rate
 
 
-@pytest.mark.parametrize("seed", range(8))
-@pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0])
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 1.0])
 def test_the_first_reading_does_not_set_the_bias(factor, seed):
     """After one second at rest the bias is a mean, as uncertain as it is wrong."""
     estimator = fed(shaken(100, 1.0, seed=seed), robot_with(factor * DENSITY))
@@ -93,7 +93,7 @@ def test_the_first_reading_does_not_set_the_bias(factor, seed):
     assert abs(bias) < 3.0 * sigma
 
 
-@pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0])
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 1.0])
 @pytest.mark.parametrize("turn", [0.06, -0.3])
 def test_a_slow_turn_with_resting_tracks_is_a_bias_and_the_covariance_covers_it(turn, factor):
     estimator = fed(shaken(100, 120.0, turn=turn), robot_with(factor * DENSITY))
@@ -105,7 +105,7 @@ def test_a_slow_turn_with_resting_tracks_is_a_bias_and_the_covariance_covers_it(
     assert estimator.stands
 
 
-@pytest.mark.parametrize("factor", [1.0 / 30.0, 0.32, 1.0])
+@pytest.mark.parametrize("factor", [1.0 / 30.0, 1.0])
 @pytest.mark.parametrize("turn", [0.5, -0.45])
 def test_a_turn_with_resting_tracks_is_noticed(turn, factor):
     estimator = fed(shaken(100, 120.0, turn=turn), robot_with(factor * DENSITY))
@@ -146,24 +146,6 @@ def test_noise_that_agrees_with_the_file_is_that_of_the_file():
     assert noise["accelerometer_x"].measured == pytest.approx(0.05, rel=0.3)
     nothing = PoseEstimator(robot, "constant-online").health.noise
     assert all(axis.measured is None for axis in nothing.values())
-
-
-def test_arrays_and_a_restored_estimator_measure_the_same_noise(tmp_path):
-    robot, log = robot_with(DENSITY / 30.0), shaken(100, 8.0, drive=0.4)
-    whole, first = (PoseEstimator(robot, "constant-online") for _ in range(2))
-    for k, measurement in enumerate(log.measurements()):
-        for estimator in (whole, first):
-            estimator.feed(measurement)
-        if k == 500:
-            first.save(tmp_path / "half.json")
-            first = PoseEstimator.restore(tmp_path / "half.json", robot)
-    assert (first.state == whole.state).all()
-    assert (first.covariance == whole.covariance).all()
-    assert first.health.noise == whole.health.noise
-    arrays, unit = fed(log, robot), np.sqrt(np.diagonal(whole.covariance)) + 1e-12
-    assert np.abs((whole.state - arrays.state) / unit).max() < 1e-9
-    for name, noise in whole.health.noise.items():
-        assert arrays.health.noise[name] == pytest.approx(noise, rel=1e-9)
 
 
 def test_late_samples_are_measured_at_their_own_stamps():

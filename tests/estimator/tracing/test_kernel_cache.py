@@ -314,12 +314,6 @@ def test_a_kernel_is_loaded_from_its_file_or_compiled_again(own_cache: Path, har
     assert len(path.read_bytes()) == len(content)
 
 
-def test_kernels_of_other_shapes_have_other_files(own_cache: Path) -> None:
-    for arguments, width in ((("one",), 1), (("other",), 1), (("one",), 2)):
-        address_of.__wrapped__(doubled_kernel, arguments, width)
-    assert len(files_of(own_cache)) == 3
-
-
 def test_a_step_whose_kernel_is_not_compiled_is_refused() -> None:
     lanes = np.ones((1, 1))
     with pytest.raises(ValueError, match="was not compiled"):

@@ -10,7 +10,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from icreckon.cli.main import Json, Logs, app, main
+from icreckon.cli.common.options import Json, Logs
+from icreckon.cli.main import app, main
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.export.log_bag import write_log
 from icreckon.simulation.scenario import Scenario

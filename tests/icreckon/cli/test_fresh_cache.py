@@ -15,16 +15,6 @@ from icreckon.simulation.study.plan import study_names
 
 pytestmark = pytest.mark.slow
 
-ONE_VARIANT = """# A study of one variant.
-variants = ["gyro"]
-runs = 2
-seed = 3
-
-[scenario]
-duration = 90.0
-outages = [[30.0, 90.0]]
-"""
-
 
 def icreckon(cache: Path, folder: Path, *arguments: str) -> subprocess.Popen[str]:
     return subprocess.Popen(
@@ -79,36 +69,22 @@ def test_shipped_studies_run_through_and_compile_nothing(
     assert all(math.isfinite(number) and abs(number) < 1e9 for number in numbers)
 
 
-def test_a_study_after_prepare_is_that_of_a_fresh_machine(
+def test_replays_at_once_say_what_one_after_prepare_says(
     prepared: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Of one variant: compiling it for an empty cache takes half a minute."""
-    (tmp_path / "one.toml").write_text(ONE_VARIANT, encoding="utf-8")
-    for cache, out in ((prepared, "after"), (tmp_path_factory.mktemp("empty"), "fresh")):
-        finished(icreckon(cache, tmp_path, "study", "one.toml", "--out", out))
-    after, fresh = results(tmp_path / "after"), results(tmp_path / "fresh")
-    assert after == fresh
-    (cell,) = after["cells"]
-    assert cell["variants"]["gyro"]["drift_percent_30s"]["n"] == 2
-
-
-def test_replays_at_once_say_what_one_alone_says(
-    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    """Filters that run side by side; several commands share a cache that fills."""
+    """Two commands that compile the same kernels at once share a cache that is empty, and fills."""
     shared = tmp_path_factory.mktemp("shared")
     simulated = ("--duration", "60", "--fix-rate", "1", "--truth", "kinematic")
-    finished(icreckon(shared, tmp_path, "simulate", "--out", "log", *simulated))
+    finished(icreckon(prepared, tmp_path, "simulate", "--out", "log", *simulated))
     command = ("replay", "log", "--robot", "auriga-alpha", "--engine", "batch", "--formats", "none")
 
-    def replay(cache: Path, out: str, *variants: str) -> subprocess.Popen[str]:
-        return icreckon(cache, tmp_path, *command, "--out", out, "--variants", ",".join(variants))
+    def replay(cache: Path, out: str) -> subprocess.Popen[str]:
+        return icreckon(cache, tmp_path, *command, "--variants", "gyro", "--out", out)
 
-    pair = ("gyro", "differential")
-    finished(*(replay(shared, variant, variant) for variant in pair))
-    finished(replay(shared, "both", *pair), replay(shared, "turned", *pair[::-1]))
-    finished(*(replay(tmp_path_factory.mktemp("empty"), f"{one}-alone", one) for one in pair))
-    for variant in pair:
-        alone = results(tmp_path / f"{variant}-alone")["variants"][variant]
-        for out in (variant, "both", "turned"):
-            assert results(tmp_path / out)["variants"][variant] == alone
+    finished(replay(shared, "one"), replay(shared, "other"))
+    kernels = set(prepared.rglob("*.kernel"))
+    finished(replay(prepared, "prepared"))
+    assert set(prepared.rglob("*.kernel")) == kernels
+    expected = results(tmp_path / "prepared")["variants"]
+    for out in ("one", "other"):
+        assert results(tmp_path / out)["variants"] == expected

@@ -5,11 +5,10 @@ from __future__ import annotations
 import base64
 import io
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import matplotlib.image
+import msgspec
 import numpy as np
 import pytest
 from rich.console import Console
@@ -72,14 +71,11 @@ def test_a_redirected_table_is_as_wide_as_columns_asks(
     assert "--wide shows all columns." in done.stdout
 
 
-@pytest.mark.parametrize("name", sorted(FIGURES))
-def test_figures_are_pictures_with_something_on_them(report: Path, name: str) -> None:
-    assert (report / name).read_bytes().startswith(b"\x89PNG\r\n")
-    picture = matplotlib.image.imread(report / name)
-    height, width, _ = picture.shape
-    assert width > 700
-    assert height > 450
-    assert np.unique(picture.reshape(-1, picture.shape[2]), axis=0).shape[0] > 50
+def test_figures_are_pictures_with_something_on_them(report: Path) -> None:
+    for name in FIGURES:
+        picture = matplotlib.image.imread(report / name)
+        assert min(picture.shape[:2]) > 450, name
+        assert len(np.unique(picture[::2, ::2].reshape(-1, picture.shape[2]), axis=0)) > 50, name
 
 
 def test_the_page_has_all_numbers_and_figures(report: Path, results: dict) -> None:
@@ -107,22 +103,13 @@ def test_motions_are_those_of_the_figures(report: Path, results: dict) -> None:
     assert np.isfinite(table["eta"][~straight]).all()
 
 
-def test_the_page_states_that_all_is_simulated(report: Path) -> None:
-    page = (report / "page.html").read_text(encoding="utf-8")
-    origin = page.index("Nothing here is measured: all 441 motions are simulated")
-    assert page.index("printed numbers") < origin < page.index("<img")
-    assert "above 120 N" in page
-
-
 def test_results_say_what_was_done(results: dict) -> None:
     assert results["format"] == 1
     assert results["command"] == "paper"
-    assert results["seed"] is None
-    assert results["configuration"]["identify"] is False
+    assert results["configuration"] == msgspec.to_builtins(load_paper_contact())
     assert results["versions"]["numpy"] == np.__version__
     assert results["map"]["pairs"] == 441
     assert results["map"]["largest_residual"] < 1e-10
-    assert results["identification"] is None
 
 
 def test_results_hold_every_published_number(results: dict) -> None:
@@ -143,29 +130,6 @@ def test_results_hold_every_published_number(results: dict) -> None:
         assert counts[f"within_{level}_percent"] == close
 
 
-def test_how_close_it_comes(results: dict) -> None:
-    assert results["counts"]["within_5_percent"] >= 8
-    assert results["counts"]["within_10_percent"] >= 14
-    assert results["counts"]["within_20_percent"] == 17
-
-
-def test_results_hold_table_2_both_ways(results: dict) -> None:
-    of = results["table_2"]
-    assert of["published"]["inertia_based"]["rmse_w_rad_s"] == 0.0637394
-    by_name = {row["name"]: row["reproduced"] for row in results["published"]}
-    assert of["our_parameters"]["constant"]["rmse_v_y_m_s"] == by_name["rmse_constant_v_y"]
-    assert set(of["published_parameters"]) == {"measured", "literal", "smooth"}
-    for errors in of["published_parameters"].values():
-        for key, value in errors["inertia_based"].items():
-            assert 0.0 < value < errors["constant"][key]
-
-
-def test_results_show_the_contradiction(results: dict) -> None:
-    check = results["contradiction"]
-    low, high = check["needed_range"]
-    assert low < check["needed"] < high < 0.0 < check["of_published_model"]
-
-
 def test_the_contact_is_the_one_that_ships(report: Path) -> None:
     assert load_paper_contact(report / "contact.toml") == load_paper_contact()
 
@@ -179,30 +143,3 @@ def test_it_is_reproducible_as_json_and_does_not_overwrite(report: Path, tmp_pat
     assert again.returncode == 1
     assert "--overwrite" in again.stderr
     assert icreckon("paper", "--out", "here", "--overwrite", cwd=tmp_path).returncode == 0
-
-
-@pytest.mark.thorough
-def test_identify_finds_the_contact_that_ships(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [
-            sys.executable,
-            "-c",
-            "from icreckon.cli.main import main; main()",
-            "paper",
-            "--identify",
-            "--seed",
-            "0",
-        ],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    found = load_paper_contact(tmp_path / "icreckon-paper" / "contact.toml")
-    best = load_paper_contact()
-    assert found.reading == best.reading
-    assert found.contact.half_length == pytest.approx(best.contact.half_length, rel=0.05)
-    ours = json.loads((tmp_path / "icreckon-paper" / "results.json").read_text(encoding="utf-8"))
-    assert ours["seed"] == 0
-    assert ours["identification"]["ablation"]

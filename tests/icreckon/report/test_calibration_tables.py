@@ -5,8 +5,6 @@ from __future__ import annotations
 import pytest
 
 from icreckon.report.calibration.tables import parameter_table
-from icreckon.report.pages import Cell, Table, render
-from icreckon.report.terminal import rich_table
 
 
 @pytest.mark.parametrize(
@@ -54,25 +52,3 @@ def test_errors_for_these_logs_and_for_others(
         (_, cells) = table.rows[0]
         assert [cell.text for cell in cells[1 : 1 + len(texts)]] == texts
         assert len(cells) == len(table.head) - 1
-
-
-def test_long_texts_of_a_narrow_table_stand_below_it_once() -> None:
-    """There are 26 letters; what comes later stays whole."""
-    texts = [f"shown; reason {number % 27}" for number in range(54)]
-    rows = [(f"row {number}", [Cell(text, "wrap")]) for number, text in enumerate(texts)]
-    table = rich_table(Table("t", ["name", "status"], rows), narrow=True)
-    cells = list(table.columns[1].cells)
-    assert cells[0] == cells[27] == "shown a"
-    assert cells[25] == cells[52] == "shown z"
-    assert cells[26] == cells[53] == "shown; reason 26"
-    assert str(table.caption).splitlines()[0] == "a: reason 0"
-    assert len(str(table.caption).splitlines()) == 26
-
-
-def test_names_break_after_dots_and_underscores_and_stay_escaped() -> None:
-    table = Table("t", ["name", "value"], [("<b>imu.gyro_bias", [Cell("1")])])
-    page = render(
-        "calibration.html", title="t", headline="h", pictures=[], tables=[table], notes=[],
-        configuration={}, robot={}, origin={},
-    )  # fmt: skip
-    assert "&lt;b&gt;imu.<wbr>gyro_<wbr>bias" in page

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from typing import Any
 
 import pytest
-from rich.console import Console
 
-from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.report.replay.many_page import many_page
 from icreckon.report.replay.many_picture import drift_picture
-from icreckon.report.replay.many_tables import many_tables
 from icreckon.report.replay.many_text import (
     UNSCORED,
-    left_out,
-    many_doubts,
-    many_failures,
     many_headline,
     many_remarks,
 )
@@ -142,44 +135,6 @@ def test_one_robot_file_has_the_verdict_over_all_logs(results: dict[str, Any]) -
     assert "on these 3 logs" in many_headline(results)
     results["pooled"]["mine"] |= {"verdict": None, "logs": 0}
     assert many_headline(results) == UNSCORED
-
-
-def test_a_bias_that_is_taken_from_the_truth_is_explained(results: dict[str, Any]) -> None:
-    results["logs"][1]["gyro_bias"] = {"used_rad_s": 0.0}
-    (line,) = [one for one in many_remarks(results) if "gyro-known-bias" in one]
-    assert "the gyro bias that the truth shows, in a: neither standstill nor fixes" in line
-
-
-def test_what_failed_is_named_with_its_robot_file(results: dict[str, Any]) -> None:
-    results["failed"] = [{"log": "b", "robot": "mine", "reason": "b.bag: the file is empty"}]
-    results["logs"][0]["failed"] = {"gyro": {"reason": "estimate is not finite", "since_s": 3.0}}
-    assert many_failures(results) == [
-        "ERROR: b with mine has no result: b.bag: the file is empty",
-        "a with maker: ERROR: gyro has no result: estimate is not finite",
-    ]
-    results["pooled"]["mine"]["variants"]["gyro"]["logs"] = 2
-    assert left_out(results["pooled"]["mine"]) == ["gyro is scored in 2 of 3 logs."]
-    page = many_page(results)
-    assert "b with mine has no result" in page
-    assert "gyro is scored in 2 of 3 logs." in page
-    assert page.count("<a href=") == 2
-    assert "<title>maker and mine on a</title>" in page
-
-
-def test_a_robot_file_that_does_not_fit_is_told(results: dict[str, Any]) -> None:
-    said = "A robot file does not fit a log"
-    assert said not in many_page(results)
-    note = f"{OF_ROBOT_FILE}is the radius a diameter?"
-    results["logs"][1] |= {"log": {"duration_s": 200.0, "notes": [note]}}
-    assert many_doubts(results) == ["a with mine: is the radius a diameter?"]
-    page = many_page(results)
-    assert said in page
-    assert page.index("a with mine: is the radius") < page.index("Drift of each log")
-    console = Console(width=100, file=io.StringIO())
-    console.print(many_tables(results))
-    first, second = console.file.getvalue().splitlines()[:2]
-    assert first.startswith(said)
-    assert second == "- a with mine: is the radius a diameter?"
 
 
 def test_the_picture_places_the_drifts_of_each_log_along_one_axis(results: dict[str, Any]) -> None:

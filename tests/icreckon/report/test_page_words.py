@@ -14,8 +14,7 @@ from icreckon.replay.comparison.plot_series import series_points
 from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_charts import constant_parameters, page_data
-from icreckon.report.replay.page_text import page_title
-from icreckon.report.terms import TERMS, term_of
+from icreckon.report.terms import TERMS
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
@@ -31,23 +30,6 @@ def results() -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def page(results: dict[str, Any]) -> str:
     return replay_page(results)
-
-
-@pytest.mark.parametrize(
-    ("heading", "key"),
-    [
-        ("pose NEES, ideal 3", "nees"),
-        ("mean NIS per degree of freedom, ideal 1", "nis"),
-        ("yaw drift, deg/m", "yaw-drift"),
-        ("RMSE v_x, mm/s", "rmse"),
-        ("own σ at end, m", "sigma"),
-        ("end x, m", None),
-        ("distance, m", None),
-    ],
-)
-def test_headings_have_their_term(heading: str, key: str | None) -> None:
-    found = term_of(heading)
-    assert (None if found is None else found.key) == key
 
 
 def test_each_term_is_explained_without_a_script(page: str) -> None:
@@ -93,21 +75,6 @@ def test_a_parameter_that_one_variant_learns_is_a_chart(
     (chart,) = (one for one in page_data(moved)["charts"] if one["title"] == "Bias of the gyro")
     for part in ("lines", "bands"):
         assert [one["series"] for one in chart[part]] == ["inertia-online"]
-
-
-def test_a_name_that_robot_and_log_share_stands_once(results: dict[str, Any]) -> None:
-    assert page_title(results).startswith("auriga-alpha on ")
-    same = copy.deepcopy(results)
-    same["log"]["name"] = same["robot"]["name"] = "jackal_test2"
-    assert page_title(same) == "jackal_test2"
-    assert "<title>jackal_test2</title>" in replay_page(same)
-
-
-def test_a_contact_length_by_default_is_called_assumed(results: dict[str, Any], page: str) -> None:
-    assert "contact length 0.80 m (not measured here)" in page
-    other = copy.deepcopy(results)
-    other["robot"]["vehicle"]["half_contact_length"] = 0.3
-    assert "contact length 0.60 m (assumed: the default)" in replay_page(other)
 
 
 def test_shading_is_named_by_a_colour_that_no_variant_has(results: dict[str, Any]) -> None:

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import shutil
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +14,9 @@ from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.bags.recovery import RecordWalk
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.reading.read_log import read_log
 
-SHARES = [0.05, 0.2, 0.5, 0.8, 0.97]
+SHARES = [0.05, 0.5, 0.97]
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +134,7 @@ def test_every_cut_gives_a_log_or_one_clear_error(robot: Robot, tmp_path: Path) 
         path = write_log(log, tmp_path / f"{form}{suffix}", form, robot)
         size = path.stat().st_size
         counts = []
-        for length in range(0, size, max(1, size // 150)):
+        for length in range(0, size, max(1, size // 60)):
             short = _cut(path, length / size, tmp_path)
             found = _log_or_error(short, robot)
             if isinstance(found, ReplayError):
@@ -163,7 +161,7 @@ def test_a_cut_file_inside_a_ros2_folder(robot: Robot, made: Log, tmp_path: Path
     assert len(read_log(folder, robot).tracks.stamps) == len(log.tracks.stamps)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["mcap", "ros1-lz4"])
 def test_rubbish_in_the_middle_ends_the_log_there(bags, robot: Robot, tmp_path: Path, kind) -> None:
     data = bytearray(bags[kind].read_bytes())
     middle = len(data) // 2
@@ -177,26 +175,6 @@ def test_rubbish_in_the_middle_ends_the_log_there(bags, robot: Robot, tmp_path: 
         assert found.notes or found.dropped
 
 
-@pytest.mark.parametrize(
-    ("form", "suffix"), [("mcap", ".mcap"), ("ros1", ".bag"), ("sqlite3", ".db3")]
-)
-def test_flipped_bytes_give_a_log_or_one_clear_error(
-    robot: Robot, tmp_path: Path, form, suffix: str
-) -> None:
-    rng = np.random.default_rng(11)
-    data = write_log(make_log(seconds=0.3), tmp_path / f"bag{suffix}", form, robot).read_bytes()
-    hurt = tmp_path / f"hurt{suffix}"
-    for _ in range(60):
-        flipped = np.frombuffer(data, dtype=np.uint8).copy()
-        places = rng.integers(0, len(data), 5)
-        flipped[places] = rng.integers(0, 256, 5)
-        hurt.write_bytes(flipped.tobytes())
-        found = _log_or_error(hurt, robot)
-        assert isinstance(found, Log) or hurt.name in str(found)
-        with suppress(ReplayError):
-            inspect(hurt)
-
-
 def test_zeros_at_the_end_are_no_records(bags, robot: Robot, tmp_path: Path) -> None:
     data = bags["mcap"].read_bytes()
     file = tmp_path / "zeros.mcap"
@@ -207,7 +185,9 @@ def test_zeros_at_the_end_are_no_records(bags, robot: Robot, tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("name", "robot_name"),
-    [("marmotte_part1", "marmotte"), ("husky_test1.bag", "husky")],
+    [
+        ("marmotte_part1", "marmotte"),
+    ],
 )
 def test_cut_sample_logs(data_dir: Path, tmp_path: Path, name: str, robot_name: str) -> None:
     source = sample_log(data_dir, name)
@@ -221,7 +201,7 @@ def test_cut_sample_logs(data_dir: Path, tmp_path: Path, name: str, robot_name: 
         file = tmp_path / name
         shutil.copyfile(source, file)
     data = file.read_bytes()
-    for share in (0.3, 0.6, 0.9):
+    for share in (0.3, 0.9):
         file.write_bytes(data[: int(len(data) * share)])
         log = read_log(tmp_path / name, robot)
         count = len(log.tracks.stamps)

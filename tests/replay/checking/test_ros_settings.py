@@ -1,6 +1,5 @@
 """Settings for ROS: odometry made with them turns and drives as the robot does."""
 
-import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -25,7 +24,7 @@ ALPHA = load_robot("auriga-alpha")
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    return simulate(Scenario(duration=120.0, seed=5, trajectory="random", fix_rate=0.0), ALPHA)
+    return simulate(Scenario(duration=90.0, seed=5, trajectory="random", fix_rate=0.0), ALPHA)
 
 
 def parsed(log: Log, robot: Robot) -> dict:
@@ -145,8 +144,6 @@ def test_the_command_writes_them_and_replaces_only_its_own(log: Log, tmp_path: P
     assert icreckon(*words, "--json", cwd=tmp_path).returncode == 0
     assert "wheel_separation_multiplier" in (tmp_path / "ros.yaml").read_text(encoding="utf-8")
     assert "exists already" in icreckon(*words, cwd=tmp_path).stderr
-    done = icreckon(*words, "--overwrite", "--json", cwd=tmp_path)
-    assert json.loads(done.stdout)["is_of_another_robot"] is False
     (tmp_path / "ros.yaml").write_text("mine: 1\n", encoding="utf-8")
     assert icreckon(*words, "--overwrite", cwd=tmp_path).returncode == 1
     assert (tmp_path / "ros.yaml").read_text(encoding="utf-8") == "mine: 1\n"

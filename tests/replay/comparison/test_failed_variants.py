@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 import typer
 
-from icreckon.cli.comparing import compare_and_report, exit_if_failed
+from icreckon.cli.common.comparing import compare_and_report
+from icreckon.cli.common.console import exit_if_failed
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.lost import LostFilter
 from icreckon.estimator.streaming.outputs import Run, Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison import compare as comparing
-from icreckon.replay.comparison.compare import compare
+from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.folder import write_report
 from icreckon.report.replay.page import replay_page
@@ -66,6 +67,11 @@ def lose(
     monkeypatch.setattr("icreckon.estimator.streaming.run.PoseEstimator", Losing)
 
 
+@pytest.fixture(scope="module")
+def whole() -> Comparison:
+    return compare(LOG, ROBOT, VARIANTS)
+
+
 @pytest.mark.parametrize(
     ("how", "reason"),
     [
@@ -76,9 +82,8 @@ def lose(
     ],
 )
 def test_a_lost_variant_is_named_and_the_others_are_scored(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, how: Any, reason: str
+    whole: Comparison, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, how: Any, reason: str
 ) -> None:
-    whole = compare(LOG, ROBOT, VARIANTS)
     lose(monkeypatch, ("inertia-online",), how)
     found = compare(LOG, ROBOT, VARIANTS)
     assert list(found.runs) == ["constant-online"]

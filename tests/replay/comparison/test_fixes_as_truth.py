@@ -21,7 +21,7 @@ PART = parse_part("0:40%")
 @pytest.fixture(scope="module")
 def log() -> Log:
     """A drive with a fix a second, as a GPS with corrections has them."""
-    return simulate(Scenario(duration=240.0, seed=1, fix_rate=1.0, trajectory="aggressive"), ALPHA)
+    return simulate(Scenario(duration=120.0, seed=1, fix_rate=1.0, trajectory="aggressive"), ALPHA)
 
 
 def scored(log: Log, part=PART) -> dict:
@@ -32,7 +32,7 @@ def scored(log: Log, part=PART) -> dict:
 
 def test_drift_is_about_that_against_the_truth(log: Log):
     by_truth, by_fixes = scored(log), scored(replace(log, truth=None))
-    assert by_fixes["truth"]["source"] == OF_FIXES
+    assert (by_truth["truth"]["source"], by_fixes["truth"]["source"]) == ("friction", OF_FIXES)
     for name in VARIANTS:
         known, found = (one["variants"][name] for one in (by_truth, by_fixes))
         key = "drift_percent_30s_mean"
@@ -62,8 +62,4 @@ def test_errors_of_the_fixes_are_stated(log: Log):
 
 
 def test_all_fixes_leave_nothing_to_score(log: Log):
-    assert scored(replace(log, truth=None), None)["truth"] is None
-
-
-def test_a_truth_stays_the_truth(log: Log):
-    assert scored(log)["truth"]["source"] == "friction"
+    assert scored(replace(log.part(0.0, 20.0), truth=None), None)["truth"] is None

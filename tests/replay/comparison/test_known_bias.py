@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import sample_log, thorough
+from conftest import sample_log
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import changed_robot, load_robot
 from icreckon.replay.comparison.bootstrap import paired_drift
@@ -31,7 +31,7 @@ VARIANTS = ["gyro", "constant-online"]
 @pytest.fixture(scope="module")
 def drive() -> tuple[Log, float]:
     """Log that begins at standstill, and the bias of its gyro [rad/s]."""
-    scenario = Scenario(duration=124.0, seed=3, fix_rate=0.0, truth="kinematic")
+    scenario = Scenario(duration=104.0, seed=3, fix_rate=0.0, truth="kinematic")
     made = run_scenario(scenario, ROBOT)
     imu = made.log.imu
     assert imu is not None
@@ -60,20 +60,6 @@ def test_gyro_runs_with_the_bias_that_it_had_no_chance_to_learn(
     assert bias.used == pytest.approx(ROBOT.imu.gyro_bias, abs=1e-4)
     assert bias.shown == pytest.approx(drive[1], abs=4.0 * bias.sigma)
     assert 0.0 < bias.sigma < 0.05 * BIAS
-
-
-@pytest.mark.parametrize("scale", [thorough(0.9), 1.2])
-def test_a_gyro_of_another_scale_has_the_same_bias(
-    scale: float, found: Comparison, moving: Log
-) -> None:
-    """The robot file's bias is that of the rate after the scale is corrected."""
-    assert moving.imu is not None
-    assert found.known_bias is not None
-    scaled = replace(moving.imu, angular_velocity=scale * moving.imu.angular_velocity)
-    robot = changed_robot(ROBOT, {"imu.gyro_scale": scale})
-    again = compare(replace(moving, imu=scaled), robot, VARIANTS).known_bias
-    assert again is not None
-    assert again.shown == pytest.approx(found.known_bias.shown, abs=1e-6)
 
 
 def test_a_gyro_in_degrees_is_no_matter_of_a_bias(moving: Log) -> None:
@@ -131,8 +117,9 @@ def test_a_gyro_that_stood_still_has_learnt_its_bias(drive: tuple[Log, float]) -
 
 
 def test_nothing_is_added_where_nothing_is_compared(moving: Log) -> None:
-    assert list(compare(moving, ROBOT, "gyro").runs) == ["gyro"]
-    assert list(compare(replace(moving, truth=None), ROBOT, VARIANTS).runs) == VARIANTS
+    short = moving.part(0.0, 20.0)
+    assert list(compare(short, ROBOT, "gyro").runs) == ["gyro"]
+    assert list(compare(replace(short, truth=None), ROBOT, VARIANTS).runs) == VARIANTS
 
 
 def test_the_husky_wins_nothing_by_a_bias(data_dir: Path) -> None:

@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def test_a_log_shorter_than_a_block_counts_by_its_length() -> None:
     assert pooled_drift([long, short]).percent("a").interval == pytest.approx((100.0, 100.0))
 
 
-@pytest.mark.parametrize(("logs", "spread"), [(12, 0.0), (12, 0.4), (3, 0.4), (2, 0.8)])
+@pytest.mark.parametrize(("logs", "spread"), [(12, 0.4), (2, 0.8)])
 def test_pooled_intervals_cover_the_drift_of_these_logs(logs: int, spread: float) -> None:
     """Drawn are errors with a correlation in time, of logs whose own drift is given."""
     rng = np.random.default_rng(5)
@@ -179,6 +180,7 @@ def test_several_logs_are_scored_together(logs: list[Log], tmp_path: Path) -> No
     assert pooled["variants"]["gyro"]["drift_ratio_10s"] == pytest.approx(1.0)
     assert pooled["verdict"]["best"] in VARIANTS
     assert found["ratios"] == {}
+    verdict_counts_the_logs_in_which_the_best_drifts_less(found)
 
 
 def test_the_same_robot_twice_has_a_ratio_of_one(logs: list[Log]) -> None:
@@ -188,13 +190,6 @@ def test_the_same_robot_twice_has_a_ratio_of_one(logs: list[Log]) -> None:
     assert one["ratio_10s"] == pytest.approx(1.0)
     assert one["ratio_10s_95"] == pytest.approx([1.0, 1.0])
     assert one["segments_10s"] == found["pooled"]["a"]["variants"]["gyro"]["drift_segments_10s"]
-
-
-def test_a_wrong_gyro_scale_shows_beside_the_right_one(logs: list[Log]) -> None:
-    wrong = icreckon.changed_robot(ROBOT, {"imu.gyro_scale": 1.2})
-    found = compare_many(logs, {"right": ROBOT, "wrong": wrong}, ("gyro",))
-    low, _ = found["ratios"]["wrong"]["variants"]["gyro"]["ratio_10s_95"]
-    assert low > 1.5
 
 
 def test_a_log_without_truth_is_listed_and_not_scored(logs: list[Log]) -> None:
@@ -225,8 +220,7 @@ def test_a_log_too_short_for_a_segment_does_not_count_as_scored(logs: list[Log])
     assert pooled["verdict"]["logs_scored"] == 1
 
 
-def test_a_verdict_counts_the_logs_in_which_the_best_drifts_less(logs: list[Log]) -> None:
-    found = compare_many(logs, ROBOT, VARIANTS)
+def verdict_counts_the_logs_in_which_the_best_drifts_less(found: dict[str, Any]) -> None:
     verdict = found["pooled"][ROBOT.name]["verdict"]
     best, baseline = verdict["best"], verdict["baseline"]
     key = f"drift_percent_{verdict['horizon']}_mean"
@@ -238,8 +232,9 @@ def test_a_variant_lost_in_one_log_is_compared_in_the_others(logs: list[Log]) ->
     """A filter that failed in the first log with one robot file still has the other logs."""
     scored = []
     for log in logs:
+        whole = compare(log, ROBOT, VARIANTS)
         for name in ("a", "b"):
-            comparison = compare(log, ROBOT, VARIANTS)
+            comparison = whole
             if log is logs[0] and name == "b":
                 kept = {"gyro": comparison.runs["gyro"]}
                 comparison = replace(comparison, runs=kept)

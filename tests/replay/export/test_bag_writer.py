@@ -128,27 +128,6 @@ def test_several_joints_on_a_side(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.tracks.speeds, log.tracks.speeds)
 
 
-def test_nothing_is_overwritten_unasked(tmp_path: Path, robot: Robot) -> None:
-    log = make_log(1.0)
-    path = write_log(log, tmp_path / "bag", "mcap", robot)
-    before = (path / "bag.mcap").read_bytes()
-    with pytest.raises(ReplayError, match="--overwrite"):
-        write_log(make_log(2.0), path, "mcap", robot)
-    assert (path / "bag.mcap").read_bytes() == before
-    write_log(make_log(2.0), path, "sqlite3", robot, overwrite=True)
-    assert sorted(file.name for file in path.iterdir()) == ["bag.db3", "metadata.yaml"]
-    assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_folder_that_is_no_bag_is_never_replaced(tmp_path: Path, robot: Robot) -> None:
-    precious = tmp_path / "thesis" / "chapter.txt"
-    precious.parent.mkdir()
-    precious.write_text("words")
-    with pytest.raises(ReplayError, match="not replaced"):
-        write_log(make_log(1.0), precious.parent, "mcap", robot, overwrite=True)
-    assert precious.read_text() == "words"
-
-
 def test_a_failed_write_leaves_nothing_behind(tmp_path: Path, robot: Robot) -> None:
     log = make_log(1.0)
     broken = replace(log, truth=replace(log.truth, poses=PoseSeries(*_late(log))))

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from command_line import icreckon
-from icreckon.replay.export.trajectories import read_tum
+from tum import read_tum
 
 
 def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> None:

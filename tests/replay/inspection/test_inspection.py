@@ -64,7 +64,7 @@ def driven_log(rpy_deg: tuple[float, float, float], z_only: bool = False) -> Log
 
 @pytest.mark.parametrize(
     "rpy_deg",
-    [(0.0, 0.0, 0.0), (180.0, 12.0, 0.0), (0.0, 0.0, 180.0), (90.0, 0.0, -90.0), (2.0, -5.0, 90.0)],
+    [(180.0, 12.0, 0.0), (90.0, 0.0, -90.0), (2.0, -5.0, 90.0)],
 )
 def test_the_mounting_is_found(rpy_deg: tuple[float, float, float]) -> None:
     mounting = estimate_mounting(driven_log(rpy_deg))
@@ -93,9 +93,7 @@ def without_accelerometers(log: Log) -> Log:
     return replace(log, imu=replace(log.imu, linear_acceleration=None))
 
 
-@pytest.mark.parametrize(
-    "rpy_deg", [(0.0, 0.0, 0.0), (180.0, 12.0, 0.0), (90.0, 0.0, 0.0), (2.0, -5.0, 0.0)]
-)
+@pytest.mark.parametrize("rpy_deg", [(180.0, 12.0, 0.0), (90.0, 0.0, 0.0)])
 def test_turning_shows_the_mounting_of_a_gyro_alone(rpy_deg: tuple[float, float, float]) -> None:
     mounting = estimate_mounting(without_accelerometers(driven_log(rpy_deg)))
     assert (mounting.up_shown_by, mounting.yaw_shown) == ("turning", False)

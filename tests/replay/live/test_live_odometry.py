@@ -15,7 +15,7 @@ from rosbags.highlevel import AnyReader
 
 from bag_messages import joints, write_bag
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import compose, relative, wrap_angle
+from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.log.scores import interpolate_poses
@@ -158,14 +158,6 @@ def test_stamps_rise_although_the_imu_comes_late(robot: Robot, messages: list[Ar
     estimates = live_run(robot, behind, use_fixes=False)
     assert len(estimates) > 100
     assert all(np.diff([one.stamp for one in estimates]) > 0)
-
-
-def test_odom_does_not_jump_where_map_does(robot: Robot, messages: list[Arrived]) -> None:
-    estimates = live_run(robot, messages, reorder=0.05)
-    step = np.diff([one.pose[:2] for one in estimates], axis=0)
-    assert np.hypot(*step.T).max() < robot.vehicle.max_track_speed * 0.015
-    in_map = [one.map_pose for one in estimates if one.map_pose is not None]
-    assert np.hypot(*np.diff(in_map, axis=0)[:, :2].T).max() > 0.015
 
 
 def test_fixes_that_wander_start_the_map_with_little_weight(
@@ -517,22 +509,6 @@ def test_a_reset_goes_back_to_the_start_pose(robot: Robot, messages: list[Arrive
     live.restart()
     again = [one for one in through(live, messages) if one.map_pose is not None]
     assert again[0].map_pose == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
-
-
-def test_another_base_frame_is_a_fixed_place_on_the_robot(
-    robot: Robot, messages: list[Arrived]
-) -> None:
-    """With the same start in map, the map's poses are that place on the robot."""
-    offset = (-0.4, 0.1, 0.3)
-    at_centre = live_run(robot, messages, use_fixes=False, start_pose=(0.0, 0.0, 0.0))
-    start = tuple(compose((0.0, 0.0, 0.0), offset).tolist())
-    at_base = live_run(robot, messages, use_fixes=False, start_pose=start, base_offset=offset)
-    for centre, base in zip(at_centre, at_base, strict=True):
-        assert base.pose[2] == pytest.approx(centre.pose[2], abs=1e-9)
-        assert base.twist[2] == centre.twist[2]
-        if base.map_pose is not None and centre.map_pose is not None:
-            assert relative(centre.map_pose, base.map_pose) == pytest.approx(offset, abs=1e-9)
-    assert np.abs(at_base[-1].pose - at_centre[-1].pose).max() > 0.01
 
 
 def test_statuses_name_what_is_wrong(robot: Robot, messages: list[Arrived]) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from conftest import REPOSITORY, sample_log
+from conftest import REPOSITORY, sample
 from icreckon.estimator.robot.robot_file import load_robot, robot_names
 from icreckon.replay.inspection.imu_mounting import forward_yaw, turning_correlation
 from icreckon.replay.mapping.columns import ColumnMap, ImuColumns, PoseColumns, TrackColumns
@@ -21,7 +21,6 @@ from icreckon.replay.mapping.topics import (
     TruthTopic,
     topic_map,
 )
-from icreckon.replay.reading.read_log import read_log
 
 # name of the log: robot, least correlation of the turning, largest tilt that is left [m/s²]; the mounting
 # of Marmotte and Warthog goes by the truth, which is up to 2.4 deg from what gravity alone would say
@@ -51,7 +50,7 @@ def test_every_robot_file_loads(name: str) -> None:
 def test_mounting(data_dir: Path, name: str) -> None:
     robot_name, least_correlation, largest_tilt = LOGS[name]
     robot = load_robot(robot_name)
-    log = read_log(sample_log(data_dir, name), robot)
+    log = sample(data_dir, name, robot_name)
     rotation = robot.imu_rotation
     force = log.imu.linear_acceleration @ rotation.T
     assert np.abs(force.mean(axis=0)[:2]).max() < largest_tilt

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from broken_input import FAULTS, broken_runs, standstill_drift
 
-from conftest import sample_log, thorough
+from conftest import sample, thorough
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.run import run
-from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.stamps import doubled_times, in_both, without_steps
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -62,7 +61,7 @@ def test_a_hole_in_all_sensors_is_bridged_honestly(gap: float, imu_first: bool) 
     log = replace(simulate(Scenario(duration=60.0, seed=6), robot), fixes=None)
     whole = run(log, robot, "inertia-online")
     shares = []
-    for start in range(8, 50, 6):
+    for start in range(8, 50, 14):
         begin = log.start + start * SECOND
         end = begin + int(gap * SECOND)
         tracks_end = end + (7_000_000 if imu_first else -7_000_000)
@@ -95,8 +94,8 @@ def test_a_standing_robot_does_not_drift() -> None:
 
 def test_the_faults_in_a_real_log(data_dir: Path, tmp_path: Path) -> None:
     robot = load_robot("warthog")
-    log = read_log(sample_log(data_dir, "warthog_grass_2024_8_8_16h11s19"), robot)
-    names = ["one stamp 30 s in the past", "headers step back 5 s for good", "one NaN"]
+    log = sample(data_dir, "warthog_grass_2024_8_8_16h11s19", "warthog")
+    names = ["headers step back 5 s for good"]
     found = broken_runs(replace(log, truth=None), robot, "constant-online", tmp_path, names)
     assert all(one.share < 1.0 for one in found.values())
 

@@ -3,25 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from conftest import sample_log
 from icreckon.estimator.base.frames import relative
-from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.inspection.latency import track_latency
 from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
@@ -77,21 +72,6 @@ def test_held_speeds_are_interpolated(driven: Log) -> None:
         np.abs(speeds[middles + 1] - speeds[middles]),
     )
     assert (np.abs(around - held.tracks.speeds[middles]) <= 0.51 * slopes + 1e-6).mean() > 0.95
-
-
-def test_the_latency_stays_what_it_is(driven: Log) -> None:
-    """A robot file's latency, found with held speeds, is right for interpolated ones."""
-    assert driven.imu is not None
-    held = holding(driven)
-    vertical = driven.imu.angular_velocity[:, 2]
-    late = [
-        track_latency(log.tracks, driven.imu, vertical)
-        for log in (held, without_holding(held, "auto"))
-    ]
-    assert isinstance(late[0], Lag)
-    assert isinstance(late[1], Lag)
-    assert late[1].seconds == pytest.approx(late[0].seconds, abs=0.012)
-    assert late[0].seconds > 0.08
 
 
 def test_dead_reckoning_gains(driven: Log) -> None:
@@ -190,36 +170,6 @@ def test_a_hole_is_not_bridged(driven: Log) -> None:
     # The last value before the hole and the first one after it are as they were read.
     np.testing.assert_allclose(found[low - 1], tracks.speeds[low - 1])
     np.testing.assert_allclose(found[low], tracks.speeds[low])
-
-
-@settings(max_examples=60)
-@given(
-    st.lists(
-        st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.integers(1, 9)),
-        min_size=1,
-        max_size=40,
-    ),
-    st.sampled_from(["auto", "interpolate"]),
-)
-def test_no_speed_leaves_the_range_of_its_neighbours(
-    values: list[tuple[float, float, int]], how: str
-) -> None:
-    """Whatever is repeated: stamps stay, and each speed lies between what was read around it."""
-    rows = np.repeat(
-        np.array([value[:2] for value in values]), [value[2] for value in values], axis=0
-    )
-    stamps = np.arange(len(rows)) * 50_000_000
-    log = Log(name="drawn", tracks=TrackSpeedSeries(stamps, rows))
-    found = speeds_of(log, how)
-    assert found.shape == rows.shape
-    for side in range(2):
-        new = np.flatnonzero(np.diff(rows[:, side])) + 1
-        bounds = np.concatenate([[0], new, [len(rows)]])
-        for first, end in pairwise(bounds):
-            around = rows[[max(first - 1, 0), first, min(end, len(rows) - 1)], side]
-            inside = found[first:end, side]
-            assert (inside >= around.min() - 1e-9).all()
-            assert (inside <= around.max() + 1e-9).all()
 
 
 def test_the_robot_file_has_the_last_word(driven: Log, tmp_path: Path) -> None:

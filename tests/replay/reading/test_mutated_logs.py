@@ -22,14 +22,14 @@ from conftest import make_log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.export.trajectories import read_tum
 from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.reading.read_log import read_log
 from mutations import mutated
+from tum import read_tum
 
 MEMORY = 2**30
 """Address space that a damaged file may take beside what the process has [B]."""
-COPIES, LONGEST = 100, 20.0
+COPIES, LONGEST = 60, 20.0
 ALPHA = load_robot("auriga-alpha")
 TABLE = robot_with(
     columns={

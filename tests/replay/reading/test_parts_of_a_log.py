@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import make_log, sample_log
+from conftest import make_log
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.errors import ReplayError
@@ -50,12 +50,6 @@ def test_recordings_that_are_days_apart_are_refused(tmp_path: Path) -> None:
     ]
     with pytest.raises(ReplayError, match="3 days apart"):
         read_log(paths, robot)
-
-
-def test_real_logs_that_begin_at_the_same_stamp_are_refused(data_dir: Path) -> None:
-    names = ("warthog_grass_2024_8_8_15h56s39", "warthog_grass_2024_8_8_16h11s19")
-    with pytest.raises(ReplayError, match="two recordings"):
-        read_log([sample_log(data_dir, name) for name in names], load_robot("warthog"))
 
 
 def test_a_part_without_fixes_is_refused() -> None:

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from forces_of_tracks import track_forces
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.contact.contact import (
@@ -18,7 +19,6 @@ from icreckon.simulation.contact.contact import (
     equally_spaced,
     steady_balance,
     steady_inertia,
-    track_forces,
     vertical_loads,
 )
 

@@ -1,5 +1,3 @@
-import subprocess
-import sys
 from typing import get_type_hints
 
 import msgspec
@@ -390,14 +388,3 @@ def test_bad_recordings_in_memory_and_in_the_wrong_place():
         make_trajectory(RECORDED, 10.0, ALPHA, None)
     with pytest.raises(SimulationError, match="set trajectory = 'recorded'"):
         make_trajectory("circle", 10.0, ALPHA, None, {}, series([0.0, 1.0], np.zeros((2, 2))))
-
-
-def test_made_trajectories_load_no_heavy_library():
-    code = (
-        "import sys, numpy, icreckon.simulation.drives.trajectories as t; "
-        "from icreckon.estimator.robot.robot_file import load_robot; "
-        "t.make_trajectory('arcs', 10.0, load_robot('husky'), numpy.random.default_rng(0)); "
-        "print([m for m in ('scipy', 'matplotlib', 'rosbags') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"

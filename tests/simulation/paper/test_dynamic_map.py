@@ -15,27 +15,25 @@ from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady,
 from icreckon.simulation.paper.dynamic_map import (
     DynamicMap,
     constant_twist,
-    dynamic_map,
-    fit_parameters,
     inertia_based_twist,
     map_of,
-    mean_icrs,
     on_spot_line,
     rmse,
-    velocity_errors,
 )
+from icreckon.simulation.paper.readings import Reading, read_errors, read_means, read_parameters
 
 AURIGA = Contact(
     Soil(friction=0.9, rolling_resistance=0.074),
     equally_spaced(0.42, half_length=0.39, count=5),
     Body(258.0, -0.015, 0.04, 0.79),
 )
+PLAIN = Reading()
 VEHICLE = VehicleConstants(0.42, 258.0, -0.015, 0.04)
 
 
 @pytest.fixture(scope="module")
 def mapped() -> DynamicMap:
-    return dynamic_map(AURIGA)
+    return map_of(solve_steady(*track_speed_grid(), AURIGA), VEHICLE)
 
 
 def made(twist: PaperTwist, V_l: np.ndarray, V_r: np.ndarray) -> DynamicMap:
@@ -46,15 +44,15 @@ def made(twist: PaperTwist, V_l: np.ndarray, V_r: np.ndarray) -> DynamicMap:
 
 
 def test_mean_icrs_of_the_identified_soil(mapped):
-    assert tuple(getattr(mean_icrs(mapped), name) for name in ("x_ICRl", "x_ICRr", "y_ICR")) == (
-        pytest.approx((-0.455, 0.657, 0.0481), rel=5e-3)
-    )
+    assert tuple(
+        getattr(read_means(mapped, PLAIN), name) for name in ("x_ICRl", "x_ICRr", "y_ICR")
+    ) == (pytest.approx((-0.455, 0.657, 0.0481), rel=5e-3))
 
 
 def test_parameters_of_the_identified_soil(mapped):
     # The identification's friction and height are known to two digits: half a unit of the last one
     # moves eta2 by 3 %, epsilon1 and eta1 by 2 %, the others by less than 1 %.
-    fitted = fit_parameters(mapped)
+    fitted = read_parameters(mapped, PLAIN)
     assert fitted.zeta0 == pytest.approx(0.0481, rel=5e-3)
     assert fitted.zeta1 == pytest.approx(2.39e-4, rel=5e-3)
     assert fitted.epsilon0 == pytest.approx(0.086, rel=5e-3)
@@ -65,7 +63,8 @@ def test_parameters_of_the_identified_soil(mapped):
 
 
 def test_errors_of_the_identified_soil(mapped):
-    errors = velocity_errors(mapped)
+    parameters, icrs = read_parameters(mapped, PLAIN), read_means(mapped, PLAIN)
+    errors = read_errors(mapped, parameters, icrs, PLAIN)
     assert errors.inertia_based == pytest.approx((0.0034, 0.046, 0.051), rel=0.02)
     assert errors.constant == pytest.approx((0.017, 0.077, 0.110), rel=0.02)
 
@@ -96,7 +95,7 @@ def test_the_fit_recovers_the_parameters_of_its_own_model():
     known = load_robot("auriga-alpha").indices
     V_l, V_r = track_speed_grid()
     twist = solve(V_l, V_r, known.as_array(), VEHICLE, form="literal").twist
-    fitted = fit_parameters(made(twist, V_l, V_r), H=known.H)
+    fitted = read_parameters(made(twist, V_l, V_r), PLAIN, H=known.H)
     np.testing.assert_allclose(fitted.as_array(), known.as_array(), rtol=1e-7)
 
 
@@ -108,7 +107,7 @@ def test_the_published_model_explains_itself():
     assert max(rmse(inertia_based_twist(mapped, known), twist)) < 1e-12
     assert max(rmse(inertia_based_twist(mapped, known, "literal"), twist)) < 1e-12
     icrs = ConstantIcr(-0.458, 0.630, 0.0482)
-    errors = velocity_errors(mapped, known, icrs)
+    errors = read_errors(mapped, known, icrs, PLAIN)
     assert max(errors.inertia_based) < 1e-12
     assert min(errors.constant) > 0.005
 
@@ -118,23 +117,21 @@ def test_constant_icrs_come_back_from_constant_icrs():
     V_l, V_r = track_speed_grid()
     zero = np.zeros_like(V_l)
     mapped = made(constant_twist(made(PaperTwist(zero, zero, zero), V_l, V_r), icrs), V_l, V_r)
-    found = mean_icrs(mapped)
+    found = read_means(mapped, PLAIN)
     assert (found.x_ICRl, found.x_ICRr, found.y_ICR) == pytest.approx((-0.458, 0.630, 0.0482))
     # With constant ICRs the centre of mass stands where H = -(x_ICRl - x_CM) / (x_ICRr - x_CM).
     assert on_spot_line(mapped) == pytest.approx(0.443 / 0.645, rel=1e-9)
     assert max(rmse(constant_twist(mapped, icrs), mapped.motion.twist)) < 1e-15
 
 
-def test_a_mask_chooses_what_enters(mapped):
-    gentle = np.abs(mapped.motion.V_l - mapped.motion.V_r) < 0.55
-    assert mean_icrs(mapped, gentle) != mean_icrs(mapped)
-    assert fit_parameters(mapped, include=gentle) != fit_parameters(mapped)
+def test_the_reading_chooses_what_enters(mapped):
+    apart = Reading(least_difference=0.55)
+    assert read_means(mapped, apart) != read_means(mapped, PLAIN)
+    assert read_parameters(mapped, apart) != read_parameters(mapped, PLAIN)
     with pytest.raises(SimulationError, match="none of the motions turns"):
-        mean_icrs(mapped, ~mapped.turning)
-    one = np.zeros((21, 21), dtype=bool)
-    one[3, 8] = True
+        read_means(mapped, Reading(least_difference=3.0))
     with pytest.raises(SimulationError, match="do not show all parameters"):
-        fit_parameters(mapped, H=0.7, include=one)
+        read_parameters(mapped, Reading(least_difference=1.95), H=0.7)
 
 
 def test_what_cannot_be_derived_is_said():
@@ -147,16 +144,15 @@ def test_what_cannot_be_derived_is_said():
     V_l, V_r = track_speed_grid()
     loose = PaperTwist(0.0 * V_l, 0.5 * (V_l + V_r), (V_r - V_l) / 0.2)
     with pytest.raises(SimulationError, match="eta0"):
-        fit_parameters(made(loose, V_l, V_r))
+        read_parameters(made(loose, V_l, V_r), PLAIN)
     backward = PaperTwist(0.0 * V_l, 0.5 * (V_l + V_r), (V_l - V_r) / 0.5)
     with pytest.raises(SimulationError, match="mean ICRs"):
-        mean_icrs(made(backward, V_l, V_r))
+        read_means(made(backward, V_l, V_r), PLAIN)
 
 
-def test_parameters_can_be_given(mapped):
-    fitted, icrs = fit_parameters(mapped), mean_icrs(mapped)
-    assert velocity_errors(mapped, fitted, icrs) == velocity_errors(mapped)
-    worse = velocity_errors(mapped, Indices(H=0.7, eta0=2.0), icrs)
-    assert worse.inertia_based.w > velocity_errors(mapped).inertia_based.w
-    implied = velocity_errors(mapped, inertia="literal").inertia_based
-    assert implied.w > velocity_errors(mapped).inertia_based.w
+def test_errors_are_those_of_the_parameters_and_of_the_force(mapped):
+    fitted, icrs = read_parameters(mapped, PLAIN), read_means(mapped, PLAIN)
+    fit = read_errors(mapped, fitted, icrs, PLAIN).inertia_based.w
+    worse = read_errors(mapped, Indices(H=0.7, eta0=2.0), icrs, PLAIN)
+    assert worse.inertia_based.w > fit
+    assert read_errors(mapped, fitted, icrs, Reading(inertia="literal")).inertia_based.w > fit

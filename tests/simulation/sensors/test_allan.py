@@ -118,8 +118,10 @@ def test_the_peak_of_the_markov_process_is_where_the_derivation_says() -> None:
     assert pytest.approx(0.664, abs=1e-3) == INSTABILITY_FLOOR
 
 
-@pytest.mark.parametrize("sensor", SENSORS)
-@pytest.mark.parametrize("grade", ["consumer", "industrial", "tactical"])
+@pytest.mark.parametrize(
+    ("grade", "sensor"),
+    [("consumer", "gyro"), ("industrial", "accelerometer"), ("tactical", "gyro")],
+)
 def test_a_whole_data_sheet(grade: str, sensor: str) -> None:
     make = gyro_errors if sensor == "gyro" else accelerometer_errors
     errors = make(ALPHA, InertialSpec(), noise_preset(grade))

@@ -1,3 +1,5 @@
+from functools import cache
+
 import msgspec
 import numpy as np
 import pytest
@@ -125,8 +127,8 @@ def test_inertial_noise_follows_its_density(rate):
         assert abs(per_second.var() / density**2 - 1.0) < sample_band(per_second.size)
 
 
-@pytest.mark.parametrize("rate", [50.0, 200.0])
-def test_bias_and_its_walk(rate):
+def test_bias_and_its_walk():
+    rate = 50.0
     motion = circle(20.0)
     noise = InertialErrors(bias_sigma=0.01, bias_walk=2e-3)
     runs = [imu(motion, IDEAL, 20.0, rate, noise, seed=2 * seed) for seed in range(200)]
@@ -331,10 +333,10 @@ def test_a_data_sheet_has_every_error(spec, errors):
         (lambda: InertialSpec(bias_instability=float("inf")), "bias_instability must be zero or"),
         (lambda: EncoderSpec(speed_noise_density=float("nan")), "speed_noise_density must be"),
         (lambda: EncoderSpec(resolution=-1e-3), "resolution must be zero or a positive number"),
-        (lambda: EncoderSpec(dropouts_per_hour=1e9), "dropouts_per_hour must be at most 36000"),
+        (lambda: EncoderSpec(dropouts_per_hour=1e9), "dropouts_per_hour must be from 0 to 36000"),
         (lambda: EncoderSpec(dropout_duration=0.0), "dropout_duration must be a positive number"),
         (lambda: EncoderSpec(dropout_reads="zeros"), "cannot be 'zeros'; did you mean 'zero'"),
-        (lambda: FixSpec(outlier_share=1.5), "outlier_share must be at most 1, found 1.5"),
+        (lambda: FixSpec(outlier_share=1.5), "outlier_share must be from 0 to 1, found 1.5"),
         (lambda: FixSpec(latency=-0.1), "latency must be zero or a positive number, found -0.1"),
     ],
 )
@@ -414,13 +416,13 @@ def test_a_track_that_settles_exponentially_stands_in_the_end():
 
 
 def test_the_difference_of_scales_is_left_less_right_and_keeps_the_mean():
-    differences = []
+    differences, motion = [], circle(0.1)
     for seed in range(300):
         errors = EncoderErrors(scale_sigma=0.01, scale_difference_sigma=0.004)
         common = EncoderErrors(scale_sigma=0.01)
         times = sample_times(0.1, 50.0)
         one, other = (
-            [0.3, 0.6] / read_tracks(circle(0.1), times, 50.0, which, rng(seed)).speeds[0]
+            [0.3, 0.6] / read_tracks(motion, times, 50.0, which, rng(seed)).speeds[0]
             for which in (errors, common)
         )
         assert one.mean() == pytest.approx(other.mean(), abs=1e-12)
@@ -430,8 +432,14 @@ def test_the_difference_of_scales_is_left_less_right_and_keeps_the_mean():
     assert abs(np.mean(differences)) < 5.0 * 0.004 / np.sqrt(300)
 
 
-def dropped(reads, duration=7200.0, **values):
-    motion = circle(duration)
+@cache
+def driven_for_hours():
+    return circle(7200.0)
+
+
+@cache
+def dropped(reads, **values):
+    motion, duration = driven_for_hours(), 7200.0
     values = {"dropouts_per_hour": 120.0, "dropout_duration": 2.0} | values
     times = sample_times(duration, 10.0)
     errors = EncoderErrors(speed_noise_density=1e-3, dropout_reads=reads, **values)
@@ -485,9 +493,9 @@ def test_scale_and_misalignment_are_drawn_once_for_each_axis():
 
 
 def test_misalignment_shows_gravity_in_the_level_axes():
-    errors = InertialErrors(misalignment_sigma=1e-3)
+    errors, motion = InertialErrors(misalignment_sigma=1e-3), circle(0.1, 0.0, 0.0)
     forces = [
-        imu(circle(0.1, 0.0, 0.0), IDEAL, 0.1, accelerometer=errors, seed=seed)
+        imu(motion, IDEAL, 0.1, accelerometer=errors, seed=seed)
         .series.linear_acceleration[0, :2]
         .copy()
         for seed in range(300)

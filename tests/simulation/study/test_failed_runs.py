@@ -12,7 +12,8 @@ import typer
 from pyarrow import parquet
 
 import study_stub
-from icreckon.cli.study import run_study_command
+from command_line import blank
+from icreckon.cli.study import command
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.batch.runs import Worked
 from icreckon.estimator.log.log import Log
@@ -56,6 +57,8 @@ LOST = 7.0  # s
 
 @pytest.fixture(autouse=True)
 def _stub(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An engine of no time; figures, which take longest, stay blank."""
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", blank)
     monkeypatch.setitem(
         study_engines.ENGINES, "stub", Engine("stub", "study_stub", block_runs=4, threads=True)
     )
@@ -146,9 +149,7 @@ def test_a_lost_filter_is_a_failed_run_in_every_engine(
     ("changes", "reason"),
     [
         ({"nis_gyro_mean": -3e53}, "nis_gyro_mean is negative (-3e+53)"),
-        ({"nees_pose_mean": 1e40}, "nees_pose_mean is impossibly large (1e+40)"),
         ({"final_position_error_m": np.nan}, "final_position_error_m is not finite"),
-        ({"drift_percent_5s": np.inf}, "drift_percent_5s is not finite"),
         ({"rmse_v_x_m_s": 1e5}, "rmse_v_x_m_s is impossibly large (1e+05)"),
     ],
 )
@@ -260,10 +261,10 @@ def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
     words |= {"as_json": True, "wide": False, "overwrite": False}
     if fails:
         with pytest.raises(typer.Exit) as left:
-            run_study_command(**words)
+            command(**words)
         assert left.value.exit_code == 1
     else:
-        run_study_command(**words)
+        command(**words)
     shown = capsys.readouterr()
     told = json.loads(shown.out)
     assert told == json.loads((out / "results.json").read_text(encoding="utf-8"))

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from forces_of_tracks import track_forces
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
 from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
 from icreckon.estimator.robot.soil import Soil
@@ -20,7 +21,6 @@ from icreckon.simulation.contact.contact import (
     Contact,
     equally_spaced,
     steady_inertia,
-    track_forces,
     vertical_loads,
 )
 from icreckon.simulation.contact.contact_forces import mass_matrix
@@ -348,8 +348,8 @@ def test_a_drawn_contact_differs_from_the_file_by_its_spread():
         (lambda: Patch(edge=-1.0), "edge of a patch must be zero or"),
         (lambda: Patch(friction=0.0), "friction of a patch must be a positive"),
         (lambda: Patch(rolling_resistance=float("nan")), "rolling_resistance of a patch"),
-        (lambda: Patch(slope_deg=70.0), "slope_deg of a patch must lie between 0 and 60"),
-        (lambda: Patch(slope_deg=-5.0), "slope_deg of a patch must lie between 0 and 60"),
+        (lambda: Patch(slope_deg=70.0), "slope_deg of a patch must be between 0 and 60"),
+        (lambda: Patch(slope_deg=-5.0), "slope_deg of a patch must be between 0 and 60"),
         (lambda: Patch(uphill_deg=90.0), "has uphill_deg = 90.0 but no slope_deg"),
         (lambda: Patch(x=(1.0, 3.0)), "a patch changes nothing; give it friction, rolling"),
         (lambda: Patch(x=(0, 1, 2)), "x of a Patch: Expected `array` of length 2"),

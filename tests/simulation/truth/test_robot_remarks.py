@@ -1,12 +1,8 @@
 """Remarks on robot files that leave out what friction needs."""
 
-from pathlib import Path
-
 import pytest
 
-from command_line import icreckon
 from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot, make_robot
-from icreckon.estimator.robot.robot_toml import robot_toml
 from icreckon.simulation.truth.robot_remarks import robot_remarks
 
 MINE = make_robot(
@@ -54,20 +50,3 @@ def test_only_where_friction_moves_the_robot(robot: Robot) -> None:
 
 def test_the_published_robot_has_all() -> None:
     assert robot_remarks(load_robot("auriga-alpha"), "friction") == []
-
-
-def test_simulate_and_study_print_them(tmp_path: Path) -> None:
-    (tmp_path / "mine.toml").write_text(robot_toml(MINE), encoding="utf-8")
-    done = icreckon(
-        "simulate", "--robot", "mine.toml", "--out", "drive", "--duration", 10, cwd=tmp_path
-    )
-    assert done.returncode == 0, done.stderr
-    assert "set its height" in done.stderr.replace("\n", " ")
-    (tmp_path / "s.toml").write_text(
-        'robot = "mine.toml"\nvariants = ["gyro"]\nruns = 1\nhorizons = [2.0]\n'
-        "[scenario]\nduration = 8.0\noutages = [[4.0, 8.0]]\n",
-        encoding="utf-8",
-    )
-    done = icreckon("study", "s.toml", "--out", "s", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "set its height" in done.stderr.replace("\n", " ")

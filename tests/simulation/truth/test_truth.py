@@ -117,7 +117,7 @@ def test_the_mirrored_robot_drives_the_mirrored_path(name, seed, side):
     assert np.allclose(mirror.twists, motion.twists * [1.0, -1.0, -1.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["figure-eight", "aggressive", "random", "slalom"])
+@pytest.mark.parametrize("name", ["aggressive", "slalom"])
 def test_halving_the_step_does_not_move_the_end(name):
     """Without forces; these lag by steps, so that with them the end moves ever less."""
     command = make_trajectory(name, 300.0, ALPHA, np.random.default_rng(1))

@@ -9,19 +9,15 @@ from typing import Any
 
 import typer
 from rich.console import RenderableType
-from rich.table import Table
 
-from icreckon.cli.console import (
-    FAILED,
-    messages,
+from icreckon.cli.common.console import (
     print_fitting,
     progress,
-    results,
     worker_count,
     working,
 )
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, Robot, load_robot, robot_names
+from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.replay.base.errors import ReplayError
@@ -159,31 +155,3 @@ def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:
             f"file, which `icreckon inspect {' '.join(map(str, paths))} --write robot.toml` proposes"
         )
     return name, load_robot(name)
-
-
-def show_robots() -> None:
-    """Print the robots that ship with icreckon."""
-    table = Table()
-    table.add_column("robot", no_wrap=True)
-    for heading in ("mass\nkg", "track gauge\nm", "radius\nm"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("track speeds and IMU in its logs")
-    for name in robot_names():
-        robot = load_robot(name)
-        vehicle = robot.vehicle
-        topics = [robot.log.get(stream, {}).get("topic", "") for stream in ("tracks", "imu")]
-        numbers = (vehicle.mass, vehicle.track_gauge, vehicle.sprocket_radius)
-        table.add_row(
-            name, *(f"{number:.4g}" for number in numbers), "\n".join(filter(None, topics))
-        )
-    console = results()
-    console.print(table)
-    console.print(f"Files: {ROBOTS_FOLDER}", soft_wrap=True)
-
-
-def exit_if_failed(failed: Sequence[str]) -> None:
-    """Print failures and exit with 1 if there are any, after the results are in place."""
-    for line in failed:
-        messages().print(line, style="red", markup=False, soft_wrap=True)
-    if failed:
-        raise typer.Exit(FAILED)

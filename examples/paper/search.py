@@ -1,4 +1,4 @@
-"""Identification of the contact and soil that reproduce the paper's numbers best.
+"""Search for the contact and soil that reproduce the paper's numbers best.
 
 Parameters that the paper leaves open are identified in two stages: a seeded search (`search`) maps random
 contacts and applies every reading to each map, then least squares refine the best ones (`refine`). Both

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import msgspec
+from search import RANGES, Progress, refine
 
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.paper.contact import PaperContact
 from icreckon.simulation.paper.readings import Reading
 from icreckon.simulation.paper.reproduction import reproduce, within
-from icreckon.simulation.paper.search import RANGES, Progress, refine
 
 EVALUATIONS = 12
 

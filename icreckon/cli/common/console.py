@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import typer
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     Progress,
+    ProgressColumn,
     SpinnerColumn,
     TaskProgressColumn,
     TextColumn,
@@ -22,6 +24,12 @@ from rich.progress import (
 from rich.segment import Segment
 
 from icreckon.estimator.base.errors import IcreckonError
+from icreckon.replay.base.outputs import (
+    NO_ROOM,
+    check_replaceable,
+    is_being_written,
+    written_beside,
+)
 from icreckon.report.printable import printable
 
 TABLE_WIDTH = 150
@@ -54,6 +62,19 @@ class _PlainConsole(Console):
 def messages() -> Console:
     """Console for messages: standard error."""
     return _PlainConsole(stderr=True)
+
+
+def say(text: str, style: str | None = None) -> None:
+    """Print a line to standard error, however long."""
+    messages().print(text, style=style, soft_wrap=True)
+
+
+def exit_if_failed(failed: Sequence[str]) -> None:
+    """Print failures and exit with 1 if there are any, after the results are in place."""
+    for line in failed:
+        say(line, "red")
+    if failed:
+        raise typer.Exit(FAILED)
 
 
 def results() -> Console:
@@ -91,7 +112,6 @@ def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[
         log_seconds: duration of the log [s], to show the time reached in it and the speed-up, too.
     """
     columns = (
-        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         TextColumn("{task.fields[reached]}"),
@@ -99,10 +119,7 @@ def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    console = messages()
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
+    with _bar(_title(), *columns) as bar:
         task = bar.add_task(title, total=1.0, reached="")
 
         def report(done: float) -> None:
@@ -124,13 +141,19 @@ def working(title: str) -> Iterator[None]:
     Args:
         title: name of the work.
     """
-    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
-    console = messages()
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
+    with _bar(SpinnerColumn(), _title(), TimeElapsedColumn()) as bar:
         bar.add_task(title, total=None)
         yield
+
+
+def _title() -> TextColumn:
+    return TextColumn("{task.description}", markup=False)
+
+
+def _bar(*columns: ProgressColumn) -> Progress:
+    """Bar on standard error that vanishes at its end; nothing if that is no terminal."""
+    console = messages()
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 @contextmanager
@@ -148,7 +171,6 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
     Raises:
         ReplayError: the path exists and may not be replaced.
     """
-    from icreckon.replay.base.outputs import written_beside
     from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
     folder = wanted if wanted is not None else _first_free(default)
@@ -159,34 +181,34 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
         yield new
     page, figure = folder / PAGE_FILE, folder / FIGURE_FILE
     hint = f"the page to open is {page}" if page.exists() else f"the picture is {figure}"
-    messages().print(f"results in {folder}/, {hint}", markup=False, soft_wrap=True)
+    say(f"results in {folder}/, {hint}")
 
 
-def write_file(
-    path: Path, text: str, *, what: str, overwrite: bool, starts: tuple[bytes, ...]
-) -> None:
+def check_writable(path: Path | None, first_words: str, *, overwrite: bool) -> None:
+    """Refuse a file that `write_file` would refuse, before long work; None is no file."""
+    if path is not None:
+        check_replaceable(path, overwrite=overwrite, starts=(first_words.encode(),))
+
+
+def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite: bool) -> None:
     """Write a text file in one step, and print where it is.
 
     Args:
         path: the file.
         text: its content.
+        first_words: beginning of the files that may be replaced.
         what: name of the content, for the message.
         overwrite: whether an earlier file may be replaced.
-        starts: first bytes of the files that may be.
 
     Raises:
         ReplayError: the path exists and may not be replaced.
     """
-    from icreckon.replay.base.outputs import written_beside
-
-    with written_beside(path, overwrite=overwrite, starts=starts) as new:
+    with written_beside(path, overwrite=overwrite, starts=(first_words.encode(),)) as new:
         new.write_text(text, encoding="utf-8")
-    messages().print(f"{what} in {path}", markup=False, soft_wrap=True)
+    say(f"{what} in {path}")
 
 
 def _first_free(default: str) -> Path:
-    from icreckon.replay.base.outputs import is_being_written
-
     folder, number = Path(default), 1
     while folder.exists() or is_being_written(folder):
         number += 1
@@ -201,37 +223,26 @@ def worker_count(wanted: int | None) -> int:
 
 def explain(problem: Exception) -> int:
     """Print an error on one line and return the exit status."""
-    console = messages()
+    status = 1
     if isinstance(problem, IcreckonError):
         line = " ".join(str(problem).splitlines())
         if len(line) > LONGEST_LINE:
             line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
-        console.print(f"icreckon: {line}", style="red", markup=False, soft_wrap=True)
-        return 1
-    if is_out_of_memory(problem):
-        console.print(
-            "icreckon: out of memory: close other programs, take fewer --workers or a shorter log, or "
-            "raise the limit of the shell (ulimit -v)",
-            style="red",
-            soft_wrap=True,
+    elif is_out_of_memory(problem):
+        line = (
+            "out of memory: close other programs, take fewer --workers or a shorter log, or raise the "
+            "limit of the shell (ulimit -v)"
         )
-        return 1
-    from icreckon.replay.base.outputs import NO_ROOM
-
-    if isinstance(problem, OSError) and problem.errno in NO_ROOM:
-        place = problem.filename or "output"
-        console.print(
-            f"icreckon: {place}: cannot be written: {problem.strerror}", style="red", soft_wrap=True
+    elif isinstance(problem, OSError) and problem.errno in NO_ROOM:
+        line = f"{problem.filename or 'output'}: cannot be written: {problem.strerror}"
+    else:
+        status = 70
+        line = (
+            f"internal error: {type(problem).__name__}: {problem} "
+            "(please report it, with what the same command prints with --debug)"
         )
-        return 1
-    console.print(
-        f"icreckon: internal error: {type(problem).__name__}: {problem} "
-        "(please report it, with what the same command prints with --debug)",
-        style="red",
-        markup=False,
-        soft_wrap=True,
-    )
-    return 70
+    say(f"icreckon: {line}", "red")
+    return status
 
 
 def is_out_of_memory(problem: BaseException) -> bool:

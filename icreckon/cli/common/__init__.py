@@ -1,0 +1,1 @@
+"""Shared by commands: options, consoles, signals, and the comparison of variants."""

@@ -1,0 +1,81 @@
+"""Options that several commands have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+LOG_FILES = "a ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3, a CSV or Parquet table"
+
+
+def logs(text: str) -> Any:
+    """Argument of one or more logs.
+
+    Args:
+        text: its help.
+    """
+    return typer.Argument(help=text, metavar="LOG...", show_default=False)
+
+
+Logs = Annotated[
+    list[Path], logs(f"{LOG_FILES[0].upper()}{LOG_FILES[1:]}; several files are read as one log.")
+]
+RobotName = Annotated[
+    str | None,
+    typer.Option(
+        "--robot", help="Name of a robot that ships with icreckon, or a TOML file. Required."
+    ),
+]
+MessageFiles = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--msg",
+        help="Definition of a message type that the bag lacks, as our_msgs/msg/Rate.msg; "
+        "repeatable.",
+    ),
+]
+
+
+def _limit_unpacking(context: typer.Context, gigabytes: float) -> float:
+    """Set the limit of unpacked sizes until the command ends."""
+    from icreckon.replay.bags.unpacking import unpacked_limit
+
+    context.with_resource(unpacked_limit(gigabytes))
+    return gigabytes
+
+
+UnpackedLimit = Annotated[
+    float,
+    typer.Option(
+        "--unpacked-limit",
+        callback=_limit_unpacking,
+        help="Largest unpacked size of a chunk or message of a bag, of a table, or of a bag that is "
+        "compressed as a whole, in GB.",
+    ),
+]
+Ros = Annotated[
+    Path | None,
+    typer.Option(
+        help="Write settings for ROS here: diff_drive_controller, covariances, IMU frame."
+    ),
+]
+Formats = Annotated[
+    str | None,
+    typer.Option(
+        help="Formats of the trajectories, separated by commas: tum, kitti, csv, parquet, mcap, "
+        "ros1, geojson, or none (default: tum,mcap)."
+    ),
+]
+Out = Annotated[
+    Path | None, typer.Option(help="Folder for the results (default: a new one, printed).")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print results.json instead of the table.")]
+Wide = Annotated[
+    bool, typer.Option("--wide", help="Show all columns, however narrow the terminal is.")
+]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace what icreckon wrote there before.")
+]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes (default: one for each core).")]

@@ -1,0 +1,31 @@
+"""`icreckon ros2-node`: the ROS 2 node."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from icreckon.ros2.node import run_node
+
+CONTEXT_SETTINGS = {"allow_extra_args": True, "ignore_unknown_options": True}
+
+
+def command(
+    context: typer.Context,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Name of a robot that ships with icreckon, or a TOML file whose [log] names the topics."
+        ),
+    ] = None,
+    variant: Annotated[
+        str | None, typer.Option(help="Filter variant (default: inertia-online).")
+    ] = None,
+) -> None:
+    """Run as a ROS 2 node: odometry, tf and diagnostics, live.
+
+    Other arguments go to ROS, as --ros-args -p publish_tf:=false; docs/reference/ros2-node.md lists the
+    parameters.
+    """
+    run_node(robot, variant, context.args)
