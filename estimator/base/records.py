@@ -138,8 +138,8 @@ def _later(value: Any, is_stamp: bool, by: int) -> Any:
         return value._replace(**fields) if is_tuple else msgspec.structs.replace(value, **fields)
     if isinstance(value, dict):
         return {key: _later(one, is_stamp, by) for key, one in value.items()}
-    if isinstance(value, tuple):
-        return tuple(_later(one, is_stamp, by) for one in value)
+    if isinstance(value, tuple | list):
+        return type(value)(_later(one, is_stamp, by) for one in value)
     return value + by if is_stamp and value is not None and value != NEVER else value
 
 

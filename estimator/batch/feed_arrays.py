@@ -30,7 +30,7 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     Late measurements of the time before are `TOO_OLD` afterwards.
 
     All samples are fed one by one if values are implausible or missing, stamps do not rise, or there are
-    marks. The loop is compiled at the first call for a motion model.
+    marks, or faults of your own. The loop is compiled at the first call for a motion model.
 
     Args:
         estimator: the estimator.
@@ -56,12 +56,10 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
         of_tracks, of_imu, more = estimator.feed_samples(samples)
         samples, used = samples.after(of_tracks, of_imu), used + more
         # What is left begins with a sample that needs more than a step.
-        stamp = min((int(one[0]) for one in (samples.track_stamps, samples.imu_stamps) if len(one)),
-                    default=end)  # fmt: skip
-        if stamp == end:
-            break
-        used += _feed_each(estimator, log.between(stamp, stamp))
-        samples = _samples(log.between(stamp + 1, end))
+        left = [int(one[0]) for one in (samples.track_stamps, samples.imu_stamps) if len(one)]
+        if left:
+            used += _feed_each(estimator, log.between(min(left), min(left)))
+            samples = _samples(log.between(min(left) + 1, end))
     return used + _feed_each(estimator, log.between(end + 1, log.end))
 
 
@@ -77,7 +75,8 @@ def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
         return None
     if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(log.tracks.stamps):
         return None
-    if estimator.marks or has_absurd_readings(log, estimator.robot.vehicle.max_track_speed):
+    fastest = estimator.robot.vehicle.max_track_speed
+    if estimator.marks or estimator.has_own_faults or has_absurd_readings(log, fastest):
         return None
     newest = max(int(stamps[-1]), int(log.tracks.stamps[-1]))
     oldest_of_history = newest - round(estimator.settings.history / NANOSECOND)

@@ -112,7 +112,9 @@ class BatchFilter:
         width: int | None = None,
     ) -> None:
         if OWN_FAULTS:
-            raise BatchError("filters side by side do not watch for faults from outside")
+            raise BatchError(
+                "filters side by side do not watch for faults of your own; remove_fault them"
+            )
         if bits not in PRECISIONS:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
         self._wander = wander_of(robot, settings)

@@ -31,7 +31,7 @@ class FilterCheckpoint(msgspec.Struct, frozen=True, rename={"clones": "marks"}):
         model: (m,) memory of the motion model, see `icreckon.estimator.motion.motion_model.MotionModel`.
         regressors: (3, 9) of the filter, see `icreckon.estimator.filter.ekf.Ekf`; None before its first
             step.
-        own_faults: faults from outside by name, with their memory; from a file their fields.
+        own_faults: faults of users by name, with their memory; from a file their fields.
     """
 
     state: np.ndarray[Any, Any]

@@ -235,9 +235,9 @@ class Ekf:
         if self.observer is not None:
             self.observer.replaced(covariance)
 
-    def inflate(self, *states: int, variance: float) -> None:
+    def inflate(self, *states: int, variance: float, of_motion: bool = False) -> None:
         """Inflate states, each by a variance and independently of all other states."""
-        self.inflate_jointly(states, variance * np.eye(len(states)))
+        self.inflate_jointly(states, variance * np.eye(len(states)), of_motion=of_motion)
 
     def inflate_jointly(
         self, states: tuple[int, ...], covariance: Floats, *, of_motion: bool = False

@@ -1,20 +1,20 @@
 """Table of faults: what indicates each, and what the filter does while it lasts.
 
 The rules stand in `icreckon.estimator.faults` and `sensors`; a row reads the record that they keep.
-`add_fault` adds a fault from outside of the package.
+`add_fault` adds a fault of a user.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.records import NEVER, copied, or_none
+from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.faults.departing_fixes import DEPARTURE_TIME
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS, WORKS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, are_found
@@ -58,13 +58,14 @@ class Finding(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Finding of a row of the table, see `Finding`."""
+    """Finding of a row of the table, see `Finding`; no effect is that of the row."""
 
     sensor: str
     text: str
     part: str = ""
-    since: int = NEVER
+    since: int | None = None
     size: float | None = None
+    effect: str = ""
 
 
 class Fault(NamedTuple):
@@ -91,7 +92,8 @@ def _stuck(record: Any) -> Iterator[Found]:
     tracks, settings = record.tracks, record.settings
     both = frozen_from(tracks.repeating_left, tracks.repeating_right, settings.track_speed)
     if both != NEVER:
-        yield Found("tracks", "both tracks repeat their readings", since=both)
+        effect = "the speeds are unknown, as in a gap; accelerometers are excluded"
+        yield Found("tracks", "both tracks repeat their readings", since=both, effect=effect)
         return
     for side, one in (("left", tracks.repeating_left), ("right", tracks.repeating_right)):
         since = stuck_from(one, settings.hold)
@@ -105,7 +107,8 @@ def _silent(record: Any) -> Iterator[Found]:
     if tracks.stamp != NEVER and (now - tracks.stamp) * NANOSECOND > hold:
         yield Found("tracks", "no track speeds", since=tracks.stamp)
     if imu.stamp != NEVER and not is_alive(imu, now, hold):
-        yield Found("imu", "no IMU samples: the tracks turn the pose", since=imu.stamp)
+        effect = "the tracks turn the pose"
+        yield Found("imu", f"no IMU samples: {effect}", since=imu.stamp, effect=effect)
 
 
 def _spinning(record: Any) -> Iterator[Found]:
@@ -164,7 +167,7 @@ def _repeating(record: Any) -> Iterator[Found]:
         size = abs(place.driven)
         if size > most_driven(place):
             text = f"fixes repeat a position over {size:.1f} m of driving"
-            yield Found(sensor, text, since=place.stamp, size=size)
+            yield Found(sensor, text, size=size)
 
 
 def _scattering(record: Any) -> Iterator[Found]:
@@ -202,7 +205,7 @@ FAULTS = (
     Fault(
         "silent",
         "no sample for longer than `Settings.hold`",
-        "track speeds fade within seconds and their error grows; without the IMU tracks turn the pose",
+        "the last track speeds fade within seconds and their error grows",
         "sensors/held_tracks.py",
         _silent,
     ),
@@ -288,7 +291,7 @@ FAULTS = (
 """Faults in the order in which `Health.findings` has them."""
 
 
-# --- faults from outside ------------------------------------------------------------------------------
+# --- faults of users ----------------------------------------------------------------------------------
 
 
 class Exclude(NamedTuple):
@@ -300,44 +303,21 @@ class Replace(NamedTuple):
 
     measurement: Measurement
 
-    def replaced(self, before: Measurement, fault: str) -> Measurement:
-        """Return the other measurement.
-
-        Raises:
-            EstimatorError: it has another type or stamp.
-        """
-        found = self.measurement
-        if type(found) is not type(before) or found.stamp != before.stamp:
-            raise EstimatorError(
-                f"{fault!r}: Replace needs a {type(before).__name__} of the same stamp"
-            )
-        return found
-
 
 class Inflate(NamedTuple):
-    """Effect: add the squares of these to the variances of states, see `state_names`."""
+    """Effect: add the squares of these to the variances of states, see `state_names`.
+
+    States of `LEARNT` that the variant does not estimate stay fixed.
+    """
 
     sigmas: dict[str, float]
-
-    def variances(self, names: tuple[str, ...], fault: str) -> list[tuple[int, float]]:
-        """Return states and variances, by the names of all states.
-
-        Raises:
-            EstimatorError: there is no such state, or a number is not finite.
-        """
-        for name, sigma in self.sigmas.items():
-            if name not in names or not math.isfinite(sigma):
-                raise EstimatorError(
-                    f"{fault!r}: cannot inflate {name!r} by {sigma!r}; see state_names"
-                )
-        return [(names.index(name), sigma * sigma) for name, sigma in self.sigmas.items()]
 
 
 Effect = Exclude | Replace | Inflate
 
 
 class FilterView(Protocol):
-    """View of the filter before it takes a measurement, for faults from outside."""
+    """View of the filter before it takes a measurement, for faults of users."""
 
     @property
     def stamp(self) -> int | None:
@@ -358,9 +338,12 @@ class FilterView(Protocol):
 class OwnFault(msgspec.Struct):
     """Fault of your own.
 
-    Its fields are its memory: numbers, texts, lists of them. Copies for late measurements and saved files
-    follow from the fields. Stamps have the type `icreckon.estimator.base.records.Stamp`, so that they
-    follow changes of the clock.
+    Its fields are its memory: finite numbers, texts, None, and lists of them, with defaults. They are
+    copied for late measurements and saved. A stamp has the type `Stamp` of
+    `icreckon.estimator.base.records` and the default None, so that it follows changes of the clock.
+
+    A fault that raises, or returns no effect of these, is not watched for any more by that estimator, and
+    `Health.findings` has what happened.
 
     Attributes:
         name: name of the fault.
@@ -372,7 +355,7 @@ class OwnFault(msgspec.Struct):
 
     def watch(self, measurement: Measurement, view: FilterView) -> Effect | None:
         """Watch a measurement before the filter takes it; return an effect or None."""
-        raise NotImplementedError
+        raise NotImplementedError("a fault needs a method `watch`")
 
     def find(self) -> Found | None:
         """Return what lasts, for `Health.findings`; None if nothing does."""
@@ -380,18 +363,28 @@ class OwnFault(msgspec.Struct):
 
 
 OWN_FAULTS: dict[str, type[OwnFault]] = {}
-"""Faults from outside by name."""
+"""Faults of users by name."""
+RESERVED = ("gate", REPEATED)
+"""Reasons of rejections that no fault may be named like."""
 
 
 def add_fault(kind: type[OwnFault]) -> None:
     """Add a fault; estimators that are made afterwards watch for it.
 
-    Logs are then streamed, as the compiled passes over logs and studies do not call it.
+    Logs are then streamed in one process. Studies and `run_many` refuse to run.
 
     Raises:
-        EstimatorError: the name is taken, or its fields have no defaults.
+        EstimatorError: it is no `OwnFault`, has no name or effect or a name that is taken, or a field has
+            no default.
     """
-    if kind.name in OWN_FAULTS or any(kind.name == one.name for one in FAULTS):
+    texts = [getattr(kind, name, None) for name in ("name", "effect")]
+    if not (isinstance(kind, type) and issubclass(kind, OwnFault)) or not all(
+        isinstance(one, str) and one for one in texts
+    ):
+        raise EstimatorError(
+            f"a fault is a class of OwnFault with a name and an effect, found {kind!r}"
+        )
+    if kind.name in (*OWN_FAULTS, *RESERVED, *(one.name for one in FAULTS)):
         raise EstimatorError(f"{kind.name!r}: there is such a fault already")
     try:
         kind()
@@ -401,33 +394,25 @@ def add_fault(kind: type[OwnFault]) -> None:
 
 
 def remove_fault(name: str) -> None:
-    """Remove a fault that `add_fault` added."""
-    del OWN_FAULTS[name]
-
-
-def restored(kind: type[OwnFault], memories: dict[str, Any]) -> OwnFault:
-    """Copy a fault of a checkpoint; make a new one if the checkpoint has none.
+    """Remove a fault that `add_fault` added; estimators that exist keep it.
 
     Raises:
-        EstimatorError: the fields of a file are not those of the fault.
+        EstimatorError: there is no such fault.
     """
-    memory = memories.get(kind.name)
-    if isinstance(memory, OwnFault):
-        return copied(memory)
-    try:
-        return kind() if memory is None else msgspec.convert(memory, kind)
-    except msgspec.ValidationError as problem:
-        raise EstimatorError(f"{kind.name!r}: the saved memory does not fit: {problem}") from None
+    if OWN_FAULTS.pop(name, None) is None:
+        raise EstimatorError(f"{name!r}: no such fault was added, found {sorted(OWN_FAULTS)}")
 
 
-def findings_of(record: Any, own: Iterable[OwnFault]) -> list[Finding]:
-    """Find the faults that last, by a `FilterRecord` and faults from outside."""
-    rows = [(one.name, one.effect, found) for one in FAULTS for found in one.find(record)]
-    rows += [(one.name, one.effect, found) for one in own if (found := one.find()) is not None]
-    return [
-        Finding(f.sensor, f.part, name, or_none(f.since), f.size, f.text, effect)
-        for name, effect, f in rows
-    ]
+def findings_of(record: Any) -> list[Finding]:
+    """Find the faults of the table that last, by a `FilterRecord`."""
+    return [finding(one, found) for one in FAULTS for found in one.find(record)]
+
+
+def finding(of: Fault | OwnFault, found: Found) -> Finding:
+    """Finding of a fault."""
+    since = None if found.since in (None, NEVER) else int(found.since or 0)
+    effect = found.effect or of.effect
+    return Finding(found.sensor, found.part, of.name, since, found.size, found.text, effect)
 
 
 def times_of(record: Any) -> dict[str, int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from copy import copy
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
@@ -18,7 +17,6 @@ from icreckon.estimator.filter.fault_table import (
     GYRO_FAULTS,
     REPEATED,
     Finding,
-    OwnFault,
     findings_of,
     times_of,
 )
@@ -267,7 +265,8 @@ class Health:
         track_latency: latency of the track speeds, used and estimated.
         noise: noise of the gyro and of the accelerometers by name; empty without a filter.
         findings: faults that last, see `icreckon.FAULTS`.
-        times: number of times that each fault was found, by its name.
+        times: number of times that each fault was found by its name; of fixes that repeat or scatter,
+            the number of those concerned.
         slip_factor: slip that position fixes have shown, over that of the robot file; at least 1.
         wander: estimated wander of the position fixes; None if it is not estimated.
         tilt: tilt of the IMU beyond that of the robot file; None while it is not known.
@@ -328,14 +327,7 @@ class Health:
                 setattr(self, one.name, theirs)
 
 
-def add_findings(
-    health: Health,
-    record: Any,
-    x: Floats,
-    P: Floats,
-    imu: Imu,
-    own_faults: Iterable[OwnFault] = (),
-) -> None:
+def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) -> None:
     """Add to health what a filter has found.
 
     Args:
@@ -344,11 +336,10 @@ def add_findings(
         x: (n,) its state.
         P: (n, n) its covariance.
         imu: the robot file's `[imu]`.
-        own_faults: faults from outside, with their memory.
     """
     gyro = record.tracks.gyro
     health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
-    health.findings, health.times = findings_of(record, own_faults), times_of(record)
+    health.findings, health.times = findings_of(record), times_of(record)
     health.slip_factor = float(record.slip_factor)
     health.wander, health.tilt = wander_health(x, P), tilt_health(x, np.sqrt(P.diagonal()), imu)
     for sensor, reason, count in (

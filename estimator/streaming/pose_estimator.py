@@ -191,6 +191,11 @@ class PoseEstimator:
         return self._reckoning.stands
 
     @property
+    def has_own_faults(self) -> bool:
+        """True if it watches for faults that `add_fault` has added."""
+        return bool(self._reckoning.own_faults)
+
+    @property
     def health(self) -> Health:
         """Counts of the measurements so far: a copy, which later ones do not change."""
         health = self._reckoning.health
@@ -495,6 +500,7 @@ class PoseEstimator:
         return new
 
     def _saved(self) -> SavedEstimator:
+        self._reckoning.own_faults.require_files()
         self._watch(self._reckoning.record)
         return SavedEstimator(
             self.variant.name,

@@ -21,12 +21,6 @@ from icreckon.estimator.filter import slip_factor
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.ekf import Ekf, update
-from icreckon.estimator.filter.fault_table import (
-    OWN_FAULTS,
-    Exclude,
-    Replace,
-    restored,
-)
 from icreckon.estimator.filter.filter_record import (
     FilterRecord,
     may_be_pushed,
@@ -46,7 +40,7 @@ from icreckon.estimator.filter.initial_state import assumptions, considered_stat
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
 from icreckon.estimator.filter.samples import SampleArrays
-from icreckon.estimator.log.input_checks import STREAMS, Event
+from icreckon.estimator.log.input_checks import STREAMS, Admission, Event
 from icreckon.estimator.log.measurements import (
     ImuSample,
     Mark,
@@ -75,6 +69,7 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import QuietReadings
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.streaming.outputs import Snapshot
+from icreckon.estimator.streaming.own_faults import OwnFaults
 
 
 class Reckoning:
@@ -117,11 +112,12 @@ class Reckoning:
 
         # Counts of all but the gates, which count themselves.
         self._counts = Health()
-        self._own_faults = [kind() for kind in OWN_FAULTS.values()]
+        admission = Admission(settings.longest_gap, robot.vehicle.max_track_speed)
+        self._own_faults = OwnFaults(state_names(variant), admission)
         self._settings = settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._mounting = SensorModels(robot).mounting
-        self._prior, self._names = robot.imu, state_names(variant)
+        self._prior = robot.imu
         compiles = settings.engine == "compiled"
         make_record = shared_record if compiles else copied
         self._record = make_record(FilterRecord(input_settings(robot, settings)))
@@ -139,6 +135,11 @@ class Reckoning:
         return or_none(self._record.stamp)
 
     @property
+    def own_faults(self) -> OwnFaults:
+        """Faults that users have added."""
+        return self._own_faults
+
+    @property
     def record(self) -> FilterRecord:
         """Record of the inputs; do not change it."""
         return self._record
@@ -152,15 +153,16 @@ class Reckoning:
     def health(self) -> Health:
         """Copy of the counts of the measurements, with measured noise and slip."""
         health = self._judged_counts()
-        of_filter = self._record, self.ekf.x, self.ekf.P
-        add_findings(health, *of_filter, self._prior, self._own_faults)
+        add_findings(health, self._record, self.ekf.x, self.ekf.P, self._prior)
+        health.findings += self._own_faults.findings()
         return health
 
     def _judged_counts(self) -> Health:
         """Copy of the counts, those of the gates included."""
         health = self._counts.copy()
         judged = {name: gate.health() for name, gate in self._gates.items() if gate.counts.judged}
-        health.sensors.update(judged)
+        for name, counts in judged.items():
+            health.sensor(name).add(counts)
         return health
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
@@ -188,7 +190,7 @@ class Reckoning:
             ekf.clones,
             ekf.model.memory.copy(),
             None if ekf.regressors is None else ekf.regressors.copy(),
-            {one.name: copied(one) for one in self._own_faults},
+            self._own_faults.memory(),
         )
 
     def restore(self, checkpoint: FilterCheckpoint) -> None:
@@ -205,7 +207,7 @@ class Reckoning:
         for name, counts in checkpoint.gates.items():
             assign(self._fix_gates[name].counts, counts)
         self._counts = checkpoint.counts.copy()
-        self._own_faults = [restored(kind, checkpoint.own_faults) for kind in OWN_FAULTS.values()]
+        self._own_faults.restore(checkpoint.own_faults)
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
         """Start with parameters, biases and scales of a checkpoint.
@@ -265,10 +267,10 @@ class Reckoning:
             True if it was used.
         """
         if self._own_faults and not isinstance(event, Mark):
-            watched = self._watched(event)
-            if watched is None:
+            event, excluded = self._own_faults.watch(event, self, self.ekf)
+            if excluded is not None:
+                self._counts.sensor(STREAMS[type(event)]).reject(excluded)
                 return False
-            event = watched
         match event:
             case ImuSample():
                 return self._take_imu(event)
@@ -278,24 +280,6 @@ class Reckoning:
                 return self._take_mark(event)
             case _:
                 return self._take_fix(event)
-
-    def _watched(self, m: Measurement) -> Measurement | None:
-        """Measurement after the effects of faults from outside; None if one excludes it.
-
-        Raises:
-            EstimatorError: an effect names no state, or has a measurement of another type or stamp.
-        """
-        for fault in self._own_faults:
-            effect = fault.watch(m, self)
-            if isinstance(effect, Exclude):
-                self._counts.sensor(STREAMS[type(m)]).reject(fault.name)
-                return None
-            if isinstance(effect, Replace):
-                m = effect.replaced(m, fault.name)
-            elif effect is not None:
-                for state, variance in effect.variances(self._names, fault.name):
-                    self.ekf.inflate(state, variance=variance)
-        return m
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         take, is_plain = self._steps.take_track_speeds, not (m.left_wheels or m.right_wheels)

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, TypeVar
 
 from icreckon.estimator.base.errors import IcreckonError, nearest_hint
 from icreckon.estimator.base.worker_processes import worker_processes
+from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import interpolate_poses
@@ -313,7 +314,8 @@ def _in_any_way(
     """Run the variants: a batch of those that support it, then the others one by one."""
     together = _side_by_side(task, variants, progress)
     others = [name for name in variants if name not in together]
-    if workers > 1 and len(others) > 1 and _processes_pay_off(task, len(others)):
+    in_processes = workers > 1 and len(others) > 1 and not OWN_FAULTS
+    if in_processes and _processes_pay_off(task, len(others)):
         runs = _in_processes(task, others, workers, progress)
     else:
         runs = _here(task, others, progress)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.engines import choose_engine, why_slow
 from icreckon.simulation.running.manifest import as_json, manifest
@@ -53,6 +54,11 @@ def run_study(
     """
     if executor is not None and cluster is not None:
         raise SimulationError("an executor and a cluster to run on; give one of them")
+    if OWN_FAULTS:
+        names = ", ".join(OWN_FAULTS)
+        raise SimulationError(
+            f"a study does not watch for faults of your own ({names}): remove_fault them"
+        )
     plan = expand(study)
     refuse_idle(plan)
     for cell in plan.cells:

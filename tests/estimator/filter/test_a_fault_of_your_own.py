@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar, cast
 
+import msgspec
 import numpy as np
 import pytest
 
 from icreckon import (
+    STATE_NAMES,
     BatchError,
     EstimatorError,
     Exclude,
@@ -21,8 +23,10 @@ from icreckon import (
     PositionFix,
     Replace,
     Scenario,
+    SimulationError,
     TrackSpeeds,
     add_fault,
+    feed_arrays,
     load_robot,
     remove_fault,
     run,
@@ -32,6 +36,8 @@ from icreckon import (
 from icreckon.estimator.base.records import Stamp
 from icreckon.estimator.filter.fault_table import Effect, FilterView
 from icreckon.replay.comparison.compare import compare
+from icreckon.simulation.running.run_study import run_study
+from icreckon.simulation.study.plan import load_study
 
 # --- the fault ----------------------------------------------------------------------------------------
 
@@ -42,21 +48,21 @@ class Clipped(OwnFault):
     name: ClassVar[str] = "clipped"
     effect: ClassVar[str] = "the forward slip becomes uncertain"
     limit: ClassVar[float] = 0.5  # [m/s]
-    since: Stamp = 0
+    since: Stamp | None = None
 
     def watch(self, measurement: Measurement, _view: FilterView) -> Effect | None:
         """Inflate the slip at the limit."""
         if not isinstance(measurement, TrackSpeeds):
             return None
         if max(abs(measurement.left), abs(measurement.right)) < self.limit:
-            self.since = 0
+            self.since = None
             return None
         self.since = self.since or measurement.stamp
         return Inflate({"slip_x": 0.1})
 
     def find(self) -> Found | None:
         """Find it while it lasts."""
-        if not self.since:
+        if self.since is None:
             return None
         return Found("tracks", "a motor driver is at its limit", since=self.since)
 
@@ -147,7 +153,7 @@ def test_measurements_are_excluded_and_replaced() -> None:
 
 def test_logs_are_streamed_and_lanes_refuse() -> None:
     log = simulate(Scenario(duration=10.0, trajectory="straight"), ALPHA)
-    with pytest.raises(BatchError, match="faults from outside"):
+    with pytest.raises(BatchError, match="faults of your own"):
         run_many([log], ALPHA, "gyro")
     fast = Log.from_measurements(
         TrackSpeeds(m.stamp, 0.6, 0.6) if isinstance(m, TrackSpeeds) else m
@@ -161,6 +167,10 @@ def test_logs_are_streamed_and_lanes_refuse() -> None:
 def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(EstimatorError, match="such a fault already"):
         add_fault(Clipped)
+    with pytest.raises(EstimatorError, match="a class of OwnFault with a name"):
+        add_fault(int)  # type: ignore[arg-type]
+    with pytest.raises(EstimatorError, match="no such fault"):
+        remove_fault("unknown")
 
     class Wrong(OwnFault):
         name: ClassVar[str] = "wrong"
@@ -170,21 +180,126 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(EstimatorError, match="defaults"):
         add_fault(Wrong)
 
-    class Unknown(OwnFault):
-        name: ClassVar[str] = "unknown"
-        effect: ClassVar[str] = "none"
 
-        def watch(self, measurement: Measurement, _view: FilterView) -> Effect | None:
-            if isinstance(measurement, TrackSpeeds):
-                return Inflate({"slipx": 1.0})
-            return Replace(TrackSpeeds(measurement.stamp, 0.0, 0.0))
+class Broken(OwnFault):
+    """A fault whose effect is another at each test."""
 
-    add_fault(Unknown)
-    try:
-        estimator = PoseEstimator(ALPHA, "gyro")
-        with pytest.raises(EstimatorError, match="slipx"):
-            estimator.feed(TrackSpeeds(1, 0.1, 0.1))
-        with pytest.raises(EstimatorError, match="ImuSample"):
-            estimator.feed(ImuSample(1, (0.0, 0.0, 0.0)))
-    finally:
-        remove_fault("unknown")
+    name: ClassVar[str] = "broken"
+    effect: ClassVar[str] = "none"
+    effects: ClassVar[Any] = None
+    counted: list[int] = msgspec.field(default_factory=list)
+
+    def watch(self, measurement: Measurement, _view: FilterView) -> Effect | None:
+        """Count, and return what the test says."""
+        self.counted.append(measurement.stamp)
+        return cast("Effect | None", self.effects(measurement))
+
+
+@pytest.fixture
+def broken() -> Iterator[type[Broken]]:
+    add_fault(Broken)
+    yield Broken
+    remove_fault("broken")
+    Broken.effects = None
+
+
+@pytest.mark.parametrize(
+    ("effects", "text"),
+    [
+        (lambda _: 1 / 0, "ZeroDivisionError"),
+        (lambda _: True, "no effect: True"),
+        (lambda _: Inflate({"slipx": 1.0}), "no state 'slipx'"),
+        (lambda _: Inflate({"slip_x": float("nan")}), "a sigma is from 0 to 1e6"),
+        (lambda m: Replace(TrackSpeeds(m.stamp + 1, 0.1, 0.1)), "same type and stamp"),
+        (lambda m: Replace(TrackSpeeds(m.stamp, float("nan"), 0.1)), "not finite"),
+    ],
+)
+def test_a_fault_that_fails_is_given_up_and_reported(
+    broken: type[Broken], effects: Any, text: str
+) -> None:
+    broken.effects = staticmethod(effects)
+    estimator = PoseEstimator(ALPHA, "gyro")
+    assert estimator.feed(TrackSpeeds(1, 0.1, 0.1))
+    assert estimator.feed(TrackSpeeds(2 * STEP, 0.1, 0.1))
+    found = estimator.health.finding("broken")
+    assert found is not None
+    assert text in found.text
+    # As does one that fails at a late measurement.
+    assert estimator.feed(PositionFix(STEP, 0.0, 0.0, 1.0))
+
+
+def test_memory_is_copied_for_late_measurements_and_kept_after_its_end(
+    broken: type[Broken], tmp_path: Path
+) -> None:
+    broken.effects = staticmethod(lambda _: None)
+    estimator, made_after = fed(50, 50), None
+    remove_fault("broken")
+    made_after = fed(50, 50)
+    late = PositionFix(1 + 95 * STEP + 1, 0.37, 0.0, 1.0)
+    assert estimator.feed(late)
+    memory = estimator._reckoning.own_faults.memory()
+    assert len(memory["broken"].counted) == 101
+    assert memory["broken"].counted == sorted(memory["broken"].counted)
+    assert "broken" not in made_after._reckoning.own_faults.memory()
+    add_fault(Broken)
+    estimator.save(tmp_path / "saved.json")
+    again = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
+    assert again._reckoning.own_faults.memory() == memory
+
+
+def test_a_memory_that_no_file_holds_is_refused_before_it_is_written(
+    broken: type[Broken], tmp_path: Path
+) -> None:
+    broken.effects = staticmethod(lambda _: None)
+    estimator = fed(5, 5)
+    estimator._reckoning.own_faults._watched[-1].counted.append(float("nan"))  # type: ignore[attr-defined]
+    with pytest.raises(EstimatorError, match="'broken' cannot be saved"):
+        estimator.save(tmp_path / "saved.json")
+    assert not (tmp_path / "saved.json").exists()
+
+
+def test_exclusions_are_counted_beside_fixes_that_are_used(broken: type[Broken]) -> None:
+    broken.effects = staticmethod(
+        lambda m: Exclude() if isinstance(m, PositionFix) and m.x > 1.0 else None
+    )
+    estimator = fed(50, 50)
+    newest = 1 + 99 * STEP
+    assert not estimator.feed(PositionFix(newest + 1, 5.0, 0.0, 1.0))
+    assert estimator.feed(PositionFix(newest + 2, 0.4, 0.0, 1.0))
+    assert estimator.health.rejections() == {"position: broken": 1}
+    assert estimator.health.sensors["position"].used == 1
+
+
+def test_what_is_inflated_is_an_error_of_motions_and_not_of_fixed_states(
+    broken: type[Broken],
+) -> None:
+    estimator = fed(50, 50)
+    newest = 1 + 99 * STEP
+    estimator.mark(newest)
+    broken.effects = staticmethod(lambda _: Inflate({"x": 1.0, "eta0": 1.0}))
+    estimator = PoseEstimator(ALPHA, "constant-fixed")
+    fed(50, 50, engine=estimator)
+    before = estimator.covariance
+    estimator.mark(newest)
+    estimator.feed(TrackSpeeds(newest + STEP, 0.4, 0.4))
+    estimator.feed(ImuSample(newest + STEP, (0.0, 0.0, 0.0)))
+    assert estimator.relative_motion(newest).covariance[0, 0] > 1.0
+    eta0 = STATE_NAMES.index("eta0")
+    assert before[eta0, eta0] == estimator.covariance[eta0, eta0] == 0.0
+
+
+def test_studies_and_processes_do_not_lose_it(tmp_path: Path) -> None:
+    log = simulate(Scenario(duration=10.0, trajectory="straight"), ALPHA)
+    fast = Log.from_measurements(
+        TrackSpeeds(m.stamp, 0.6, 0.6) if isinstance(m, TrackSpeeds) else m
+        for m in log.measurements()
+    )
+    both = compare(fast, ALPHA, ["gyro", "constant-online"], workers=2).runs.values()
+    assert all(one.health.finding("clipped") is not None for one in both)
+    one_by_one, arrays = (PoseEstimator(ALPHA, "gyro") for _ in range(2))
+    used = sum(map(one_by_one.feed, fast.measurements()))
+    assert fast.imu is not None
+    assert feed_arrays(arrays, fast.tracks, fast.imu) <= used
+    assert arrays.health.finding("clipped") is not None
+    with pytest.raises(SimulationError, match="faults of your own"):
+        run_study(load_study("slopes"), tmp_path)
