@@ -377,7 +377,7 @@ def _constant(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
 
 def _inertia(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
     indices = robot.indices
-    x_CM = free.problem.model.vehicle[2]  # type: ignore[attr-defined]
+    x_CM = free.problem.model.vehicle.x_CM
     gauge = robot.vehicle.track_gauge
     half = 0.5 * gauge * found.value("eta0")
     epsilon = found.value("epsilon0")

@@ -11,7 +11,7 @@ errors in turning nor noise of the truth's heading affect the displacement.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -96,7 +96,7 @@ class Problem:
 
     def twist(self, values: Floats) -> Floats:
         """Twists (n, m, 3) of the model."""
-        return self.model.twist(self._speeds(values), self._own(values), self.forces)
+        return self.model.at(self._speeds(values), self._own(values), self.forces).twist
 
     def linearised(self, values: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, ROWS) and their derivatives (n, ROWS, p)."""
@@ -319,6 +319,6 @@ def problem_of(
         own = tuple(
             one._replace(threshold=0.0) if one.name in ORIGIN else one for one in model.parameters
         )
-        model = model.knowing(own)
+        model = replace(model, parameters=own)
     x, y, _ = robot.imu.position
     return Problem(recording, model, (*common, *own), (x, y), force)
