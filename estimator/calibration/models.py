@@ -141,7 +141,8 @@ def model_of(name: str, robot: Robot) -> Model:
     gauge = robot.vehicle.track_gauge
     if name == "differential":
         return Model(name, (), VehicleConstants(gauge, *NO_MASS), (), 1.0)
-    nine, places = robot.constant_indices.as_array(), (1, 3, ETA0)
+    nine = robot.constant_indices.as_array()
+    places: tuple[int, ...] = (1, 3, ETA0)
     if name == "inertia":
         nine = initial_parameters(robot, find_variant("inertia-fixed"))
         places = tuple(range(1, len(nine)))

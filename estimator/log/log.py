@@ -97,15 +97,7 @@ class Log:
             EstimatorError: an element is not a measurement, or track speeds have differing numbers of
                 wheels.
         """
-        found = gathered(measurements)
-        return cls(
-            name,
-            found.tracks,
-            found.imu,
-            found.fixes,
-            dropped=found.dropped,
-            others=found.others,
-        )
+        return cls(name, **gathered(measurements))
 
     def __repr__(self) -> str:
         """One line: duration and numbers of samples."""
