@@ -7,7 +7,7 @@ the robot file.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -90,8 +90,27 @@ class Model:
             values: (p,) parameters.
             forces: (..., 2) forces that the ground balances, see `Recording.ground_forces`.
         """
-        found = _index_twist(speeds, self.nine(values), forces, self.vehicle)
-        return TwistAt(found.twist, found.by_parameters[..., list(self.places)], found.by_speeds)
+        # P is given whole: rolling resistance and gravity are in it.
+        vehicle, (V_l, V_r) = (
+            self.vehicle._replace(rolling_resistance=0.0),
+            np.moveaxis(speeds, -1, 0),
+        )
+        memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
+        found, by = linearise(V_l, V_r, self.nine(values), NO_SLIP, LEVEL, vehicle, memory)
+
+        def columns(rows: Any) -> Floats:
+            """Convert from the paper's axes to forward, left, yaw; for all cells."""
+            right, forward, yaw = (
+                np.stack(
+                    [np.broadcast_to(np.asarray(cell, dtype=float), V_l.shape) for cell in row], -1
+                )
+                for row in rows
+            )
+            return np.stack([forward, -right, yaw], axis=-2)
+
+        by_parameters = columns(by.by_parameters)[..., list(self.places)]
+        twist = columns([[part] for part in found.twist])[..., 0]
+        return TwistAt(twist, by_parameters, columns(by.by_speeds))
 
     def inside(self, values: Floats) -> Floats:
         """Nearest valid parameters (p,)."""
@@ -159,29 +178,3 @@ def model_of(name: str, robot: Robot) -> Model:
         Parameter(names[at], units[at], float(nine[at]), threshold[at], ranks[at]) for at in places
     )
     return Model(name, parameters, robot.constants, places, robot.indices.H)
-
-
-def _index_twist(
-    speeds: Floats, nine: Floats, forces: Floats, vehicle: VehicleConstants
-) -> TwistAt:
-    # P is given whole: rolling resistance and gravity are in it.
-    vehicle = vehicle._replace(rolling_resistance=0.0)
-    memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
-    found, by = linearise(speeds[..., 0], speeds[..., 1], nine, NO_SLIP, LEVEL, vehicle, memory)
-    shape = speeds.shape[:-1]
-
-    def turned(rows: list[Floats]) -> Floats:
-        """Convert from the paper's axes to forward, left, yaw."""
-        return np.stack([rows[1], -rows[0], rows[2]], axis=-1)
-
-    def columns(table: object) -> Floats:
-        stacked = [
-            [np.broadcast_to(np.asarray(cell, dtype=float), shape) for cell in row]
-            for row in table  # type: ignore[attr-defined]
-        ]
-        return np.stack(
-            [turned([row[at] for row in stacked]) for at in range(len(stacked[0]))], axis=-1
-        )
-
-    twist = [np.broadcast_to(np.asarray(part, dtype=float), shape) for part in found.twist]
-    return TwistAt(turned(twist), columns(by.by_parameters), columns(by.by_speeds))

@@ -16,11 +16,10 @@ The indices are evaluated at a force of inertia of at most the weight: friction 
 so the equation has a solution for any parameters.
 
 u is found by Newton's iteration from u = 0, or by bisection in the rare case that this does not converge
-(parameters far from any real vehicle's). The derivatives follow from the implicit-function theorem.
+(parameters far from any real vehicle's).
 
 Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Arguments broadcast; floats give
-floats, complex numbers pass through, for complex-step differentiation. The filter's model is
-`icreckon.estimator.motion.lagged_index_model`.
+floats. The filter's model is `icreckon.estimator.motion.lagged_index_model`.
 """
 
 from __future__ import annotations

@@ -280,7 +280,11 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     if not variant.online:
         return np.zeros(s.PARAMETER_COUNT)
     if variant.model == "linear":
-        return _linear_sigmas(robot, adaptation)
+        # Those of constant ICRs as those of the coefficients, about.
+        eta0 = robot.constant_indices.eta0
+        turn = 1.0 / (robot.vehicle.track_gauge * eta0)
+        sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
+        return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])
     force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
     sigmas = np.array(
         [
@@ -303,11 +307,3 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
 def parameter_walks(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
     """Random walks of the nine parameters (9,) at full rate [1/√s]; zero like sigmas."""
     return np.asarray(parameter_sigmas(robot, variant, adaptation) * adaptation.walk)
-
-
-def _linear_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:
-    """Standard deviations of constant ICRs as those of the coefficients, about."""
-    eta0 = robot.constant_indices.eta0
-    turn = 1.0 / (robot.vehicle.track_gauge * eta0)
-    sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
-    return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])
