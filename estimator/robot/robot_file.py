@@ -35,7 +35,7 @@ FORMAT = 1
 # Least share of the vertical along the z axis of a gyro that reads z alone.
 LEAST_UPRIGHT = 0.1
 # Radii that differ by more are an error of units, not of tyres [-].
-LARGEST_DIFFERENCE = 0.5
+_Difference = Annotated[float, Bound("relative (0.02 is 2 %), 0.5 at most in size", -0.5, 0.5)]
 # Rolling resistance of unknown ground [-].
 TYPICAL_ROLLING = 0.05
 # Default lag of the load transfer [s].
@@ -195,16 +195,8 @@ class Tracks(Bounded, frozen=True):
 
     speed_noise_density: NotNegative = 1e-3
     scale_sigma: Share = 0.0
-    difference: Finite = 0.0
+    difference: _Difference = 0.0
     difference_sigma: Share = 0.003
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if abs(self.difference) >= LARGEST_DIFFERENCE:
-            raise SettingError(
-                f"difference is relative (0.02 is 2 %) and must be less than {LARGEST_DIFFERENCE:g} "
-                f"in size, found {self.difference!r}"
-            )
 
 
 class Slope(Bounded, frozen=True):
@@ -319,15 +311,10 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         if self.format != FORMAT:
             raise SettingError(f"format {self.format!r} is not known; this version reads {FORMAT}")
         icr, gauge = self.constant_icr, self.vehicle.track_gauge
-        if icr is not None and icr.x_ICRr - icr.x_ICRl < gauge:
+        if icr is not None and not gauge <= icr.x_ICRr - icr.x_ICRl <= LARGEST_ETA * gauge:
             raise SettingError(
-                f"the constant ICRs must be at least track_gauge = {gauge!r} m apart, "
-                f"found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
-            )
-        if icr is not None and icr.x_ICRr - icr.x_ICRl > LARGEST_ETA * gauge:
-            raise SettingError(
-                f"the constant ICRs must be at most {LARGEST_ETA:g} times track_gauge = {gauge!r} m "
-                f"apart, found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
+                f"the constant ICRs must be at least track_gauge = {gauge!r} m apart, and at most "
+                f"{LARGEST_ETA:g} times that, found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
             )
 
     @cached_property
