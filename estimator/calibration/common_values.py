@@ -218,9 +218,9 @@ def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floa
 
 
 def mounting_turns(main: Fit) -> list[tuple[float, float]]:
-    """Small rotations about forward, left, up that level the IMU, with standard errors.
+    """Small rotations about forward, left, up that level the IMU, with errors [rad].
 
-    All are in rad; the error of one that is not known is infinite.
+    The errors are standard errors, infinite where nothing shows the rotation.
     """
     problem = main.problem
     count = len(problem.recording.motions)

@@ -148,7 +148,7 @@ def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np
 def _held_out(
     fit: Fit, windows: list[NDArray[np.int64]], of_window: NDArray[np.int64]
 ) -> tuple[Floats, Floats, Floats]:
-    """Sums (blocks,) of likelihood, error and error with gyro, each block left out once."""
+    """Sums (blocks,) of likelihood, error and error with gyro, each block held out."""
     problem = fit.problem
     block = problem.recording.block
     blocks = int(block.max()) + 1

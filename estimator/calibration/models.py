@@ -66,7 +66,7 @@ class TwistAt(NamedTuple):
 
 @dataclass(frozen=True)
 class Model:
-    """Motion model with free parameters: an index model in which the other indices are fixed.
+    """Index model with some free parameters; the other indices are fixed.
 
     Attributes:
         name: one of `MODELS`.

@@ -203,7 +203,7 @@ def information(
 
 
 def flattening(noise: Noise, residuals: Floats) -> float:
-    """Correction factor of the information of weighted squares, the least of all channels.
+    """Correction factor of the information of weighted squares, least of all channels.
 
     It is the mean slope of the influence function over the mean weight (Huber, Robust Statistics).
     """

@@ -232,7 +232,7 @@ class Recording:
 
 
 def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, Floats]:
-    """Number (k,) of the poses of each knot, mean and variance of their time after it [s]."""
+    """Number (k,) of the poses of each knot, and mean and variance of their times."""
     many = np.maximum(np.bincount(knot, minlength=knots), 1).astype(float)
     mean = np.bincount(knot, after, minlength=knots) / many
     return many, mean, np.bincount(knot, (after - mean[knot]) ** 2, minlength=knots) / many
