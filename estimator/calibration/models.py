@@ -91,21 +91,15 @@ class Model:
             forces: (..., 2) forces that the ground balances, see `Recording.ground_forces`.
         """
         # P is given whole: rolling resistance and gravity are in it.
-        vehicle, (V_l, V_r) = (
-            self.vehicle._replace(rolling_resistance=0.0),
-            np.moveaxis(speeds, -1, 0),
-        )
+        vehicle = self.vehicle._replace(rolling_resistance=0.0)
+        V_l, V_r = speeds[..., 0], speeds[..., 1]
         memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
         found, by = linearise(V_l, V_r, self.nine(values), NO_SLIP, LEVEL, vehicle, memory)
 
         def columns(rows: Any) -> Floats:
             """Convert from the paper's axes to forward, left, yaw; for all cells."""
-            right, forward, yaw = (
-                np.stack(
-                    [np.broadcast_to(np.asarray(cell, dtype=float), V_l.shape) for cell in row], -1
-                )
-                for row in rows
-            )
+            of_cells = [[np.broadcast_to(cell, V_l.shape) for cell in row] for row in rows]
+            right, forward, yaw = (np.stack(row, axis=-1) for row in of_cells)
             return np.stack([forward, -right, yaw], axis=-2)
 
         by_parameters = columns(by.by_parameters)[..., list(self.places)]
