@@ -19,7 +19,7 @@ from icreckon.estimator.log.measurements import STANDSTILL_SIGMA, Vector3
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.reference.filter import process_noise
-from icreckon.estimator.reference.imu import Accelerometer, Gyro, StepTwist
+from icreckon.estimator.reference.imu import StepTwist, accelerometer, gyro
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
@@ -124,10 +124,7 @@ class LinearisedModel:
         self._as_filter = as_filter
         model, self.start, self.sigmas, self._disturbances = assumptions(robot, variant, settings)
         self._ekf = IcrEkf(model)
-        models = SensorModels(robot)
-        fixed = self._ekf.fixed_for_imu
-        self._gyro = Gyro(self._ekf.fixed_for_gyro)
-        self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
+        self._imu_constants = SensorModels(robot).constants
         self._tracks, self._inputs = TrackRecord(), input_settings(robot, settings)
         take_tracks(self._tracks, 0, 0.0, 0.0, self._inputs)
         self._sensors, self._dt, self._count = sensors, dt, 0
@@ -201,13 +198,13 @@ class LinearisedModel:
         change = track_change(step_inputs(tracks, StandstillRecord(), now, now, self._inputs))
         at = StepTwist(model, x, self._dt, change, noise_of_file(self._inputs))
         if sensors.gyro:
-            found = self._gyro.linearise(0.0, at)
-            gyro = self._gyro
-            shown.append(Shown(found.H[0], found.R.item(), gyro.fixed, gyro.stand_in))
-        for axis, model_of in enumerate(self._accelerometers if sensors.accelerometer else ()):
+            found = gyro(0.0, at)
+            kept = self._ekf.fixed_for_gyro
+            shown.append(Shown(found.H[0], found.R.item(), kept, s.SLIP_W))
+        for axis in range(2 if sensors.accelerometer else 0):
             rough = change_density(sigma[axis], self._disturbances.slip.time_constant)
-            found = model_of.linearise(0.0, at, x, rough)
-            shown.append(Shown(found.H[0], found.R.item(), model_of.fixed))
+            found = accelerometer(self._imu_constants, axis, 0.0, at, x, rough)
+            shown.append(Shown(found.H[0], found.R.item(), self._ekf.fixed_for_imu))
         return shown
 
     def _after(self, x: Floats, left: float, right: float) -> list[Shown]:

@@ -34,7 +34,7 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.reference.filter import process_noise
-from icreckon.estimator.reference.imu import Accelerometer, Gyro, StepTwist
+from icreckon.estimator.reference.imu import StepTwist, accelerometer, gyro
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
@@ -141,10 +141,7 @@ class ModelSampler:
         self._spread = share * sigmas
         self._spread[s.POSE] = start_sigma
         self._ekf = IcrEkf(model)
-        models = SensorModels(robot)
-        fixed = self._ekf.fixed_for_imu
-        self._gyro = Gyro(self._ekf.fixed_for_gyro)
-        self._accelerometers = [Accelerometer(models, fixed, axis) for axis in range(2)]
+        self._imu_constants = SensorModels(robot).constants
 
     def run(self, speeds: Floats, dt: float, rng: Generator) -> SampledRun:
         """A run at given track speeds.
@@ -264,16 +261,15 @@ class ModelSampler:
         noise = noise_of_file(self._inputs)
         at = StepTwist(model, x, dt, change, noise)
         calmly = StepTwist(model, x, dt, calm, noise)
-        gyro = self._gyro.linearise(0.0, at)
-        least = self._gyro.linearise(0.0, calmly).R.item()
-        rate = -gyro.z.item() + rng.standard_normal() * math.sqrt(
-            least + late * (gyro.R.item() - least)
-        )
+        z, _, R = gyro(0.0, at)
+        least = gyro(0.0, calmly).R.item()
+        rate = -z.item() + rng.standard_normal() * math.sqrt(least + late * (R.item() - least))
         along = []
-        for axis, accelerometer in enumerate(self._accelerometers):
+        imu = self._imu_constants
+        for axis in range(2):
             density = change_density(sigma[axis], self._disturbances.slip.time_constant)
-            force = accelerometer.linearise(0.0, at, x, density)
-            least = accelerometer.linearise(0.0, calmly, x, 0.0).R.item()
+            force = accelerometer(imu, axis, 0.0, at, x, density)
+            least = accelerometer(imu, axis, 0.0, calmly, x, 0.0).R.item()
             slipped = density / dt
             variance = least + self._terms.slip_change * slipped
             variance += late * (force.R.item() - least - slipped)

@@ -7,7 +7,7 @@ import numbers
 from collections.abc import Iterable
 from functools import cache
 from types import NoneType
-from typing import Annotated, Any, NamedTuple, cast, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, cast, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -108,6 +108,20 @@ def check_bounds(
         for number in value if get_origin(hint) is tuple else [value]:
             if number is not None or NoneType not in get_args(hint):
                 bound.require(name.format(field), number, error)
+
+
+class Bounded(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of structures that `check_bounds` checks as they are made.
+
+    Raises:
+        SettingError: a number is outside of the `Bound` of its field.
+    """
+
+    NAMES: ClassVar[str] = "{}"
+    """Format of the names of fields in messages."""
+
+    def __post_init__(self) -> None:
+        check_bounds(self, self.NAMES)
 
 
 @cache

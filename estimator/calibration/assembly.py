@@ -209,8 +209,7 @@ def _refitted(
 
 
 def _put(found: Fit, robot: Robot) -> Robot:
-    own = len(found.problem.model.parameters)
-    return found.problem.model.put_into(robot, found.values[len(found.values) - own :])
+    return found.problem.model.put_into(robot, found.problem.own(found.values))
 
 
 def _supported_fits(fits: Mapping[str, Fit], comparison: ModelComparison) -> list[Fit]:
@@ -250,20 +249,12 @@ def _parameters(
     ]
     found[-1] = replace(found[-1], value=new.imu.gyro_scale)
     found.append(_bias(robot, main))
-    for name, turn, at in zip(
-        ("roll", "pitch", "yaw"), mounting_turns(main), range(3), strict=True
-    ):
-        known = np.isfinite(turn[1])
-        found.append(
-            FoundParameter(
-                f"imu.{name}",
-                "deg",
-                new.imu.rotation_rpy_deg[at],
-                float(np.degrees(turn[1])) if known else None,
-                "shown" if known else "held",
-                robot.imu.rotation_rpy_deg[at],
-            )
-        )
+    before, after = robot.imu.rotation_rpy_deg, new.imu.rotation_rpy_deg
+    for at, (_, error) in enumerate(mounting_turns(main)):
+        name, known = ("imu.roll", "imu.pitch", "imu.yaw")[at], np.isfinite(error)
+        status: Status = "shown" if known else "held"
+        sigma = float(np.degrees(error)) if known else None
+        found.append(FoundParameter(name, "deg", after[at], sigma, status, before[at]))
     found += [
         _plain(main, name, name.replace("imu_", "imu."), "m", before=0.0)
         for name in ("imu_forward", "imu_left")
@@ -290,10 +281,9 @@ def _bias(robot: Robot, main: Fit) -> FoundParameter:
 
 
 def _status(found: Fit, name: str) -> Status:
-    at = found.problem.place(name)
-    if not found.free[at]:
+    if not found.is_free(name):
         return "held"
-    return "shown" if found.shown[at] else "conditional"
+    return "shown" if found.shown[found.problem.place(name)] else "conditional"
 
 
 def _plain(
@@ -309,12 +299,11 @@ def _plain(
 ) -> FoundParameter:
     """Parameter of a fit; its standard error is from the fit `sigmas`, if given."""
     of = sigmas or found
-    free = of.is_free(name)
     return FoundParameter(
         called,
         unit,
         factor * found.value(name),
-        factor * of.sigma(name) if free else None,
+        factor * of.sigma(name) if of.is_free(name) else None,
         _status(of, name),
         before,
         note,
@@ -325,12 +314,8 @@ def _constant(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
     """ICRs of the constant model from its indices."""
     gauge, before = robot.vehicle.track_gauge, robot.constant_indices
     epsilon, eta = (free.problem.place(name) for name in ("epsilon0", "eta0"))
-    worst: Status = "held"
-    statuses = {_status(free, "epsilon0"), _status(free, "eta0")}
-    for status in ("held", "conditional", "shown"):
-        if status in statuses:
-            worst = status
-            break
+    order: tuple[Status, ...] = ("held", "conditional", "shown")
+    worst = min((_status(free, name) for name in ("epsilon0", "eta0")), key=order.index)
     if worst == "held" and free.is_free("eta0"):
         worst = "conditional"
     result = []
@@ -358,53 +343,44 @@ def _constant(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
                 else "as far apart as shown, about the file's middle",
             )
         )
-    result.append(
-        _plain(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=free)
-    )
-    result.append(
-        FoundParameter(
+    return [
+        *result,
+        _plain(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=free),
+        _plain(
+            found,
+            "eta0",
             "effective_track",
             "m",
-            gauge * found.value("eta0"),
-            gauge * free.sigma("eta0") if free.is_free("eta0") else None,
-            _status(free, "eta0"),
-            gauge * before.eta0,
-            "eta0 of constant ICRs times the gauge",
-        )
-    )
-    return result
+            factor=gauge,
+            before=gauge * before.eta0,
+            note="eta0 of constant ICRs times the gauge",
+            sigmas=free,
+        ),
+    ]
 
 
 def _inertia(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
     indices = robot.indices
-    x_CM = free.problem.model.vehicle[2]  # type: ignore[attr-defined]
+    x_CM = free.problem.model.vehicle.x_CM
     gauge = robot.vehicle.track_gauge
     half = 0.5 * gauge * found.value("eta0")
     epsilon = found.value("epsilon0")
     implied = (half - epsilon + x_CM) / (half + epsilon - x_CM)
-    result = [
-        FoundParameter(
-            "indices.H",
-            "-",
-            indices.H,
-            None,
-            "held",
-            indices.H,
-            f"acts in the literal form only; the ICRs found imply {implied:.3f}",
-        )
+    note = f"acts in the literal form only; the ICRs found imply {implied:.3f}"
+    return [
+        FoundParameter("indices.H", "-", indices.H, None, "held", indices.H, note),
+        *(
+            _plain(
+                found,
+                parameter.name,
+                f"indices.{parameter.name}",
+                parameter.unit,
+                before=_in_file(robot, f"indices.{parameter.name}"),
+                sigmas=free,
+            )
+            for parameter in free.problem.model.parameters
+        ),
     ]
-    result += [
-        _plain(
-            found,
-            parameter.name,
-            f"indices.{parameter.name}",
-            parameter.unit,
-            before=_in_file(robot, f"indices.{parameter.name}"),
-            sigmas=free,
-        )
-        for parameter in free.problem.model.parameters
-    ]
-    return result
 
 
 def _correlations(found: Fit) -> tuple[tuple[str, ...], Floats]:
@@ -462,17 +438,15 @@ def _verdict(comparison: ModelComparison) -> str:
         f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})."
     )
     parts = []
-    names = [one.model for one in comparison.scores]
-    for name in names:
+    for other in comparison.scores:
+        name = other.model
         if name == chosen:
             continue
-        other = comparison.score(name)
-        first, second = (
-            (chosen, name) if names.index(chosen) > names.index(name) else (name, chosen)
+        pair = next(
+            one for one in comparison.differences if {one.model, one.than} == {chosen, name}
         )
-        apart = comparison.difference(first, second)
-        low, high = apart.drift_low, apart.drift_high
-        if first == chosen:
+        low, high = pair.drift_low, pair.drift_high
+        if pair.model == chosen:
             low, high = -high, -low
         sides = "worse" if other.drift_percent > score.drift_percent else "better"
         word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {sides}"
@@ -482,11 +456,7 @@ def _verdict(comparison: ModelComparison) -> str:
         )
     if not parts:
         return verdict
-    undecided = any(" not clearly better " in part for part in parts)
-    more = (
-        " What is not clearly better is not refuted: these logs do not show it."
-        if undecided
-        else ""
-    )
-    others = ", ".join(parts)
+    others, more = ", ".join(parts), ""
+    if " not clearly better " in others:
+        more = " What is not clearly better is not refuted: these logs do not show it."
     return f"{verdict} {others[0].upper()}{others[1:]}.{more}"

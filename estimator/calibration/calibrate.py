@@ -18,7 +18,7 @@ from icreckon.estimator.calibration.models import MODELS, model_of
 from icreckon.estimator.calibration.position_truth import with_headings
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
-from icreckon.estimator.calibration.segments import Motion, Recording, motion_of, record
+from icreckon.estimator.calibration.segments import Recording, motion_of, record
 from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.lag import NOWHERE
 from icreckon.estimator.log.log import Log
@@ -107,7 +107,12 @@ def calibrate(
     # First with the initial lag; then the truth is carried over to knots with the estimated lag.
     first_problem = problem("constant", recording, robot)
     _check_signs(first_problem)
-    _check_lags(motions)
+    for motion in motions:
+        if motion.no_lag == NOWHERE:
+            raise EstimatorError(
+                f"log {motion.log.name!r}: truth and gyro turn otherwise, at whatever lag: "
+                f"{motion.no_lag.reason}; check topic, yaw and clock of [log.truth]"
+            )
     first = fit(first_problem)
     motions = [
         replace(motion, lag=first.value(f"lag[{log}]"), bias=first.value(f"gyro_bias[{log}]"))
@@ -168,7 +173,7 @@ def _models(wanted: Sequence[str]) -> list[str]:
 
 
 def _check_signs(problem: Problem) -> None:
-    """Reject a gyro or tracks that turn against the truth.
+    """Reject a gyro or tracks that turn against the truth, or a gyro in another unit.
 
     Raises:
         EstimatorError: they do.
@@ -187,7 +192,14 @@ def _check_signs(problem: Problem) -> None:
     ):
         if _correlation(values, by_truth) < AGAINST:
             raise EstimatorError(f"{what} turned against the truth; {hint}")
-    _check_unit(gyro, by_truth)
+    size = float(by_truth @ by_truth)
+    ratio = float(gyro @ by_truth) / size if size > 0.0 else 1.0
+    alike = _correlation(gyro, by_truth) >= ALIKE
+    if alike and not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
+        raise EstimatorError(
+            f"the gyro turns {ratio:.3g} times as far as the truth: one of them is in another unit "
+            "(57.3: the gyro is in deg/s)"
+        )
     residuals = problem.rows(problem.start)[moving][:, ALONG]
     forward = speeds.mean(axis=-1).sum(axis=1) * recording.cell
     if _correlation(residuals + forward, forward) < AGAINST and way.sum() > 0.0:
@@ -195,38 +207,6 @@ def _check_signs(problem: Problem) -> None:
             "the tracks drove against the truth; the sign of the track speeds, or the truth's yaw, is "
             "reversed"
         )
-
-
-def _check_unit(gyro: Floats, by_truth: Floats) -> None:
-    """Reject a gyro in another unit: its turning is far from the truth's.
-
-    Args:
-        gyro: (n,) turning of the segments by the gyro [rad].
-        by_truth: (n,) by the truth [rad].
-    """
-    size = float(by_truth @ by_truth)
-    if size == 0.0 or _correlation(gyro, by_truth) < ALIKE:
-        return
-    ratio = float(gyro @ by_truth) / size
-    if not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
-        raise EstimatorError(
-            f"the gyro turns {ratio:.3g} times as far as the truth: one of them is in another unit "
-            "(57.3: the gyro is in deg/s)"
-        )
-
-
-def _check_lags(motions: Sequence[Motion]) -> None:
-    """Reject a truth that turns otherwise than the gyro at any lag.
-
-    Raises:
-        EstimatorError: one does.
-    """
-    for motion in motions:
-        if motion.no_lag == NOWHERE:
-            raise EstimatorError(
-                f"log {motion.log.name!r}: truth and gyro turn otherwise, at whatever lag: "
-                f"{motion.no_lag.reason}; check topic, yaw and clock of [log.truth]"
-            )
 
 
 def _correlation(a: Floats, b: Floats) -> float:

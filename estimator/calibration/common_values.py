@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
 from icreckon.estimator.calibration.fit import Fit
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Robot
@@ -33,11 +33,8 @@ def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
 
     What the file has stays, unless the logs contradict it; one within its error of zero is zero then.
     """
-    before, value, sigma = (
-        robot.tracks.difference,
-        radii.value("difference"),
-        radii.sigma("difference"),
-    )
+    before = robot.tracks.difference
+    value, sigma = radii.value("difference"), radii.sigma("difference")
     if not radii.is_free("difference"):
         return before, ""
     stays = abs(value - before) <= SURE * sigma
@@ -131,21 +128,13 @@ def with_common(
         found = float(np.hypot(radii.sigma("difference"), spread))
         stays = difference == tracks.difference
         difference_sigma = min(found, difference_sigma) if stays else found
-    tracks = msgspec.structs.replace(
-        tracks,
-        scale_sigma=scale_sigma,
-        difference=difference,
-        difference_sigma=difference_sigma,
-    )
+    changes = {"difference": difference, "difference_sigma": difference_sigma}
+    tracks = msgspec.structs.replace(tracks, scale_sigma=scale_sigma, **changes)
     bias = common_bias(robot, main)
     rotation, tilted = _mounting(robot, main)
     gyro_scale = _righted_scale(robot, main, tilted)
-    gyro_scale_sigma = float(
-        np.hypot(
-            finite(main.sigma("gyro_scale")),
-            _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma),
-        )
-    )
+    over_logs = _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma)
+    gyro_scale_sigma = float(np.hypot(finite(main.sigma("gyro_scale")), over_logs))
     if "gyro_scale" in kept:
         gyro_scale_sigma = min(gyro_scale_sigma, imu.gyro_scale_sigma)
     x, y, z = imu.position
@@ -224,22 +213,14 @@ def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floa
         turn if abs(turn) > SURE * error else 0.0 for turn, error in mounting_turns(main)
     )
     turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
-    angles = np.degrees(
-        [
-            np.arctan2(turned[2, 1], turned[2, 2]),
-            np.arctan2(-turned[2, 0], np.hypot(turned[2, 1], turned[2, 2])),
-            np.arctan2(turned[1, 0], turned[0, 0]),
-        ]
-    )
-    return (float(angles[0]), float(angles[1]), float(angles[2])), turned
+    roll, pitch, yaw = np.degrees(matrix_to_rpy(turned)).tolist()
+    return (roll, pitch, yaw), turned
 
 
-def mounting_turns(
-    main: Fit,
-) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+def mounting_turns(main: Fit) -> list[tuple[float, float]]:
     """Small rotations about forward, left, up that level the IMU, with errors [rad].
 
-    The errors are standard errors.
+    The errors are standard errors, infinite where nothing shows the rotation.
     """
     problem = main.problem
     count = len(problem.recording.motions)
@@ -254,12 +235,8 @@ def mounting_turns(
         error = max(float(np.sqrt((sigmas**2).sum())) / len(free), deviation / np.sqrt(len(free)))
         return float(values.mean()), error
 
-    forward, left = mean("offset_forward"), mean("offset_left")
+    (forward, of_forward), (left, of_left) = mean("offset_forward"), mean("offset_left")
     yaw = (0.0, np.inf)
     if problem.force and main.is_free("mounting_yaw"):
         yaw = (main.value("mounting_yaw"), main.sigma("mounting_yaw"))
-    return (
-        (left[0] / GRAVITY, left[1] / GRAVITY),
-        (-forward[0] / GRAVITY, forward[1] / GRAVITY),
-        yaw,
-    )
+    return [(left / GRAVITY, of_left / GRAVITY), (-forward / GRAVITY, of_forward / GRAVITY), yaw]

@@ -8,7 +8,6 @@ of a few segments.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,15 +28,6 @@ SEED = 1
 LEVELS = (2.5, 97.5)
 
 
-@dataclass(frozen=True)
-class _HeldOut:
-    """Held-out scores of one model: (blocks,) sums, each block left out once."""
-
-    likelihood: Floats
-    error: Floats
-    error_with_gyro: Floats
-
-
 def validate(fits: Mapping[str, Fit]) -> ModelComparison:
     """Compare models by their predictions of held-out blocks.
 
@@ -47,7 +37,8 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
     first = next(iter(fits.values()))
     recording = first.problem.recording
     windows = _windows(recording, recording.moving & ~_jumped(first))
-    ways = _ways(recording, first.value("scale"))
+    speeds = np.abs(recording.speeds(0.0).mean(axis=-1))
+    ways = first.value("scale") * speeds.sum(axis=1) * recording.cell
     block = recording.block
     blocks = int(block.max()) + 1
     of_window = np.array([block[one[0]] for one in windows])
@@ -66,26 +57,28 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
         return float(low), float(high)
 
     scores = []
-    for name, one in found.items():
-        low, high = interval(one.error)
+    for name, (likelihood, error, with_gyro) in found.items():
+        low, high = interval(error)
         scores.append(
             ModelScore(
                 name,
-                _parameters_found(fits[name]),
-                100.0 * float(one.error.sum() / way.sum()),
+                int(fits[name].problem.own(fits[name].free).sum()),
+                100.0 * float(error.sum() / way.sum()),
                 max(low, 0.0),
                 high,
-                100.0 * float(one.error_with_gyro.sum() / way.sum()),
-                float(one.likelihood.sum() / segments),
+                100.0 * float(with_gyro.sum() / way.sum()),
+                float(likelihood.sum() / segments),
             )
         )
     differences = []
     names = list(found)
+    supported = names[0]
     for at, name in enumerate(names):
+        better = False
         for other in names[:at]:
-            apart = found[name].error - found[other].error
+            likelier, apart, _ = (a - b for a, b in zip(found[name], found[other], strict=True))
             low, high = interval(apart)
-            likelier = found[name].likelihood - found[other].likelihood
+            better = better or (other == supported and high < 0.0)
             likelier_by = likelier.sum() / segments
             bounds = np.percentile(likelier[drawn].sum(axis=1) / segments, LEVELS)
             bounds = likelier_by + wider * (bounds - likelier_by)
@@ -101,6 +94,8 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
                     float(bounds[1]),
                 )
             )
+        # Each later model replaces the one chosen so far if it is significantly better than that.
+        supported = name if better else supported
     return ModelComparison(
         tuple(scores),
         tuple(differences),
@@ -108,31 +103,13 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
         min(FOLDS, blocks),
         float(way.sum()),
         WINDOW * recording.length,
-        _supported(names, differences),
+        supported,
     )
 
 
 def likeliest(comparison: ModelComparison) -> str:
     """Name of the model with the highest held-out likelihood."""
     return max(comparison.scores, key=lambda one: one.log_likelihood).model
-
-
-def _parameters_found(fit: Fit) -> int:
-    own = len(fit.problem.model.parameters)
-    return int(fit.free[len(fit.free) - own :].sum())
-
-
-def _supported(names: list[str], differences: list[Difference]) -> str:
-    """Find the model that the data support.
-
-    Each later model replaces the one chosen so far if it is significantly better than that.
-    """
-    known = {(one.model, one.than): one for one in differences}
-    chosen = names[0]
-    for name in names[1:]:
-        if known[name, chosen].drift_high < 0.0:
-            chosen = name
-    return chosen
 
 
 def _jumped(fit: Fit) -> NDArray[np.bool_]:
@@ -168,13 +145,10 @@ def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np
     return [np.array(one) for one in windows]
 
 
-def _ways(recording: Recording, scale: float) -> Floats:
-    """Distance (n,) of each segment [m]."""
-    speeds = recording.speeds(0.0).mean(axis=-1)
-    return np.asarray(scale * np.abs(speeds).sum(axis=1) * recording.cell)
-
-
-def _held_out(fit: Fit, windows: list[NDArray[np.int64]], of_window: NDArray[np.int64]) -> _HeldOut:
+def _held_out(
+    fit: Fit, windows: list[NDArray[np.int64]], of_window: NDArray[np.int64]
+) -> tuple[Floats, Floats, Floats]:
+    """Sums (blocks,) of likelihood, error and error with gyro, each block held out."""
     problem = fit.problem
     block = problem.recording.block
     blocks = int(block.max()) + 1
@@ -198,7 +172,7 @@ def _held_out(fit: Fit, windows: list[NDArray[np.int64]], of_window: NDArray[np.
         at = of_window[out[of_window]]
         np.add.at(error, at, alone)
         np.add.at(with_gyro, at, aided)
-    return _HeldOut(likelihood, error, with_gyro)
+    return likelihood, error, with_gyro
 
 
 def _window_errors(

@@ -156,23 +156,19 @@ def fit(
     values, noise = _search(problem, values, free, loose=True)
     residuals, jacobian = problem.linearised(values)
     fisher, _ = information(noise, residuals, jacobian, problem.recording.block)
-    every = _sigmas(fisher.sum(axis=0) * _flat(noise, residuals), free, threshold)
+    total = fisher.sum(axis=0) * flattening(noise, residuals)
+    every = _sigmas(total, free, threshold)
     shown = free & (every <= threshold)
     # Hold unobservable parameters, one by one, until the rest is observable.
     ranks = np.array([one.rank for one in problem.parameters])
-    total = fisher.sum(axis=0) * _flat(noise, residuals)
-    while True:
-        sigmas = _sigmas(total, free, threshold)
-        unobservable = free & (sigmas > threshold)
-        if not unobservable.any():
-            break
+    while (unobservable := free & (_sigmas(total, free, threshold) > threshold)).any():
         worst = int(np.flatnonzero(unobservable)[ranks[unobservable].argmax()])
         free[worst] = False
         values[worst] = anchor[worst]
     values, noise = _search(problem, values, free, loose=False, noise=noise)
     residuals, jacobian = problem.linearised(values)
     fisher, score = information(noise, residuals, jacobian, problem.recording.block)
-    total = fisher.sum(axis=0) * _flat(noise, residuals)
+    total = fisher.sum(axis=0) * flattening(noise, residuals)
     at = np.flatnonzero(free)
     covariance = np.zeros((len(values), len(values)))
     scaled = total[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])
@@ -279,11 +275,6 @@ def _pull(
 def _thresholds(problem: Problem) -> Floats:
     """Threshold errors (p,): units in which parameters are of order one; 1 if given."""
     return np.array([one.threshold if one.threshold > 0.0 else 1.0 for one in problem.parameters])
-
-
-def _flat(noise: Noise, residuals: Floats) -> float:
-    """Smallest factor on the information over all channels."""
-    return float(flattening(noise, residuals).min())
 
 
 def _sigmas(fisher: Floats, free: NDArray[np.bool_], threshold: Floats) -> Floats:

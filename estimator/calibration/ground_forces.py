@@ -61,17 +61,12 @@ def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> Groun
     mean = speeds.mean(axis=1)
     acceleration = (mean - _lagged(times, mean, lag)) / lag
     rolling = np.clip(speeds / ROLLS_AT, -1.0, 1.0).mean(axis=1)
-    gravity = found.states[:, s.GRAVITY] - _mean_in_turns(found.states[:, s.GRAVITY], w)
+    weights, gravity = w * w, found.states[:, s.GRAVITY]
+    gravity = gravity - weights @ gravity / max(float(weights.sum()), SLOWEST)
     along = robot.constants.rolling_resistance * rolling
     along += (acceleration - gravity[:, 0]) / GRAVITY
     lateral = _lagged(times, -w * (forward + x_CM * w), lag) + gravity[:, 1]
     return GroundForces(times, np.clip(lateral, -GRAVITY, GRAVITY), np.clip(along, -1.0, 1.0))
-
-
-def _mean_in_turns(values: Floats, w: Floats) -> Floats:
-    """Mean (2,) of values (k, 2), weighted by the square of the yaw rate [rad/s]."""
-    weights = w * w
-    return np.asarray(weights @ values / max(float(weights.sum()), SLOWEST))
 
 
 def _lagged(times: Floats, values: Floats, time_constant: float) -> Floats:

@@ -6,18 +6,19 @@ the robot file.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.motion.bounds import ETA0
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.motion.lagged_index_model import linearise
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, VehicleConstants
-from icreckon.estimator.robot.robot_file import Indices, Robot
+from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, Robot
 from icreckon.estimator.robot.variants import TYPICAL_FORCE, find_variant, initial_parameters
 
 MODELS = ("differential", "constant", "inertia")
@@ -63,78 +64,13 @@ class TwistAt(NamedTuple):
     by_speeds: Floats
 
 
-class Model(Protocol):
-    """Motion model with free parameters."""
-
-    @property
-    def name(self) -> str:
-        """Name of the model, one of `MODELS`."""
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Parameters of the model; a name has one meaning in all models."""
-
-    def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:
-        """Twists with derivatives.
-
-        Args:
-            speeds: (..., 2) track speeds [m/s].
-            values: (p,) parameters.
-            forces: (..., 2) forces that the ground balances, see `Recording.ground_forces`.
-        """
-
-    def twist(self, speeds: Floats, values: Floats, forces: Floats) -> Floats:
-        """Twists (..., 3) without derivatives."""
-
-    def inside(self, values: Floats) -> Floats:
-        """Nearest valid parameters (p,)."""
-
-    def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
-        """Copy with other starts and threshold errors; 0 for given parameters."""
-
-    def put_into(self, robot: Robot, values: Floats) -> Robot:
-        """Robot with these parameters (p,) in its file."""
-
-
 @dataclass(frozen=True)
-class Differential:
-    """Ideal differential drive, without parameters."""
-
-    gauge: float
-    name: str = "differential"
-    parameters: tuple[Parameter, ...] = ()
-
-    def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:  # noqa: ARG002
-        """Twists with derivatives, as in `Model`."""
-        found = _index_twist(
-            speeds, Indices().as_array(), forces, VehicleConstants(self.gauge, *NO_MASS)
-        )
-        return TwistAt(found.twist, found.by_parameters[..., :0], found.by_speeds)
-
-    def twist(self, speeds: Floats, values: Floats, forces: Floats) -> Floats:
-        """Twists (..., 3) alone, as in `Model`."""
-        return self.at(speeds, values, forces).twist
-
-    def inside(self, values: Floats) -> Floats:
-        """Nearest valid parameters (p,), as in `Model`."""
-        return values
-
-    def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
-        """Model with other priors of its parameters, as in `Model`."""
-        return replace(self, parameters=parameters)
-
-    def put_into(self, robot: Robot, values: Floats) -> Robot:  # noqa: ARG002 - a `Model`
-        """Robot with these parameters in its file, as in `Model`."""
-        return robot
-
-
-@dataclass(frozen=True)
-class IndexModel:
-    """Constant ICRs as indices, or the paper's inertia-based ones.
+class Model:
+    """Index model with some free parameters; the other indices are fixed.
 
     Attributes:
-        name: "constant" or "inertia".
-        parameters: three, or all but H.
+        name: one of `MODELS`.
+        parameters: none, those of constant ICRs, or all but H; a name has one meaning in all models.
         vehicle: constants of the vehicle.
         places: places of the parameters in `Indices`.
         H: H of the robot file [-].
@@ -147,19 +83,35 @@ class IndexModel:
     H: float
 
     def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:
-        """Twists with derivatives, as in `Model`."""
-        found = _index_twist(speeds, self.nine(values), forces, self.vehicle)
-        return TwistAt(found.twist, found.by_parameters[..., list(self.places)], found.by_speeds)
+        """Twists with derivatives.
 
-    def twist(self, speeds: Floats, values: Floats, forces: Floats) -> Floats:
-        """Twists (..., 3) alone, as in `Model`."""
-        return self.at(speeds, values, forces).twist
+        Args:
+            speeds: (..., 2) track speeds [m/s].
+            values: (p,) parameters.
+            forces: (..., 2) forces that the ground balances, see `Recording.ground_forces`.
+        """
+        # P is given whole: rolling resistance and gravity are in it.
+        vehicle = self.vehicle._replace(rolling_resistance=0.0)
+        V_l, V_r = speeds[..., 0], speeds[..., 1]
+        memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
+        found, by = linearise(V_l, V_r, self.nine(values), NO_SLIP, LEVEL, vehicle, memory)
+
+        def columns(rows: Any) -> Floats:
+            """Convert from the paper's axes to forward, left, yaw; for all cells."""
+            of_cells = [[np.broadcast_to(cell, V_l.shape) for cell in row] for row in rows]
+            right, forward, yaw = (np.stack(row, axis=-1) for row in of_cells)
+            return np.stack([forward, -right, yaw], axis=-2)
+
+        by_parameters = columns(by.by_parameters)[..., list(self.places)]
+        twist = columns([[part] for part in found.twist])[..., 0]
+        return TwistAt(twist, by_parameters, columns(by.by_speeds))
 
     def inside(self, values: Floats) -> Floats:
-        """Nearest valid parameters (p,), as in `Model`."""
+        """Nearest valid parameters (p,)."""
         result = values.copy()
-        at = self.places.index(5)
-        result[at] = max(result[at], 1.0)
+        if ETA0 in self.places:
+            at = self.places.index(ETA0)
+            result[at] = max(result[at], 1.0)
         return result
 
     def nine(self, values: Floats) -> Floats:
@@ -168,14 +120,10 @@ class IndexModel:
         result[list(self.places)] = values
         return result
 
-    def knowing(self, parameters: tuple[Parameter, ...]) -> Model:
-        """Model with other priors of its parameters, as in `Model`."""
-        return replace(self, parameters=parameters)
-
     def put_into(self, robot: Robot, values: Floats) -> Robot:
-        """Robot with these parameters in its file, as in `Model`."""
-        from icreckon.estimator.robot.robot_file import ConstantIcr
-
+        """Robot with these parameters (p,) in its file."""
+        if not self.places:
+            return robot
         indices = Indices(*(float(value) for value in self.nine(self.inside(values))))
         if self.name == "inertia":
             return msgspec.structs.replace(robot, indices=indices)
@@ -201,53 +149,26 @@ def model_of(name: str, robot: Robot) -> Model:
     Raises:
         EstimatorError: an unknown name.
     """
+    if name not in MODELS:
+        raise EstimatorError(f"no model named {name!r}; there are {', '.join(MODELS)}")
     gauge = robot.vehicle.track_gauge
     if name == "differential":
-        return Differential(gauge)
-    if name in ("constant", "inertia"):
-        start = robot.constant_indices if name == "constant" else robot.indices
-        nine = start.as_array()
-        if name == "inertia":
-            nine = initial_parameters(robot, find_variant("inertia-fixed"))
-        names = Indices.__struct_fields__
-        force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
-        length = TELLING * gauge
-        eta = TELLING * max(1.0, nine[5])
-        middle = OF_MIDDLE * gauge
-        first = (1.0, middle, length / force, middle, length / force)
-        threshold = (*first, eta, eta / force, eta / force**2, length / TYPICAL_FORCE)
-        units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²", "m")
-        ranks = (99, 20, 60, 21, 61, 0, 70, 80, 62)
-        places = (1, 3, 5) if name == "constant" else tuple(range(1, len(nine)))
-        parameters = tuple(
-            Parameter(names[at], units[at], float(nine[at]), threshold[at], ranks[at])
-            for at in places
-        )
-        return IndexModel(name, parameters, robot.constants, places, robot.indices.H)
-    raise EstimatorError(f"no model named {name!r}; there are {', '.join(MODELS)}")
-
-
-def _index_twist(
-    speeds: Floats, nine: Floats, forces: Floats, vehicle: VehicleConstants
-) -> TwistAt:
-    # P is given whole: rolling resistance and gravity are in it.
-    vehicle = vehicle._replace(rolling_resistance=0.0)
-    memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
-    found, by = linearise(speeds[..., 0], speeds[..., 1], nine, NO_SLIP, LEVEL, vehicle, memory)
-    shape = speeds.shape[:-1]
-
-    def turned(rows: list[Floats]) -> Floats:
-        """Convert from the paper's axes to forward, left, yaw."""
-        return np.stack([rows[1], -rows[0], rows[2]], axis=-1)
-
-    def columns(table: object) -> Floats:
-        stacked = [
-            [np.broadcast_to(np.asarray(cell, dtype=float), shape) for cell in row]
-            for row in table  # type: ignore[attr-defined]
-        ]
-        return np.stack(
-            [turned([row[at] for row in stacked]) for at in range(len(stacked[0]))], axis=-1
-        )
-
-    twist = [np.broadcast_to(np.asarray(part, dtype=float), shape) for part in found.twist]
-    return TwistAt(turned(twist), columns(by.by_parameters), columns(by.by_speeds))
+        return Model(name, (), VehicleConstants(gauge, *NO_MASS), (), 1.0)
+    nine = robot.constant_indices.as_array()
+    places: tuple[int, ...] = (1, 3, ETA0)
+    if name == "inertia":
+        nine = initial_parameters(robot, find_variant("inertia-fixed"))
+        places = tuple(range(1, len(nine)))
+    names = Indices.__struct_fields__
+    force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
+    length = TELLING * gauge
+    eta = TELLING * max(1.0, nine[ETA0])
+    middle = OF_MIDDLE * gauge
+    first = (1.0, middle, length / force, middle, length / force)
+    threshold = (*first, eta, eta / force, eta / force**2, length / TYPICAL_FORCE)
+    units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²", "m")
+    ranks = (99, 20, 60, 21, 61, 0, 70, 80, 62)
+    parameters = tuple(
+        Parameter(names[at], units[at], float(nine[at]), threshold[at], ranks[at]) for at in places
+    )
+    return Model(name, parameters, robot.constants, places, robot.indices.H)

@@ -101,7 +101,8 @@ def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
     still = ~recording.moving[at]
     parts = [np.ones(len(at)), turning[at] ** 2, driving[at] ** 2]
     parts[1][still] = parts[2][still] = 0.0
-    channels.append(_diagonal("slip", at, SLIP, parts))
+    rows = np.stack([at, np.full(len(at), SLIP)], axis=-1)
+    channels.append(Channel("slip", rows, np.stack(parts)[:, None]))
     at = np.flatnonzero(counted[:, YAW])
     if len(at):
         bands = np.zeros((2, 2, len(at)))
@@ -201,18 +202,18 @@ def information(
     return fisher, score
 
 
-def flattening(noise: Noise, residuals: Floats) -> Floats:
-    """Correction factor of the information of weighted squares, for each channel.
+def flattening(noise: Noise, residuals: Floats) -> float:
+    """Correction factor of the information of weighted squares, least of all channels.
 
     It is the mean slope of the influence function over the mean weight (Huber, Robust Statistics).
     """
-    result = []
+    least = 1.0
     for channel, sizes in zip(noise.channels, noise.components, strict=True):
         squared = channel.of(residuals) ** 2 / channel.variances(sizes)
         weight = (FREEDOM + 1.0) / (FREEDOM + squared)
         slope = weight - 2.0 * (FREEDOM + 1.0) * squared / (FREEDOM + squared) ** 2
-        result.append(float(np.clip(slope.mean() / weight.mean(), 0.3, 1.0)))
-    return np.array(result)
+        least = min(least, float(slope.mean() / weight.mean()))
+    return max(least, 0.3)
 
 
 def cost(noise: Noise, residuals: Floats) -> float:
@@ -249,11 +250,6 @@ def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
     options = {"maxiter": 300, "xatol": CLOSE, "fatol": CLOSE}
     best = minimize(of, logs, method="Nelder-Mead", bounds=bounds, options=options)
     return np.exp(best.x if best.fun < of(logs) else logs)
-
-
-def _diagonal(name: str, at: NDArray[np.int64], row: int, parts: list[Floats]) -> Channel:
-    rows = np.stack([at, np.full(len(at), row)], axis=-1)
-    return Channel(name, rows, np.stack(parts)[:, None])
 
 
 def _linked(follows: NDArray[np.bool_], at: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -11,8 +11,9 @@ errors in turning nor noise of the truth's heading affect the displacement.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,9 +80,7 @@ class Problem:
     def inside(self, values: Floats) -> Floats:
         """Nearest valid values (p,)."""
         result = values.copy()
-        own = len(self.model.parameters)
-        if own:
-            result[-own:] = self.model.inside(values[-own:])
+        self.own(result)[:] = self.model.inside(self.own(values))
         for name in ("scale", "gyro_scale"):
             at = self.place(name)
             result[at] = np.clip(result[at], 0.2, 5.0)
@@ -96,7 +95,7 @@ class Problem:
 
     def twist(self, values: Floats) -> Floats:
         """Twists (n, m, 3) of the model."""
-        return self.model.twist(self._speeds(values), self._own(values), self.forces)
+        return self.model.at(self._speeds(values), self.own(values), self.forces).twist
 
     def linearised(self, values: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, ROWS) and their derivatives (n, ROWS, p)."""
@@ -105,7 +104,7 @@ class Problem:
         sides = 1.0 + SIDES * values[self.place("difference")]
         raw = recording.speeds(latency)
         changing = (recording.speeds(latency + 0.01) - recording.speeds(latency - 0.01)) / 0.02
-        at = self.model.at(scale * sides * raw, self._own(values), self.forces)
+        at = self.model.at(scale * sides * raw, self.own(values), self.forces)
         # By scale, difference, latency.
         changes = np.stack([sides * raw, scale * SIDES * raw, scale * sides * changing], axis=-1)
         by_tracks = at.by_speeds @ changes
@@ -114,8 +113,7 @@ class Problem:
         jacobian = np.zeros((*rows.shape, len(values)))
         for column, name in enumerate(OF_TRACKS):
             jacobian[..., self.place(name)] = linear[..., column]
-        if own:
-            jacobian[..., -own:] = linear[..., len(OF_TRACKS) :]
+        jacobian[..., len(values) - own :] = linear[..., len(OF_TRACKS) :]
         twist = at.twist[..., None]
         shared = ["gyro_scale", "lever_arm_forward", "lever_arm_left", "mounting_yaw"]
         shared += [name for name in ("imu_forward", "imu_left") if name in self.names]
@@ -184,7 +182,10 @@ class Problem:
         rows[:, SLIP] += heading[:, -1] - heading[:, 0]
         rows[:, YAW] += apart
         if self.force:
-            at_x, at_y = self._imu_place(values)
+            at_x, at_y = self.imu_position
+            if "imu_forward" in self.names:
+                at_x += float(values[self.place("imu_forward")])
+                at_y += float(values[self.place("imu_left")])
             turn = values[self.place("mounting_yaw")]
             x, y = np.moveaxis(recording.mean_force(marks), -1, 0)
             # At the IMU: dw/dt x and minus w² x in addition to the acceleration of the origin.
@@ -206,9 +207,9 @@ class Problem:
         scale, difference, latency = (values[self.place(name)] for name in OF_TRACKS)
         return np.asarray(scale * (1.0 + SIDES * difference) * self.recording.speeds(latency))
 
-    def _own(self, values: Floats) -> Floats:
-        own = len(self.model.parameters)
-        return values[len(values) - own :]
+    def own(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Part of values (p,) that is of the model's parameters, a view."""
+        return values[len(values) - len(self.model.parameters) :]
 
     def _lags(self, values: Floats) -> Floats:
         logs = range(len(self.recording.motions))
@@ -219,13 +220,6 @@ class Problem:
         logs = range(len(self.recording.motions))
         each = np.array([values[self.place(f"{name}[{log}]")] for log in logs])
         return np.asarray(each[self.recording.log])
-
-    def _imu_place(self, values: Floats) -> tuple[float, float]:
-        x, y = self.imu_position
-        if "imu_forward" in self.names:
-            x += float(values[self.place("imu_forward")])
-            y += float(values[self.place("imu_left")])
-        return x, y
 
     def counted_rows(self) -> NDArray[np.bool_]:
         """Mask (n, ROWS) of rows that count.
@@ -319,6 +313,6 @@ def problem_of(
         own = tuple(
             one._replace(threshold=0.0) if one.name in ORIGIN else one for one in model.parameters
         )
-        model = model.knowing(own)
+        model = replace(model, parameters=own)
     x, y, _ = robot.imu.position
     return Problem(recording, model, (*common, *own), (x, y), force)

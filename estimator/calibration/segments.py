@@ -204,10 +204,17 @@ class Recording:
             here = at(self.knot_times[knot])
             body_times = motion.truth_times[pose] - lags[number]
             step = relative(at(body_times), here)
-            # The choice of knots with a line must not depend on the lag to estimate.
+            # Knots with poses on both sides have a line; which, must not depend on the lag to estimate.
             first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
-            lines = _has_line(knot, first, count)
-            share = _shares(knot, body_times - self.knot_times[knot], lines)
+            many, mean, variance = _moments(knot, first, count)
+            lines = (many >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
+            # Weights by a line through all poses of a knot: with their mean, poses to one side would add
+            # the path's errors in the motion since. If most lie to one side, the value is the mean: a
+            # line would amplify their noise.
+            after = body_times - self.knot_times[knot]
+            many, mean, variance = _moments(knot, after, count)
+            slope = np.where(lines, mean / np.where(lines, variance, 1.0), 0.0)
+            share = (1.0 - slope[knot] * (after - mean[knot])) / many[knot]
             true = motion.truth[pose]
             cos, sin = np.cos(true[:, 2]), np.sin(true[:, 2])
             moved_x = true[:, 0] + cos * step[:, 0] - sin * step[:, 1]
@@ -224,36 +231,8 @@ class Recording:
         return place, np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1), yaw
 
 
-def _has_line(knot: Indexes, after: Floats, knots: int) -> Mask:
-    """Mask (k,) of knots with poses on both sides, for interpolation by a line.
-
-    Args:
-        knot: (p,) knot of each pose.
-        after: (p,) time of each pose after its knot [s].
-        knots: number of knots.
-    """
-    many, mean, variance = _moments(knot, after, knots)
-    return np.asarray((many >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance))
-
-
-def _shares(knot: Indexes, after: Floats, lines: Mask) -> Floats:
-    """Weights (p,) of poses in their knot's value, by a line through all of them.
-
-    With their mean, poses to one side would add the path's errors in the motion since. If most lie to one
-    side, the value is the mean: a line would amplify their noise.
-
-    Args:
-        knot: (p,) knot of each pose.
-        after: (p,) time of each pose after its knot [s].
-        lines: (k,) True for a line, False for the mean.
-    """
-    many, mean, variance = _moments(knot, after, len(lines))
-    slope = np.where(lines, mean / np.where(lines, variance, 1.0), 0.0)
-    return np.asarray((1.0 - slope[knot] * (after - mean[knot])) / many[knot])
-
-
 def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, Floats]:
-    """Number, mean and variance (k,) of the poses of each knot."""
+    """Number (k,) of the poses of each knot, and mean and variance of their times."""
     many = np.maximum(np.bincount(knot, minlength=knots), 1).astype(float)
     mean = np.bincount(knot, after, minlength=knots) / many
     return many, mean, np.bincount(knot, (after - mean[knot]) ** 2, minlength=knots) / many
@@ -295,7 +274,6 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     gyro, heading = turned(log.imu.stamps, _vertical(log.imu, robot)), heading_of(poses)
     found = find_lag(heading, gyro, least=LEAST_TURN)
     lag = 0.0 if isinstance(found, NoLag) else found.seconds
-    truth_times = _seconds(poses.stamps, log.start)
     return Motion(
         log,
         track_times,
@@ -303,7 +281,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
         imu_times,
         gyro.values,
         _pushed(log.imu, imu_times, robot),
-        truth_times,
+        _seconds(poses.stamps, log.start),
         truth,
         lag,
         found if isinstance(found, NoLag) else None,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,26 +23,8 @@ from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 NO_LIMIT = 1e300
 
 
-class Gathered(NamedTuple):
-    """Measurements by sensor.
-
-    Attributes:
-        tracks: track speeds.
-        imu: IMU samples; None without any.
-        fixes: position fixes, with the headings at their stamps; None without any.
-        dropped: reason -> number of dropped measurements.
-        others: measurements of kinds without a series, in order.
-    """
-
-    tracks: TrackSpeedSeries
-    imu: ImuSeries | None
-    fixes: FixSeries | None
-    dropped: dict[str, int]
-    others: tuple[Measurement, ...]
-
-
-def gathered(measurements: Iterable[Measurement]) -> Gathered:
-    """Sort measurements into series; see `Log.from_measurements`."""
+def gathered(measurements: Iterable[Measurement]) -> dict[str, Any]:
+    """Sort measurements into the series of a `Log`, by the names of its fields."""
     admission, dropped = Admission(0.0, NO_LIMIT), dict[str, int]()
     kept: dict[Key, Measurement] = {}
     for measurement, reason in map(admission.checked, measurements):
@@ -68,13 +50,13 @@ def gathered(measurements: Iterable[Measurement]) -> Gathered:
         if not isinstance(m, TrackSpeeds | ImuSample | PositionFix)
         and not (isinstance(m, HeadingFix) and m.stamp in at_positions)
     ]
-    return Gathered(
-        _tracks(tracks),
-        _imu(samples) if samples else None,
-        _fixes(positions, headings) if positions else None,
-        dropped,
-        tuple(others),
-    )
+    return {
+        "tracks": _tracks(tracks),
+        "imu": _imu(samples) if samples else None,
+        "fixes": _fixes(positions, headings) if positions else None,
+        "dropped": dropped,
+        "others": tuple(others),
+    }
 
 
 def _tracks(speeds: list[TrackSpeeds]) -> TrackSpeedSeries:

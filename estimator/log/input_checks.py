@@ -103,11 +103,6 @@ def _fields(kind: type) -> dict[str, Any]:
     return {name: hints[name] for name in kind.__match_args__[1:]}  # type: ignore[attr-defined]
 
 
-@cache
-def _has_floats_only(kind: type) -> bool:
-    return all(wanted is float for wanted in _fields(kind).values())
-
-
 def as_plain(measurement: Measurement) -> Measurement:
     """Convert a measurement to immutable plain integers, floats and tuples.
 
@@ -119,8 +114,11 @@ def as_plain(measurement: Measurement) -> Measurement:
     stamp = as_stamp(stream, measurement.stamp)
     fields = _fields(kind)
     values = [getattr(measurement, name) for name in fields]
-    is_plain = type(measurement) is kind and stamp is measurement.stamp and _has_floats_only(kind)
-    if is_plain and all(type(value) is float for value in values):
+    is_plain = type(measurement) is kind and stamp is measurement.stamp
+    if is_plain and all(
+        type(value) is wanted is float
+        for value, wanted in zip(values, fields.values(), strict=True)
+    ):
         return measurement
     converted = [
         CONVERTERS[wanted](f"{stream}: {name}", value)
@@ -258,15 +256,11 @@ def _speeds(name: str, values: Any) -> Speeds:
         raise EstimatorError(f"{name} must be numbers, found {_text(values)}") from None
 
 
-def _three_or_none(name: str, values: Any) -> Vector3 | None:
-    return None if values is None else _three(name, values)
-
-
 # By type of field.
 CONVERTERS: dict[Any, Callable[[str, Any], Any]] = {
     float: _number,
     Vector3: _three,
-    Vector3 | None: _three_or_none,
+    Vector3 | None: lambda name, values: None if values is None else _three(name, values),
     Matrix3: _three_rows,
     Speeds: _speeds,
 }
@@ -417,10 +411,6 @@ def _objection_to_fields(measurement: Measurement) -> str | None:
     return next((objection for objection in found if objection), None)
 
 
-def _objection_to_variance(variance: float) -> str | None:
-    return None if math.isfinite(variance) and variance > 0.0 else "variance not positive"
-
-
 def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
     sigmas = sigma if isinstance(sigma, tuple) else (sigma,)
     positive = all(one > 0.0 < one * one < math.inf for one in sigmas)
@@ -442,7 +432,7 @@ def _objection_to_covariance(covariance: Matrix3) -> str | None:
 
 # Fields that hold the noise of a measurement.
 NOISE: dict[str, Callable[[Any], str | None]] = {
-    "variance": _objection_to_variance,
+    "variance": lambda value: None if 0.0 < value < math.inf else "variance not positive",
     "sigma": _objection_to_sigma,
     "covariance": _objection_to_covariance,
 }

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -97,15 +97,7 @@ class Log:
             EstimatorError: an element is not a measurement, or track speeds have differing numbers of
                 wheels.
         """
-        found = gathered(measurements)
-        return cls(
-            name,
-            found.tracks,
-            found.imu,
-            found.fixes,
-            dropped=found.dropped,
-            others=found.others,
-        )
+        return cls(name, **gathered(measurements))
 
     def __repr__(self) -> str:
         """One line: duration and numbers of samples."""
@@ -166,27 +158,25 @@ class Log:
                 f"to {self.end} ns; part(0.0, 10.0) takes seconds since its start"
             )
 
-        def cut(series: _Series, *columns: str) -> _Series:
+        def cut(series: _Series) -> _Series:
             inside = (series.stamps >= start) & (series.stamps <= end)
-            values = {name: getattr(series, name) for name in ("stamps", *columns)}
-            kept: dict[str, Any] = {
-                name: None if old is None else old[inside] for name, old in values.items()
-            }
+            arrays: dict[str, Any] = {one.name: getattr(series, one.name) for one in fields(series)}
+            kept = {name: old[inside] for name, old in arrays.items() if old is not None}
             return replace(series, **kept)
 
-        truth, of_tracks = self.truth, ("speeds", "left_wheels", "right_wheels")
+        truth = self.truth
         if truth is not None:
             truth = replace(
                 truth,
-                poses=cut(truth.poses, "poses"),
-                twists=truth.twists and cut(truth.twists, "twists"),
-                tracks=truth.tracks and cut(truth.tracks, *of_tracks),
+                poses=cut(truth.poses),
+                twists=truth.twists and cut(truth.twists),
+                tracks=truth.tracks and cut(truth.tracks),
             )
         return replace(
             self,
-            tracks=cut(self.tracks, *of_tracks),
-            imu=self.imu and cut(self.imu, "angular_velocity", "linear_acceleration"),
-            fixes=self.fixes and cut(self.fixes, "poses", "variances", "antennas"),
+            tracks=cut(self.tracks),
+            imu=self.imu and cut(self.imu),
+            fixes=self.fixes and cut(self.fixes),
             truth=truth,
             others=tuple(one for one in self.others if start <= one.stamp <= end),
         )
@@ -327,26 +317,16 @@ def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
     headed, lever_arms = np.flatnonzero(np.isfinite(fixes.poses[:, 2])), fixes.lever_arms
 
     def positions(which: NDArray[np.int64]) -> list[Measurement]:
-        rows = zip(
-            fixes.stamps[which].tolist(),
-            fixes.poses[which].tolist(),
-            fixes.variances[which, 0].tolist(),
-            lever_arms[which].tolist(),
-            strict=True,
-        )
-        return [
-            PositionFix(stamp, x, y, variance, *lever_arm)
-            for stamp, (x, y, _), variance, lever_arm in rows
-        ]
+        place, variances = fixes.poses[which, :2].T, fixes.variances[which, 0]
+        return _made(PositionFix, fixes.stamps[which], *place, variances, *lever_arms[which].T)
 
     def headings(which: NDArray[np.int64]) -> list[Measurement]:
         place = headed[which]
-        rows = zip(
-            fixes.stamps[place].tolist(),
-            fixes.poses[place, 2].tolist(),
-            fixes.variances[place, 1].tolist(),
-            strict=True,
-        )
-        return [HeadingFix(stamp, yaw, variance) for stamp, yaw, variance in rows]
+        yaw, variances = fixes.poses[place, 2], fixes.variances[place, 1]
+        return _made(HeadingFix, fixes.stamps[place], yaw, variances)
 
     return [(fixes.stamps, positions), (fixes.stamps[headed], headings)]
+
+
+def _made(kind: Callable[..., Measurement], *columns: NDArray[Any]) -> list[Measurement]:
+    return [kind(*row) for row in zip(*(one.tolist() for one in columns), strict=True)]

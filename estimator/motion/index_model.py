@@ -16,11 +16,10 @@ The indices are evaluated at a force of inertia of at most the weight: friction 
 so the equation has a solution for any parameters.
 
 u is found by Newton's iteration from u = 0, or by bisection in the rare case that this does not converge
-(parameters far from any real vehicle's). The derivatives follow from the implicit-function theorem.
+(parameters far from any real vehicle's).
 
 Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Arguments broadcast; floats give
-floats, complex numbers pass through, for complex-step differentiation. The filter's model is
-`icreckon.estimator.motion.lagged_index_model`.
+floats. The filter's model is `icreckon.estimator.motion.lagged_index_model`.
 """
 
 from __future__ import annotations
@@ -31,17 +30,12 @@ from icreckon.estimator.base.choices import every, some
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
     NO_SLIP,
-    Channels,
-    GainFactors,
     Motion,
-    TwistDerivatives,
     VehicleConstants,
     at_least,
     at_or_above,
-    dot,
     is_zero,
     sign,
-    through_channels,
 )
 
 Form = Literal["smooth", "literal"]
@@ -79,38 +73,24 @@ def solve(
     Returns:
         The motion.
     """
-    in_inertia = slip if slip_in_inertia else NO_SLIP
     values = parameters.as_array() if hasattr(parameters, "as_array") else parameters
-    problem = balance_problem(V_l, V_r, values, vehicle, form == "literal", in_inertia)
-    u = balance(problem)
-    return _motion(u, evaluate(u, problem), slip)
-
-
-def linearise(
-    V_l: Number,
-    V_r: Number,
-    parameters: Any,
-    slip: tuple[Number, Number, Number],
-    vehicle: VehicleConstants,
-    is_literal: bool,
-    slip_in_inertia: bool,
-) -> tuple[Motion, TwistDerivatives]:
-    """Compute the motion and the derivatives of its twist; arguments as in `solve`."""
+    # eta > 0, so the sign of the yaw rate is that of D; with slip in the inertia it may differ for a
+    # moment at w = 0, where Z vanishes anyway.
+    S_u, Z_u, is_literal = 1.0, -sign(V_r - V_l), form == "literal"
+    if is_literal:
+        # sign(x_1) and sign(x_2) of (14) and (15).
+        Z_u = sign(V_l + values[0] * V_r)
+        S_u = sign(V_l - V_r) * Z_u
     in_inertia = slip if slip_in_inertia else NO_SLIP
-    problem = balance_problem(V_l, V_r, parameters, vehicle, is_literal, in_inertia)
-    return linearise_at(balance(problem), problem, slip, slip_in_inertia)
+    V_m = 0.5 * (V_l + V_r)
+    problem = _Problem(V_r - V_l, V_m, values, vehicle, is_literal, S_u, Z_u, in_inertia)
+    u = _balance(problem)
+    at = _evaluate(u, problem)
+    twist = PaperTwist(*(part + added for part, added in zip(at.kinematic, slip, strict=True)))
+    return Motion(twist, at.indices, u, at.force)
 
 
-def linearise_at(
-    u: Number, problem: BalanceProblem, slip: tuple[Number, Number, Number], slip_in_inertia: bool
-) -> tuple[Motion, TwistDerivatives]:
-    """Compute motion and derivatives at the solution u of a balance; see `linearise`."""
-    at = evaluate(u, problem)
-    by = _channels(at, problem.vehicle.gauge, slip_in_inertia)
-    return _motion(u, at, slip), through_channels(by, _gain_factors(at))
-
-
-class BalanceProblem(NamedTuple):
+class _Problem(NamedTuple):
     """Inputs of the balance for the force of inertia; the slip is that in the inertia."""
 
     D: Number
@@ -124,45 +104,21 @@ class BalanceProblem(NamedTuple):
 
 
 class _Evaluation(NamedTuple):
-    """Evaluation of the model at one u; `eta_is_free` is 0 if eta is held at 1."""
+    """Evaluation of the model at one u: twist without slip, g and its derivative."""
 
     kinematic: PaperTwist
     indices: IndexValues
     force: Number
-    S_u: Number
-    Z_u: Number
-    eta_is_free: Number
     g: Number
-    g_twist: tuple[Number, Number, Number]
-    twist_u: tuple[Number, Number, Number]
     g_u: Number
 
 
-def balance_problem(
-    V_l: Number,
-    V_r: Number,
-    parameters: Any,
-    vehicle: VehicleConstants,
-    is_literal: bool,
-    slip: tuple[Number, Number, Number],
-) -> BalanceProblem:
-    """Inputs of the balance at these track speeds; arguments as in `solve`."""
-    D, V_m = V_r - V_l, 0.5 * (V_l + V_r)
-    if is_literal:
-        # sign(x_1) and sign(x_2) of (14) and (15).
-        x_1, x_2 = sign(V_l - V_r), sign(V_l + parameters[0] * V_r)
-        return BalanceProblem(D, V_m, parameters, vehicle, is_literal, x_1 * x_2, x_2, slip)
-    # eta > 0, so the sign of the yaw rate is that of D; with slip in the inertia it may differ for a
-    # moment at w = 0, where Z vanishes anyway.
-    return BalanceProblem(D, V_m, parameters, vehicle, is_literal, 1.0, -sign(D), slip)
-
-
-def balance(problem: BalanceProblem) -> Number:
+def _balance(problem: _Problem) -> Number:
     """Zero of u - g(u), reached by Newton's iteration from zero."""
     u = 0.0 * problem.D
     settled: Any = False
     for _ in range(NEWTON_ITERATIONS):
-        step = evaluate(u, problem)
+        step = _evaluate(u, problem)
         change = (step.g - u) / at_least(1.0 - step.g_u, SMALLEST_SLOPE)
         u = u + change
         settled = abs(change) <= TOLERANCE * (1.0 + abs(u))
@@ -171,12 +127,12 @@ def balance(problem: BalanceProblem) -> Number:
     return settled * u + (1.0 - settled) * _bisect(problem)
 
 
-def _bisect(problem: BalanceProblem) -> Number:
+def _bisect(problem: _Problem) -> Number:
     """Zero of u - g(u) by bisection: g is continuous and bounded, as the indices are."""
     high = 1.0 + 0.0 * problem.D
     for _ in range(BISECTIONS):
-        short = ((high - evaluate(high, problem).g).real < 0.0) | (
-            (-high - evaluate(-high, problem).g).real > 0.0
+        short = ((high - _evaluate(high, problem).g).real < 0.0) | (
+            (-high - _evaluate(-high, problem).g).real > 0.0
         )
         if not some(short):
             break
@@ -184,13 +140,13 @@ def _bisect(problem: BalanceProblem) -> Number:
     low = -high
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        below = 1.0 * ((middle - evaluate(middle, problem).g).real < 0.0)
+        below = 1.0 * ((middle - _evaluate(middle, problem).g).real < 0.0)
         low = below * middle + (1.0 - below) * low
         high = below * high + (1.0 - below) * middle
     return 0.5 * (low + high)
 
 
-def evaluate(u: Number, problem: BalanceProblem) -> _Evaluation:
+def _evaluate(u: Number, problem: _Problem) -> _Evaluation:
     """Evaluate indices, twist, g and their derivatives at one value of u."""
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = problem.parameters[:8]
     gauge, mass, x_CM, y_CM, *_ = problem.vehicle
@@ -224,72 +180,7 @@ def evaluate(u: Number, problem: BalanceProblem) -> _Evaluation:
     else:
         g = -mass * w_all * forward
         g_twist = (0.0, -mass * w_all, -mass * (forward + x_CM * w_all))
-    eta_u = is_below * eta_is_free * (eta1 * S_u + 2.0 * eta2 * force)
-    w_u = -w / eta * eta_u
-    twist_u = (
-        w_u * zeta + is_below * w * zeta1 * Z_u,
-        -w_u * epsilon - is_below * w * epsilon1 * S_u,
-        w_u,
-    )
-    return _Evaluation(
-        kinematic,
-        IndexValues(zeta, epsilon, eta),
-        force,
-        S_u,
-        Z_u,
-        eta_is_free,
-        g,
-        g_twist,
-        twist_u,
-        dot(g_twist, twist_u),
-    )
-
-
-def _motion(u: Number, at: _Evaluation, slip: tuple[Number, Number, Number]) -> Motion:
-    kinematic = at.kinematic
-    twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
-    return Motion(twist, at.indices, u, at.force)
-
-
-def _gain_factors(at: _Evaluation) -> GainFactors:
-    """Gain factors Z, S, S [N] and the square of the force [N²]."""
-    S = at.S_u * at.force
-    return GainFactors(at.Z_u * at.force, S, S, at.force * at.force)
-
-
-def _channels(at: _Evaluation, gauge: float, slip_in_inertia: bool) -> Channels:
-    w = at.kinematic.w
-    zeta, epsilon, eta = at.indices
-    per_D = 1.0 / (gauge * eta)
-    # Twist by each channel at fixed u: v_x = w zeta and v_y = V_m - w epsilon with w = D / (L eta).
-    by_D = (zeta * per_D, -epsilon * per_D, per_D)
-    by_zeta, by_epsilon = w, -w
-    per_eta = -w / eta * at.eta_is_free
-    by_eta = (per_eta * zeta, -per_eta * epsilon, per_eta)
-    # u by each channel, and the twist by u.
-    gain = 1.0 / (1.0 - at.g_u)
-    by_u, g_twist = at.twist_u, at.g_twist
-    slip_gain = gain if slip_in_inertia else 0.0 * gain
-    return Channels(
-        _total(by_D, by_u, gain * dot(g_twist, by_D)),
-        _total((0.0, 1.0, 0.0), by_u, gain * g_twist[1]),
-        _total((by_zeta, 0.0, 0.0), by_u, gain * g_twist[0] * by_zeta),
-        _total((0.0, by_epsilon, 0.0), by_u, gain * g_twist[1] * by_epsilon),
-        _total(by_eta, by_u, gain * dot(g_twist, by_eta)),
-        _total((1.0, 0.0, 0.0), by_u, slip_gain * g_twist[0]),
-        _total((0.0, 1.0, 0.0), by_u, slip_gain * g_twist[1]),
-        _total((0.0, 0.0, 1.0), by_u, slip_gain * g_twist[2]),
-    )
-
-
-def _total(
-    direct: tuple[Number, Number, Number],
-    by_u: tuple[Number, Number, Number],
-    u_channel: Number,
-) -> tuple[Number, Number, Number]:
-    """Total derivative of the twist by a channel: at fixed u, and through u."""
-    return (
-        direct[0] + by_u[0] * u_channel,
-        direct[1] + by_u[1] * u_channel,
-        direct[2] + by_u[2] * u_channel,
-    )
+    w_u = -w / eta * is_below * eta_is_free * (eta1 * S_u + 2.0 * eta2 * force)
+    g_u = g_twist[0] * (w_u * zeta + is_below * w * zeta1 * Z_u)
+    g_u = g_u - g_twist[1] * (w_u * epsilon + is_below * w * epsilon1 * S_u) + g_twist[2] * w_u
+    return _Evaluation(kinematic, IndexValues(zeta, epsilon, eta), force, g, g_u)

@@ -37,15 +37,12 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
-    Channels,
-    GainFactors,
     Gravity,
     Motion,
     TwistDerivatives,
     VehicleConstants,
     at_or_above,
     sign,
-    through_channels,
 )
 
 # Speed of a track at which its rolling resistance has its full size [m/s].
@@ -235,6 +232,7 @@ def linearise(
     per_D = 1.0 / (gauge * eta)
     by_D = (zeta * per_D, -epsilon * per_D, per_D)
     nothing = 0.0 * w
+    one = 1.0 + nothing
     by_zeta, by_epsilon = (w * zeta_free, nothing, nothing), (nothing, -w * epsilon_free, nothing)
     per_eta = -w / eta
     # The limits of epsilon and zeta grow with eta.
@@ -254,32 +252,51 @@ def linearise(
         by_epsilon[1] * epsilon1 + by_eta_all[1] * at.eta_S,
         by_eta_all[2] * at.eta_S,
     )
-    one, zero = 1.0 + nothing, nothing
-    by = through_channels(
-        Channels(
-            by_D,
-            (zero, one, zero),
-            by_zeta,
-            by_epsilon,
-            by_eta,
-            (one, zero, zero),
-            (zero, one, zero),
-            (zero, zero, one),
-        ),
-        GainFactors(at.Z_S * at.S, at.S, at.S, at.S * at.S, at.P),
-    )
+    gains = (at.Z_S * at.S, at.S, at.S * at.S, at.P)
     twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
-    by_gravity = (
-        (by_right * of_S[0], zero),
-        (by_right * of_S[1], by_epsilon[1] * epsilon_F * by_forward),
-        (by_right * of_S[2], zero),
-    )
     of_P = by_epsilon[1] * epsilon_F
-    (x_l, x_r), (y_l, y_r), of_w = by.by_speeds
-    y_l, y_r = y_l + of_P * at.by_rolling[0], y_r + of_P * at.by_rolling[1]
-    by_speeds = ((x_l, x_r), (y_l, y_r), of_w)
-    by = by._replace(by_speeds=by_speeds, by_gravity=by_gravity)
+    rolls_l, rolls_r = at.by_rolling
+    by = TwistDerivatives(
+        (
+            _by_parameters(by_zeta[0], by_epsilon[0], by_eta[0], gains),
+            _by_parameters(by_zeta[1], by_epsilon[1], by_eta[1], gains),
+            _by_parameters(by_zeta[2], by_epsilon[2], by_eta[2], gains),
+        ),
+        (
+            (nothing - by_D[0], nothing + by_D[0]),
+            (0.5 - by_D[1] + of_P * rolls_l, 0.5 + by_D[1] + of_P * rolls_r),
+            (nothing - by_D[2], nothing + by_D[2]),
+        ),
+        ((one, nothing, nothing), (nothing, one, nothing), (nothing, nothing, one)),
+        (
+            (by_right * of_S[0], nothing),
+            (by_right * of_S[1], of_P * by_forward),
+            (by_right * of_S[2], nothing),
+        ),
+    )
     return Motion(twist, at.indices, at.force, at.S), by
+
+
+def _by_parameters(
+    zeta: Number, epsilon: Number, eta: Number, gains: tuple[Number, Number, Number, Number]
+) -> tuple[Number, ...]:
+    """Derivatives (9,) of a component of the twist, by those by the indices.
+
+    That by H is always zero. The gains are zeta by zeta1, epsilon by epsilon1 (and eta by eta1), eta by
+    eta2, and epsilon by epsilon_F.
+    """
+    of_zeta, of_S, of_square, of_P = gains
+    return (
+        0.0 * zeta,
+        zeta,
+        zeta * of_zeta,
+        epsilon,
+        epsilon * of_S,
+        eta,
+        eta * of_S,
+        eta * of_square,
+        epsilon * of_P,
+    )
 
 
 def limited(value: Number, limit: Number) -> tuple[Number, Number]:

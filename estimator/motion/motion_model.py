@@ -1,10 +1,7 @@
 """Interface of motion models: body velocity from track speeds, with derivatives.
 
 `icreckon.estimator.motion.lagged_index_model` has the inertia-based model,
-`icreckon.estimator.motion.linear_model` the linear one. Internally, inputs act only through eight
-*channels* (D = V_r - V_l, V_m = (V_l + V_r) / 2, the three indices and the slip). So a derivative by a
-parameter is that by a channel times the *gain factor*, the factor of that parameter in its index. The
-interface has derivatives by the parameters, track speeds and slip themselves.
+`icreckon.estimator.motion.linear_model` the linear one.
 
 Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Functions without a class are
 written for floats, complex numbers and arrays, and for numba (`icreckon.estimator.tracing.jit_kernel`):
@@ -186,67 +183,6 @@ class Unremembering:
         """Begin a step, as in `MotionModel`."""
 
 
-class GainFactors(NamedTuple):
-    """Factor of each gain in its index, in units of the index over those of the gain."""
-
-    zeta1: Number
-    epsilon1: Number
-    eta1: Number
-    eta2: Number
-    epsilon_F: Number = 0.0
-
-
-class Channels(NamedTuple):
-    """Total derivatives of (v_x, v_y, w) by each channel, as triples."""
-
-    D: tuple[Number, Number, Number]
-    V_m: tuple[Number, Number, Number]
-    zeta: tuple[Number, Number, Number]
-    epsilon: tuple[Number, Number, Number]
-    eta: tuple[Number, Number, Number]
-    r_x: tuple[Number, Number, Number]
-    r_y: tuple[Number, Number, Number]
-    r_w: tuple[Number, Number, Number]
-
-
-def through_channels(by: Channels, factors: GainFactors) -> TwistDerivatives:
-    """Derivatives by parameters, track speeds and slip from those by the channels."""
-    return TwistDerivatives(
-        (
-            _by_parameters(by, factors, 0),
-            _by_parameters(by, factors, 1),
-            _by_parameters(by, factors, 2),
-        ),
-        (_by_speeds(by, 0), _by_speeds(by, 1), _by_speeds(by, 2)),
-        (
-            (by.r_x[0], by.r_y[0], by.r_w[0]),
-            (by.r_x[1], by.r_y[1], by.r_w[1]),
-            (by.r_x[2], by.r_y[2], by.r_w[2]),
-        ),
-    )
-
-
-def _by_parameters(by: Channels, factors: GainFactors, axis: int) -> tuple[Number, ...]:
-    """Derivatives (9,) of a component by the parameters; that by H is always zero."""
-    zeta, epsilon, eta = by.zeta[axis], by.epsilon[axis], by.eta[axis]
-    return (
-        0.0 * zeta,
-        zeta,
-        zeta * factors.zeta1,
-        epsilon,
-        epsilon * factors.epsilon1,
-        eta,
-        eta * factors.eta1,
-        eta * factors.eta2,
-        epsilon * factors.epsilon_F,
-    )
-
-
-def _by_speeds(by: Channels, axis: int) -> tuple[Number, Number]:
-    half = 0.5 * by.V_m[axis]
-    return half - by.D[axis], half + by.D[axis]
-
-
 # Comparisons use the real part only, so that a complex step passes through.
 
 
@@ -269,11 +205,6 @@ def at_least(x: Number, bound: float) -> Number:
     """Larger of x and `bound`."""
     inside = at_or_above(x, bound)
     return inside * x + (1.0 - inside) * bound
-
-
-def dot(a: tuple[Number, Number, Number], b: tuple[Number, Number, Number]) -> Number:
-    """Dot product of two triples."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 class TwistModel(NamedTuple):

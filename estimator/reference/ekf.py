@@ -40,12 +40,7 @@ from icreckon.estimator.motion.motion_model import (
     gravity_in,
     track_factors,
 )
-from icreckon.estimator.motion.propagation import (
-    Triple,
-    gauss_markov,
-    step_on_se2,
-    turn,
-)
+from icreckon.estimator.motion.propagation import Triple, gauss_markov, step_on_se2, turn
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
 
@@ -95,7 +90,6 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         self.F: Floats = np.eye(s.SIZE)
         self.Q: Floats = np.zeros((s.SIZE, s.SIZE))
         self.model = model
-        self._next_x: Floats = self.x
 
     def twist_model(self, left: float, right: float, slip_shares: Triple = WHOLE) -> TwistModel:
         """Body velocity and its Jacobian at the present state.
@@ -185,16 +179,16 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         Q += np.diag(walk * dt)
         Q[s.SLIP, s.SLIP] += np.diag(slip * final)
 
-        self._next_x = self.x.copy()
-        self._next_x[s.POSE] += step
-        self._next_x[s.SLIP] *= decay
-        self._next_x[s.GRAVITY] = back.dot(self.x[s.GRAVITY])
-        self.predict()
+        x = self.x.copy()
+        x[s.POSE] += step
+        x[s.SLIP] *= decay
+        x[s.GRAVITY] = back.dot(self.x[s.GRAVITY])
+        self.predict(x)
         self.P = 0.5 * (self.P + self.P.T)
 
-    def predict_x(self, u: float = 0) -> None:  # noqa: ARG002 - the signature is filterpy's
+    def predict_x(self, u: Floats) -> None:
         """Set the state that `predict_motion` computed; called by filterpy's `predict`."""
-        self.x = self._next_x
+        self.x = u
 
     def renew_fast_slip(self, covariance: Floats) -> None:
         """Begin a step with a new fast slip of this covariance (3, 3)."""

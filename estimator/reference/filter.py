@@ -34,7 +34,7 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
-from icreckon.estimator.reference.imu import Accelerometer, Gyro, StepTwist
+from icreckon.estimator.reference.imu import StepTwist, accelerometer, gyro
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
@@ -75,9 +75,6 @@ class ReferenceFilter:
         self.ekf.x, self.ekf.P = state, np.diag(sigmas**2)
         self._settings, self._uses_force = settings, of_variant.accelerometers
         self._sensors = SensorModels(robot)
-        self._gyro = Gyro(self.ekf.fixed_for_gyro)
-        fixed = self.ekf.fixed_for_imu
-        self._accelerometers = [Accelerometer(self._sensors, fixed, axis) for axis in range(2)]
         self._record = FilterRecord(input_settings(robot, settings))
         self._readings, self._fix_stamp = QuietReadings(), 0
 
@@ -120,7 +117,8 @@ class ReferenceFilter:
         mean = self._readings.mean(still, m.stamp, rate, spread, record.settings)
         noise, record.stands = noise_of_step(record.noise, still, record.settings), mean == mean
         # Predict the twist of the step: a new fast slip, and smoothed derivatives by the parameters.
-        dt, left, right = (m.stamp - record.stamp) * NANOSECOND, *self._mean_speeds(m.stamp)
+        dt = (m.stamp - record.stamp) * NANOSECOND
+        left, right = mean_speeds(record.tracks, record.stamp, m.stamp, record.settings.hold_ns)
         if dt > 0.0:
             ekf.x[s.FAST_SLIP] = 0.0
             ekf.begin_step(dt, left, right)
@@ -131,19 +129,23 @@ class ReferenceFilter:
             self._update(-self._twist().twist, self._twist().jacobian, STANDSTILL_VARIANCE)
         inputs, x = self._inputs(m.stamp), ekf.x.copy()
         at = StepTwist(self._twist(), x, record.imu.interval, track_change(inputs), noise)
-        z, H, R = self._gyro.linearise(rate, at)
-        gyro = self._gyro
-        ekf.update_scalar(z.item(), H[0], R.item(), fixed=gyro.fixed, stand_in=gyro.stand_in)
+        # The slip stands in for parameters and gravity, which the gyro does not move: so the estimated
+        # yaw rate follows it also where they are wrong.
+        z, H, R = gyro(rate, at)
+        ekf.update_scalar(z.item(), H[0], R.item(), fixed=ekf.fixed_for_gyro, stand_in=s.SLIP_W)
         if self._uses_force and m.linear_acceleration is not None:
             sigma, slip = self._slip_sigma(), self._disturbances.slip
-            for axis, accelerometer in enumerate(self._accelerometers):
+            for axis in range(2):
                 density = change_density(sigma[axis], slip.time_constant)
-                z, H, R = accelerometer.linearise(along[axis], at, ekf.x, density)
-                ekf.update_scalar(z.item(), H[0], R.item(), fixed=accelerometer.fixed)
+                imu = self._sensors.constants
+                z, H, R = accelerometer(imu, axis, along[axis], at, ekf.x, density)
+                ekf.update_scalar(z.item(), H[0], R.item(), fixed=ekf.fixed_for_imu)
         ekf.keep_inside_bounds(by_imu=True)
         # Propagate the pose by the updated twist.
         if dt > 0.0:
-            ekf.predict_motion(dt, left, right, self._process_noise(inputs))
+            speeds, sigma = (inputs.smooth_left, inputs.smooth_right), self._slip_sigma()
+            noise_of = process_noise(self._disturbances, speeds, sigma, inputs.turn_density)
+            ekf.predict_motion(dt, left, right, noise_of)
             record.stamp = m.stamp
 
     def _take_position(self, m: PositionFix) -> None:
@@ -177,16 +179,10 @@ class ReferenceFilter:
         for one, h, r in zip(z.tolist(), H.copy(), R, strict=True):
             ekf.update_scalar(one - float(h @ (ekf.x - x)), h, float(r), fixed=fixed)
 
-    # --- inputs and noise of a step ---------------------------------------------------------------
-
     @property
     def _speeds(self) -> tuple[float, float]:
         record = self._record
         return speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
-
-    def _mean_speeds(self, stamp: int) -> tuple[float, float]:
-        record = self._record
-        return mean_speeds(record.tracks, record.stamp, stamp, record.settings.hold_ns)
 
     def _twist(self) -> TwistModel:
         return self.ekf.twist_model(*self._speeds)
@@ -205,10 +201,6 @@ class ReferenceFilter:
         """Density (3, 3) of the fast slip."""
         by_speeds, sigma = self._twist().by_speeds, self._slip_sigma()
         return self._disturbances.fast_slip_density(self._inputs(stamp), by_speeds, sigma)
-
-    def _process_noise(self, inputs: StepInputs) -> ProcessNoise:
-        speeds, sigma = (inputs.smooth_left, inputs.smooth_right), self._slip_sigma()
-        return process_noise(self._disturbances, speeds, sigma, inputs.turn_density)
 
 
 def process_noise(

@@ -12,7 +12,7 @@ from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import Linearised
 from icreckon.estimator.sensors.sensor_models import (
-    SensorModels,
+    ImuConstants,
     TrackChange,
     accelerometer_forecast,
     gyro_variance,
@@ -38,69 +38,46 @@ class StepTwist(NamedTuple):
     noise: ImuNoise
 
 
-class Gyro:
-    """Yaw rate: that of the robot times scale, plus bias.
-
-    The slip stands in for parameters and gravity, which it does not move: the estimated yaw rate follows
-    the gyro also where they are wrong.
-
-    Args:
-        fixed: states that it does not move, see `gyro_fixed`.
-    """
-
-    stand_in = s.SLIP_W
-
-    def __init__(self, fixed: tuple[int, ...]) -> None:
-        self.fixed = fixed
-
-    def linearise(self, rate: float, at: StepTwist) -> Linearised:
-        """Compare a yaw rate [rad/s] with its prediction."""
-        model, x = at.model, at.x
-        w, scale = model.twist.item(2), 1.0 + x.item(s.GYRO_SCALE)
-        H = scale * model.jacobian[2:]
-        H[0, s.GYRO_BIAS] += 1.0
-        H[0, s.GYRO_SCALE] += w
-        variance = gyro_variance(at.noise.gyro, at.interval, model.by_speeds[2].tolist(), at.change)
-        z = rate - scale * w - x.item(s.GYRO_BIAS)
-        return Linearised(np.array([z]), H, np.array([[variance]]))
+def gyro(rate: float, at: StepTwist) -> Linearised:
+    """Compare a yaw rate [rad/s] with that of the robot times scale, plus bias."""
+    model, x = at.model, at.x
+    w, scale = model.twist.item(2), 1.0 + x.item(s.GYRO_SCALE)
+    H = scale * model.jacobian[2:]
+    H[0, s.GYRO_BIAS] += 1.0
+    H[0, s.GYRO_SCALE] += w
+    variance = gyro_variance(at.noise.gyro, at.interval, model.by_speeds[2].tolist(), at.change)
+    z = rate - scale * w - x.item(s.GYRO_BIAS)
+    return Linearised(np.array([z]), H, np.array([[variance]]))
 
 
-class Accelerometer:
-    """Specific force along an axis of base_link: acceleration less gravity, plus bias.
+def accelerometer(
+    imu: ImuConstants, axis: int, force: float, at: StepTwist, x: Floats, slip_density: float
+) -> Linearised:
+    """Compare a specific force with acceleration less gravity, plus bias.
 
     Args:
-        sensors: mounting of the IMU.
-        fixed: states that it does not move, see `imu_fixed`.
-        axis: 0 for forward, 1 for left.
+        imu: mounting of the IMU.
+        axis: axis of base_link, 0 for forward, 1 for left.
+        force: specific force along the axis [m/s²].
+        at: twist and inputs at the state of the linearisation.
+        x: (SIZE,) the state, which updates may have moved since then.
+        slip_density: density of the change of the slip along the axis [m²/s³].
     """
-
-    def __init__(self, sensors: SensorModels, fixed: tuple[int, ...], axis: int) -> None:
-        self._constants, self.fixed, self._axis = sensors.constants, fixed, axis
-
-    def linearise(self, force: float, at: StepTwist, x: Floats, slip_density: float) -> Linearised:
-        """Compare a specific force with its prediction.
-
-        Args:
-            force: specific force along the axis [m/s²].
-            at: twist and inputs at the state of the linearisation.
-            x: (SIZE,) the state, which updates may have moved since then.
-            slip_density: density of the change of the slip along the axis [m²/s³].
-        """
-        model, axis = at.model, self._axis
-        forecast = accelerometer_forecast(
-            self._constants,
-            axis,
-            at.noise[1 + axis],
-            at.interval,
-            model.twist.tolist(),
-            model.by_speeds.tolist(),
-            at.change,
-            slip_density,
-        )
-        row = forecast.by_w * model.jacobian[2] + forecast.by_across * model.jacobian[1 - axis]
-        gravity, bias = s.GRAVITY_X + axis, s.ACCELEROMETER_BIAS_X + axis
-        row[gravity] -= 1.0
-        row[bias] += 1.0
-        predicted = forecast.predicted + at.x.item(bias) - at.x.item(gravity)
-        z = force - predicted - shift(row, x, at.x)
-        return Linearised(np.array([z]), row[None], np.array([[forecast.variance]]))
+    model = at.model
+    forecast = accelerometer_forecast(
+        imu,
+        axis,
+        at.noise[1 + axis],
+        at.interval,
+        model.twist.tolist(),
+        model.by_speeds.tolist(),
+        at.change,
+        slip_density,
+    )
+    row = forecast.by_w * model.jacobian[2] + forecast.by_across * model.jacobian[1 - axis]
+    gravity, bias = s.GRAVITY_X + axis, s.ACCELEROMETER_BIAS_X + axis
+    row[gravity] -= 1.0
+    row[bias] += 1.0
+    predicted = forecast.predicted + at.x.item(bias) - at.x.item(gravity)
+    z = force - predicted - shift(row, x, at.x)
+    return Linearised(np.array([z]), row[None], np.array([[forecast.variance]]))

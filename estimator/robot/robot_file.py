@@ -17,12 +17,12 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import (
     Bound,
+    Bounded,
     Finite,
     NotNegative,
     OnRobot,
     Positive,
     Share,
-    check_bounds,
 )
 from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import EstimatorError, SettingError, nearest_hint
@@ -35,7 +35,7 @@ FORMAT = 1
 # Least share of the vertical along the z axis of a gyro that reads z alone.
 LEAST_UPRIGHT = 0.1
 # Radii that differ by more are an error of units, not of tyres [-].
-LARGEST_DIFFERENCE = 0.5
+_Difference = Annotated[float, Bound("relative (0.02 is 2 %), 0.5 at most in size", -0.5, 0.5)]
 # Rolling resistance of unknown ground [-].
 TYPICAL_ROLLING = 0.05
 # Default lag of the load transfer [s].
@@ -46,7 +46,7 @@ LARGEST_ETA = 1000.0
 MOST_POINTS = 1000
 
 
-class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Vehicle(Bounded, frozen=True):
     """Mass and geometry.
 
     Attributes:
@@ -70,20 +70,13 @@ class Vehicle(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sprocket_radius: Positive
     centre_of_mass: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
     half_contact_length: Positive = 0.3
-    contact_points: int = 5
+    contact_points: Annotated[int, Bound(f"from 2 to {MOST_POINTS}", 2, MOST_POINTS)] = 5
     yaw_inertia: Positive | None = None
     max_track_speed: Positive = 1.0
     load_lag: Positive = LOAD_LAG
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        if not 2 <= self.contact_points <= MOST_POINTS:
-            raise SettingError(
-                f"contact_points must be from 2 to {MOST_POINTS}, found {self.contact_points!r}"
-            )
 
-
-class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Indices(Bounded, frozen=True):
     """Parameters of the inertia-based kinematics (paper, equations 25 to 27).
 
     Attributes:
@@ -105,17 +98,10 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     zeta1: Finite = 0.0
     epsilon0: Finite = 0.0
     epsilon1: Finite = 0.0
-    eta0: Finite = 1.0
+    eta0: Annotated[float, Bound("at least 1 (1 is the ideal differential drive)", 1.0)] = 1.0
     eta1: Finite = 0.0
     eta2: Finite = 0.0
     epsilon_F: Annotated[float, Bound("a number of metres, 10 at most", -10.0, 10.0)] | None = None
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        if not self.eta0 >= 1.0:
-            raise SettingError(
-                f"eta0 must be at least 1 (1 is the ideal differential drive), found {self.eta0!r}"
-            )
 
     def as_array(self) -> Floats:
         """Array (9,) of the parameters; epsilon_F is 0 if not given."""
@@ -127,7 +113,7 @@ class Indices(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 PAPER_PARAMETERS = Indices.__struct_fields__[:8]
 
 
-class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ConstantIcr(Bounded, frozen=True):
     """Constant ICRs of the tracks in the paper's axes (X right, Y forward).
 
     Attributes:
@@ -141,14 +127,14 @@ class ConstantIcr(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     y_ICR: OnRobot = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if not self.x_ICRl < 0.0 < self.x_ICRr:
             raise SettingError(
                 f"x_ICRl < 0 < x_ICRr must hold, found {self.x_ICRl!r} and {self.x_ICRr!r}"
             )
 
 
-class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Imu(Bounded, frozen=True):
     """Mounting and noise of the IMU.
 
     Attributes:
@@ -187,7 +173,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     accelerometer_bias_walk: NotNegative = 1e-3
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         roll, pitch, _ = np.radians(self.rotation_rpy_deg)
         if self.gyro_axes == "z" and abs(np.cos(roll) * np.cos(pitch)) < LEAST_UPRIGHT:
             raise SettingError(
@@ -196,7 +182,7 @@ class Imu(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             )
 
 
-class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Tracks(Bounded, frozen=True):
     """Scale and noise of the track-speed sensors.
 
     Attributes:
@@ -209,19 +195,11 @@ class Tracks(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     speed_noise_density: NotNegative = 1e-3
     scale_sigma: Share = 0.0
-    difference: Finite = 0.0
+    difference: _Difference = 0.0
     difference_sigma: Share = 0.003
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-        if abs(self.difference) >= LARGEST_DIFFERENCE:
-            raise SettingError(
-                f"difference is relative (0.02 is 2 %) and must be less than {LARGEST_DIFFERENCE:g} "
-                f"in size, found {self.difference!r}"
-            )
 
-
-class Slope(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Slope(Bounded, frozen=True):
     """Slope of the ground: gravity's acceleration along it, in each direction.
 
     It is a Gauss-Markov process in the distance that the tracks travel; its correlation distance is
@@ -235,11 +213,8 @@ class Slope(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sigma: Annotated[float, Bound("from 0 to 9.81 m/s²", 0.0, 9.81)] = 0.5
     walk: Annotated[float, Bound("zero or a positive number, 100 at most", 0.0, 100.0)] = 0.05
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
-
-class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Slip(Bounded, frozen=True):
     """Size of the slip residual: body velocity that an index model does not explain.
 
     The residual is a first-order Gauss-Markov process, in w plus white noise. The standard deviation of
@@ -270,9 +245,6 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     time_constant: Positive = 1.0
     white_time: NotNegative = 0.1
 
-    def __post_init__(self) -> None:
-        check_bounds(self)
-
     def scaled(self, factor: float) -> Slip:
         """Scale all standard deviations by a factor."""
         sizes = {
@@ -283,7 +255,7 @@ class Slip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return msgspec.structs.replace(self, **sizes)
 
 
-class UndetectedSlip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class UndetectedSlip(Bounded, frozen=True):
     """Slip of both tracks that no sensor shows, as at a wall or in mud.
 
     The position grows uncertain along the robot by `share` of the tracks' speed, as of slip that lasts
@@ -299,9 +271,6 @@ class UndetectedSlip(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     share: Share = 0.0
     time: Positive = 5.0
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
 
 class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
@@ -342,15 +311,10 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         if self.format != FORMAT:
             raise SettingError(f"format {self.format!r} is not known; this version reads {FORMAT}")
         icr, gauge = self.constant_icr, self.vehicle.track_gauge
-        if icr is not None and icr.x_ICRr - icr.x_ICRl < gauge:
+        if icr is not None and not gauge <= icr.x_ICRr - icr.x_ICRl <= LARGEST_ETA * gauge:
             raise SettingError(
-                f"the constant ICRs must be at least track_gauge = {gauge!r} m apart, "
-                f"found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
-            )
-        if icr is not None and icr.x_ICRr - icr.x_ICRl > LARGEST_ETA * gauge:
-            raise SettingError(
-                f"the constant ICRs must be at most {LARGEST_ETA:g} times track_gauge = {gauge!r} m "
-                f"apart, found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
+                f"the constant ICRs must be at least track_gauge = {gauge!r} m apart, and at most "
+                f"{LARGEST_ETA:g} times that, found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
             )
 
     @cached_property

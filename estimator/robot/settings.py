@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import msgspec
 
 from icreckon.estimator.base.checks import (
     Bound,
+    Bounded,
     NotNegative,
     WanderSigma,
     WanderTime,
@@ -35,7 +36,7 @@ _SOME_TIME = Bound(
 )
 
 
-class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class GateSettings(Bounded, frozen=True):
     """Settings of the chi-square gates.
 
     Attributes:
@@ -47,10 +48,8 @@ class GateSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         EstimatorError: `patience` is not a time of at least 0 s.
     """
 
-    patience: float = 10.0
-
-    def __post_init__(self) -> None:
-        _PATIENCE.require("GateSettings.patience", self.patience, SettingError)
+    NAMES: ClassVar[str] = "GateSettings.{}"
+    patience: Annotated[float, _PATIENCE] = 10.0
 
 
 # A shorter time contains no readings, and the readings of a longer one are kept in vain [s].
@@ -62,7 +61,7 @@ _LONG_ENOUGH = Bound(
 )
 
 
-class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StandstillSettings(Bounded, frozen=True):
     """Conditions of standstill, all of which must hold.
 
     Attributes:
@@ -76,12 +75,10 @@ class StandstillSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         EstimatorError: a value is negative or not a finite number, or `duration` is out of range.
     """
 
+    NAMES: ClassVar[str] = "StandstillSettings.{}"
     track_speed: NotNegative = 0.005
     duration: Annotated[float, _LONG_ENOUGH] = 0.5
     quiet_gyro: NotNegative = 0.02
-
-    def __post_init__(self) -> None:
-        check_bounds(self, "StandstillSettings.{}")
 
 
 class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-import msgspec
-
-from icreckon.estimator.base.checks import Bound, NotNegative, Positive, check_bounds
+from icreckon.estimator.base.checks import Bound, Bounded, NotNegative, Positive
 
 # Coefficient of friction; forces by far smaller ones have no precision.
 Friction = Annotated[float, Bound("from 0.001 to 100", 1e-3, 100.0)]
 
 
-class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Soil(Bounded, frozen=True):
     """Friction and rolling resistance of the ground under a track.
 
     Attributes:
@@ -33,9 +31,6 @@ class Soil(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     shear_modulus: NotNegative = 0.0
     regularising_speed: Positive = 1e-4
     resistance_opposes: Literal["travel", "track"] = "travel"
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
     @property
     def coefficients(self) -> tuple[float, float]:

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import msgspec
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.checks import NotNegative, check_bounds
+from icreckon.estimator.base.checks import Bounded, NotNegative
 from icreckon.estimator.base.errors import EstimatorError, nearest_hint
 from icreckon.estimator.base.state import PARAMETER_NAMES as INDEX_PARAMETERS
 from icreckon.estimator.motion import linear_model
@@ -74,7 +74,7 @@ VARIANTS = {
 """Filter variants by name."""
 
 
-class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class Adaptation(Bounded, frozen=True):
     """Prior standard deviations and random walks of the parameters.
 
     A parameter with standard deviation zero is not estimated: it keeps its initial value. `zeta1`,
@@ -96,6 +96,7 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         EstimatorError: a value is negative or not a finite number.
     """
 
+    NAMES: ClassVar[str] = "Adaptation.{}"
     zeta0: NotNegative = 0.02
     zeta1: NotNegative = 0.02
     epsilon0: NotNegative = 0.03
@@ -105,9 +106,6 @@ class Adaptation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     eta2: NotNegative = 0.1
     epsilon_F: NotNegative = 0.5
     walk: NotNegative = 0.01
-
-    def __post_init__(self) -> None:
-        check_bounds(self, "Adaptation.{}")
 
 
 # Constant ICRs: Table II's RMS errors as shares of the RMS track-speed difference over the grid of that
@@ -282,7 +280,11 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     if not variant.online:
         return np.zeros(s.PARAMETER_COUNT)
     if variant.model == "linear":
-        return _linear_sigmas(robot, adaptation)
+        # Those of constant ICRs as those of the coefficients, about.
+        eta0 = robot.constant_indices.eta0
+        turn = 1.0 / (robot.vehicle.track_gauge * eta0)
+        sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
+        return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])
     force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
     sigmas = np.array(
         [
@@ -305,11 +307,3 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
 def parameter_walks(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
     """Random walks of the nine parameters (9,) at full rate [1/√s]; zero like sigmas."""
     return np.asarray(parameter_sigmas(robot, variant, adaptation) * adaptation.walk)
-
-
-def _linear_sigmas(robot: Robot, adaptation: Adaptation) -> Floats:
-    """Standard deviations of constant ICRs as those of the coefficients, about."""
-    eta0 = robot.constant_indices.eta0
-    turn = 1.0 / (robot.vehicle.track_gauge * eta0)
-    sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
-    return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])

@@ -17,14 +17,11 @@ from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
     LEVEL,
-    Channels,
-    GainFactors,
     Gravity,
     Motion,
     TwistDerivatives,
     Unremembering,
     VehicleConstants,
-    through_channels,
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.variants import VARIANTS, Variant, motion_model, register
@@ -78,18 +75,14 @@ class FastTurns(Unremembering):
         twist = PaperTwist(w * zeta + slip[0], V_m - w * epsilon + slip[1], w + slip[2])
         by_eta = (per_eta * zeta, -per_eta * epsilon, per_eta)
         by_V_m = tuple(2.0 * self.gain * V_m * one for one in by_eta)
-        by = Channels(
-            D=(per_D * zeta, -per_D * epsilon, per_D),
-            V_m=(by_V_m[0], by_V_m[1] + 1.0, by_V_m[2]),
-            zeta=(w, 0.0, 0.0),
-            epsilon=(0.0, -w, 0.0),
-            eta=by_eta,
-            r_x=(1.0, 0.0, 0.0),
-            r_y=(0.0, 1.0, 0.0),
-            r_w=(0.0, 0.0, 1.0),
-        )
+        # By D and V_m, of the inputs; D = V_r - V_l, V_m = (V_l + V_r) / 2.
+        by_D = np.array([per_D * zeta, -per_D * epsilon, per_D])
+        half = 0.5 * np.array([by_V_m[0], by_V_m[1] + 1.0, by_V_m[2]])
+        by_parameters = np.zeros((3, 9), np.result_type(by_D, half))
+        by_parameters[0, 1], by_parameters[1, 3], by_parameters[:, ETA0] = w, -w, by_eta
+        by_speeds = np.stack([half - by_D, half + by_D], axis=-1)
         motion = Motion(twist, IndexValues(zeta, epsilon, eta), u=0.0, force=0.0)
-        return motion, through_channels(by, GainFactors(0.0, 0.0, 0.0, 0.0))
+        return motion, TwistDerivatives(by_parameters, by_speeds, np.eye(3))
 
 
 def fast_turns(robot: Robot) -> FastTurns:

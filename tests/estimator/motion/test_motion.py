@@ -1,12 +1,9 @@
-"""The paper's implicit motion model: its equations, its derivatives, its symmetries, its uniqueness."""
-
-from dataclasses import dataclass
+"""The paper's implicit motion model: its equations, its symmetries, its uniqueness."""
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from complex_step import assert_derivatives
 from icreckon.estimator.motion.icr import (
     IndexValues,
     PaperTwist,
@@ -14,8 +11,8 @@ from icreckon.estimator.motion.icr import (
     indices_at_inertia,
     symmetry_coordinates,
 )
-from icreckon.estimator.motion.index_model import Form, linearise, solve
-from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP, VehicleConstants
+from icreckon.estimator.motion.index_model import solve
+from icreckon.estimator.motion.motion_model import VehicleConstants
 from icreckon.estimator.robot.robot_file import load_robot
 from smooth_inertia import indices_at_signed_inertia, inertial_force_magnitude, signed_inertia
 
@@ -37,11 +34,6 @@ def perturbed(count, seed, share=0.5):
     parameters = PUBLISHED[:, None] * factors
     parameters[5] = np.maximum(parameters[5], 1.0)
     return (*rng.uniform(-1.0, 1.0, (2, count)), parameters)
-
-
-def nine(parameters):
-    """The eight parameters, and epsilon_F, by which nothing changes."""
-    return np.append(parameters, 0.0)
 
 
 def model(V_l, V_r, twist, parameters, form):
@@ -251,78 +243,6 @@ def test_eta_never_falls_below_one():
     motion = solve(V_L, V_R, parameters, VEHICLE)
     assert motion.indices.eta.min() == 1.0
     assert (motion.indices.eta > 1.0).any()
-
-
-# Track speeds at which something is special: straight, standing, one track stopped, on the spot by H
-# and by the indices, opposed, and almost straight.
-NASTY = [
-    (0.5, 0.5),
-    (0.0, 0.0),
-    (0.0, 0.8),
-    (-0.6, 0.0),
-    (-0.67134 * 0.5, 0.5),
-    (-0.63945 * 0.5, 0.5),
-    (-0.7, 0.7),
-    (0.5, 0.5 + 1e-9),
-    (1.0, -1.0),
-]
-AT_THE_FLOOR = np.array([0.67, 0.048, 0.00024, 0.106, 0.0002, 1.0, 0.0019, 1e-6])
-
-
-def _cases():
-    rng = np.random.default_rng(10)
-    V_l, V_r, parameters = perturbed(40, 11, share=0.3)
-    for i in range(40):
-        slip = tuple(rng.normal(scale=0.05, size=3).tolist())
-        yield V_l[i], V_r[i], parameters[:, i], slip
-    for V_l, V_r in NASTY:
-        yield V_l, V_r, PUBLISHED, (0.0, 0.0, 0.0)
-        yield V_l, V_r, PUBLISHED, (0.02, -0.03, 0.1)
-    for V_l, V_r in ((0.2, 0.9), (0.9, 0.2), (-0.5, 0.4)):
-        yield V_l, V_r, AT_THE_FLOOR, (0.01, 0.02, 0.03)
-
-
-@dataclass(frozen=True)
-class PaperMotion:
-    """The paper's model as a motion model: on level ground, without the ninth parameter."""
-
-    vehicle: VehicleConstants
-    form: Form = "smooth"
-    slip_in_inertia: bool = False
-
-    def linearise(self, V_l, V_r, parameters, slip, gravity):
-        assert not any(gravity) or np.iscomplexobj(gravity)
-        is_literal = self.form == "literal"
-        return linearise(V_l, V_r, parameters, slip, self.vehicle, is_literal, self.slip_in_inertia)
-
-
-@pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("slip_in_inertia", [False, True], ids=["tracks", "imu"])
-def test_derivatives_are_the_complex_step_ones(form, slip_in_inertia):
-    # The literal form jumps at x_1 = 0 and x_2 = 0: there it has no derivative to compare with.
-    model = PaperMotion(VEHICLE, form, slip_in_inertia)
-    for V_l, V_r, parameters, slip in _cases():
-        if form == "literal" and (V_l == V_r or V_l == -parameters[0] * V_r):
-            continue
-        assert_derivatives(model, float(V_l), float(V_r), nine(parameters), slip)
-
-
-def test_derivatives_where_the_force_is_held_at_the_weight():
-    heavy = VEHICLE._replace(mass=40.0)
-    parameters = PUBLISHED * (1.0, 1.0, 5.0, 1.0, 5.0, 0.3, 0.0, 0.0)
-    parameters[5] = 1.0
-    V_l, V_r = 6.0, 9.0
-    motion = solve(V_l, V_r, parameters, heavy)
-    assert abs(motion.u) > abs(motion.force) == 40.0 * 9.81
-    for form in FORMS:
-        assert_derivatives(PaperMotion(heavy, form), V_l, V_r, nine(parameters), (0.1, 0.2, 0.3))
-
-
-def test_a_parameter_that_the_motion_does_not_show_has_no_derivative():
-    _, by = PaperMotion(VEHICLE).linearise(0.5, 0.5, PUBLISHED, NO_SLIP, LEVEL)
-    assert (np.array(by.by_parameters) == 0.0).all()
-    assert by.by_speeds[1] == pytest.approx((0.5, 0.5), abs=0.1)
-    assert sum(by.by_speeds[1]) == pytest.approx(1.0, abs=1e-15)
 
 
 def test_turn_is_to_the_left_when_the_left_track_is_slower():

@@ -10,7 +10,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.measurements import ImuSample
 from icreckon.estimator.reference.ekf import IcrEkf
-from icreckon.estimator.reference.imu import Accelerometer, StepTwist
+from icreckon.estimator.reference.imu import StepTwist, accelerometer
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, motion_model
 from icreckon.estimator.sensors.imu_noise import ImuNoise
@@ -85,8 +85,7 @@ def linearised(
 ) -> Linearised:
     ekf.x = x
     at = StepTwist(ekf.twist_model(0.2, 0.7), x.copy(), 0.01, CALM, NOISE)
-    model = Accelerometer(SensorModels(mounted(place)), ekf.fixed_for_imu, axis)
-    return model.linearise(force, at, x, 0.0)
+    return accelerometer(SensorModels(mounted(place)).constants, axis, force, at, x, 0.0)
 
 
 @AXES
@@ -118,8 +117,7 @@ def test_it_reads_minus_gravity_and_bias_at_rest(axis: int) -> None:
     ekf.x[s.SLIP] = 0.0
     gravity, bias = ekf.x[s.GRAVITY_X + axis], ekf.x[s.ACCELEROMETER_BIAS_X + axis]
     at = StepTwist(ekf.twist_model(0.0, 0.0), ekf.x.copy(), 0.01, CALM, NOISE)
-    model = Accelerometer(SensorModels(ALPHA), ekf.fixed_for_imu, axis)
-    found = model.linearise(bias - gravity, at, ekf.x, 0.0)
+    found = accelerometer(SensorModels(ALPHA).constants, axis, bias - gravity, at, ekf.x, 0.0)
     assert found.z.item() == pytest.approx(0.0, abs=1e-12)
 
 
@@ -128,9 +126,9 @@ def test_an_update_between_moves_the_prediction_along_its_jacobian(axis: int) ->
     ekf = some_ekf(np.random.default_rng(4), "inertia-online")
     x = ekf.x.copy()
     at = StepTwist(ekf.twist_model(0.2, 0.7), x, 0.01, CALM, NOISE)
-    model = Accelerometer(SensorModels(ALPHA), ekf.fixed_for_imu, axis)
+    imu = SensorModels(ALPHA).constants
     moved = x + 0.01 * np.random.default_rng(5).normal(size=s.SIZE)
-    before, after = (model.linearise(0.4, at, state, 0.0) for state in (x, moved))
+    before, after = (accelerometer(imu, axis, 0.4, at, state, 0.0) for state in (x, moved))
     assert (after.H == before.H).all()
     assert after.z == pytest.approx(before.z - before.H @ (moved - x), abs=1e-12)
 
