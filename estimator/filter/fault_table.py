@@ -28,6 +28,8 @@ from icreckon.estimator.sensors.imu_clock import is_alive
 
 LARGE_SLIP = 3.0
 """Factor on the slip from which it is a finding."""
+# Number of successive rejected fixes that is a finding.
+REJECTED_IN_A_ROW = 3
 # Correlation of successive innovations of position fixes from which on it is clear.
 CORRELATED = 0.5
 # Names of a gyro's faults, the reasons to reject its readings, and of fixes that repeat a position.
@@ -42,7 +44,8 @@ class Finding(NamedTuple):
         sensor: name of the sensor in `Health.sensors`, or "robot".
         part: part of the sensor, such as "left track" or "right wheel 2"; "" for all of it.
         fault: name of the fault, see `FAULTS`.
-        since: stamp at which it began or was found [ns]; None if unknown.
+        since: stamp at which it began, or was found if that is not known [ns]; None for most faults of
+            fixes. Of a silent sensor it is that of its last sample.
         size: size in the unit of the fault (m/s, m or a ratio); None if it has none.
         text: the finding in words, with units.
         effect: what the filter does meanwhile.
@@ -170,6 +173,13 @@ def _repeating(record: Any) -> Iterator[Found]:
             yield Found(sensor, text, size=size)
 
 
+def _rejected(record: Any) -> Iterator[Found]:
+    count = record.fixes.rejected.count
+    if count >= REJECTED_IN_A_ROW:
+        text = f"the last {count} fixes or more were rejected: they or the pose are wrong"
+        yield Found("position", text)
+
+
 def _scattering(record: Any) -> Iterator[Found]:
     scatter = record.fixes.scatter
     sigma = math.sqrt(scatter.variance)
@@ -264,6 +274,13 @@ FAULTS = (
         "faults/repeating_fixes.py",
         _repeating,
         lambda record: record.positions.rejected + record.poses.rejected,
+    ),
+    Fault(
+        "rejected",
+        "the gate rejects three position fixes in a row",
+        "fixes are excluded until the path can be aligned with them, or `Settings.gates.patience` ends",
+        "filter/reacquisition.py",
+        _rejected,
     ),
     Fault(
         "scattering",

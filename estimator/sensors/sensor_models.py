@@ -116,7 +116,7 @@ def accelerometer_forecast(
     change: TrackChange,
     slip_density: float,
 ) -> Forecast:
-    """Predict the accelerometer measurement; see `measurement_models.Accelerometer`.
+    """Predict the accelerometer measurement; see `reference.imu.accelerometer`.
 
     With v across the axis to the left (for the forward axis) or forward (for that to the left), and the
     IMU at (x, y): a_x = dv_x/dt - w v_y - y dw/dt - x w², a_y = dv_y/dt + w v_x + x dw/dt - y w².

@@ -299,3 +299,17 @@ def test_gaps_and_stuck_tracks_are_counted_once_each():
     assert {at: row for at, *row in told}[430] == [0, 0]
     assert {at: row for at, *row in told}[499] == [0, 1]
     assert {at: row for at, *row in told}[760] == [1, 1]
+
+
+def test_fixes_that_are_rejected_in_a_row_are_a_finding():
+    estimator = PoseEstimator(ALPHA, "constant-online")
+    for k in range(100):
+        estimator.feed(TrackSpeeds(1 + k * STEP, 0.4, 0.4))
+        estimator.feed(ImuSample(1 + k * STEP, (0.0, 0.0, 0.0)))
+    newest = 1 + 99 * STEP
+    found = []
+    for k, x in enumerate((50.0, -40.0, 50.0, 0.4)):
+        used = estimator.feed(PositionFix(newest + k, x, 0.0, 0.01))
+        assert used is (k == 3)
+        found.append(estimator.health.finding("rejected") is not None)
+    assert found == [False, False, True, False]
