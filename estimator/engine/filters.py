@@ -113,7 +113,7 @@ class BatchFilter:
     ) -> None:
         if OWN_FAULTS:
             raise BatchError(
-                "filters side by side do not watch for faults of your own; remove_fault them"
+                "filters side by side do not watch for faults of your own; call remove_fault"
             )
         if bits not in PRECISIONS:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")

@@ -61,7 +61,7 @@ class Finding(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Finding of a row of the table, see `Finding`; no effect is that of the row."""
+    """Finding of a rule, see `Finding`; an empty effect stands for that of the row."""
 
     sensor: str
     text: str
@@ -359,8 +359,8 @@ class OwnFault(msgspec.Struct):
     copied for late measurements and saved. A stamp has the type `Stamp` of
     `icreckon.estimator.base.records` and the default None, so that it follows changes of the clock.
 
-    A fault that raises, or returns no effect of these, is not watched for any more by that estimator, and
-    `Health.findings` has what happened.
+    If a fault raises, or returns anything but an effect or None, that estimator no longer watches for it,
+    and `Health.findings` reports the error.
 
     Attributes:
         name: name of the fault.
@@ -382,7 +382,7 @@ class OwnFault(msgspec.Struct):
 OWN_FAULTS: dict[str, type[OwnFault]] = {}
 """Faults of users by name."""
 RESERVED = ("gate", REPEATED)
-"""Reasons of rejections that no fault may be named like."""
+"""Reasons of rejections, which are no names for faults."""
 
 
 def add_fault(kind: type[OwnFault]) -> None:

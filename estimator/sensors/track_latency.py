@@ -41,7 +41,7 @@ LEAST_CORRELATION = 0.7
 CAPACITY = 16_384
 """Number of samples that are kept to integrate over the windows: 16 s at 1000 Hz."""
 NO_HOLE = 2**62
-"""A stamp behind all others [ns]."""
+"""Stamp later than all others [ns]."""
 
 
 ROOM = 64
@@ -211,9 +211,9 @@ class TrackLatencyEstimator:
     def take(
         self, track_stamps: Stamps, turning: Floats, gyro_stamps: Stamps, rates: Floats
     ) -> None:
-        """Add samples behind those before, and use the windows that they complete.
+        """Add later samples, and use the windows that they complete.
 
-        Many at once cost less.
+        It costs less with many samples at once.
 
         Args:
             track_stamps: (n,) raw stamps of the track speeds [ns].

@@ -184,10 +184,9 @@ class History:
         for index in range(bisect_right(self._keys, after), len(self._keys)):
             at = self._keys[index]
             now_used = reckoning.take(self._events[index])
-            if index == place:
-                used = now_used
             self._since_checkpoint += 1
             if index == place:
+                used = now_used
                 self._watch(reckoning.record)
             else:
                 # The others were watched before.

@@ -43,7 +43,7 @@ LARGEST_SIGMA = 0.02
 LEAST, LEAST_CHANGE = 0.03, 0.01
 """Smallest latency that is taken off, and smallest change of one that is [s]."""
 AT_ONCE = 1000
-"""Number of samples that the watch takes at once, which costs less."""
+"""Number of samples after which the watch uses them, all at once."""
 
 
 class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

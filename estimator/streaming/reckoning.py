@@ -141,7 +141,7 @@ class Reckoning:
 
     @property
     def record(self) -> FilterRecord:
-        """Record of the inputs; do not change it."""
+        """Record of the inputs, of which only the rates for the watch may be taken."""
         return self._record
 
     @property

@@ -57,7 +57,7 @@ def run_study(
     if OWN_FAULTS:
         names = ", ".join(OWN_FAULTS)
         raise SimulationError(
-            f"a study does not watch for faults of your own ({names}): remove_fault them"
+            f"a study does not watch for faults of your own ({names}); call remove_fault"
         )
     plan = expand(study)
     refuse_idle(plan)
