@@ -198,6 +198,7 @@ def fill_lane(
     record = lanes.records[lane]
     stamps, rates = lanes.quiet_stamps[lane], lanes.quiet_rates[lane]
     for k in range(len(steps.starts)):
+        record.stamp = steps.starts[k]
         while added < steps.tracks[k]:
             speeds, stamp = measured.tracks[lane, added], measured.track_stamps[added]
             if np.isfinite(speeds[0]):
@@ -210,7 +211,6 @@ def fill_lane(
                 )
             added += 1
         given, end, sample = inputs[k], steps.ends[k], steps.samples[k]
-        record.stamp = steps.starts[k]
         if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
             rate, force = measured.rates[lane, sample], measured.forces[lane, sample]
             sample_inputs(record, stamps, rates, given, lane, end, rate, force[0], force[1], True)

@@ -15,6 +15,7 @@ from icreckon.estimator.engine.constants import PER_STEP, SMOOTHING, step_consta
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.filter_record import (
+    ends_step,
     may_be_pushed,
     take_track_sample,
     take_track_speeds,
@@ -178,7 +179,7 @@ def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_
     tracks, hold = record.tracks, record.settings.hold
     if only_if_usual and (
         tracks.stamp == NEVER
-        or record.stamp < tracks.stamp
+        or ends_step(record)
         or is_hole(tracks, stamp, hold)
         or not is_alive(record.imu, stamp, hold)
     ):
@@ -298,7 +299,7 @@ def feed_samples(
             stamp, newest = track_stamps[tracks], record.tracks.stamp
             if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
                 break
-            if record.stamp < newest:
+            if ends_step(record):
                 move_inputs(record, inputs, 0, newest)
                 move: Any = (records, *arrays, newest, 0.0)
                 take_step(places, TIME_STEP, *move)

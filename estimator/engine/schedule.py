@@ -371,7 +371,7 @@ def walk_to_tracks(
     if begun and is_hole(tracks, stamp, hold):
         move(walk, imu, interval_start(tracks, stamp), steps)
         walk.gaps += 1
-    elif begun:
+    elif begun and not is_due_after(imu, tracks.stamp):
         move(walk, imu, tracks.stamp, steps)
     take_stamp(tracks, stamp, hold)
     walk.tracks += 1

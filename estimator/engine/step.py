@@ -147,7 +147,7 @@ class Step:
         self.pushed = slow
         left, right = step_input("left"), step_input("right")
         if kind.draws and lane.shape.model.memory:
-            lane.advance_model(constant("dt"), step_input("mean_left"), step_input("mean_right"))
+            lane.advance_model(constant("dt"), left, right)
         self.model = lane.twist_model(left, right)
         if kind.resumes:
             parameters = lane.layout.parameters
@@ -328,7 +328,8 @@ class Step:
         times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
         fades = [model.gauss_markov(dt, tau) for tau in times]
         turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
-        left, right = lane.input("mean_left"), lane.input("mean_right")
+        missing = lane.input("missing")
+        left, right = lane.input("left") + missing, lane.input("right") + missing
         now = self.lane.twist_model(left, right, [one.mean for one in fades])
         now = self._with_regressors(now)
         step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in now.twist])

@@ -18,8 +18,8 @@ from icreckon.estimator.faults.scattering_fixes import ScatterRecord
 from icreckon.estimator.filter.gate import GateRecord
 from icreckon.estimator.filter.reacquisition import RejectedRecord
 from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
-from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
-from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive
+from icreckon.estimator.sensors.held_tracks import TrackRecord, count_distance, take_tracks
+from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive, is_due_after
 from icreckon.estimator.sensors.imu_noise import NoiseRecord
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_after
@@ -109,9 +109,20 @@ class FilterRecord(msgspec.Struct):
 
 def take_track_speeds(record: FilterRecord, stamp: int, left: float, right: float) -> None:
     """Add track speeds [m/s] at a stamp [ns]."""
-    settings = record.settings
+    settings, held = record.settings, record.tracks
     stopped_after(record.still, stamp, left, right, settings.track_speed)
-    take_tracks(record.tracks, stamp, left, right, settings)
+    before, left_before, right_before = held.stamp, held.left, held.right
+    take_tracks(held, stamp, left, right, settings)
+    count_distance(held, record.stamp, before, left_before, right_before, settings.hold_ns)
+
+
+def ends_step(record: FilterRecord) -> bool:
+    """Return True if the newest track speeds end a step, before later ones are added.
+
+    They do if no IMU sample will end it soon.
+    """
+    stamp = record.tracks.stamp
+    return record.stamp < stamp and not is_due_after(record.imu, stamp)
 
 
 def take_track_sample(

@@ -39,7 +39,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors import imu_clock, predictions
-from icreckon.estimator.sensors.held_tracks import mean_speeds, speeds_at
+from icreckon.estimator.sensors.held_tracks import mean_speeds
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Position
@@ -118,17 +118,18 @@ class ReferenceFilter:
         noise, record.stands = noise_of_step(record.noise, still, record.settings), mean == mean
         # Predict the twist of the step: a new fast slip, and smoothed derivatives by the parameters.
         dt = (m.stamp - record.stamp) * NANOSECOND
-        left, right = mean_speeds(record.tracks, record.stamp, m.stamp, record.settings.hold_ns)
+        left, right, missing = self._mean_speeds(m.stamp)
         if dt > 0.0:
             ekf.x[s.FAST_SLIP] = 0.0
             ekf.begin_step(dt, left, right)
-            ekf.smooth_regressors(dt, *self._speeds)
+            ekf.smooth_regressors(dt, left, right)
             ekf.renew_fast_slip(self._density(m.stamp) / dt)
         # Update with what the IMU shows of it: standstill, yaw rate, specific force.
         if record.stands:
-            self._update(-self._twist().twist, self._twist().jacobian, STANDSTILL_VARIANCE)
+            twist = self._twist(m.stamp)
+            self._update(-twist.twist, twist.jacobian, STANDSTILL_VARIANCE)
         inputs, x = self._inputs(m.stamp), ekf.x.copy()
-        at = StepTwist(self._twist(), x, record.imu.interval, track_change(inputs), noise)
+        at = StepTwist(self._twist(m.stamp), x, record.imu.interval, track_change(inputs), noise)
         # The slip stands in for parameters and gravity, which the gyro does not move: so the estimated
         # yaw rate follows it also where they are wrong.
         z, H, R = gyro(rate, at)
@@ -145,7 +146,7 @@ class ReferenceFilter:
         if dt > 0.0:
             speeds, sigma = (inputs.smooth_left, inputs.smooth_right), self._slip_sigma()
             noise_of = process_noise(self._disturbances, speeds, sigma, inputs.turn_density)
-            ekf.predict_motion(dt, left, right, noise_of)
+            ekf.predict_motion(dt, left + missing, right + missing, noise_of)
             record.stamp = m.stamp
 
     def _take_position(self, m: PositionFix) -> None:
@@ -155,7 +156,7 @@ class ReferenceFilter:
         predicted = predictions.pose_now(ekf.x)
         if elapsed > 0.0:
             density = self._density(m.stamp)
-            predicted = predictions.pose_ahead(ekf.x, self._twist(), density, elapsed)
+            predicted = predictions.pose_ahead(ekf.x, self._twist(m.stamp), density, elapsed)
         # The slip that has faded since the last fix may have lasted.
         interval = (m.stamp - self._fix_stamp) * NANOSECOND if self._fix_stamp else 0.0
         self._fix_stamp, yaw = m.stamp, predicted.values.item(s.YAW)
@@ -179,13 +180,13 @@ class ReferenceFilter:
         for one, h, r in zip(z.tolist(), H.copy(), R, strict=True):
             ekf.update_scalar(one - float(h @ (ekf.x - x)), h, float(r), fixed=fixed)
 
-    @property
-    def _speeds(self) -> tuple[float, float]:
+    def _mean_speeds(self, stamp: int) -> tuple[float, float, float]:
         record = self._record
-        return speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
+        return mean_speeds(record.tracks, record.stamp, stamp, record.settings.hold_ns)
 
-    def _twist(self) -> TwistModel:
-        return self.ekf.twist_model(*self._speeds)
+    def _twist(self, stamp: int) -> TwistModel:
+        """Body velocity, and its derivatives, at the mean track speeds up to a stamp [ns]."""
+        return self.ekf.twist_model(*self._mean_speeds(stamp)[:2])
 
     def _inputs(self, stamp: int) -> StepInputs:
         record = self._record
@@ -199,7 +200,7 @@ class ReferenceFilter:
 
     def _density(self, stamp: int) -> Floats:
         """Density (3, 3) of the fast slip."""
-        by_speeds, sigma = self._twist().by_speeds, self._slip_sigma()
+        by_speeds, sigma = self._twist(stamp).by_speeds, self._slip_sigma()
         return self._disturbances.fast_slip_density(self._inputs(stamp), by_speeds, sigma)
 
 

@@ -62,6 +62,10 @@ class TrackRecord(msgspec.Struct):
         forward: record of slides along the tracks.
         gyro: record of the gyro's faults.
         stuck: number of times that a track's sensor was found stuck.
+        counted_from: time of the estimate from which distances are counted [ns], or NEVER.
+        ahead_left: distance of the left track from then to the newest sample [m].
+        ahead_right: distance of the right track [m].
+        behind: distance before then that the newest sample adds, mean of both tracks [m].
     """
 
     stamp: Stamp = NEVER
@@ -80,6 +84,10 @@ class TrackRecord(msgspec.Struct):
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
     gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)
     stuck: Count = 0
+    counted_from: Stamp = NEVER
+    ahead_left: float = 0.0
+    ahead_right: float = 0.0
+    behind: float = 0.0
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:
@@ -234,14 +242,53 @@ def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
     return decay * held.left, decay * held.right
 
 
-def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> tuple[float, float]:
-    """Mean speeds of the left and the right track between two stamps [ns] [m/s]."""
+def count_distance(
+    held: TrackRecord, start: int, before: int, left: float, right: float, hold_ns: int
+) -> None:
+    """Count the distances of the newest sample, which is the mean since the sample before.
+
+    Until it came the speeds before were held.
+
+    Args:
+        held: record of the track speeds, with the newest sample.
+        start: time of the estimate [ns], or NEVER.
+        before: stamp of the sample before [ns], or NEVER.
+        left: speed of the left track by that [m/s].
+        right: speed of the right track by that [m/s].
+        hold_ns: age from which speeds are stale [ns].
+    """
+    if held.counted_from != start:
+        held.counted_from = start
+        held.ahead_left = held.ahead_right = held.behind = 0.0
+    if start == NEVER or before == NEVER or held.stamp - before > hold_ns or held.stamp < start:
+        return
+    known = max(before, start)
+    ahead, behind = (held.stamp - known) * NANOSECOND, (known - before) * NANOSECOND
+    held.ahead_left += ahead * held.left
+    held.ahead_right += ahead * held.right
+    held.behind += 0.5 * behind * (held.left - left + held.right - right)
+
+
+def mean_speeds(
+    held: TrackRecord, start: int, end: int, hold_ns: int
+) -> tuple[float, float, float]:
+    """Mean speeds of the left and the right track between two stamps [ns] [m/s].
+
+    The third is that at which both make up for distance that was missing before the first stamp.
+    """
+    if held.stamp == NEVER or end <= start:
+        left, right = speeds_at(held, start, hold_ns)
+        return left, right, 0.0
+    left = right = behind = 0.0
+    known = start
+    if held.counted_from == start <= held.stamp:
+        left, right, behind, known = held.ahead_left, held.ahead_right, held.behind, held.stamp
+    dt, rest = (end - start) * NANOSECOND, (end - known) * NANOSECOND
     stale = end - held.stamp - hold_ns
-    if stale <= 0 or held.stamp == NEVER or end <= start:
-        return held.left, held.right
-    from_age = max(0, start - held.stamp - hold_ns) * NANOSECOND
-    decay = mean_decay_factor((end - start) * NANOSECOND, from_age, stale * NANOSECOND)
-    return decay * held.left, decay * held.right
+    if stale > 0:
+        from_age = max(0, known - held.stamp - hold_ns) * NANOSECOND
+        rest *= mean_decay_factor(rest, from_age, stale * NANOSECOND)
+    return (left + rest * held.left) / dt, (right + rest * held.right) / dt, behind / dt
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:

@@ -13,7 +13,6 @@ from icreckon.estimator.sensors.held_tracks import (
     age_at,
     gap_density,
     mean_speeds,
-    speeds_at,
     stuck_density,
 )
 from icreckon.estimator.sensors.input_settings import InputSettings
@@ -27,10 +26,9 @@ class StepInputs(NamedTuple):
     Attributes:
         smooth_left: smoothed speed of the left track [m/s].
         smooth_right: smoothed speed of the right track [m/s].
-        left: speed of the left track at the start [m/s].
-        right: speed of the right track at the start [m/s].
-        mean_left: mean speed of the left track over the step [m/s].
-        mean_right: mean speed of the right track over the step [m/s].
+        left: mean speed of the left track over the step [m/s].
+        right: mean speed of the right track over the step [m/s].
+        missing: speed at which both make up for distance that was missing before the step [m/s].
         left_density: error density of the left track's speed [m²/s].
         right_density: error density of the right track's speed [m²/s].
         gap_density: error density of stale speeds [m²/s].
@@ -54,8 +52,7 @@ class StepInputs(NamedTuple):
     smooth_right: float
     left: float
     right: float
-    mean_left: float
-    mean_right: float
+    missing: float
     left_density: float
     right_density: float
     gap_density: float
@@ -85,8 +82,7 @@ def step_inputs(
         end: stamp of its end [ns]; at the start itself no time passes.
         settings: settings of the filter.
     """
-    left, right = speeds_at(held, start, settings.hold_ns)
-    mean_left, mean_right = mean_speeds(held, start, end, settings.hold_ns)
+    left, right, missing = mean_speeds(held, start, end, settings.hold_ns)
     # Encoders of tracks at rest have no noise.
     density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
     carried = carried_density(still, start, end)
@@ -99,8 +95,7 @@ def step_inputs(
         held.smooth_right,
         left,
         right,
-        mean_left,
-        mean_right,
+        missing,
         density
         + stuck_left
         + wheel_density(held.left_wheels, held.stamp, start, end)

@@ -23,6 +23,7 @@ from icreckon.estimator.filter.clones import Clones
 from icreckon.estimator.filter.ekf import Ekf, update
 from icreckon.estimator.filter.filter_record import (
     FilterRecord,
+    ends_step,
     may_be_pushed,
     sides_of,
     wander_after,
@@ -293,7 +294,8 @@ class Reckoning:
         else:
             # The old speeds hold up to their own stamp, over a gap to the start of the new interval.
             hole = is_hole(tracks, m.stamp, hold)
-            self._advance(imu_clock.interval_start(tracks, m.stamp) if hole else tracks.stamp)
+            if hole or ends_step(record):
+                self._advance(imu_clock.interval_start(tracks, m.stamp) if hole else tracks.stamp)
             self._counts.track_gaps += hole
         wheels = m.left_wheels, m.right_wheels
         speeds = sides_of(record, m.stamp, (m.left, m.right), *wheels, True)
