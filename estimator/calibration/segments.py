@@ -262,8 +262,10 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     poses = log.truth.poses
     track_times, imu_times = (_seconds(one.stamps, log.start) for one in (log.tracks, log.imu))
     truth = np.column_stack([poses.poses[:, :2], np.unwrap(poses.poses[:, 2])])
-    # As the filter takes them: each speed holds until the next. Latency is found against the same.
-    steps = np.diff(track_times)[:, None] * log.tracks.speeds[:-1]
+    # As the filter takes them: each speed is the mean since the one before. So is a reading of the gyro,
+    # which is half an interval earlier than it shows; the tracks have to be so, too.
+    track_times = track_times + 0.5 * float(np.median(np.diff(imu_times)))
+    steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
     ways = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     shared = min(log.imu.stamps[-1], poses.stamps[-1]) - max(log.imu.stamps[0], poses.stamps[0])
     if shared * NANOSECOND < LEAST_SHARED:

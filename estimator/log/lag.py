@@ -89,11 +89,15 @@ def turned(stamps: Stamps, rates: Floats) -> Curve:
     return Curve(stamps, running_integral(stamps, rates))
 
 
+def turned_in_steps(stamps: Stamps, rates: Floats) -> Curve:
+    """Angle by rates (n,) as filters take them: each is the mean since the one before."""
+    steps = np.diff(stamps) * NANOSECOND * rates[1:]
+    return Curve(stamps, np.concatenate([[0.0], np.cumsum(steps)])[: len(rates)])
+
+
 def turned_by_tracks(tracks: TrackSpeedSeries) -> Curve:
-    """Angle by track speeds, in their unit [x s]; each holds until the next."""
-    difference = tracks.speeds[:, 1] - tracks.speeds[:, 0]
-    steps = np.diff(tracks.stamps) * NANOSECOND * difference[:-1]
-    return Curve(tracks.stamps, np.concatenate([[0.0], np.cumsum(steps)])[: len(difference)])
+    """Angle by track speeds, in their unit [x s]."""
+    return turned_in_steps(tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
 
 
 def heading_of(poses: PoseSeries) -> Curve:

@@ -35,8 +35,7 @@ class TrackSpeeds:
     wheel that spins or is blocked is left out then.
 
     Attributes:
-        stamp: time [ns] from which on the filter holds the speeds, until the next sample. Where they are
-            averages since the previous one, set a latency of one interval, see `Latencies`.
+        stamp: end of the time [ns] for which the speeds are means: that since the sample before.
         left: speed of the left track, or mean of the left wheels [m/s], forward positive.
         right: speed of the right track, or mean of the right wheels [m/s], forward positive.
         left_wheels: speeds of the left wheels [m/s], always in the same order; empty if there is one.

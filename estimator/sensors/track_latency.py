@@ -135,17 +135,13 @@ class TrackLatencyMemory(msgspec.Struct, frozen=True):
 
 
 class _Rate:
-    """Samples of a rate, over the last seconds.
-
-    Args:
-        held: whether a rate holds until the next sample; otherwise it changes steadily in between.
+    """Samples of a rate, over the last seconds; each is the mean since the one before.
 
     Attributes:
         stamps: (n,) stamps of the samples [ns].
     """
 
-    def __init__(self, *, held: bool) -> None:
-        self._held = held
+    def __init__(self) -> None:
         self.stamps: Stamps = np.zeros(0, np.int64)
         self._rates: Floats = np.zeros(0)
 
@@ -174,8 +170,7 @@ class _Rate:
         """Integral (count,) up to each point of a grid that begins at a stamp [ns]."""
         seconds, rates = (self.stamps - begin) * NANOSECOND, self._rates
         values = np.zeros(len(seconds))
-        between = rates[:-1] if self._held else 0.5 * (rates[:-1] + rates[1:])
-        np.cumsum(np.diff(seconds) * between, out=values[1:])
+        np.cumsum(np.diff(seconds) * rates[1:], out=values[1:])
         found: Floats = np.interp(np.arange(count) * (GRID * NANOSECOND), seconds, values)
         return found
 
@@ -276,7 +271,7 @@ class TrackLatencyEstimator:
 
     def _begin(self) -> None:
         """Begin new windows; completed blocks stay."""
-        self._gyro, self._tracks = _Rate(held=False), _Rate(held=True)
+        self._gyro, self._tracks = _Rate(), _Rate()
         self._next = NEVER
 
     def _use_windows(self) -> None:

@@ -22,6 +22,7 @@ from icreckon.estimator.log.lag import (
     plain_path,
     turned,
     turned_by_tracks,
+    turned_in_steps,
 )
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 
@@ -47,11 +48,12 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
     """Estimate the latency of track speeds against the gyro.
 
     Args:
-        tracks: the track speeds, in any unit; each holds until the next.
+        tracks: the track speeds, in any unit; each is the mean since the one before.
         imu: the IMU, for its stamps.
         vertical: (n,) its rate about the vertical [rad/s].
     """
-    return find_lag(turned_by_tracks(tracks), turned(imu.stamps, vertical), least=LEAST_TURN)
+    by_gyro = turned_in_steps(imu.stamps, vertical)
+    return find_lag(turned_by_tracks(tracks), by_gyro, least=LEAST_TURN)
 
 
 def truth_lag(

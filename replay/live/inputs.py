@@ -406,11 +406,11 @@ class LiveInputs:
             return
         stamps = np.array([before[0], stamp])
         readings = np.stack([before[1], read.values[0]])
-        middles, speeds, lost = differences(stamps, readings, read.wrap, vehicle.max_track_speed)
+        ends, speeds, lost = differences(stamps, readings, read.wrap, vehicle.max_track_speed)
         for reason in lost:
             self._lose("tracks", reason)
-        for k, middle in enumerate(middles.tolist()):
-            yield _track_speeds(middle, speeds[k : k + 1], read.left)
+        for k, end in enumerate(ends.tolist()):
+            yield _track_speeds(end, speeds[k : k + 1], read.left)
 
     def _fix(self, stamp: int, rows: Any, msgtype: str, mapped: FixTopic) -> Iterator[Measurement]:
         if msgtype == NAVSATFIX or mapped.latitude:

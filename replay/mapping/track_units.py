@@ -89,15 +89,14 @@ def differences(
         fastest: highest speed of a track [m/s].
 
     Returns:
-        (m,) stamps in the middle between two samples, (m, k) speeds [m/s], and numbers of omitted
-        differences, by reason.
+        (m,) stamps of the later of two samples, (m, k) speeds [m/s], and numbers of omitted differences,
+        by reason.
     """
     seconds = np.diff(stamps) * NANOSECOND
     steps = np.diff(distances, axis=0)
     if wrap is not None:
         steps = (steps + 0.5 * wrap) % wrap - 0.5 * wrap
     speeds = steps / seconds[:, None]
-    middles = stamps[:-1] + np.diff(stamps) // 2
     apart = seconds > LONGEST_DIFFERENCE
     jumps = (np.abs(speeds) > TOO_FAST * fastest).any(axis=1) & ~apart
     lost = {
@@ -105,7 +104,7 @@ def differences(
         "counter jumps": int(jumps.sum()),
     }
     keep = ~apart & ~jumps
-    return middles[keep], speeds[keep], {reason: count for reason, count in lost.items() if count}
+    return stamps[1:][keep], speeds[keep], {reason: count for reason, count in lost.items() if count}
 
 
 Held = Literal["auto", "interpolate", "keep"]

@@ -34,10 +34,10 @@ def turning(seconds: float = 120.0, *, late: float = 0.0, every: float = 0.05, n
         return np.interp(t, knots, rates)
 
     imu = np.arange(0.0, seconds, 1.0 / RATE)
-    vertical = yaw_rate(imu) + noise * rng.standard_normal(len(imu)) + 0.02
+    vertical = yaw_rate(imu - 0.5 / RATE) + noise * rng.standard_normal(len(imu)) + 0.02
     times = np.arange(0.0, seconds, every)
-    # A value holds until the next, so that it is right in the middle of that time.
-    shown = yaw_rate(times - late + 0.5 * every)
+    # A value is the mean since the one before, so that it is right in the middle of that time.
+    shown = yaw_rate(times - late - 0.5 * every)
     speeds = np.column_stack([0.5 - 0.4 * shown, 0.5 + 0.4 * shown])
     stamps = (imu * 1e9).astype(np.int64)
     tracks = TrackSpeedSeries((times * 1e9).astype(np.int64), speeds)
@@ -133,9 +133,9 @@ def test_nonsense_is_refused(latency: float) -> None:
 @pytest.mark.parametrize(
     ("name", "seconds"),
     [
-        ("warthog_grass_2024_7_29_14h46s15", 0.20),
-        ("warthog_asphalt_2024_9_25_12h8s57", 0.20),
-        ("husky_test1.bag", 0.43),
+        ("warthog_grass_2024_7_29_14h46s15", 0.18),
+        ("warthog_asphalt_2024_9_25_12h8s57", 0.18),
+        ("husky_test1.bag", 0.36),
         ("marmotte_part1", None),
     ],
 )
@@ -146,7 +146,7 @@ def test_inspect_proposes_it(name: str, seconds: float | None, data_dir: Path) -
     assert "± 0.0" in found
     if seconds is None:
         assert "latency =" not in text
-        assert "# Latency against the gyro: 0.0" in text
+        assert "# Latency against the gyro: " in text
         assert "no latency is proposed" in found
     else:
         proposed = float(text.split("\nlatency = ")[1].split()[0])

@@ -66,7 +66,7 @@ def test_counts_become_speeds_across_a_wrap(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         log.tracks.speeds * 0.1 * 100.0 / turn, [[8, -6], [10, -6], [1, 0]], atol=1e-9
     )
-    np.testing.assert_array_equal(log.tracks.stamps, [50_000_000, 150_000_000, 5_050_000_000])
+    np.testing.assert_array_equal(log.tracks.stamps, [100_000_000, 200_000_000, 5_100_000_000])
     assert log.dropped == {"tracks: counter not read for 1 s": 1}
 
 
