@@ -113,9 +113,11 @@ class Problem:
         jacobian = np.zeros((*rows.shape, len(values)))
         for column, name in enumerate(OF_TRACKS):
             jacobian[..., self.place(name)] = linear[..., column]
+        # The latency of the path is wanted: the body accelerates and turns with lags of its own.
+        jacobian[:, FORCE:, self.place("track_latency")] = 0.0
         jacobian[..., len(values) - own :] = linear[..., len(OF_TRACKS) :]
         twist = at.twist[..., None]
-        shared = ["gyro_scale", "lever_arm_forward", "lever_arm_left", "mounting_yaw"]
+        shared = ["turning_lag", "gyro_scale", "lever_arm_forward", "lever_arm_left", "mounting_yaw"]
         shared += [name for name in ("imu_forward", "imu_left") if name in self.names]
         for name in shared:
             other = values.copy()
@@ -167,7 +169,9 @@ class Problem:
         forward, left, yaw = twists[:, :, 0], twists[:, :, 1], twists[:, :, 2]
         along = np.einsum("nm,nmc->nc", cos, forward) - np.einsum("nm,nmc->nc", sin, left)
         across = np.einsum("nm,nmc->nc", sin, forward) + np.einsum("nm,nmc->nc", cos, left)
-        turned = cell * yaw.sum(axis=1)
+        # The body turns later than its tracks; the latency is that of the path.
+        late = values[self.place("turning_lag")]
+        turned = cell * yaw.sum(axis=1) - late * (yaw[:, -1] - yaw[:, 0])
         rate = change / cell
         marks = np.round(np.linspace(0, heading.shape[1] - 2, BINS + 1)).astype(np.int64)
         force_x, force_y = _pushes(rate, forward, left, marks, cell)
@@ -288,14 +292,15 @@ def problem_of(
         Parameter("scale", "-", 1.0, 0.05, 1),
         Parameter("difference", "-", robot.tracks.difference, 0.05, 15),
         Parameter("track_latency", "s", 0.0, 0.1, 90),
+        Parameter("turning_lag", "s", 0.0, 0.1, 91),
         Parameter("gyro_scale", "-", robot.imu.gyro_scale, 0.05, 2),
         Parameter("lever_arm_forward", "m", 0.0, TELLING * gauge, 10),
         Parameter("lever_arm_left", "m", 0.0, TELLING * gauge, 11),
         Parameter("mounting_yaw", "rad", 0.0, np.radians(5.0), 85),
     ]
     if lever_arm is not None:
-        common[4] = common[4]._replace(start=lever_arm[0], threshold=0.0)
-        common[5] = common[5]._replace(start=lever_arm[1], threshold=0.0)
+        common[5] = common[5]._replace(start=lever_arm[0], threshold=0.0)
+        common[6] = common[6]._replace(start=lever_arm[1], threshold=0.0)
     if force and not imu_place_known:
         common += [
             Parameter("imu_forward", "m", 0.0, TELLING * gauge, 95),
