@@ -1,4 +1,4 @@
-"""What the studies with friction as truth share: runs of a variant, their errors in time, recovery."""
+"""What the studies with friction as truth share: truth and fixes of a log, errors in time."""
 
 from __future__ import annotations
 
@@ -16,9 +16,6 @@ from icreckon.estimator.streaming.outputs import Run
 ONLINE = ("constant-online", "inertia-online")
 # The goal for pose NEES (3 is ideal): between half and twice that.
 NEES_GOAL = (1.5, 6.0)
-# Smoothing of a curve, and how long it must stay down to count as recovered [s].
-SMOOTHING = 5
-STAYS = 10
 
 
 @dataclass(frozen=True)
@@ -60,28 +57,3 @@ def fixes_of(log: Log) -> FixSeries:
     if log.fixes is None:
         raise ValueError(f"log {log.name!r} has no fixes")
     return log.fixes
-
-
-def smooth(curve: Floats) -> Floats:
-    """Running mean (..., n) over `SMOOTHING` values from each on."""
-    padded = np.concatenate([curve, np.repeat(curve[..., -1:], SMOOTHING - 1, axis=-1)], axis=-1)
-    return np.asarray(
-        np.lib.stride_tricks.sliding_window_view(padded, SMOOTHING, axis=-1).mean(axis=-1)
-    )
-
-
-def seconds_to_return(curve: Floats, bound: float | Floats) -> float:
-    """When a curve (n,) of one value a second is below a bound for `STAYS` values; inf if never."""
-    above = np.append(np.asarray(curve) > bound, np.zeros(STAYS, dtype=bool))
-    bad = np.lib.stride_tricks.sliding_window_view(above, STAYS).any(axis=-1)[: len(curve)]
-    first = np.flatnonzero(~bad)
-    # What is down only at the very end has not shown that it stays.
-    if not len(first) or first[0] > len(curve) - STAYS:
-        return float("inf")
-    return float(first[0])
-
-
-def told_seconds(values: Floats) -> str:
-    """Seconds: that of all runs, and the 95 % bootstrap interval behind it."""
-    value, low, high = (f"{one:.0f}" if np.isfinite(one) else "never" for one in values)
-    return f"{value} ({low} to {high})"

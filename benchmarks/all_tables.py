@@ -26,24 +26,18 @@ KEPT = ROOT / "build" / "tables"
 RESULTS = "benchmarks/scoreboard.json"
 CHEAPEST_FIRST = (
     "broken_input",
-    "observability",
-    "step_size",
-    "fix_phase",
     "wander",
     "consistency_friction",
     "study_table",
-    "cramer_rao",
-    "adaptation",
     "drift_summary",
     "demo_runs",
-    "consistency",
-    "peers",
-    "accuracy",
-    "drift_ratios",
-    "scoreboard",
     "long_run",
+    "drift_ratios",
+    "accuracy",
+    "peers",
+    "scoreboard",
 )
-"""Scripts by the time that their commands take, from 20 seconds to half an hour on two cores."""
+"""Scripts by the time that their commands take, from 17 seconds to 40 minutes on two cores."""
 
 
 class CommandError(Exception):
