@@ -23,7 +23,6 @@ PAGE = ROOT / "docs" / "explanation" / "proof" / "scoreboard.md"
 FACTORS = {"robot": ROBOTS, "ground": tuple(GROUNDS), "drive": DRIVES, "IMU grade": GRADES}
 OTHERS = VARIANTS[1:]
 SHOWN = VARIANTS[-1]
-WORST = 6
 TEMPLATE = Path(__file__).with_name("_scoreboard_page.md")
 
 
@@ -47,7 +46,6 @@ def write_page(results: dict[str, Any]) -> None:
         runs=runs,
         design=design,
         levels=_mark(results, "healthy") + levels_table(healthy),
-        worst=_mark(results, "healthy") + worst_table(healthy),
         fault_runs=next(iter(faults.values()))[SHOWN]["runs"],
         faults=_mark(results, "faults") + faults_table(faults),
         real=_mark(results, "real") + real,
@@ -148,30 +146,6 @@ def _flags(own: list[dict[str, Any]]) -> str:
     return ", ".join(f"{name} {count / hours:.0f}" for name, count in sorted(total.items()))
 
 
-def worst_table(cells: dict[str, Any]) -> str:
-    """Cells with the largest ratio, and those in which rules excluded readings."""
-    order = sorted(cells, key=lambda name: -cells[name][SHOWN]["ratio"])
-    ruled = [name for name in order if cells[name][SHOWN]["rules_percent"] > 0.0]
-    picked = order[:WORST] + [name for name in ruled if name not in order[:WORST]]
-    head = ["robot", "ground", "drive", "IMU", "`gyro` drift, %", f"`{SHOWN}` drift, %"]
-    head += ["ratio", "NEES", "rules, flags"]
-    rows = []
-    for name in picked:
-        gyro, own = cells[name]["gyro"], cells[name][SHOWN]
-        what = [*own["rules"], *(f"{key} {count:.0f} x" for key, count in own["flags"].items())]
-        rows.append(
-            [
-                *name.split(" | "),
-                _told(gyro["drift"], gyro["drift_low"], gyro["drift_high"]),
-                _told(own["drift"], own["drift_low"], own["drift_high"]),
-                _told(own["ratio"], own["ratio_low"], own["ratio_high"]),
-                f"{own['nees']:.1f}",
-                ", ".join(what),
-            ]
-        )
-    return _table(head, rows)
-
-
 def faults_table(cells: dict[str, Any]) -> str:
     """Figures of each fault over all places."""
     head = ["fault", "runs", "position at its end, m", "own sigma, m"]
@@ -237,6 +211,8 @@ def real_tables(cells: dict[str, Any]) -> tuple[str, str]:
             keys = ("turn_error", "turn_error_low", "turn_error_high")
             errors = [_told(*(cell[v][key] for key in keys)) for v in ("gyro", SHOWN)]
             turned = [*errors, f"{one['turn']:.1f}"]
+        if not any((*turned, _flags([one]))):
+            continue
         row = [name.removeprefix("health "), str(one["runs"]), f"{one['hours']:.2f}", *turned]
         row += [f"{one['rules_percent']:.2f}", f"{one['gates_percent']:.2f}"]
         rows.append([*row, _flags([one])])
