@@ -10,7 +10,6 @@ command prints one with its columns and rows, and is reported otherwise. Exit 1 
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shlex
@@ -20,6 +19,7 @@ import time
 from pathlib import Path
 
 from _digests import ROOT
+from _study import script_parser
 from _tables import SCOREBOARD, SCRIPT, Table, all_tables, current, put, renewed
 
 KEPT = ROOT / "build" / "tables"
@@ -129,9 +129,7 @@ def cost(command: str) -> tuple[int, str]:
 
 def main() -> None:
     """List or renew the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--list", action="store_true", help="run nothing")
     parser.add_argument("--only", nargs="+", default=[""], metavar="NAME")
     default = os.environ.get("ICRECKON_DATA", str(ROOT.parent / "shared" / "data"))

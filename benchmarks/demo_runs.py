@@ -9,10 +9,9 @@ runs.
 from __future__ import annotations
 
 import numpy as np
-from _study import bootstrap, ratio_of_sums, spread, study_parser, table
+from _study import bootstrap, drift_and_nees, ratio_of_sums, spread, study_parser, table
 
 from icreckon.cli.demo import DURATION, demo_scenario
-from icreckon.estimator.log.scores import drift, pose_nees, without_fixes
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.simulate import simulate
@@ -27,12 +26,7 @@ def score(job: tuple[str, int]) -> tuple[float, float]:
     variant, index = job
     robot = load_robot("auriga-alpha")
     log = simulate(demo_scenario(SCORING_SEED, DURATION, "random"), robot, run_index=index)
-    result = run(log, robot, variant)
-    if log.truth is None or log.fixes is None:
-        raise ValueError("the demo's scenario has truth and fixes")
-    free = without_fixes(log.fixes.stamps, log.start, log.end, 10.0)
-    drifted = drift(result.trajectory.pose_series, log.truth.poses, 30.0, within=free)
-    return drifted.percent_mean, float(np.mean(pose_nees(result.trajectory, log.truth.poses)))
+    return drift_and_nees(run(log, robot, variant).trajectory, log)
 
 
 def cells(value: float, low: float, high: float) -> list[str]:

@@ -17,11 +17,9 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from _friction import fixes_of, true_poses
-from _study import bootstrap, spread, study_parser, table, told
+from _study import bootstrap, drift_and_nees, spread, study_parser, table, told
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.log.scores import drift, pose_nees, without_fixes
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.contact.of_robot import contact_of
@@ -95,12 +93,8 @@ def score(job: Job) -> Floats:
         patches=conditions.patches,
     )
     log = simulate(scenario, true, run_index=index)
-    result = run(log, true if conditions.in_file else robot, variant)
-    poses, fixes = true_poses(log), fixes_of(log)
-    free = without_fixes(fixes.stamps, log.start, log.end, 10.0)
-    drifted = drift(result.trajectory.pose_series, poses, 30.0, within=free)
-    nees = pose_nees(result.trajectory, poses)
-    return np.array([drifted.percent_mean, float(np.mean(nees))])
+    found = run(log, true if conditions.in_file else robot, variant)
+    return np.array(drift_and_nees(found.trajectory, log))
 
 
 def main() -> None:

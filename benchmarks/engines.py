@@ -8,7 +8,6 @@ the Jacobians cost nothing.
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 from collections.abc import Callable
@@ -17,6 +16,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from _study import script_parser
 from step_time import filter_microseconds, plain_microseconds
 
 from icreckon.estimator.base import state as s
@@ -93,7 +93,7 @@ def best(measure: Callable[[], float], repeat: int) -> float:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = script_parser(__doc__)
     parser.add_argument("--repeat", type=int, default=5, help="best of so many")
     arguments = parser.parse_args()
     repeat = arguments.repeat

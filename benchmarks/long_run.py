@@ -17,7 +17,6 @@ rows are to be alike, and say nothing of other noise).
 
 from __future__ import annotations
 
-import argparse
 import resource
 import sys
 import time
@@ -29,7 +28,7 @@ from typing import Any
 
 import numpy as np
 from _sampled_model import Fixes, ModelSampler, SampledRun
-from _study import table
+from _study import script_parser, table
 from msgspec import structs
 
 from icreckon.estimator.base import state as s
@@ -270,9 +269,7 @@ def extreme_row(robot: Robot, variant: str, name: str) -> list[str]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--steps", type=int, default=300_000)
     parser.add_argument("--hours", type=int, default=0, help="a row for each hour of one run")
     parser.add_argument("--rate", type=float, default=RATE, help="of those hours [Hz]")
