@@ -110,7 +110,7 @@ _KEYS = ("covered", "alike", "neither")
 
 def levels_table(cells: dict[str, Any]) -> str:
     """Figures by level of each factor."""
-    head = ["factor", "level", "cells", "`gyro` drift, %"]
+    head = ["factor", "level", "`gyro` drift, %"]
     head += [f"`{name}` over `gyro`" for name in OTHERS]
     head += [f"NEES `{SHOWN}`", "flags an hour"]
     rows = [_level_row("all", "", list(cells.values()))]
@@ -129,7 +129,6 @@ def _level_row(factor: str, level: str, cells: list[dict[str, Any]]) -> list[str
     return [
         factor,
         level,
-        str(len(cells)),
         f"{drift:.2f}",
         *(_told(*ratio_of(cells, name)) for name in OTHERS),
         f"{np.median(nees):.1f}, {max(nees):.1f}",
