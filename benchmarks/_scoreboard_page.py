@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import accuracy
 import matplotlib as mpl
 import numpy as np
 from _digests import ROOT
@@ -22,7 +23,6 @@ PAGE = ROOT / "docs" / "explanation" / "proof" / "scoreboard.md"
 FACTORS = {"robot": ROBOTS, "ground": tuple(GROUNDS), "drive": DRIVES, "IMU grade": GRADES}
 OTHERS = VARIANTS[1:]
 SHOWN = VARIANTS[-1]
-WORST = 12
 TEMPLATE = Path(__file__).with_name("_scoreboard_page.md")
 
 
@@ -46,7 +46,6 @@ def write_page(results: dict[str, Any]) -> None:
         runs=runs,
         design=design,
         levels=_mark(results, "healthy") + levels_table(healthy),
-        worst=_mark(results, "healthy") + worst_table(healthy),
         fault_runs=next(iter(faults.values()))[SHOWN]["runs"],
         faults=_mark(results, "faults") + faults_table(faults),
         real=_mark(results, "real") + real,
@@ -111,9 +110,9 @@ _KEYS = ("covered", "alike", "neither")
 
 def levels_table(cells: dict[str, Any]) -> str:
     """Figures by level of each factor."""
-    head = ["factor", "level", "cells", "`gyro` drift, %"]
+    head = ["factor", "level", "`gyro` drift, %"]
     head += [f"`{name}` over `gyro`" for name in OTHERS]
-    head += [f"NEES `{SHOWN}`", "by rules, %", "by gates, %", "flags an hour"]
+    head += [f"NEES `{SHOWN}`", "flags an hour"]
     rows = [_level_row("all", "", list(cells.values()))]
     for k, (factor, levels) in enumerate(FACTORS.items()):
         for level in levels:
@@ -130,12 +129,9 @@ def _level_row(factor: str, level: str, cells: list[dict[str, Any]]) -> list[str
     return [
         factor,
         level,
-        str(len(cells)),
         f"{drift:.2f}",
         *(_told(*ratio_of(cells, name)) for name in OTHERS),
         f"{np.median(nees):.1f}, {max(nees):.1f}",
-        f"{np.mean([one['rules_percent'] for one in own]):.2f}",
-        f"{np.mean([one['gates_percent'] for one in own]):.2f}",
         _flags(own),
     ]
 
@@ -149,36 +145,10 @@ def _flags(own: list[dict[str, Any]]) -> str:
     return ", ".join(f"{name} {count / hours:.0f}" for name, count in sorted(total.items()))
 
 
-def worst_table(cells: dict[str, Any]) -> str:
-    """Cells with the largest ratio, and those in which rules excluded readings."""
-    order = sorted(cells, key=lambda name: -cells[name][SHOWN]["ratio"])
-    ruled = [name for name in order if cells[name][SHOWN]["rules_percent"] > 0.0]
-    picked = order[:WORST] + [name for name in ruled if name not in order[:WORST]]
-    head = ["robot", "ground", "drive", "IMU", "runs", "`gyro` drift, %", f"`{SHOWN}` drift, %"]
-    head += ["ratio", "NEES", "by rules, %", "rules, flags"]
-    rows = []
-    for name in picked:
-        gyro, own = cells[name]["gyro"], cells[name][SHOWN]
-        what = [*own["rules"], *(f"{key} {count:.0f} x" for key, count in own["flags"].items())]
-        rows.append(
-            [
-                *name.split(" | "),
-                str(own["runs"]),
-                _told(gyro["drift"], gyro["drift_low"], gyro["drift_high"]),
-                _told(own["drift"], own["drift_low"], own["drift_high"]),
-                _told(own["ratio"], own["ratio_low"], own["ratio_high"]),
-                f"{own['nees']:.1f}",
-                f"{own['rules_percent']:.2f}",
-                ", ".join(what),
-            ]
-        )
-    return _table(head, rows)
-
-
 def faults_table(cells: dict[str, Any]) -> str:
     """Figures of each fault over all places."""
-    head = ["fault", "runs", "position at its end, m", "own sigma, m", "without it, m"]
-    head += ["30 s later, m", "own sigma, m", "without it, m", "yaw at its end, °", "own sigma, °"]
+    head = ["fault", "runs", "position at its end, m", "own sigma, m"]
+    head += ["30 s later, m", "own sigma, m", "yaw at its end, °", "own sigma, °"]
     head += [*_KEYS, "flagged", "after, s"]
     rows = []
     for fault in FAULTS:
@@ -195,8 +165,7 @@ def faults_table(cells: dict[str, Any]) -> str:
         delays = [one["delay"] for one in own if one.get("delay") is not None]
         row = [fault, str(_runs(own))]
         for at in ("end", "later"):
-            row += [most(at, "position")]
-            row += [f"{rms(at, f'position_{key}'):.2f}" for key in ("sigma", "without")]
+            row += [most(at, "position"), f"{rms(at, 'position_sigma'):.2f}"]
         row += [most("end", "yaw_deg"), f"{rms('end', 'yaw_deg_sigma'):.1f}"]
         row += [str(sum(one[key] for one in own)) for key in (*_KEYS, "flagged")]
         rows.append([*row, f"{np.median(delays):.1f}" if delays else ""])
@@ -209,8 +178,10 @@ def _runs(own: list[dict[str, Any]]) -> int:
 
 def real_tables(cells: dict[str, Any]) -> tuple[str, str]:
     """Tables of the folds, and of exclusions and flags."""
-    folds = {name.removeprefix("drift | "): cells[name] for name in cells if "drift | " in name}
-    head = ["log or row", *(f"`{name}` drift, %" for name in VARIANTS)]
+    drift = {name.removeprefix("drift | "): cells[name] for name in cells if "drift | " in name}
+    # Single logs are on the page of real logs.
+    folds = {name: one for name, one in drift.items() if name in (*accuracy.GOALS, "all logs")}
+    head = ["robot, ground", *(f"`{name}` drift, %" for name in VARIANTS)]
     head += [*(f"`{name}` over `gyro`" for name in OTHERS), f"NEES `{SHOWN}`"]
     rows = [
         [
@@ -228,20 +199,22 @@ def real_tables(cells: dict[str, Any]) -> tuple[str, str]:
         for name, one in folds.items()
     ]
     of_folds = _table(head, rows)
-    head = ["logs", "variant", "runs", "hours", "turning error, °/s", "turning, °/s", "by rules, %"]
-    head += ["by gates, %", "flags an hour"]
+    head = ["logs", "runs", "hours", *(f"`{v}` turning error, °/s" for v in ("gyro", SHOWN))]
+    head += ["turning, °/s", "by rules, %", "by gates, %", "flags an hour"]
     rows = []
     for name, cell in cells.items():
         if name.startswith("drift | "):
             continue
-        for variant, one in cell.items():
-            error = turned = ""
-            if "turn_error" in one:
-                keys = ("turn_error", "turn_error_low", "turn_error_high")
-                error, turned = _told(*(one[key] for key in keys)), f"{one['turn']:.1f}"
-            row = [name.removeprefix("health "), f"`{variant}`", str(one["runs"])]
-            row += [f"{one['hours']:.2f}", error, turned, f"{one['rules_percent']:.2f}"]
-            rows.append([*row, f"{one['gates_percent']:.2f}", _flags([one])])
+        one, turned = cell[SHOWN], ["", "", ""]
+        if "turn_error" in one:
+            keys = ("turn_error", "turn_error_low", "turn_error_high")
+            errors = [_told(*(cell[v][key] for key in keys)) for v in ("gyro", SHOWN)]
+            turned = [*errors, f"{one['turn']:.1f}"]
+        if not any((*turned, _flags([one]))):
+            continue
+        row = [name.removeprefix("health "), str(one["runs"]), f"{one['hours']:.2f}", *turned]
+        row += [f"{one['rules_percent']:.2f}", f"{one['gates_percent']:.2f}"]
+        rows.append([*row, _flags([one])])
     return of_folds, _table(head, rows)
 
 
@@ -259,6 +232,7 @@ def cost_table(cells: dict[str, Any]) -> str:
         [what, name, ", ".join(forms[key](one[key]) for key in forms if key in one)]
         for what, cell in cells.items()
         for name, one in cell.items()
+        if what not in ("faults", "lines") or name == "all"
     ]
     return _table(["what", "of", "figure"], rows)
 

@@ -8,11 +8,15 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import drift, pose_nees, without_fixes
+from icreckon.estimator.log.trajectory import Trajectory
 
 BOOTSTRAPS = 10_000
 # Seconds between two lines of progress.
@@ -20,6 +24,21 @@ PROGRESS_EVERY = 10.0
 
 Job = TypeVar("Job")
 Score = TypeVar("Score")
+
+
+def script_parser(doc: str | None) -> argparse.ArgumentParser:
+    """A parser with the docstring of a script as its help."""
+    return argparse.ArgumentParser(
+        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+
+
+def data_parser(doc: str | None) -> argparse.ArgumentParser:
+    """The same with the folder of the sample logs, and `--workers`."""
+    parser = script_parser(doc)
+    parser.add_argument("data", type=Path, help="folder of the sample logs")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    return parser
 
 
 def study_parser(doc: str | None, runs: int, variants: Sequence[str]) -> argparse.ArgumentParser:
@@ -30,9 +49,7 @@ def study_parser(doc: str | None, runs: int, variants: Sequence[str]) -> argpars
         runs: default number of runs.
         variants: default filter variants.
     """
-    parser = argparse.ArgumentParser(
-        description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(doc)
     parser.add_argument("--runs", type=int, default=runs)
     parser.add_argument("--variants", nargs="+", default=list(variants))
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
@@ -57,6 +74,15 @@ def spread(score: Callable[[Job], Score], jobs: Sequence[Job], workers: int) -> 
                 done = f"{len(scores)} of {len(jobs)} runs after {told - begin:.0f} s"
                 print(done, file=sys.stderr, flush=True)
     return scores
+
+
+def drift_and_nees(found: Trajectory, log: Log) -> tuple[float, float]:
+    """Drift after 30 s without fixes [% of the distance], and mean pose NEES, of a simulated run."""
+    if log.truth is None or log.fixes is None:
+        raise ValueError(f"log {log.name!r} has no truth or no fixes")
+    free = without_fixes(log.fixes.stamps, log.start, log.end, 10.0)
+    drifted = drift(found.pose_series, log.truth.poses, 30.0, within=free)
+    return drifted.percent_mean, float(np.mean(pose_nees(found, log.truth.poses)))
 
 
 def mean_interval(samples: Floats) -> tuple[float, float, float]:

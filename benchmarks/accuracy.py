@@ -27,9 +27,7 @@ along the tracks, each with everything else as it is.
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -39,7 +37,7 @@ from typing import Any, NamedTuple, Protocol
 import msgspec
 import numpy as np
 from _logs import ASPHALT, GRASS
-from _study import bootstrap, ratio_of_sums, spread, table
+from _study import bootstrap, data_parser, ratio_of_sums, spread, table
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative
@@ -564,15 +562,11 @@ def _rounded(value: Any) -> Any:
 
 def main() -> None:
     """Print the tables; write or check the baseline."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("data", type=Path)
+    parser = data_parser(__doc__)
     parser.add_argument("--write", type=Path, help="write the figures as the baseline")
     parser.add_argument("--check", type=Path, help="compare the figures with the baseline")
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS))
     parser.add_argument("--ablation", action="store_true", help="leave out one part at a time")
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
     arguments = parser.parse_args()
     jobs = [
         Job(arguments.data, fold, tuple(arguments.variants), ablation=arguments.ablation)

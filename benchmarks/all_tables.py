@@ -10,7 +10,6 @@ command prints one with its columns and rows, and is reported otherwise. Exit 1 
 
 from __future__ import annotations
 
-import argparse
 import os
 import re
 import shlex
@@ -20,30 +19,25 @@ import time
 from pathlib import Path
 
 from _digests import ROOT
+from _study import script_parser
 from _tables import SCOREBOARD, SCRIPT, Table, all_tables, current, put, renewed
 
 KEPT = ROOT / "build" / "tables"
 RESULTS = "benchmarks/scoreboard.json"
 CHEAPEST_FIRST = (
     "broken_input",
-    "observability",
-    "step_size",
-    "fix_phase",
     "wander",
     "consistency_friction",
     "study_table",
-    "cramer_rao",
-    "adaptation",
     "drift_summary",
     "demo_runs",
-    "consistency",
-    "peers",
-    "accuracy",
-    "drift_ratios",
-    "scoreboard",
     "long_run",
+    "drift_ratios",
+    "accuracy",
+    "peers",
+    "scoreboard",
 )
-"""Scripts by the time that their commands take, from 20 seconds to half an hour on two cores."""
+"""Scripts by the time that their commands take, from 17 seconds to 40 minutes on two cores."""
 
 
 class CommandError(Exception):
@@ -135,9 +129,7 @@ def cost(command: str) -> tuple[int, str]:
 
 def main() -> None:
     """List or renew the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--list", action="store_true", help="run nothing")
     parser.add_argument("--only", nargs="+", default=[""], metavar="NAME")
     default = os.environ.get("ICRECKON_DATA", str(ROOT.parent / "shared" / "data"))

@@ -11,13 +11,13 @@ and 0.09 m.
 
 from __future__ import annotations
 
-import argparse
 import tempfile
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+from _study import script_parser
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrow, Polygon, Rectangle
@@ -66,7 +66,7 @@ class Drive(NamedTuple):
 
 def main() -> None:
     """Simulate, estimate, draw and write the animation."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = script_parser(__doc__)
     parser.add_argument("out", type=Path, help="GIF to write")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()

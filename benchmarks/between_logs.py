@@ -12,14 +12,13 @@ Controlled Clinical Trials 7, 1986).
 
 from __future__ import annotations
 
-import argparse
 import math
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from _logs import ASPHALT, GRASS
-from _study import table
+from _study import script_parser, table
 from accuracy import HALVED, as_made
 
 from icreckon.estimator.base.array_types import Floats
@@ -67,9 +66,7 @@ def calibrations(data: Path) -> dict[str, list[Calibration]]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("data", type=Path)
     every = calibrations(parser.parse_args().data)
     rows = []

@@ -12,7 +12,6 @@ as where the computer's is. Last, how far 60 s of standstill drift.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from collections.abc import Callable
@@ -22,7 +21,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from _study import table
+from _study import script_parser, table
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
@@ -305,7 +304,7 @@ def standstill_drift(robot: Robot, variant: str, seconds: float = 60.0) -> tuple
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = script_parser(__doc__)
     parser.add_argument("log", type=Path, nargs="?")
     parser.add_argument("--robot", default="auriga-alpha")
     parser.add_argument("--variants", nargs="+", default=["inertia-online"], choices=VARIANTS)

@@ -8,11 +8,10 @@ figures and an IMU that is mounted square, as there.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 from _logs import ASPHALT, GRASS
-from _study import table
+from _study import script_parser, table
 from accuracy import HALVED, as_made
 
 from icreckon.estimator.calibration import Calibration, calibrate
@@ -62,9 +61,7 @@ def model_row(name: str, found: Calibration) -> list[str]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("data", type=Path)
     data = parser.parse_args().data
     every = {}

@@ -13,7 +13,6 @@ that do not excite: straight lines, and one circle at constant speed. All figure
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
@@ -22,7 +21,7 @@ from functools import partial
 
 import msgspec
 import numpy as np
-from _study import table
+from _study import script_parser, table
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
@@ -146,7 +145,7 @@ def one_seed(seed: int, duration: float) -> dict[str, tuple[float, float, str]]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = script_parser(__doc__)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--duration", type=float, default=DURATION)

@@ -8,11 +8,7 @@ by robot and ground, the ratio to `gyro` with its 95 % interval, and the NEES of
 
 from __future__ import annotations
 
-import argparse
-import os
-from pathlib import Path
-
-from _study import spread, table
+from _study import data_parser, spread, table
 from accuracy import Job, folds, results_of, score
 
 VARIANTS = {"gyro": "`gyro`: wheels and gyro"} | {
@@ -29,11 +25,7 @@ ROWS = {
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    parser = data_parser(__doc__)
     given = parser.parse_args()
     jobs = [Job(given.data, fold, tuple(VARIANTS), less_known=False) for fold in folds()]
     scores = [one for some in spread(score, jobs, given.workers) for one in some]

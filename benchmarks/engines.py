@@ -1,39 +1,31 @@
-"""Filter steps per CPU second: filters side by side, and other ways to run many filters.
+"""Filter steps per CPU second: filters side by side, the streaming filter, and filterpy's EKF.
 
 A step is a prediction and updates with gyro and accelerometer. Ours work on the same simulated drive. All
 are timed in turn, on one core, best of several. "The algebra alone" is a prediction and two
 scalar updates with dense matrices of the same size and no motion model, noise model or gate, for which
-the Jacobians cost nothing. "The same graph" is our own step, expression by expression, worked out by
-another library. JAX and dynamax are measured where they are installed.
-
-The share of the peak is additions and multiplications of a step over what the machine does at most, as
-measured by a loop of multiply-adds in registers in the same run.
+the Jacobians cost nothing.
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
-from _graph import flops, numpy_while_loop, step_function
-from _peak import peak_flops
+from _study import script_parser
 from step_time import filter_microseconds, plain_microseconds
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.batch.front_end import FrontEnd
 from icreckon.estimator.batch.inputs import measured_of
 from icreckon.estimator.engine.constants import aligned
-from icreckon.estimator.engine.filters import BatchFilter, Lanes
+from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.engine.schedule import Steps, steps_of
-from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import VARIANTS
@@ -45,7 +37,6 @@ FULL = "inertia-online"
 VARIANT_NAMES = ("differential", "constant-fixed", "constant-online", "inertia-fixed", FULL)
 # Steps before those that are timed, which begin with three seconds of standstill.
 BEGIN, STEPS, RATE = 1000, 256, 100.0
-NUMPY_RUNS = 1024
 
 
 class Drive:
@@ -94,66 +85,20 @@ class Drive:
         self._go(BEGIN, BEGIN + STEPS)
         return (time.process_time() - begin) / STEPS / self.filters.width
 
-    def copy(self) -> Lanes:
-        """Other lanes at the same point."""
-        workspace = aligned(self.begun.size, self.filters.number).reshape(self.begun.shape)
-        workspace[:] = self.begun
-        return self.lanes._replace(workspace=workspace, constants=self.lanes.constants.copy())
-
-
-def numpy_seconds(drive: Drive, steps: int = 20) -> float:
-    """The same graph, worked out by NumPy over many runs at once [s]."""
-    kernel = step_kernel("step", drive.filters.shape, StepKind())
-    function = step_function(kernel, np, numpy_while_loop)
-    copies = NUMPY_RUNS // drive.filters.width
-    lanes = [np.tile(row, copies) for row in drive.begun]
-    inputs = [[np.tile(row, copies) for row in drive.inputs[BEGIN + k]] for k in range(steps)]
-    constants = drive.lanes.constants
-    begin = time.process_time()
-    for k in range(steps):
-        for row, value in function(lanes, inputs[k], constants).items():
-            lanes[row] = value
-    return (time.process_time() - begin) / steps / NUMPY_RUNS
-
 
 def best(measure: Callable[[], float], repeat: int) -> float:
     """Shortest of several."""
     return min(measure() for _ in range(repeat))
 
 
-def two_threads(drive: Drive, rounds: int = 20) -> float:
-    """How many times as much two threads do as one, in the same time."""
-
-    def work(lanes: Lanes) -> None:
-        for _ in range(rounds):
-            part = slice(BEGIN, BEGIN + STEPS)
-            steps = drive.steps.part(BEGIN, BEGIN + STEPS)
-            lanes.workspace[:] = drive.begun
-            drive.filters.work_through(
-                lanes, drive.inputs[part], steps, drive.table[part], drive.room.copy()
-            )
-
-    def wall(threads: int) -> float:
-        lanes = [drive.copy() for _ in range(threads)]
-        with ThreadPoolExecutor(threads) as pool:
-            begin = time.perf_counter()
-            list(pool.map(work, lanes))
-            return time.perf_counter() - begin
-
-    return 2.0 * min(wall(1) for _ in range(3)) / min(wall(2) for _ in range(3))
-
-
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = script_parser(__doc__)
     parser.add_argument("--repeat", type=int, default=5, help="best of so many")
     arguments = parser.parse_args()
     repeat = arguments.repeat
     drives = {name: Drive(name) for name in VARIANT_NAMES}
-    full = drives[FULL]
-    size = len(full.filters.shape.states) + 3
     filterpy = best(lambda: 1e-6 * plain_microseconds(2000), repeat)
-    peak = peak_flops(full.filters.width)
     rows: list[tuple[str, float]] = []
     for name, drive in drives.items():
         states = len(drive.filters.shape.states) + 3
@@ -171,29 +116,9 @@ def main() -> None:
         seconds = best(lambda s=settings: 1e-6 * filter_microseconds(log, robot, FULL, s), 3)
         rows.append((f"icreckon, streaming, {engine}", seconds))
     rows.append((f"filterpy's EKF in a loop, the algebra alone, {s.SIZE} states", filterpy))
-    rows.append(
-        ("NumPy, batched over 1024 runs, the same graph", best(lambda: numpy_seconds(full), 3))
-    )
-    try:
-        import _jax_engines
-    except ImportError as missing:
-        print(f"not measured: JAX and dynamax ({missing})")
-    else:
-        rows += _jax_engines.measure(
-            full.filters, full.begun, full.inputs[BEGIN:], full.lanes.constants
-        )
-    ours = dict(rows)[f"icreckon, {FULL}, {size} states"]
     print(f"{'engine':66s} {'M steps/CPU s':>13s} {'x filterpy':>11s}")
     for name, seconds in rows:
         print(f"{name:66s} {1e-6 / seconds:13.4f} {filterpy / seconds:11.2f}")
-    of_step = flops(step_kernel("step", full.filters.shape, StepKind()))
-    print(
-        f"peak of one core {1e-9 * peak:.0f} GFLOP/s; a step of {FULL} is at least {of_step} additions "
-        f"and multiplications: {100.0 * of_step / ours / peak:.0f} % of it"
-    )
-    print(
-        f"two threads do {two_threads(full):.2f} times as much as one; {full.filters.width} lanes"
-    )
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ part of the estimator or the simulator that a table needs must act in one of the
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -26,6 +25,7 @@ from _scoreboard_cells import SEED, data_folder, rounded
 from _scoreboard_drives import cells, simulated
 from _scoreboard_faults import ROBOTS, faulty, groups, simulated_place
 from _scoreboard_put import FAULTS
+from _study import script_parser
 
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.calibration import calibrate
@@ -235,9 +235,7 @@ def kept() -> Figures:
 
 def main() -> None:
     """Compare, and write the file if asked; exit 1 if figures differ and it is not written."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--write", action="store_true")
     given = parser.parse_args()
     before, after = (kept() if RESULTS.is_file() else {}), estimates()

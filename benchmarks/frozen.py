@@ -10,13 +10,12 @@ figures each results.json holds, how many differ, and the largest relative diffe
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from pathlib import Path
 
 from _figures import count, differences, figures, run_command
-from _study import table
+from _study import script_parser, table
 
 GRASS = "warthog_grass_2024_8_8_16h11s19"
 COMMANDS = {
@@ -57,7 +56,7 @@ def compared(name: str, one: Path, other: Path) -> list[str]:
 
 def main() -> None:
     """Run the commands, or compare two runs; exit with 1 if a figure differs by more than rounding."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser = script_parser(__doc__)
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--data", type=Path)
     parser.add_argument("--compare", type=Path, nargs=2, metavar=("A", "B"))

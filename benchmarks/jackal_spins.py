@@ -10,11 +10,11 @@ how often a track is found spinning, or the robot sliding. LOGS is the folder of
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 from _logs import logs_without
+from _study import script_parser
 from scipy.ndimage import gaussian_filter1d
 
 from icreckon.estimator.base.array_types import Floats, Stamps
@@ -71,7 +71,7 @@ def shares_of_force(log: Log, robot: Robot) -> tuple[float, Floats]:
 
 def main() -> None:
     """Print what is found."""
-    parser = argparse.ArgumentParser()
+    parser = script_parser(__doc__)
     parser.add_argument("logs", type=Path)
     given = parser.parse_args()
     hours, found, slides = 0.0, 0, 0

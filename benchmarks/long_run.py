@@ -6,7 +6,7 @@ in three minutes of four. Every 1000 steps the covariance must be finite, symmet
 definite in the states that are estimated: the smallest eigenvalue of the correlation matrix is told.
 Then come inputs that are finite, but far from anything sensible.
 
-    python benchmarks/long_run.py --steps 10_000_000
+    python benchmarks/long_run.py --steps 1_000_000
 
 With `--hours` the only table is one run on level ground, a row for each hour: processor time of a step,
 largest memory of the process so far, NEES of the pose (3 is ideal; each minute has the same noise, so
@@ -17,7 +17,6 @@ rows are to be alike, and say nothing of other noise).
 
 from __future__ import annotations
 
-import argparse
 import resource
 import sys
 import time
@@ -28,9 +27,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from _study import table
-from analysis.sampled_model import Fixes, ModelSampler, SampledRun
-from consistency import RATE, SETTINGS, moving_speeds, nees_of
+from _sampled_model import Fixes, ModelSampler, SampledRun
+from _study import script_parser, table
 from msgspec import structs
 
 from icreckon.estimator.base import state as s
@@ -45,11 +43,16 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.simulation.drives.trajectories import make_trajectory
 
 SEED = 20_247
+RATE = 50.0
+# The standstill that every trajectory begins with, and the start after it [s].
+BEGIN = 5.0
+SETTINGS = Settings(standstill=StandstillSettings(track_speed=0.0))
 CHECK_EVERY = 1000
 MINUTE = 60.0
 SECOND = 1_000_000_000
@@ -70,6 +73,13 @@ def smallest_correlation(P: Floats) -> float:
     known = variances > 0.0
     sigma = np.sqrt(variances[known])
     return float(np.linalg.eigvalsh(P[np.ix_(known, known)] / np.outer(sigma, sigma))[0])
+
+
+def nees_of(error: Floats, covariance: Floats) -> float:
+    """Normalised estimation error squared, in units that make the covariance a correlation."""
+    unit = np.sqrt(np.diagonal(covariance))
+    scaled = error / unit
+    return float(scaled @ np.linalg.solve(covariance / np.outer(unit, unit), scaled))
 
 
 def settings_of(pairs: list[str]) -> Settings:
@@ -115,7 +125,10 @@ def repeated_from(run: SampledRun, steps: int) -> Iterator[tuple[Measurement, Fl
 
 def sampled_minute(robot: Robot, variant: str, rate: float) -> SampledRun:
     """A minute of driving from the filter's own model, with fixes."""
-    speeds = moving_speeds(robot, "random", MINUTE, [SEED], rate)
+    drive = np.random.default_rng([SEED])
+    moving = {"stop": 0.0, "reverse": 0.0}
+    command = make_trajectory("random", MINUTE + BEGIN, robot, drive, moving)
+    speeds = np.asarray(command(BEGIN + np.arange(int(MINUTE * rate) + 1) / rate))
     fixes = Fixes(position_sigma=FIX_SIGMA)
     sampler = ModelSampler(robot, find_variant(variant), SETTINGS, fixes)
     return sampler.run(speeds, 1.0 / rate, np.random.default_rng(SEED))
@@ -256,9 +269,7 @@ def extreme_row(robot: Robot, variant: str, name: str) -> list[str]:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--steps", type=int, default=300_000)
     parser.add_argument("--hours", type=int, default=0, help="a row for each hour of one run")
     parser.add_argument("--rate", type=float, default=RATE, help="of those hours [Hz]")

@@ -23,8 +23,6 @@ of the faults. `covered`: less than three own standard deviations.
 
 from __future__ import annotations
 
-import argparse
-import os
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -34,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 from _peers import FilterpyEkf, GtsamSmoother, Integration, Noise, PeerEstimator
-from _study import spread, table
+from _study import data_parser, spread, table
 from accuracy import (
     HORIZONS,
     Fold,
@@ -284,11 +282,7 @@ def show(results: list[dict[str, Result]]) -> None:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("data", type=Path)
-    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="processes")
+    parser = data_parser(__doc__)
     given = parser.parse_args()
     if "GTSAM" not in PEERS:
         print("GTSAM is left out: pip install gtsam\n")

@@ -51,6 +51,7 @@ from _scoreboard_check import worse
 from _scoreboard_cost import cost
 from _scoreboard_file import read_results, write_results
 from _scoreboard_page import write_page
+from _study import script_parser
 
 HERE = Path(__file__).resolve().parent
 RESULT = HERE / "scoreboard.json"
@@ -67,9 +68,7 @@ PARTS = ("healthy", "faults", "real", "cost")
 
 def main() -> None:
     """Run the parts; write, check, draw."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--quick", action="store_true", help="a fixed subset, at most 3 minutes")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument(

@@ -12,7 +12,6 @@ more.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -21,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 from _logs import WITH_TRUTH
-from _study import table
+from _study import script_parser, table
 from accuracy import as_made
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
@@ -142,9 +141,7 @@ def report(rows: list[tuple[str, Floats, Floats, float]]) -> None:
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("--data", type=Path)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--workers", type=int, default=2)

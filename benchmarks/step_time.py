@@ -13,7 +13,6 @@ later process.
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -22,6 +21,7 @@ import time
 
 import msgspec
 import numpy as np
+from _study import script_parser
 from filterpy.kalman import ExtendedKalmanFilter
 
 from icreckon.estimator.base import state as s
@@ -104,7 +104,7 @@ def first_seconds(cache: str) -> float:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser = script_parser(__doc__)
     parser.add_argument("--repeat", type=int, default=5, help="best of so many runs")
     parser.add_argument("--cold", action="store_true", help="also the time of the first use")
     arguments = parser.parse_args()

@@ -7,12 +7,11 @@ Runs or continues `icreckon study NAME` in build/studies.
 
 from __future__ import annotations
 
-import argparse
 import sys
 
 import msgspec
 from _digests import FILTER, ROOT, digest
-from _study import table
+from _study import script_parser, table
 
 from icreckon.report.study.folder import run_study
 from icreckon.report.study.text import summary_tables
@@ -21,9 +20,7 @@ from icreckon.simulation.study.plan import load_study
 
 def main() -> None:
     """Print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = script_parser(__doc__)
     parser.add_argument("name", help="of the study, or its file")
     parser.add_argument("--runs", type=int, help="the study's if left out")
     given = parser.parse_args()

@@ -11,15 +11,12 @@ best is overconfident.
 
 from __future__ import annotations
 
-import argparse
 import itertools
-import os
-from concurrent.futures import ProcessPoolExecutor
 
 import msgspec
 import numpy as np
+from _study import drift_and_nees, spread, study_parser, table
 
-from icreckon.estimator.log.scores import drift, pose_nees, without_fixes
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION, DEFAULT_SLIP, VARIANTS
@@ -55,20 +52,12 @@ def score(job: Job) -> tuple[float, float]:
         slip=msgspec.structs.replace(default, time_constant=time_constant, **shares),
         adaptation=msgspec.structs.replace(DEFAULT_ADAPTATION[model], walk=walk),
     )
-    result = run(log, robot, name, settings=settings)
-    assert log.truth is not None  # noqa: S101 - the scenario includes it
-    assert log.fixes is not None  # noqa: S101
-    free = without_fixes(log.fixes.stamps, log.start, log.end, 10.0)
-    drifted = drift(result.trajectory.pose_series, log.truth.poses, 30.0, within=free)
-    return drifted.percent_mean, float(np.mean(pose_nees(result.trajectory, log.truth.poses)))
+    return drift_and_nees(run(log, robot, name, settings=settings).trajectory, log)
 
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--runs", type=int, default=4, help="runs for each trajectory")
-    parser.add_argument("--variants", nargs="+", default=list(VARIANTS))
-    arguments = parser.parse_args()
+    arguments = study_parser(__doc__, 4, tuple(VARIANTS)).parse_args()
     cells = [
         (name, time_constant, size, walk)
         for name in arguments.variants
@@ -81,15 +70,16 @@ def main() -> None:
         for trajectory in TRAJECTORIES
         for index in range(arguments.runs)
     ]
-    per_cell = len(TRAJECTORIES) * arguments.runs
-    print(f"{'variant':16s} {'tau':>5s} {'size':>5s} {'walk':>5s}", end="")
-    print("".join(f"  {name + ' %':>12s} {'NEES':>5s}" for name in TRAJECTORIES))
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        scores = pool.map(score, jobs, chunksize=per_cell)
-        for name, time_constant, size, walk in cells:
-            rows = np.array([next(scores) for _ in range(per_cell)]).reshape(-1, arguments.runs, 2)
-            means = "".join(f"  {d:12.2f} {nees:5.1f}" for d, nees in rows.mean(axis=1))
-            print(f"{name:16s} {time_constant:5.1f} {size:5.1f} {walk:5.2f}{means}", flush=True)
+    scores = np.array(spread(score, jobs, arguments.workers))
+    means = scores.reshape(len(cells), len(TRAJECTORIES), arguments.runs, 2).mean(axis=2)
+    figures = [f"{trajectory}, {what}" for trajectory in TRAJECTORIES for what in ("%", "NEES")]
+    table(
+        ("variant", "time constant, s", "size", "walk", *figures),
+        (
+            [*map(str, cell), *(f"{one:.2f}" for one in found.ravel())]
+            for cell, found in zip(cells, means, strict=True)
+        ),
+    )
 
 
 if __name__ == "__main__":

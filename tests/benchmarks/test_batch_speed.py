@@ -17,7 +17,7 @@ def engines(monkeypatch: pytest.MonkeyPatch):
     import engines
 
     yield engines
-    for name in ("engines", "_graph", "_peak", "step_time"):
+    for name in ("engines", "step_time"):
         sys.modules.pop(name, None)
 
 

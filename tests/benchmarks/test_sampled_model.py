@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
-from analysis.sampled_model import ModelSampler, Terms
+from _sampled_model import ModelSampler, Terms
 from scipy.stats import chi2
 
 from icreckon.estimator.base import state as s
@@ -69,7 +69,6 @@ def test_start_is_drawn_from_what_the_filter_does_not_know():
 
 @pytest.mark.thorough
 def test_the_filter_is_as_sure_as_it_may_be():
-    # The full study is benchmarks/consistency.py; here are a few short runs.
     runs, found = 20, []
     times = np.arange(501) * DT
     speeds = 0.5 + 0.2 * np.sin(times)[:, None] * [-1.0, 1.0]

@@ -3,7 +3,7 @@
 import msgspec
 import numpy as np
 import pytest
-from analysis.sampled_model import Fixes, ModelSampler
+from _sampled_model import Fixes, ModelSampler
 from scipy.stats import chi2
 
 from conftest import thorough

@@ -1,1 +1,0 @@
-"""Analyses that only benchmarks and tests use: observability, Cramér-Rao bound, fits of index models."""
