@@ -94,20 +94,6 @@ def test_a_contradicted_multiplier_is_that_of_the_log(log: Log):
     assert "which contradicts 1 of the robot file" in ros_settings([log], wrong)
 
 
-def test_covariances_are_the_errors_of_that_odometry(log: Log):
-    robot = with_track_of_the_log(log)
-    settings = controller(log, robot)
-    speed, rate = odometry(log, settings)
-    truth, stamps = log.truth.twists.twists, log.truth.twists.stamps
-    of_rate = rate - np.interp(log.tracks.stamps, stamps, truth[:, 2])
-    moving = np.abs(log.tracks.speeds).max(axis=1) > 0.0
-    v_x, *unmeasured, w = settings["twist_covariance_diagonal"]
-    assert unmeasured == [1e3] * 4
-    assert w == pytest.approx(float(np.var(of_rate[moving])), rel=0.4)
-    of_speed = speed - np.interp(log.tracks.stamps, stamps, truth[:, 0])
-    assert 0.2 < v_x / float(np.mean(of_speed[moving] ** 2)) < 3.0
-
-
 def test_radii_that_differ_are_in_the_multipliers(log: Log):
     robot = with_values(ALPHA, tracks=with_values(ALPHA.tracks, difference=0.02))
     settings = controller(log, robot)

@@ -1,7 +1,5 @@
 """Damaged copies of every kind of log: a log or one line, in bounded memory and time."""
 
-from __future__ import annotations
-
 import gzip
 import resource
 import time
