@@ -1,7 +1,5 @@
 """Every number of a configuration, by its types, in place of which a test puts extreme ones."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import types

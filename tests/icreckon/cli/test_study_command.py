@@ -105,9 +105,7 @@ def test_the_results_are_printed_as_json_on_demand(undisturbed: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
-def test_killed_it_loses_no_finished_block_and_comes_to_the_same(
-    here: Path, undisturbed: Path
-) -> None:
+def test_killed_it_loses_no_finished_block_and_comes_to_the_same(here, undisturbed):
     process = begin("tiny.toml", "--workers", 1, cwd=here)
     workers = children(process.pid)
     process.kill()
@@ -129,9 +127,7 @@ def test_killed_it_loses_no_finished_block_and_comes_to_the_same(
     [(True, signal.SIGINT, "interrupted"), (False, signal.SIGTERM, "terminated")],
     ids=["threads", "processes"],
 )
-def test_a_signal_waits_for_nothing_and_says_how_to_go_on(
-    here: Path, threads: bool, number: signal.Signals, word: str
-) -> None:
+def test_a_signal_waits_for_nothing_and_says_how_to_go_on(here, threads, number, word):
     """Blocks take minutes here, so whoever waits for one is late."""
     engine = f"engines.Engine('streaming', 'study_stub', 4, threads={threads})"
     script = (
@@ -177,9 +173,7 @@ def test_a_signal_waits_for_nothing_and_says_how_to_go_on(
         ({"cluster": "tcp://127.0.0.1:1"}, "no cluster at 'tcp://127.0.0.1:1': "),
     ],
 )
-def test_what_cannot_be_done_is_said(
-    here: Path, monkeypatch: pytest.MonkeyPatch, words: dict[str, Any], told: str
-) -> None:
+def test_what_cannot_be_done_is_said(here, monkeypatch, words, told):
     monkeypatch.chdir(here)
     asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers", "engine", "cluster"))
     asked |= {
