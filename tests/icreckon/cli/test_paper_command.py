@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from command_line import icreckon, icreckon_alone
+from command_line import icreckon
 from icreckon.report.paper.tables import paper_tables
 from icreckon.simulation.paper.contact import load_paper_contact
 from icreckon.simulation.paper.published import PUBLISHED, READ_OFF
@@ -23,7 +23,7 @@ FIGURES = {"figure.png", *(f"figure-{number}.png" for number in (3, 5, 6, 7, 8))
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report, made once."""
     folder = tmp_path_factory.mktemp("paper")
-    done = icreckon_alone("paper", cwd=folder)
+    done = icreckon("paper", cwd=folder, drawn=True)
     assert done.returncode == 0, done.stderr
     for number in (*PUBLISHED, *READ_OFF):
         assert number.name in done.stdout

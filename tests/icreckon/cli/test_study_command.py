@@ -81,7 +81,7 @@ def contents(cwd: Path) -> dict[str, bytes]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("undisturbed")
     (folder / "tiny.toml").write_text(TINY, encoding="utf-8")
-    done = study("tiny.toml", "--workers", 2, cwd=folder)
+    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
     assert done.returncode == 0, done.stderr
     assert "drift after 4 s" in done.stdout
     assert "Over 2 cells of 8 runs each, constant-online drifts" in " ".join(done.stdout.split())

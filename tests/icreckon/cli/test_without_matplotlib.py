@@ -62,10 +62,6 @@ def run(*words: str, cwd: Path) -> tuple[Done, set[str]]:
             ("replay", "drive", "--robot", "auriga-alpha", "--variants", "gyro,constant-online"),
             {"results.json", "page.html", "gyro.tum", "odometry.mcap"},
         ),
-        (
-            ("calibrate", "drive", "--robot", "auriga-alpha", "--models", "constant"),
-            {"results.json", "page.html"},
-        ),
         (("paper",), {"results.json", "page.html", "contact.toml"}),
         (("study", "small.toml", "--workers", "1"), {"results.json", "page.html"}),
     ],
