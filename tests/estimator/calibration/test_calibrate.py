@@ -4,7 +4,6 @@ Coverage over a hundred seeds is measured by benchmarks/calibration.py; here are
 """
 
 from dataclasses import replace
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -423,14 +422,8 @@ def test_no_log_is_refused(robot: Robot) -> None:
     ],
 )
 def test_real_logs_give_what_is_known_of_them(
-    name: str,
-    robot_name: str,
-    radius: float,
-    track: float,
-    lag: float,
-    difference: float,
-    data_dir: Path,
-) -> None:
+    name, robot_name, radius, track, lag, difference, data_dir
+):
     robot = load_robot(robot_name)
     log = sample(data_dir, name, robot_name)
     found = calibrate([log], robot, models=("constant", "inertia"))

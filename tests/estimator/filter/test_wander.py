@@ -173,16 +173,6 @@ def test_smoothing_the_wander(log: Log) -> None:
     forward = run(log, ALPHA, "constant-online", settings=settings(), **START)
     assert both.filtered.states == pytest.approx(forward.states, abs=1e-8)
     assert (both.smoothed.state_sigmas[:, :2] <= both.filtered.state_sigmas[:, :2] * 1.001).all()
-    # Wander that is forgotten at once is white noise, to the smoother too.
-    log = replace(log, others=())
-    more = log.fixes.variances + np.array([WANDER.sigma**2, 0.0])
-    white = replace(log, fixes=replace(log.fixes, variances=more))
-    short = settings(FixWander(WANDER.sigma, 1e-6))
-    found = smooth(log, ALPHA, "constant-online", settings=short, **START).smoothed
-    expected = smooth(white, ALPHA, "constant-online", settings=settings(None), **START).smoothed
-    scale = expected.state_sigmas + 1e-9
-    assert np.abs((found.states - expected.states) / scale).max() < 1e-6
-    assert np.abs((found.state_sigmas - expected.state_sigmas) / scale).max() < 1e-6
 
 
 def test_a_lost_heading_is_found_by_fixes_that_wander() -> None:

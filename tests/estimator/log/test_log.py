@@ -38,12 +38,6 @@ def stamps(*values):
     return np.array(values, dtype=np.int64)
 
 
-def test_clean_stream_is_kept_whole():
-    keep, reasons = screen("imu", [1, 2, 5], [0.0, 1.0, 2.0], [[1, 2]] * 3, positive=[1, 2, 3])
-    assert keep.tolist() == [True, True, True]
-    assert reasons == {}
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_value_that_is_not_finite_is_dropped(bad):
     values = np.zeros((4, 3))

@@ -336,6 +336,21 @@ def test_a_random_drive_goes_on_alike_wherever_it_was_saved(seed, tmp_path):
     assert all(all_known(copied) == all_known(original) for copied in copies)
 
 
+def test_a_clock_that_is_being_set_back_is_set_back_after_a_copy(half_way, tmp_path):
+    def after(k):
+        stamp = MEASUREMENTS[0].stamp - 10**13 + k * STEP
+        return [TrackSpeeds(stamp, 0.3, 0.3), ImuSample(stamp + 3, (0.0, 0.0, 0.0), None)]
+
+    for k in range(5):
+        assert [half_way.feed(m) for m in after(k)] == [False, False]
+    copied = through_a_file(half_way, tmp_path)
+    for k in range(5, 12):
+        for m in after(k):
+            assert copied.feed(m) is half_way.feed(m)
+    assert half_way.health.clock_steps == 1
+    assert known(copied) == known(half_way)
+
+
 def test_a_wrong_setting_in_a_file_is_named_with_its_place(saved):
     rewrite(saved, lambda c: c["settings"].update(adaptation={"eta0": -1.0}))
     said = (

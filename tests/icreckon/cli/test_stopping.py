@@ -101,14 +101,8 @@ def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
     "words",
     [
         ("simulate", "--duration", "10", "--out", "out"),
-        pytest.param(
-            ("simulate", "--duration", "30", "--format", "sqlite3", "--out", "out"),
-            marks=pytest.mark.thorough,
-        ),
-        pytest.param(
-            ("simulate", "--duration", "30", "--format", "ros1", "--out", "out.bag"),
-            marks=pytest.mark.thorough,
-        ),
+        thorough(("simulate", "--duration", "30", "--format", "sqlite3", "--out", "out")),
+        thorough(("simulate", "--duration", "30", "--format", "ros1", "--out", "out.bag")),
         thorough(("paper", "--out", "out")),
         ("inspect", "BAG", "--write", "robot.toml"),
     ],

@@ -182,13 +182,3 @@ def test_without_track_speeds_there_is_only_the_imu(log: Log):
     none = np.zeros(0, dtype=np.int64)
     empty = replace(log, tracks=TrackSpeedSeries(none, np.zeros((0, 2))))
     assert parsed(empty, ALPHA).keys() == {"imu_driver"}
-
-
-def test_several_logs_are_pooled(log: Log):
-    """Each log shows a track; the covariances are those of all logs together."""
-    faster = replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, 1.1 * log.tracks.speeds))
-    one, other = (twist_errors([each], ALPHA).forward for each in (log, faster))
-    both = twist_errors([log, faster], ALPHA).forward
-    assert both == pytest.approx(np.sqrt(0.5 * (one**2 + other**2)), rel=0.05)
-    text = ros_settings([log, faster], ALPHA)
-    assert re.search(r"of these logs 2\.\d+ ± 0\.\d+, 2\.\d+ ± 0\.\d+", text)

@@ -100,14 +100,6 @@ def test_turning_shows_the_mounting_of_a_gyro_alone(rpy_deg: tuple[float, float,
     assert mounting.accelerometer_noise_density is None
 
 
-def test_accelerometers_that_read_zero_show_no_mounting() -> None:
-    log = driven_log((180.0, 0.0, 0.0))
-    forces = np.zeros_like(log.imu.linear_acceleration)
-    mounting = estimate_mounting(replace(log, imu=replace(log.imu, linear_acceleration=forces)))
-    assert mounting.up_shown_by == "turning"
-    assert abs(mounting.rotation_rpy_deg[0]) == pytest.approx(180.0, abs=0.5)
-
-
 def test_a_gyro_alone_that_hardly_turns_is_taken_as_upright() -> None:
     log = without_accelerometers(driven_log((90.0, 0.0, 0.0)))
     straight = np.repeat(log.tracks.speeds.mean(axis=1)[:, None], 2, axis=1)

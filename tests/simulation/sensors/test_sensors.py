@@ -238,15 +238,6 @@ def test_the_factor_is_on_errors_and_not_on_times_and_shares():
 
 
 @pytest.mark.parametrize(
-    ("spec", "errors"),
-    [(EncoderSpec, EncoderErrors), (InertialSpec, InertialErrors), (FixSpec, FixErrors)],
-)
-def test_a_data_sheet_has_every_error(spec, errors):
-    assert set(spec.__struct_fields__) == {*errors.__struct_fields__, "factor"}
-    assert not [value for value in msgspec.structs.astuple(spec()) if value is not None]
-
-
-@pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: noise_preset("industral"), "did you mean 'industrial'"),

@@ -20,7 +20,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.trajectories import TRAJECTORIES, make_trajectory
 from icreckon.simulation.truth.by_name import make_truth
 from icreckon.simulation.truth.kinematic import KinematicTruth, draw_parameters
-from icreckon.simulation.truth.true_motion import TRUE_SLIP, gauss_markov, integrate_twists
+from icreckon.simulation.truth.true_motion import TRUE_SLIP, gauss_markov
 
 ALPHA = load_robot("auriga-alpha")
 NO_SLIP = Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -202,12 +202,6 @@ def test_twist_rates_are_the_derivative():
     assert np.allclose(accelerations[:, 0], rates[:, 0] - w * v_y)
     assert np.allclose(accelerations[:, 1], rates[:, 1] + w * v_x)
     assert np.isfinite(motion.twist_rates_at(np.array([0.0, 20.0]), 0.01)).all()
-
-
-def test_short_motions_integrate():
-    for count in (1, 2, 3, 4):
-        poses = integrate_twists(np.tile([1.0, 0.0, 0.0], (count, 1)), 0.1)
-        assert poses[:, 0] == pytest.approx(0.1 * np.arange(count))
 
 
 def test_unknown_truth_says_which_there_is():
