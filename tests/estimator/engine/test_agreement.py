@@ -389,7 +389,7 @@ def test_arrays_agree_with_streaming(name: str) -> None:
     assert_same_estimate(by_arrays, one_by_one)
 
 
-def short(fix_rate: float = 5.0, seconds: float = 1.2) -> Log:
+def short(fix_rate: float = 5.0, seconds: float = 0.8) -> Log:
     return first(drive(fix_rate=fix_rate), seconds)
 
 

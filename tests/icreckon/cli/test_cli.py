@@ -41,7 +41,7 @@ TRAJECTORIES = {*ALL_VARIANTS, "ground_truth"}
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short demo, run once."""
     folder = tmp_path_factory.mktemp("demo")
-    done = icreckon_alone("demo", "--duration", 60, "--workers", 2, cwd=folder)
+    done = icreckon("demo", "--duration", 60, "--workers", 1, cwd=folder, drawn=True)
     assert done.returncode == 0, done.stderr
     assert "truth: friction" in done.stdout
     for variant in ALL_VARIANTS:

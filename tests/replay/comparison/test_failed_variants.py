@@ -27,7 +27,7 @@ from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
-LOG = simulate(Scenario(duration=30.0, seed=2, outages=((10.0, 30.0),)), ROBOT)
+LOG = simulate(Scenario(duration=24.0, seed=2, outages=((10.0, 24.0),)), ROBOT)
 VARIANTS = ("constant-online", "inertia-online")
 LOST = 12.0  # s
 FROM = int(LOG.start + LOST * 1e9)
