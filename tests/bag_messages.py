@@ -1,7 +1,5 @@
 """Small bags with messages made by hand."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -90,18 +88,14 @@ def halves(log):
         log,
         tracks=TrackSpeedSeries(log.tracks.stamps[:100], log.tracks.speeds[:100]),
         imu=ImuSeries(
-            log.imu.stamps[:200],
-            log.imu.angular_velocity[:200],
-            log.imu.linear_acceleration[:200],
+            log.imu.stamps[:200], log.imu.angular_velocity[:200], log.imu.linear_acceleration[:200]
         ),
     )
     second = replace(
         log,
         tracks=TrackSpeedSeries(log.tracks.stamps[100:], log.tracks.speeds[100:]),
         imu=ImuSeries(
-            log.imu.stamps[200:],
-            log.imu.angular_velocity[200:],
-            log.imu.linear_acceleration[200:],
+            log.imu.stamps[200:], log.imu.angular_velocity[200:], log.imu.linear_acceleration[200:]
         ),
         fixes=None,
         truth=None,
@@ -155,3 +149,40 @@ def twist(v=0.0, w=0.0):
 
 
 SPEEDS = [("/js", joints(k * 10**9, (1.0, 2.0))) for k in range(1, 4)]
+
+
+def navsatfix(
+    stamp: int,
+    latitude: float,
+    longitude: float,
+    altitude: float = 0.0,
+    status: int = 0,
+    variances: tuple[float, float] = (0.04, 0.09),
+    known: int = 2,
+):
+    covariance = np.diag([*variances, 1.0]).ravel()
+    return T["sensor_msgs/msg/NavSatFix"](
+        header(stamp, "gps"),
+        T["sensor_msgs/msg/NavSatStatus"](status, 1),
+        latitude,
+        longitude,
+        altitude,
+        covariance,
+        known,
+    )
+
+
+def orientation(stamp: int, yaw: float, covariance: float = 0.01, absent: bool = False):
+    full = np.diag([1.0, 1.0, covariance]).ravel() if covariance else np.zeros(9)
+    if absent:
+        full[0] = -1.0
+    none = np.array([-1.0, *[0.0] * 8])
+    return T["sensor_msgs/msg/Imu"](
+        header(stamp),
+        T["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2)),
+        full,
+        vector(),
+        none,
+        vector(),
+        none,
+    )

@@ -1,7 +1,5 @@
 """Running the command as a user does: in a process of its own, or in this one, which is quicker."""
 
-from __future__ import annotations
-
 import io
 import subprocess
 import sys

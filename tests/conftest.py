@@ -1,7 +1,5 @@
 """What several tests need: where the sample logs are, and small logs made on the spot."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -39,28 +37,13 @@ os.environ.pop("COLUMNS", None)
 settings.register_profile("same-examples", derandomize=True, database=None, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-examples"))
 LONG = (
-    "test_how_to.py",
-    "test_fresh_cache.py",
-    "test_pages.py",
-    "test_live_ros.py",
-    "test_readme.py",
-    "test_ros2.py",
-    "test_accuracy.py",
-    "test_calibrate_command.py",
-    "test_compiled.py",
-    "test_cli.py",
-    "test_study_command.py",
-    "test_stopping.py",
-    "test_extreme_configurations.py",
-    "test_calibrate.py",
-    "test_scattering_fixes.py",
-    "test_agreement.py",
-    "test_truth_tables.py",
-    "test_considered.py",
-    "test_position_truth.py",
-    "test_paper_command.py",
-    "test_robot_check.py",
-)
+    "test_how_to.py", "test_fresh_cache.py", "test_pages.py", "test_live_ros.py",
+    "test_readme.py", "test_ros2.py", "test_accuracy.py", "test_calibrate_command.py",
+    "test_compiled.py", "test_cli.py", "test_study_command.py", "test_stopping.py",
+    "test_extreme_configurations.py", "test_calibrate.py", "test_scattering_fixes.py",
+    "test_agreement.py", "test_truth_tables.py", "test_considered.py", "test_position_truth.py",
+    "test_paper_command.py", "test_robot_check.py",
+)  # fmt: skip
 """Files that take longest. They begin first, so that no worker is left with one at the end."""
 
 

@@ -1,7 +1,5 @@
 """Every number of a configuration, by its types, in place of which a test puts extreme ones."""
 
-from __future__ import annotations
-
 import copy
 import itertools
 import types
@@ -14,19 +12,9 @@ import msgspec
 Path = tuple[str | int, ...]
 
 EXTREMES = (
-    1e-308,
-    -1e-308,
-    1e308,
-    -1e308,
-    2**63 - 1,
-    -(2**63),
-    1e-12,
-    1e12,
-    -0.0,
-    float("inf"),
-    float("-inf"),
-    float("nan"),
-)
+    1e-308, -1e-308, 1e308, -1e308, 2**63 - 1, -(2**63), 1e-12, 1e12, -0.0, float("inf"),
+    float("-inf"), float("nan"),
+)  # fmt: skip
 
 
 def number_paths(kind: Any, path: Path = (), name: str = "name") -> Iterator[Path]:

@@ -1,19 +1,15 @@
 """Simulated drives with one fault, and the motion over it, for the tests of faults."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.cli.demo import DURATION, demo_scenario
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
@@ -101,7 +97,6 @@ def _of_wheels(log: Log, sides: Sequence[Floats]) -> Log:
 
 def with_free_wheel(log: Log, begins: float = BEGINS, lasts: float = 3.0) -> Log:
     """The log of a robot with wheels, whose foremost left one spins."""
-    assert log.tracks.left_wheels is not None
     assert log.tracks.right_wheels is not None
     left = log.tracks.left_wheels.copy()
     left[_within(log, log.tracks.stamps, lasts, begins), 0] += EXCESS
@@ -109,15 +104,7 @@ def with_free_wheel(log: Log, begins: float = BEGINS, lasts: float = 3.0) -> Log
 
 
 class Motion(NamedTuple):
-    """Motion over a fault.
-
-    Attributes:
-        error: error of the position [m].
-        sigma: own standard deviation of it [m].
-        yaw: error of the yaw [rad].
-        yaw_sigma: own standard deviation of it [rad].
-        delay: time until `health` shows the fault [s], or NaN.
-    """
+    """Motion over a fault."""
 
     error: float
     sigma: float
@@ -147,7 +134,6 @@ def motion_over(
         if measurement.stamp > begin and delay != delay and shown(estimator.health):
             delay = (measurement.stamp - begin) * NANOSECOND
     found = estimator.relative_motion(begin)
-    assert log.truth is not None
     true = interpolate_poses(log.truth.poses, np.array([begin, end]))
     error, P = found.pose - relative(true[0], true[1]), found.covariance
     return Motion(
@@ -157,30 +143,3 @@ def motion_over(
         float(np.sqrt(P[2, 2])),
         delay,
     )
-
-
-class Sliding(NamedTuple):
-    """Upper tracks that slide: number of times in a drive, and errors of v_x meanwhile [m/s]."""
-
-    times: int
-    of_tracks: Floats
-    of_filter: Floats
-
-
-def upper_track_slides(robot: Robot, index: int) -> Sliding:
-    """A drive over the demo's rolling ground, where a tall robot stands on its lower track at times."""
-    log = simulate(demo_scenario(1, DURATION, "random"), robot, run_index=index)
-    assert log.truth is not None
-    twists, estimator, mean = log.truth.twists, PoseEstimator(robot, "gyro"), 0.0
-    found = []
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-        if isinstance(measurement, TrackSpeeds):
-            mean = 0.5 * (measurement.left + measurement.right)
-        elif (
-            isinstance(measurement, ImuSample) and estimator.health.finding("spinning") is not None
-        ):
-            true = float(np.interp(measurement.stamp, twists.stamps, twists.twists[:, 0]))
-            found.append((mean - true, float(estimator.twist[0]) - true))
-    of_tracks, of_filter = np.array(found).T
-    return Sliding(estimator.health.times.get("spinning", 0), of_tracks, of_filter)

@@ -1,29 +1,18 @@
 """Forces of the ground on the tracks at given loads, for many motions."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
 
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.simulation.contact.contact import Contact, Loads, Wrench, ground
-from icreckon.simulation.contact.contact_forces import (
-    COLUMNS,
-    PointLoads,
-    add_track_forces,
-)
+from icreckon.simulation.contact.contact_forces import COLUMNS, PointLoads, add_track_forces
 
 
 def track_forces(
     twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact, loads: Loads
 ) -> tuple[Wrench, Any, Any]:
-    """Force and moment of the ground on both tracks at given loads.
-
-    Returns:
-        Wrench with its Jacobian by the twist at these loads, and derivatives (3, n) of its values by
-        the force at the centre of mass to the right and forward, through the loads.
-    """
+    """Force and moment of the ground on both tracks at given loads."""
     motion = np.stack(np.broadcast_arrays(*map(np.atleast_1d, (*twist, V_l, V_r))), axis=-1)
     motion = motion if np.iscomplexobj(motion) else motion.astype(float)
     values = np.zeros((len(motion), 3), dtype=motion.dtype)

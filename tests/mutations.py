@@ -1,7 +1,5 @@
 """Damaged copies of a file: bits flipped, bytes cut off, doubled, taken out, put in, overwritten."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

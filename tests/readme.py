@@ -1,7 +1,5 @@
 """The code blocks of README and docs, for the tests that run them."""
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -62,16 +60,6 @@ def run_page(
 
     Each block of the language `text` must be what the shell block before it has printed: line by line,
     in order, other lines between them left out, figures roughly the same.
-
-    Args:
-        page: of the repository.
-        folder: where to run them.
-        section: see `blocks`.
-        programs: a folder of programs beside those of the environment of the tests.
-        before: called with each shell block before it is run.
-
-    Returns:
-        All that was printed.
     """
     paths = [Path(sys.executable).parent, *([] if programs is None else [programs])]
     path = os.pathsep.join([*map(str, paths), os.environ["PATH"]])

@@ -6,8 +6,6 @@ It begins when each topic has N subscribers. With --clock it publishes /clock, t
 back. FILE gets a line for each message: its recorded time and the time of sending [ns].
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 from importlib import import_module

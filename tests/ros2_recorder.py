@@ -7,8 +7,6 @@ with the first message: a publisher that announced all its topics before has fou
 the number of messages of the first topic. It ends without a shutdown of ROS, which hung once.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import sys

@@ -1,7 +1,5 @@
 """Simulated logs whose sensors are irregular or silent, and the comparison of two runs over them."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
@@ -15,6 +13,7 @@ from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.streaming.outputs import Run
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
@@ -38,7 +37,6 @@ def drive(
     def late(stamps: np.ndarray, most: int) -> np.ndarray:
         return np.asarray(np.sort(stamps + rng.integers(0, most, len(stamps))))
 
-    assert log.imu is not None
     tracks = replace(log.tracks, stamps=late(log.tracks.stamps, 18_000_000))
     imu = replace(log.imu, stamps=late(log.imu.stamps, 9_000_000))
     fixes = log.fixes
@@ -146,3 +144,24 @@ def assert_same_counts(found: Run, expected: Run, between_rows: Sequence[str] = 
             assert mine.newest.residual == pytest.approx(sensor.newest.residual, rel=1e-6)
             here, there = np.array(mine.newest.covariance), np.array(sensor.newest.covariance)
             np.testing.assert_allclose(here, there, rtol=1e-6)
+
+
+def assert_same_estimate(found: PoseEstimator, expected: PoseEstimator) -> None:
+    """Estimate and health are the same, to rounding."""
+    assert (found.stamp, found.stands) == (expected.stamp, expected.stands)
+    sigmas = np.sqrt(np.diagonal(expected.covariance))
+    unit = np.where(sigmas > 0.0, sigmas, 1.0)
+    assert off(found.state, expected.state, unit) < 1e-9
+    assert off(found.covariance, expected.covariance, np.outer(unit, unit)) < 1e-9
+    mine, theirs = found.health, expected.health
+    for name in ("standstill_updates", "track_gaps", "times", "findings"):
+        assert getattr(mine, name) == getattr(theirs, name), name
+    assert mine.sensors.keys() == theirs.sensors.keys()
+    for name, sensor in mine.sensors.items():
+        for count in ("used", "rejected", "degrees", "judged_count", "reacquired", "late"):
+            assert getattr(sensor, count) == getattr(theirs.sensors[name], count), (name, count)
+        assert sensor.nis_sum == pytest.approx(theirs.sensors[name].nis_sum, rel=1e-9)
+        if sensor.recent_nis is not None:
+            assert sensor.recent_nis == pytest.approx(theirs.sensors[name].recent_nis, rel=1e-6)
+    assert found.twist == pytest.approx(expected.twist, abs=1e-10)
+    assert found.indices == pytest.approx(expected.indices, abs=1e-9)

@@ -1,7 +1,5 @@
 """A small robot file, and a short drive as a bag, for tests of commands."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

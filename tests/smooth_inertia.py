@@ -1,7 +1,5 @@
 """Equations of the paper against which the motion models are tested: (11), and (25) to (27) smooth."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -29,12 +27,6 @@ def indices_at_signed_inertia(signed: Number, directed: Number, parameters: Any)
     """Indices at the smooth signed inertia, (25) to (27).
 
     `signed_inertia` replaces |F| sign().
-
-    Args:
-        signed: first value of `signed_inertia` [N].
-        directed: second value of `signed_inertia` [N].
-        parameters: eight index parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`;
-            H is not used.
     """
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = parameters[:8]
     return IndexValues(

@@ -1,10 +1,11 @@
-"""The walls and floors of the house: who may import whom, and what must not be loaded early."""
+"""The walls and floors of the house: imports, what must not be loaded early, words of docstrings."""
 
 import ast
 import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -56,8 +57,19 @@ ASSEMBLE = {
     "estimator/reference/filter.py",
 }
 MOST_FILES = 13
+DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+LONGEST_LINE = 80
+# A first line begins with a verb or a noun of the field, not with these.
+OPENINGS = re.compile(
+    r"(What|How|Whether|Of|The same|Those|All that|Everything|Itself|See|Where|When|Which|Who|That)\b"
+)
+# Code and data do not speak, know, believe or ask.
+PERSON_VERBS = re.compile(
+    r"\b(told|tells?|says|said|knows?|believes?|believed|foretold|goes by|go by)\b"
+)
 
 
+@cache
 def sources(package: str) -> list[Path]:
     """Files of a package, but not those that the links in icreckon/ lead to."""
     found = sorted((ROOT / package).rglob("*.py"))
@@ -73,16 +85,35 @@ def module_of(source: Path) -> str:
 MODULES = {module_of(source): source for package in FLOORS for source in sources(package)}
 
 
-def imported(source: Path) -> Iterator[str]:
-    """Modules of all imports in a file, also those inside functions."""
-    for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
+@cache
+def nodes(source: Path) -> tuple[ast.AST, ...]:
+    """Imports and docstrings' owners in a file, also those inside functions."""
+    kinds = ast.Import | ast.ImportFrom | DOCUMENTED
+    found = ast.walk(ast.parse(source.read_text(encoding="utf-8")))
+    return tuple(node for node in found if isinstance(node, kinds))
+
+
+@cache
+def imported(source: Path) -> frozenset[str]:
+    """Modules of all imports in a file."""
+    found: set[str] = set()
+    for node in nodes(source):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{source}: a relative import hides its direction"
             for alias in node.names:
                 inside = f"{node.module}.{alias.name}"
-                yield inside if inside in MODULES else str(node.module)
+                found.add(inside if inside in MODULES else str(node.module))
+    return frozenset(found)
+
+
+def docstrings(source: Path) -> Iterator[tuple[int, str]]:
+    """Line and text of each docstring of a file."""
+    for node in nodes(source):
+        text = ast.get_docstring(node) if isinstance(node, DOCUMENTED) else None
+        if text is not None:
+            yield getattr(node, "lineno", 1), text
 
 
 def place_of(module: str) -> tuple[str, str]:
@@ -146,7 +177,7 @@ def test_rooms_are_small_and_say_what_they_are_for(package: str) -> None:
         assert len(files) <= MOST_FILES, f"{folder.relative_to(ROOT)} has {len(files)} files"
         init = folder / "__init__.py"
         assert init.exists(), folder
-        assert ast.get_docstring(ast.parse(init.read_text(encoding="utf-8"))), init
+        assert next(docstrings(init), None), init
 
 
 def test_tests_mirror_the_rooms() -> None:
@@ -192,6 +223,18 @@ def test_files_are_rooms_not_halls(package: str) -> None:
     for source in sources(package):
         lines = len(source.read_text(encoding="utf-8").splitlines())
         assert lines <= LONGEST_FILE, f"{source.relative_to(ROOT)} has {lines} lines"
+
+
+@pytest.mark.parametrize("package", FLOORS)
+def test_first_lines_are_plain(package: str) -> None:
+    wrong = [
+        f"{source.relative_to(ROOT)}:{line}: {first!r}"
+        for source in sources(package)
+        for line, text in docstrings(source)
+        if (first := text.splitlines()[0])
+        and (len(first) > LONGEST_LINE or OPENINGS.match(first) or PERSON_VERBS.search(first))
+    ]
+    assert not wrong, "\n".join(wrong)
 
 
 @pytest.mark.parametrize("package", FLOORS)

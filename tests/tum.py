@@ -1,7 +1,5 @@
 """A reader of trajectories in the TUM format, as strict as readers of others may be."""
 
-from __future__ import annotations
-
 from decimal import Decimal
 from pathlib import Path
 
@@ -18,13 +16,6 @@ def read_tum(path: Path) -> PoseSeries:
     """Read a TUM file as planar poses; z, roll and pitch are ignored.
 
     Stamps are exact to 1 ns. Lines that start with `#` and empty lines are skipped.
-
-    Args:
-        path: the file.
-
-    Raises:
-        ReplayError: no such file, a line that is not eight finite numbers, a zero quaternion or
-            stamps that do not increase.
     """
     try:
         lines = path.read_text(encoding="utf-8").splitlines()

@@ -1,7 +1,5 @@
 """Identification of the paper's contact, in little: on numbers whose contact is known."""
 
-from __future__ import annotations
-
 import json
 import tomllib
 from pathlib import Path
@@ -67,9 +65,7 @@ def test_the_stored_results_are_the_contact_that_ships(tmp_path: Path) -> None:
         assert found == (pytest.approx(value, rel=1e-5) if isinstance(value, float) else value)
 
 
-def test_a_contact_without_stationary_motions_is_hopeless_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_contact_without_stationary_motions_is_hopeless_too(monkeypatch):
     def unsolved(*_: object, **__: object) -> None:
         raise SimulationError("no stationary motion found for 1 of 441 pairs")
 

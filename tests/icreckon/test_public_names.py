@@ -1,7 +1,5 @@
 """Public names: what functions return is among them, and `dir` shows nothing else."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterator
 from typing import Any, get_args, get_type_hints

@@ -1,7 +1,5 @@
 """Every number of robot, scenario and study files at its limits: refused by its name, or harmless."""
 
-from __future__ import annotations
-
 import tomllib
 import warnings
 from collections.abc import Iterator
@@ -137,10 +135,8 @@ def check_scenario(scenario: Scenario) -> None:
         refused(problem, "")
         return
     assert np.isfinite(log.tracks.speeds).all()
-    assert log.imu is not None
     assert np.isfinite(log.imu.angular_velocity).all()
     assert np.isfinite(log.imu.linear_acceleration).all()
-    assert log.truth is not None
     assert np.isfinite(log.truth.poses.poses).all()
 
 

@@ -4,19 +4,11 @@ import pytest
 
 from icreckon.estimator.log.log import screen
 from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.coulomb_gains import coulomb_gains
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import EPOCH
-from icreckon.simulation.scenario import (
-    Scenario,
-    change_scenario,
-    grid_rate,
-    load_scenario,
-    lost_options,
-)
+from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec
 from icreckon.simulation.simulate import run_scenario, simulate
 from icreckon.simulation.truth.terrain import Patch, Payload, Terrain
@@ -121,13 +113,6 @@ def test_noise_presets_leave_the_truth_alone():
     )
 
 
-def test_streams_are_independent():
-    draws = [generator.standard_normal(20_000) for generator in random_streams(1, 0)]
-    draws += [generator.standard_normal(20_000) for generator in random_streams(1, 1)]
-    correlation = np.corrcoef(draws) - np.eye(len(draws))
-    assert np.abs(correlation).max() < 5.0 / np.sqrt(20_000)
-
-
 def test_rates_choose_the_samples_and_not_the_commands():
     fast = msgspec.structs.replace(SHORT, track_rate=200.0, imu_rate=500.0, truth_rate=10.0)
     log = simulate(fast, ALPHA)
@@ -138,25 +123,6 @@ def test_rates_choose_the_samples_and_not_the_commands():
     assert np.allclose(log.truth.tracks.speeds, base.speeds[::5], atol=5e-5)
     odd = simulate(msgspec.structs.replace(SHORT, track_rate=33.3, imu_rate=130.0), ALPHA)
     assert (np.diff(odd.tracks.stamps) > 0).all()
-
-
-def test_grid_rate_is_a_multiple_of_the_imu_rate():
-    assert [grid_rate(rate) for rate in (50.0, 100.0, 130.0, 200.0, 500.0, 800.0)] == [
-        200.0,
-        200.0,
-        260.0,
-        400.0,
-        1000.0,
-        800.0,
-    ]
-
-
-def test_without_fixes_or_truth():
-    scenario = msgspec.structs.replace(SHORT, fix_rate=0.0, include_truth=False)
-    result = run_scenario(scenario, ALPHA)
-    assert result.log.fixes is None
-    assert result.log.truth is None
-    assert result.true_parameters is None
 
 
 def test_spread_zero_is_the_robot_file():
@@ -178,7 +144,6 @@ def test_outages_take_fixes_away():
     ("values", "message"),
     [
         ({"trajectory": "slalon"}, "did you mean 'slalom'"),
-        ({"truth": "friktion"}, "no truth named 'friktion'"),
         ({"noise": "nominl"}, "did you mean 'nominal'"),
         (
             {"trajectory_options": {"hodl": 1.0}},
@@ -189,15 +154,12 @@ def test_outages_take_fixes_away():
             {"truth_rate": 1e6, "duration": 1.0},
             "truth_rate must be .* 10000 at most, found 1000000.0",
         ),
-        ({"imu_rate": 1e5, "duration": 1.0}, "imu_rate must be .* 10000 at most, found 100000.0"),
         ({"track_rate": 1e4, "duration": 600.0}, "track_rate = 10000.0 Hz over 600.0 s makes 6e"),
         (
             {"duration": 3e4},
             "the true motion at 200 Hz .* makes 6e[+]06 samples, more than 5e[+]06",
         ),
-        ({"duration": "20"}, "duration of a Scenario: Expected `float`, got `str`"),
         ({"patches": Patch(friction=0.5)}, "patches of a Scenario: Expected `array`, got `Patch`"),
-        ({"outages": (1, 2)}, "outages of a Scenario: Expected `array`, got `int`"),
         ({"outages": ((9.0, 5.0),)}, "an outage must end after it starts, found 9.0 to 5.0 s"),
         ({"outages": ((5.0, 400.0),)}, "an outage must lie within the run of 300.0 s"),
     ],
@@ -282,25 +244,18 @@ def test_a_scenario_is_read_from_a_file(tmp_path):
             "unknown key 'bias_instable' in [gyro]; did you mean 'bias_ins",
         ),
         ("[gyro]\nbias_walk = 'x'", "[gyro] bias_walk: expected a number, found text"),
-        ("gyro = 3", "gyro: expected a table, found a whole number"),
         ("trajectory = 'spin'\n[trajectory_options]\nsped = 1", "did you mean 'speed'?"),
         (
             "[terrain]\nwavelength = 5",
             "[terrain] wavelength has no effect, the ground does not roll: give rolling_deg",
         ),
         (
-            "[terrain]\nslope_deg = 5\nkerb_every = 5",
-            "kerb_every has no effect, there are no kerbs: give kerb_height, or leave it out",
-        ),
-        (
             "[terrain]\nuphill_deg = 90",
             "level ground has no direction: give slope_deg, rolling_deg or kerb_height",
         ),
         ("[[terrain]]\nslope_deg = 3", "terrain: expected a table, found a list"),
-        ("[[patches]]", "a patch changes nothing"),
         ("[[patches]]\nuphill_deg = 90", "has uphill_deg = 90.0 but no slope_deg"),
         ("seed = 99999999999999999999999", "seed must be a whole number from 0"),
-        ("outages = [[1, 2, 3]]", "number 1: expected a list of length 2"),
         ("duration 3", "not a valid TOML file"),
     ],
 )
@@ -384,51 +339,6 @@ def test_a_recorded_drive_from_a_file_beside_the_scenario_and_from_memory(tmp_pa
         simulate(SHORT, ALPHA, recording=recording)
     with pytest.raises(SimulationError, match="'recorded' needs trajectory_file"):
         simulate(bare, ALPHA)
-
-
-def test_a_simulated_log_drives_the_simulator_again():
-    drive = simulate(msgspec.structs.replace(SHORT, noise="perfect"), ALPHA).tracks
-    again = Scenario(trajectory="recorded", duration=30.0, noise="perfect", track_lag=0.0)
-    # Three seconds of standstill and the shortest ramp come before; speeds are those of the middle
-    # of the interval that each sample averages.
-    shift = round((3.0 + 0.2) * 50.0)
-    driven = simulate(again, ALPHA, recording=drive).truth.tracks.speeds
-    assert np.allclose(driven[shift : shift + len(drive.stamps)], drive.speeds, atol=1e-3)
-
-
-def test_a_run_shorter_than_the_standstill_stands_still():
-    log = simulate(Scenario(trajectory="stop-and-go", duration=1.0, noise="perfect"), ALPHA)
-    assert not log.truth.poses.poses.any()
-    assert not log.tracks.speeds.any()
-
-
-def test_on_a_slope_gravity_is_in_what_the_accelerometer_reads():
-    hill = Patch(slope_deg=6.0, uphill_deg=0.0)
-    scenario = Scenario(trajectory="spin", duration=20.0, noise="perfect", patches=(hill,))
-    result = run_scenario(scenario, ALPHA)
-    force = result.log.imu.linear_acceleration
-    pull = GRAVITY * np.sin(np.radians(6.0))
-    # At first it stands, nose uphill: what holds it up pushes forward.
-    seconds = (result.log.imu.stamps - EPOCH) / 1e9
-    standing = (seconds > 0.1) & (seconds < 2.9)
-    assert force[standing, 0] == pytest.approx(pull, abs=1e-3)
-    assert force[standing, 2] == pytest.approx(GRAVITY * np.cos(np.radians(6.0)), abs=1e-6)
-    # Spinning, it reads the slope turned into its own axes, and little else.
-    turning = seconds > 8.0
-    yaw = result.motion.poses_at(seconds)[:, 2]
-    left = -pull * np.sin(yaw[turning])
-    assert np.corrcoef(force[turning, 1], left)[0, 1] > 0.98
-
-
-def test_a_payload_and_a_patch_change_the_motion_from_when_they_come():
-    load = Payload(time=(10.0, 15.0), mass=60.0, position=(-0.1, 0.0, 0.5))
-    mud = Patch(time=(10.0, 15.0), friction=0.5, rolling_resistance=0.2)
-    base = simulate(SHORT, ALPHA)
-    for change in ({"payloads": (load,)}, {"patches": (mud,)}):
-        log = simulate(msgspec.structs.replace(SHORT, **change), ALPHA)
-        same = base.truth.twists.twists[:480], log.truth.twists.twists[:480]
-        assert np.allclose(*same, atol=1e-4)
-        assert np.abs(base.truth.twists.twists - log.truth.twists.twists)[500:750].max() > 0.01
 
 
 def test_the_kinematic_truth_refuses_what_it_does_not_know():

@@ -1,7 +1,5 @@
 """Files of killed processes are removed; those of running ones, and others', are not."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
@@ -25,7 +23,6 @@ def test_a_killed_process_holds_nothing(tmp_path: Path) -> None:
         "with owned(Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", script, mark], stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
         process.stdout.readline()
         assert is_held(mark) is True
         process.kill()

@@ -1,7 +1,5 @@
 """Variants side by side over one log: real logs, what is refused, and where comparisons use them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -51,7 +49,6 @@ def test_real_logs(data_dir: Path, name: str, robot_name: str, part: str | None)
 
 def test_what_cannot_be_taken_is_refused_by_name() -> None:
     log = drive()
-    assert log.imu is not None
     begin = int(log.tracks.stamps[0])
 
     def refused(log: Log, why: str, *variants: str, settings: Settings | None = None) -> None:
@@ -62,7 +59,6 @@ def test_what_cannot_be_taken_is_refused_by_name() -> None:
     refused(replace(log, others=(ZeroVelocity(begin, (0.1, 0.1, 0.1)),)), "ZeroVelocity")
     refused(log, "engine", settings=Settings(engine="plain"))
     forces = log.imu.linear_acceleration
-    assert forces is not None
     forces = forces.copy()
     forces[7] = np.nan
     refused(replace(log, imu=replace(log.imu, linear_acceleration=forces)), "without forces")
@@ -111,16 +107,12 @@ def test_what_side_by_side_cannot_take_is_streamed(monkeypatch: pytest.MonkeyPat
     assert list(smoothed.runs) == ["constant-online", "constant-online-smoothed"]
 
 
-def test_a_truth_that_was_logged_is_aligned_side_by_side(
-    monkeypatch: pytest.MonkeyPatch, data_dir: Path
-) -> None:
+def test_a_truth_that_was_logged_is_aligned_side_by_side(monkeypatch, data_dir):
     robot = load_robot("warthog")
     log = sample(data_dir, "warthog_asphalt_2024_9_25_12h8s57", "warthog")
     apart = compare(log, robot, ("constant-online",))
     monkeypatch.setattr(comparison, "MANY_SAMPLES", 1000)
     monkeypatch.setattr(comparison, "run", _not_streamed)
     together = compare(log, robot, ("constant-online",))
-    assert apart.alignment is not None
-    assert together.alignment is not None
     assert together.alignment.lag == pytest.approx(apart.alignment.lag, abs=1e-6)
     assert_same_run(together.runs["constant-online"], apart.runs["constant-online"], 1e-5)

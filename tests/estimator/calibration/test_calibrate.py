@@ -3,10 +3,7 @@
 Coverage over a hundred seeds is measured by benchmarks/calibration.py; here are a few short runs.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -23,6 +20,8 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.inspection.latency import track_latency
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import run_scenario
 
 KINEMATIC = ("differential", "constant", "inertia")
 # Of seven parameters, biases and so on, each 95 % interval misses now and then, but not by so much.
@@ -93,7 +92,7 @@ def test_two_radii_are_told_apart_whatever_the_file_says(case: Case, before: flo
     log = with_radii(case.log, -0.05)
     tracks = msgspec.structs.replace(case.robot.tracks, difference=before)
     robot = msgspec.structs.replace(case.robot, tracks=tracks)
-    found = calibrate([log], robot, models=("constant", "inertia"))
+    found = calibrate([log], robot, models=("constant",))
     one = found.parameter("tracks.difference")
     assert one.status == "shown"
     assert one.before == before
@@ -102,34 +101,6 @@ def test_two_radii_are_told_apart_whatever_the_file_says(case: Case, before: flo
     assert found.robot.tracks.difference == one.value
     assert one.sigma < found.robot.tracks.difference_sigma < 0.03
     assert found.logs[0].gyro_bias[0] == pytest.approx(case.true["gyro_bias"], abs=1e-3)
-
-
-@pytest.mark.thorough
-def test_equal_radii_are_not_called_different(case: Case) -> None:
-    """Within its error of zero nothing is written, and a difference of the file is corrected."""
-    log = with_radii(case.log, -case.true["tracks.difference"])
-    for before, small in ((0.0, True), (0.05, True), (1e-4, False)):
-        tracks = msgspec.structs.replace(case.robot.tracks, difference=before)
-        robot = msgspec.structs.replace(case.robot, tracks=tracks)
-        equal = calibrate([log], robot, models=("constant", "inertia"))
-        one = equal.parameter("tracks.difference")
-        assert abs(one.value) < 1.96 * one.sigma < 0.02
-        assert equal.robot.tracks.difference == (0.0 if small else before)
-        assert one.note == f"within its error of zero: the file has {0.0 if small else before:.4g}"
-
-
-@pytest.mark.thorough
-def test_the_difference_does_not_disturb_what_else_is_found(case: Case, found: Calibration) -> None:
-    """Another 5 % between the radii leave all else where it was, the verdict too."""
-    apart = calibrate([with_radii(case.log, 0.05)], case.robot, models=KINEMATIC)
-    assert apart.comparison.supported == "inertia"
-    for name in ("sprocket_radius", "indices.zeta1", "indices.eta0", "indices.eta1"):
-        one, other = apart.parameter(name), found.parameter(name)
-        assert abs(one.value - other.value) < 0.5 * other.sigma
-    for score in apart.comparison.scores[1:]:
-        assert score.drift_percent == pytest.approx(
-            found.comparison.score(score.model).drift_percent, rel=0.1
-        )
 
 
 def test_the_model_that_is_true_is_supported(found: Calibration) -> None:
@@ -192,9 +163,7 @@ def test_two_logs_share_the_robot_but_not_bias_and_lag(case: Case) -> None:
     assert both.robot.indices.eta0 == pytest.approx(case.true["indices.eta0"], rel=0.03)
 
 
-def test_latency_means_the_same_as_for_inspect_and_the_filter(
-    case: Case, found: Calibration
-) -> None:
+def test_latency_means_the_same_as_for_inspect_and_the_filter(case, found):
     """Means over 0.1 s that come 0.1 s late."""
     tracks = case.log.tracks
     whole = len(tracks.stamps) // 5
@@ -244,7 +213,7 @@ def test_logs_with_other_biases_make_it_uncertain(case: Case, apart: float, larg
         part(case.log, 0.0, 0.5),
         replace(with_bias(part(case.log, 0.5, 1.0), apart), name="second"),
     )
-    found = calibrate(halves, case.robot, models=("constant", "inertia"))
+    found = calibrate(halves, case.robot, models=("constant",))
     each = np.array([log.gyro_bias[0] for log in found.logs])
     imu = found.robot.imu
     assert each[1] - each[0] == pytest.approx(apart, abs=0.001)
@@ -252,26 +221,6 @@ def test_logs_with_other_biases_make_it_uncertain(case: Case, apart: float, larg
     assert found.parameter("imu.gyro_bias").sigma >= 0.4 * apart
     assert 0.5 * apart < imu.gyro_bias_sigma < largest
     assert imu.gyro_bias_sigma > 0.5 * case.robot.imu.gyro_bias_sigma
-
-
-@pytest.mark.thorough
-def test_a_bias_within_its_error_stays_as_in_the_file(case: Case) -> None:
-    """No bias in the log, with and without a standstill that shows it."""
-    unbiased = with_bias(case.log, -case.true["gyro_bias"])
-    moving = calibrate([unbiased], case.robot, models=("constant", "inertia"))
-    assert moving.logs[0].still == 0
-    bias = moving.parameter("imu.gyro_bias")
-    assert abs(bias.value) < FAR * bias.sigma
-    assert moving.robot.imu.gyro_bias in (0.0, bias.value)
-    assert (moving.robot.imu.gyro_bias == 0.0) == (abs(bias.value) <= 1.96 * bias.sigma)
-    stood = calibrate([standing_first(unbiased, 10.0)], case.robot, models=("constant", "inertia"))
-    assert stood.logs[0].still > 0
-    bias = stood.parameter("imu.gyro_bias")
-    if abs(bias.value) < 1.96 * bias.sigma:
-        assert stood.robot.imu.gyro_bias == 0.0
-        assert "within its error" in bias.note
-    else:
-        assert stood.robot.imu.gyro_bias == bias.value
 
 
 def test_a_short_log_changes_only_what_it_contradicts(case: Case) -> None:
@@ -304,39 +253,6 @@ def found_robot(case: Case) -> Robot:
         case.robot.tracks, difference=case.true["tracks.difference"], scale_sigma=0.01
     )
     return msgspec.structs.replace(case.robot, indices=indices, tracks=tracks)
-
-
-def standing_first(log: Log, seconds: float) -> Log:
-    """The log after a standstill, in which the gyro is as noisy as it is."""
-    tracks, imu, poses = log.tracks, log.imu, log.truth.poses
-    shift = round(seconds * 1e9)
-    steps = round(seconds / 0.02)
-    before = log.start + np.arange(steps) * 20_000_000
-    noise = np.random.default_rng(0).normal(0.0, 1e-3, (steps, 3))
-
-    def at_start(rows: np.ndarray) -> np.ndarray:
-        return np.repeat(rows[:1], steps, axis=0)
-
-    still = np.zeros((steps, 2))
-    up = at_start(imu.linear_acceleration.mean(axis=0, keepdims=True))
-    return replace(
-        log,
-        tracks=TrackSpeedSeries(
-            np.concatenate([before, tracks.stamps + shift]),
-            np.concatenate([still, tracks.speeds]),
-        ),
-        imu=ImuSeries(
-            np.concatenate([before, imu.stamps + shift]),
-            np.concatenate([noise, imu.angular_velocity]),
-            np.concatenate([up, imu.linear_acceleration]),
-        ),
-        truth=Truth(
-            PoseSeries(
-                np.concatenate([before, poses.stamps + shift]),
-                np.concatenate([at_start(poses.poses), poses.poses]),
-            )
-        ),
-    )
 
 
 def part(log: Log, begin: float, end: float) -> Log:
@@ -479,9 +395,7 @@ def test_logs_that_show_nothing_are_refused(case: Case, change: object, said: st
         ({"segment": 0.1}, "1 to 20 s long"),
     ],
 )
-def test_options_that_make_no_sense_are_refused(
-    case: Case, options: dict[str, object], said: str
-) -> None:
+def test_options_that_make_no_sense_are_refused(case, options, said):
     with pytest.raises(EstimatorError, match=said):
         calibrate([case.log], case.robot, **options)
 
@@ -509,14 +423,8 @@ def test_no_log_is_refused(robot: Robot) -> None:
     ],
 )
 def test_real_logs_give_what_is_known_of_them(
-    name: str,
-    robot_name: str,
-    radius: float,
-    track: float,
-    lag: float,
-    difference: float,
-    data_dir: Path,
-) -> None:
+    name, robot_name, radius, track, lag, difference, data_dir
+):
     robot = load_robot(robot_name)
     log = sample(data_dir, name, robot_name)
     found = calibrate([log], robot, models=("constant", "inertia"))
@@ -531,3 +439,29 @@ def test_real_logs_give_what_is_known_of_them(
     if bias:
         confirmed = robot.imu.gyro_bias_sigma / np.sqrt(2.0)
         assert found.robot.imu.gyro_bias_sigma == pytest.approx(confirmed, rel=0.01)
+
+
+# --- calibrating by positions ---------------------------------------------------------------------
+
+
+ROBOT = load_robot("auriga-alpha")
+SCALE, BIAS = 1.02, 0.012
+
+
+@pytest.mark.parametrize("drive", ["aggressive", thorough("random")])
+def test_the_gyro_is_not_compared_with_headings_that_it_made(drive: str) -> None:
+    """Its scale came out as 1.000 ± 0.004 where it was 1.02, since the headings were its own."""
+    scenario = Scenario(duration=90.0, trajectory=drive, seed=3, fix_rate=0.0, truth="kinematic")
+    made = run_scenario(scenario, ROBOT)
+    imu, truth = made.log.imu, made.log.truth
+    rates = SCALE * imu.angular_velocity + np.array([0.0, 0.0, BIAS])
+    read = replace(imu, angular_velocity=rates)
+    log = replace(made.log, imu=read, truth=truth.positions_alone())
+    found = calibrate([log], ROBOT, models=("constant",))
+    scale, bias = found.parameter("imu.gyro_scale"), found.parameter("imu.gyro_bias")
+    assert scale.sigma is not None
+    assert scale.value == pytest.approx(SCALE, abs=2.5 * scale.sigma)
+    true = BIAS / SCALE + float(np.mean(made.gyro_bias[:, 2]))
+    assert bias.value == pytest.approx(true, abs=1e-3)
+    assert scale.sigma > 0.004
+    assert any("Of the gyro such headings show nothing" in note for note in found.notes)

@@ -1,10 +1,8 @@
 """Streaming, side by side, in lanes of many logs, and plain: one filter, the same estimates."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import msgspec
@@ -15,6 +13,7 @@ import faulty_drives
 from conftest import thorough
 from faulty_drives import RESTS, with_free_track, with_free_tracks, with_rates, with_tracks
 from icreckon.estimator.base.state import FAST_SLIP, GRAVITY
+from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.inputs import has_heading, measured_of
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.batch.runs import work_through_runs
@@ -22,7 +21,7 @@ from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
 from icreckon.estimator.robot.variants import VARIANTS
@@ -34,7 +33,16 @@ from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Terrain
-from same_runs import FEW_DIGITS, ROBOT, ROUNDING, assert_same_run, drive, every, without
+from same_runs import (
+    FEW_DIGITS,
+    ROBOT,
+    ROUNDING,
+    assert_same_estimate,
+    assert_same_run,
+    drive,
+    every,
+    without,
+)
 
 SECOND, DEFAULT = 1_000_000_000, Settings()
 EVERYDAY = ("gyro", "constant-online", "inertia-online")
@@ -44,18 +52,7 @@ GYRO_NOISE = ROBOT.imu.gyro_noise_density
 
 @dataclass(frozen=True)
 class Scene:
-    """A drive, the filters that run over it, and what must be seen in the run of the last variant.
-
-    Attributes:
-        log: makes the log.
-        variants: run in one pass.
-        settings: of the filters.
-        robot: the robot.
-        rounding: what rounding may come to, in standard deviations.
-        stale: see `assert_same_run`.
-        seen: true of a run in which the scene shows its effect.
-        start: pose at the start and its standard deviations.
-    """
+    """A drive, the filters that run over it, and what must be seen in the run of the last variant."""
 
     log: Callable[[], Log]
     variants: tuple[str, ...] = ("constant-online",)
@@ -82,7 +79,6 @@ def with_fixes(change: Callable[[np.ndarray, np.ndarray], None]) -> Log:
 
 
 def with_poses(log: Log, change: Callable[[np.ndarray, np.ndarray], None]) -> Log:
-    assert log.fixes is not None
     poses, variances = log.fixes.poses.copy(), log.fixes.variances.copy()
     change(poses, variances)
     return replace(log, fixes=FixSeries(log.fixes.stamps, poses, variances))
@@ -90,7 +86,6 @@ def with_poses(log: Log, change: Callable[[np.ndarray, np.ndarray], None]) -> Lo
 
 def with_yaw_rates(change: Callable[[np.ndarray], None]) -> Log:
     log = drive()
-    assert log.imu is not None
     rates = log.imu.angular_velocity.copy()
     change(rates[:, 2])
     return replace(log, imu=replace(log.imu, angular_velocity=rates))
@@ -100,8 +95,8 @@ def some_headings(poses: np.ndarray, variances: np.ndarray) -> None:
     poses[::2, 2], variances[::2, 1] = 0.2, 0.5
 
 
-def jump(poses: np.ndarray, _: np.ndarray) -> None:
-    poses[25:, 0] += 3.0
+def jump(poses: np.ndarray, _: np.ndarray, at: int = 25, by: float = 3.0) -> None:
+    poses[at:, 0] += by
 
 
 def turn(poses: np.ndarray, _: np.ndarray) -> None:
@@ -132,19 +127,16 @@ def slow_spike(rates: np.ndarray) -> None:
     rates[700:740] += 6.0 - np.abs(np.linspace(-6.0, 6.0, 40))
 
 
-def stuck() -> Log:
-    log = drive()
+def with_stuck_track(log: Log) -> Log:
     speeds = log.tracks.speeds.copy()
     speeds[200:450, 0] = speeds[200, 0]
-    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds))
+    return replace(log, tracks=replace(log.tracks, speeds=speeds))
 
 
 def wrong_headings() -> Log:
     """Every third fix has a heading; those of 12 s are 0.6 rad off."""
     log = simulate(Scenario(duration=34.0, seed=3, trajectory="random", fix_rate=5.0), ROBOT)
     fixes, truth = log.fixes, log.truth
-    assert fixes is not None
-    assert truth is not None
     at, poses, variances = (
         (fixes.stamps - log.start) * 1e-9,
         fixes.poses.copy(),
@@ -158,7 +150,6 @@ def wrong_headings() -> Log:
 def antenna(*, turned: bool) -> Log:
     """Fixes of an antenna that is not where it claims to be."""
     log = drive(fix_rate=5.0, antenna=(0.4, -0.3))
-    assert log.fixes is not None
     poses = log.fixes.poses.copy()
     if turned:
         turn(poses, poses)
@@ -168,7 +159,6 @@ def antenna(*, turned: bool) -> Log:
 def first_fix_at(late: int) -> Log:
     """The drive whose first fix comes so late after the first track speeds [ms]."""
     log = drive(fix_rate=5.0)
-    assert log.fixes is not None
     stamps = log.fixes.stamps.copy()
     stamps[0] = log.tracks.stamps[0] + late * 1_000_000
     return replace(log, fixes=replace(log.fixes, stamps=stamps))
@@ -241,10 +231,7 @@ SCENES = {
     ),
     "fixes that wander": Scene(lambda: drive(fix_rate=5.0), ("inertia-online",), WANDERING),
     "fixes of a turned path that wander": Scene(
-        lambda: with_fixes(turn),
-        ("inertia-online",),
-        WANDERING,
-        seen=rejected("position", "gate"),
+        lambda: with_fixes(turn), ("inertia-online",), WANDERING, seen=rejected("position", "gate")
     ),
     "wrong headings": Scene(wrong_headings, rounding=FEW_DIGITS, seen=taken_back("heading")),
     "an antenna": Scene(lambda: antenna(turned=False), ("inertia-online",)),
@@ -265,7 +252,9 @@ SCENES = {
         lambda: every(drive(), "tracks", 25), rounding=FEW_DIGITS, stale=True
     ),
     "a track that is stuck": Scene(
-        stuck, rounding=FEW_DIGITS, seen=lambda one: one.health.times["stuck"] > 0
+        lambda: with_stuck_track(drive()),
+        rounding=FEW_DIGITS,
+        seen=lambda one: one.health.times["stuck"] > 0,
     ),
     "a gyro that jumps": Scene(
         lambda: with_yaw_rates(spikes),
@@ -285,9 +274,7 @@ SCENES = {
     "no accelerometers by the settings": Scene(drive, settings=Settings(use_accelerometer=False)),
     "a log of one sample": Scene(lambda: first(drive(), 0.03)),
     "states that are considered": Scene(
-        lambda: drive(fix_rate=5.0),
-        ("inertia-online",),
-        Settings(considered=("eta0", "gyro_bias")),
+        lambda: drive(fix_rate=5.0), ("inertia-online",), Settings(considered=("eta0", "gyro_bias"))
     ),
     "a gyro noisier than its file says": Scene(
         drive, ("inertia-online",), robot=robot_with("imu", gyro_noise_density=GYRO_NOISE / 30.0)
@@ -376,7 +363,33 @@ def test_side_by_side_agrees_with_streaming(name: str) -> None:
     assert scene.seen(expected), expected.health
 
 
-def short(fix_rate: float = 5.0, seconds: float = 2.0) -> Log:
+ARRAYS = [
+    "all everyday variants", "track speeds that are seldom told", "a track that is stuck",
+    "a gyro that jumps", "an IMU without accelerometers", "states that are considered",
+    "a track that spins", "a gyro that is clipped", "no IMU for seconds",
+    "no track speeds for seconds", "an IMU slower than the tracks", "forces that are missing",
+]  # fmt: skip
+
+
+def missing_forces() -> Log:
+    log = drive()
+    forces = log.imu.linear_acceleration.copy()
+    forces[400:500] = np.nan
+    return replace(log, imu=replace(log.imu, linear_acceleration=forces))
+
+
+@pytest.mark.parametrize("name", ARRAYS)
+def test_arrays_agree_with_streaming(name: str) -> None:
+    scene = SCENES.get(name) or Scene(missing_forces)
+    log, variant = replace(scene.log(), fixes=None), scene.variants[-1]
+    options = {"settings": scene.settings, **scene.options()}
+    by_arrays, one_by_one = (PoseEstimator(scene.robot, variant, **options) for _ in range(2))
+    used = feed_arrays(by_arrays, log.tracks, log.imu)
+    assert used == sum(map(one_by_one.feed, log.measurements()))
+    assert_same_estimate(by_arrays, one_by_one)
+
+
+def short(fix_rate: float = 5.0, seconds: float = 0.8) -> Log:
     return first(drive(fix_rate=fix_rate), seconds)
 
 
@@ -431,16 +444,7 @@ Counts = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Block:
-    """Logs of equal stamps, the filter that runs over all of them, and what must be seen.
-
-    Attributes:
-        logs: makes the logs.
-        variant: of the filter.
-        settings: of the filter.
-        robot: the robot.
-        rounding: what rounding may come to, in standard deviations.
-        seen: true of counts and streaming filters in which the block shows its effect.
-    """
+    """Logs of equal stamps, the filter that runs over all of them, and what must be seen."""
 
     logs: Callable[[], Sequence[Log]]
     variant: str = "inertia-online"
@@ -450,35 +454,11 @@ class Block:
     seen: Callable[[Counts, list[PoseEstimator]], bool] = lambda *_: True
 
 
-def turned_from(log: Log, first: int) -> Log:
-    """A log whose fixes from one on are those of a path that is turned and moved."""
-    assert log.fixes is not None
-    poses = log.fixes.poses.copy()
-    x, y = poses[first:, 0].copy(), poses[first:, 1].copy()
-    poses[first:, 0], poses[first:, 1] = 5.0 - y, x - 3.0
-    return replace(log, fixes=replace(log.fixes, poses=poses))
-
-
-def moved_from(log: Log, first: int) -> Log:
-    assert log.fixes is not None
-    poses = log.fixes.poses.copy()
-    poses[first:, 0] += 30.0
-    return replace(log, fixes=replace(log.fixes, poses=poses))
-
-
 def knocked(log: Log) -> Log:
     """A log whose accelerometers have another bias from 6 s on."""
-    assert log.imu is not None
-    assert log.imu.linear_acceleration is not None
     forces = log.imu.linear_acceleration.copy()
     forces[600:, :2] += 8.0
     return replace(log, imu=replace(log.imu, linear_acceleration=forces))
-
-
-def with_stuck_track(log: Log) -> Log:
-    speeds = log.tracks.speeds.copy()
-    speeds[200:450, 0] = speeds[200, 0]
-    return replace(log, tracks=replace(log.tracks, speeds=speeds))
 
 
 SLOPE: dict[str, Any] = {
@@ -536,7 +516,7 @@ BLOCKS = {
     ),
     "a lost filter": Block(
         lambda: [
-            turned_from(log, 20)
+            with_poses(log, turn)
             for log in logs_of(duration=60.0, trajectory="aggressive", fix_rate=1.0)
         ],
         seen=lambda _, streams: any(one.health.sensors["position"].rejected for one in streams),
@@ -553,7 +533,10 @@ BLOCKS = {
         ),
     ),
     "fixes that move away": Block(
-        lambda: [moved_from(log, 15) for log in logs_of(duration=40.0, fix_rate=1.0)],
+        lambda: [
+            with_poses(log, partial(jump, at=15, by=30.0))
+            for log in logs_of(duration=40.0, fix_rate=1.0)
+        ],
         "constant-online",
         seen=lambda counts, _: bool(counts["position_rejected"].min() >= 10.0),
     ),

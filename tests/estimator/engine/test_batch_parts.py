@@ -6,9 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from icreckon.estimator.engine.constants import aligned
-from icreckon.estimator.engine.schedule import (
-    why_not_steps,
-)
+from icreckon.estimator.engine.schedule import why_not_steps
 from icreckon.estimator.engine.work import run_kernel
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, sine_and_cosine
@@ -83,24 +81,6 @@ def test_expressions_are_worked_out_as_python_does(values, seed) -> None:
 
     (found,) = in_lanes(function, *(np.full(WIDTH, value) for value in values))
     assert found[0] == pytest.approx(function(*values), rel=1e-12, abs=1e-12)
-
-
-def test_what_is_zero_costs_nothing() -> None:
-    trace.start()
-    a = trace.lane_input("lanes", 0)
-    assert (a * 0.0).constant == 0.0
-    assert a + 0.0 is a
-    assert a * 1.0 is a
-    assert (0.0 * a + a * 2.0) is (2.0 * a)
-    negative = -a
-    assert -negative is a
-    assert a + 1.0 is 1.0 + a
-
-
-def test_a_branch_on_a_lane_is_refused() -> None:
-    trace.start()
-    with pytest.raises(TypeError, match="select"):
-        bool(trace.lane_input("lanes", 0) > 0.0)
 
 
 def test_stamps_that_do_not_fit_are_named() -> None:

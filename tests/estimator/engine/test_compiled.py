@@ -30,7 +30,6 @@ from icreckon.estimator.robot.variants import (
     register,
 )
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.smoother import smooth
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Terrain
@@ -48,20 +47,11 @@ UNITS = np.ones(state.SIZE)
 UNITS[state.ETA2] = 1e-5
 WEIGHT = ALPHA.constants.mass * 9.81
 NASTY = [
-    (0.0, 0.0),
-    (0.5, 0.5),
-    (-0.5, -0.5),
-    (0.7, -0.7),
-    (-0.7, 0.7),
-    (0.0, 0.8),
-    (0.8, 0.0),
-    (-1e-300, 1e-300),
-    (0.5, 0.5 + 1e-9),
-    (1e-13, -1e-13),
+    (0.0, 0.0), (0.5, 0.5), (-0.5, -0.5), (0.7, -0.7), (-0.7, 0.7), (0.0, 0.8), (0.8, 0.0),
+    (-1e-300, 1e-300), (0.5, 0.5 + 1e-9), (1e-13, -1e-13),
     # Beyond the table of the friction model, and of anything that drives.
-    (9.0, -3.0),
-    (-40.0, 55.0),
-]
+    (9.0, -3.0), (-40.0, 55.0),
+]  # fmt: skip
 
 
 def points():
@@ -262,18 +252,6 @@ def test_compiled_agrees_with_plain(variant):
     assert compiled.indices == pytest.approx(plain.indices, abs=1e-10)
 
 
-def test_smoother_works_with_both():
-    log = simulate(Scenario(duration=1.0, seed=7), ALPHA)
-    plain, compiled = (
-        smooth(log, ALPHA, "inertia-online", settings=Settings(engine=engine))
-        for engine in ("plain", "compiled")
-    )
-    for a, b in zip(plain, compiled, strict=True):
-        sigmas = np.where(a.state_sigmas > 0.0, a.state_sigmas, 1.0)
-        assert (np.abs(a.states - b.states) < 1e-8 * sigmas).all()
-        assert b.state_sigmas == pytest.approx(a.state_sigmas, rel=1e-8, abs=1e-14)
-
-
 def test_copies_and_pickles_go_on_to_the_last_bit_and_do_not_carry_the_table():
     half = len(EVERYTHING) // 2
     estimator, _ = fed("compiled", measurements=EVERYTHING[:half])
@@ -286,20 +264,6 @@ def test_copies_and_pickles_go_on_to_the_last_bit_and_do_not_carry_the_table():
     for other in others:
         assert (other.state == estimator.state).all()
         assert (other.covariance == estimator.covariance).all()
-
-
-class Slower(LaggedIndexMotion):
-    """A subclass with equations of its own."""
-
-    def linearise(self, V_l, V_r, parameters, slip, gravity):
-        return super().linearise(0.5 * V_l, 0.5 * V_r, parameters, slip, gravity)
-
-
-def test_equations_of_a_subclass_are_its_own():
-    register(Variant("slower", "inertia", online=True, motion=lambda _: Slower(ALPHA.constants)))
-    ekf = PoseEstimator(ALPHA, "slower")._reckoning.ekf
-    del VARIANTS["slower"]
-    assert ekf.twist_model(0.4, 0.4).twist[0] == pytest.approx(0.2)
 
 
 # --- a model with memory ----------------------------------------------------------------------------
@@ -381,14 +345,3 @@ def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, tmp_
         assert before.feed(m) == after.feed(m)
     assert (before.state == after.state).all()
     assert (before._reckoning.ekf.model.memory == after._reckoning.ekf.model.memory).all()
-
-
-def test_memory_of_another_model_is_refused():
-    for variant, said in (
-        ("inertia-online", "remembers 4 numbers, not 2"),
-        ("full-linear", "cannot recall 2 numbers"),
-    ):
-        model = motion_model(ALPHA, find_variant(variant))
-        model.recall(model.memory)
-        with pytest.raises(ValueError, match=said):
-            model.recall(np.zeros(2))

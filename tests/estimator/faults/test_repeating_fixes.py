@@ -127,17 +127,3 @@ def test_two_receivers_are_watched_apart():
     rejections = estimator.health.rejections()
     assert rejections["position: repeats itself"] > 5
     assert "pose: repeats itself" not in rejections
-
-
-def test_a_saved_estimator_goes_on_refusing(tmp_path):
-    log = with_stuck_receiver(driven())
-    estimator = PoseEstimator(ALPHA, "gyro")
-    events = list(log.measurements())
-    for m in events[: round(0.8 * len(events))]:
-        estimator.feed(m)
-    estimator.save(tmp_path / "saved.json")
-    copy = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
-    for m in events[round(0.8 * len(events)) :]:
-        assert copy.feed(m) == estimator.feed(m)
-    np.testing.assert_array_equal(copy.state, estimator.state)
-    assert copy.health.rejections() == estimator.health.rejections()

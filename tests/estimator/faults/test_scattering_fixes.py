@@ -7,11 +7,8 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.base.records import shifted
 from icreckon.estimator.faults.scattering_fixes import (
     MOST,
-    WALK,
-    WHITE,
     ScatterRecord,
     TakenFix,
     add_fix,
@@ -20,7 +17,7 @@ from icreckon.estimator.faults.scattering_fixes import (
 )
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import PoseFix, PositionFix
+from icreckon.estimator.log.measurements import PoseFix
 from icreckon.estimator.log.scores import interpolate_poses, pose_nees
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
@@ -160,34 +157,6 @@ def test_scatter_is_forgotten_once_it_is_over():
     assert later.variance == 0.0
 
 
-@pytest.mark.parametrize("gap", [-5.0, 60.0])
-def test_a_gap_is_no_interval_between_fixes(gap):
-    scatter = after_fixes(noise(0.5, 20))
-    stamp, at, before = scatter.newest + round(gap * SECOND), (1.0, 0.0, 0.0), scatter.variance
-    add_fix(scatter, fix_at(stamp, 1.0, 0.0, at), np.zeros(3))
-    assert (scatter.interval, scatter.laid, scatter.variance) == (0.0, 1, before)
-
-
-def test_a_mirrored_world_scatters_the_same():
-    errors = noise(0.4, 40)
-    one = after_fixes(errors, path=CIRCLE[:40])
-    other = after_fixes(errors * [1.0, -1.0], path=CIRCLE[:40].conj())
-    assert other.variance == pytest.approx(one.variance, rel=1e-9)
-    assert other.likeness == pytest.approx(one.likeness, rel=1e-9)
-
-
-def test_another_clock_shifts_its_stamps_alone():
-    scatter = after_fixes(noise(0.4, 20))
-    later = shifted(scatter, 5 * SECOND)
-    assert (later.begin, later.newest) == (scatter.begin + 5 * SECOND, scatter.newest + 5 * SECOND)
-    assert later.time == scatter.time
-    assert shifted(later, -5 * SECOND) == scatter
-
-
-def test_white_and_walking_are_apart():
-    assert 0.0 < WHITE < WALK < 1.0
-
-
 # --- in the filter -------------------------------------------------------------------------------
 
 
@@ -235,8 +204,8 @@ def test_a_white_error_of_ten_times_what_fixes_say(variant, rate):
 
 @RATES
 def test_a_wander_of_a_hundred_times_what_fixes_say(variant, rate):
-    """As means over three drives: how far such fixes are off differs from one to another."""
-    found = [errors_of(driven(0.05, 5.0, rate=rate, seed=seed), variant) for seed in (8, 9, 10)]
+    """As means over two drives: how far such fixes are off differs from one to another."""
+    found = [errors_of(driven(0.05, 5.0, rate=rate, seed=seed), variant) for seed in (8, 9)]
     nees, position, yaw, sigma = np.mean(found, axis=0)
     assert nees < 15.0
     assert position < 2.5
@@ -269,17 +238,6 @@ def test_a_stated_wander_is_not_measured_as_scatter():
     assert "scattering" not in run(log, ALPHA, "constant-online", settings=settings).health.times
 
 
-def test_an_antenna_off_the_middle_is_no_scatter():
-    """One metre ahead, in tight turns."""
-    log = driven(STATED)
-    poses = log.fixes.poses.copy()
-    true = interpolate_poses(log.truth.poses, log.fixes.stamps)
-    poses[:, :2] += np.column_stack([np.cos(true[:, 2]), np.sin(true[:, 2])])
-    antennas = np.tile([1.0, 0.0], (len(poses), 1))
-    log = replace(log, fixes=replace(log.fixes, poses=poses, antennas=antennas))
-    assert "scattering" not in run(log, ALPHA, "constant-online").health.times
-
-
 def test_a_pose_fix_begins_anew():
     log = driven(0.5)
     estimator = PoseEstimator(ALPHA, "constant-online")
@@ -290,28 +248,3 @@ def test_a_pose_fix_begins_anew():
     tight = tuple(tuple(row) for row in (np.eye(3) * 0.01).tolist())
     estimator.feed(PoseFix(estimator.stamp, x, y, yaw, tight))
     assert sigma_of(estimator.health) == 0.0
-
-
-def test_saved_estimators_and_late_fixes_go_on_the_same(tmp_path):
-    log = driven(0.5)
-    measurements = list(log.measurements())
-    one = PoseEstimator(ALPHA, "constant-online")
-    for m in measurements[: len(measurements) // 2]:
-        one.feed(m)
-    file = tmp_path / "saved.json"
-    one.save(file)
-    other = PoseEstimator.restore(file, ALPHA)
-    assert sigma_of(other.health) == sigma_of(one.health)
-    late: list[PositionFix] = []
-    for m in measurements[len(measurements) // 2 :]:
-        one.feed(m)
-        if isinstance(m, PositionFix):
-            late.append(m)
-            continue
-        other.feed(m)
-        if late and m.stamp > late[0].stamp + SECOND // 5:
-            other.feed(late.pop(0))
-    for m in late:
-        other.feed(m)
-    assert other.pose == pytest.approx(one.pose, abs=1e-9)
-    assert sigma_of(other.health) == sigma_of(one.health)

@@ -1,17 +1,14 @@
 """Slides of the whole robot: what the accelerometer shows and the tracks do not."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import faulty_drives
-from faulty_drives import BEGINS, motion_over, with_free_tracks
+from faulty_drives import motion_over, with_free_tracks
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.faults.sliding_robot import (
@@ -29,11 +26,9 @@ from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import StandstillRecord
 from icreckon.estimator.sensors.step_inputs import step_inputs
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 CALM = SlideRecord(square=1e-3, averaged=20.0)
-SPINNING = round(BEGINS * SECOND) + 2 * SECOND
 
 
 def watched(
@@ -77,10 +72,9 @@ def test_tracks_that_spin_up_are_a_slide(speed: float, gravity: float) -> None:
     assert found[-1].times == 1
 
 
+@settings(max_examples=30)
 @given(speed=st.floats(-3.0, 3.0), over=st.floats(0.1, 3.0), at=st.floats(1.0, 10.0))
-def test_a_robot_that_follows_its_tracks_does_not_slide(
-    speed: float, over: float, at: float
-) -> None:
+def test_a_robot_that_follows_its_tracks_does_not_slide(speed, over, at):
     speeds = ramp(at, speed, over=over)
     found = watched(speeds, speeds)
     assert found[-1].times == 0
@@ -161,29 +155,8 @@ def drive(robot: Robot) -> Log:
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
-def test_the_uncertainty_covers_both_tracks_spinning(
-    variant: str, robot: Robot, drive: Log
-) -> None:
+def test_the_uncertainty_covers_both_tracks_spinning(variant, robot, drive):
     found = motion_over(drive, robot, variant, lambda health: health.finding("sliding") is not None)
     assert found.delay < 0.3
     assert found.error < 3.0 * found.sigma
     assert found.sigma < 2.0 * 1.2 * 3.0
-
-
-def test_a_restored_estimator_knows_of_the_slide(robot: Robot, drive: Log, tmp_path: Path) -> None:
-    estimator = PoseEstimator(robot, "constant-online")
-    measurements = list(drive.measurements())
-    for measurement in measurements:
-        if measurement.stamp <= drive.start + SPINNING:
-            estimator.feed(measurement)
-    assert estimator.health.finding("sliding") is not None
-    estimator.save(tmp_path / "state.json")
-    restored = PoseEstimator.restore(tmp_path / "state.json", robot)
-    assert restored.health.findings == estimator.health.findings
-    for measurement in measurements:
-        if measurement.stamp > drive.start + SPINNING:
-            estimator.feed(measurement)
-            restored.feed(measurement)
-    assert np.array_equal(restored.state, estimator.state)
-    assert restored.health.findings == estimator.health.findings
-    assert restored.health.finding("sliding") is None

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.records import assign, plain_copy
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
@@ -57,12 +56,6 @@ def test_left_and_right_are_alike():
 def test_it_is_believed_again_with_its_next_reading():
     left, right = with_stuck_left(40)
     assert stuck_density(held([*left, 0.4], [*right, 0.5])) == (0.0, 0.0)
-
-
-def test_it_is_remembered():
-    tracks, other = held(*with_stuck_left(40)), TrackRecord()
-    assign(other, plain_copy(TrackRecord, tracks))
-    assert stuck_density(other) == stuck_density(tracks)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,5 @@
 """Two faults at once, of different sensors; and faults in what comes late."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from functools import cache
@@ -10,6 +8,8 @@ import numpy as np
 import pytest
 from _scoreboard_put import FAULTS, SECOND
 
+from faulty_drives import with_free_tracks
+from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import PositionFix
@@ -33,7 +33,25 @@ TRACKS = (
 )
 IMU = ("gyro frozen, 5 s", "gyro clipped, 10 s", "gyro reads 2 rad/s, 1 s")
 FIXES = ("outliers of 10 m, 30 s", "fixes 50 m off, 5 s", "receiver repeats, 30 s")
-BEGINS, LATE = 25.0, 60.0
+BEGINS, LATE = 25.0, 57.0
+SLIDE = "both tracks spin up"
+OTHERS = {
+    "bias + 0.05 rad/s, fixes": (BEGINS, 7.0),
+    "fixes scatter by 0.5 m, 30 s": (BEGINS, 7.0),
+    "carried at rest, 10 s": (2.8, 3.0),
+    SLIDE: (30.0, 2.0),
+}
+"""Other faults, when they begin, and time from then on until the filter is saved [s]."""
+FOUND = {
+    TRACKS[0]: {"stuck"},
+    TRACKS[2]: {"spinning"},
+    TRACKS[4]: {"wheel off"},
+    IMU[2]: {"failing"},
+    "fixes scatter by 0.5 m, 30 s": {"scattering"},
+    "carried at rest, 10 s": {"carried"},
+    SLIDE: {"sliding"},
+}
+"""Findings of a filter that is saved in the midst of a fault."""
 # Tracks that leave the path while the fixes are elsewhere: when both are over, the fixes are taken to
 # scatter, and used as if they were off by metres.
 SCATTERED = {
@@ -45,12 +63,12 @@ SCATTERED = {
 @cache
 def drive() -> Log:
     fixes = FixSpec(sigma=0.05)
-    scenario = Scenario(duration=75.0, seed=4, trajectory="random", fix_rate=2.0, fixes=fixes)
+    scenario = Scenario(duration=66.0, seed=4, trajectory="random", fix_rate=2.0, fixes=fixes)
     return simulate(scenario, ALPHA)
 
 
-def with_faults(*names: str) -> Log:
-    log, begin = drive(), drive().start + round(BEGINS * SECOND)
+def with_faults(*names: str, begins: float = BEGINS) -> Log:
+    log, begin = drive(), drive().start + round(begins * SECOND)
     for name in names:
         end = begin + round(FAULTS[name].lasts * SECOND)
         log = FAULTS[name].put(log, begin, end, np.random.default_rng(len(name)))
@@ -58,7 +76,6 @@ def with_faults(*names: str) -> Log:
 
 
 def without_fixes(log: Log, lasts: float) -> Log:
-    assert log.fixes is not None
     since = (log.fixes.stamps - log.start) / SECOND - BEGINS
     columns = {name: getattr(log.fixes, name) for name in ("stamps", "poses", "variances")}
     kept = (since < 0.0) | (since > lasts)
@@ -68,7 +85,6 @@ def without_fixes(log: Log, lasts: float) -> Log:
 def at_end(one: Run) -> tuple[float, float]:
     """Largest error of the position from `LATE` on, in metres and in its own standard deviations."""
     truth, late = drive().truth, one.stamps > drive().start + round(LATE * SECOND)
-    assert truth is not None
     path = one.trajectory
     off = path.poses[late, :2] - interpolate_poses(truth.poses, one.stamps[late])[:, :2]
     sigmas = np.sqrt(np.trace(path.pose_covariances[late, :2, :2], axis1=1, axis2=2))
@@ -93,9 +109,7 @@ def marked(names: tuple[str, str]) -> object:
 
 
 @pytest.mark.parametrize("names", [*map(marked, itertools.product(TRACKS, FIXES))])
-def test_wrong_fixes_beside_a_fault_of_the_tracks_are_no_worse_than_none(
-    names: tuple[str, str],
-) -> None:
+def test_wrong_fixes_beside_a_fault_of_the_tracks_are_no_worse_than_none(names):
     error, sigmas = at_end(run(with_faults(*names), ALPHA, VARIANT))
     alone = without_fixes(with_faults(names[0]), FAULTS[names[1]].lasts)
     assert sigmas < 3.0 or error < 2.0 * at_end(run(alone, ALPHA, VARIANT))[0] + 0.5
@@ -112,13 +126,37 @@ def test_a_log_at_once_is_that_sample_by_sample(names: tuple[str, ...]) -> None:
     assert_same_run(found, run(log, ALPHA, VARIANT))
 
 
-@pytest.mark.parametrize("name", [*TRACKS, *IMU, *FIXES])
-def test_late_fixes_meet_a_fault_as_those_in_time_do(name: str) -> None:
+@pytest.mark.parametrize("name", [*TRACKS[2:], IMU[2]])
+def test_arrays_are_fed_as_samples_are(name: str) -> None:
+    log = replace(with_faults(name), fixes=None)
+    one_by_one, at_once = (PoseEstimator(ALPHA, VARIANT) for _ in range(2))
+    for measurement in log.measurements():
+        one_by_one.feed(measurement)
+    assert log.imu is not None
+    feed_arrays(at_once, log.tracks, log.imu)
+    assert at_once.state == pytest.approx(one_by_one.state, abs=1e-9)
+    assert at_once.health.findings == one_by_one.health.findings
+    assert at_once.health.times == one_by_one.health.times
+
+
+@pytest.mark.parametrize("name", [*TRACKS, *IMU, *FIXES, *OTHERS])
+def test_late_fixes_and_a_restart_meet_a_fault_as_a_filter_in_time_does(name, tmp_path):
     """Each fix comes half a second late, so that all samples since are taken again."""
+    begins, after = OTHERS.get(name) or (BEGINS, 0.7 * min(FAULTS[name].lasts, 10.0))
     in_time, late = (PoseEstimator(ALPHA, VARIANT) for _ in range(2))
+    restored, seen = None, set()
     waiting: list[PositionFix] = []
-    for m in with_faults(name).between(drive().start, drive().start + 45 * SECOND).measurements():
+    save = drive().start + round((begins + after) * SECOND)
+    log = with_free_tracks(drive(), 1.2) if name == SLIDE else with_faults(name, begins=begins)
+    for m in log.between(drive().start, drive().start + 45 * SECOND).measurements():
         in_time.feed(m)
+        if restored is not None:
+            restored.feed(m)
+        elif m.stamp > save:
+            in_time.save(tmp_path / "saved.json")
+            restored = PoseEstimator.restore(tmp_path / "saved.json", ALPHA, VARIANT)
+            seen = {one.fault for one in in_time.health.findings}
+            assert restored.health.findings == in_time.health.findings
         if isinstance(m, PositionFix):
             waiting.append(m)
             continue
@@ -127,6 +165,10 @@ def test_late_fixes_meet_a_fault_as_those_in_time_do(name: str) -> None:
             late.feed(waiting.pop(0))
     for m in waiting:
         late.feed(m)
+    assert seen >= FOUND.get(name, set())
     sigmas = np.sqrt(np.diagonal(in_time.covariance))
     assert np.abs((late.state - in_time.state) / np.where(sigmas > 0.0, sigmas, 1.0)).max() < 1e-9
     assert late.health.findings == in_time.health.findings
+    assert (restored.state == in_time.state).all()
+    assert (restored.covariance == in_time.covariance).all()
+    assert restored.health == in_time.health

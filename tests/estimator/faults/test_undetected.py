@@ -1,9 +1,6 @@
 """A robot that is carried, and slip that nothing shows: the covariance covers them."""
 
-from __future__ import annotations
-
 import math
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -30,7 +27,6 @@ from icreckon.estimator.sensors.standstill import (
     turn_density,
 )
 from icreckon.estimator.sensors.step_inputs import hidden_density
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
@@ -132,40 +128,16 @@ def healthy(robot: Robot) -> Log:
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
-def test_the_uncertainty_covers_a_robot_that_is_carried(
-    variant: str, robot: Robot, healthy: Log
-) -> None:
+def test_the_uncertainty_covers_a_robot_that_is_carried(variant, robot, healthy):
     found = motion_over(carried(healthy), robot, variant, slides, 10.0, RESTS)
     assert found.error < 3.0 * found.sigma < 30.0
     assert found.delay < 10.0
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])
-def test_expected_slip_covers_tracks_that_spin_slowly(
-    variant: str, robot: Robot, healthy: Log
-) -> None:
+def test_expected_slip_covers_tracks_that_spin_slowly(variant, robot, healthy):
     expecting = msgspec.structs.replace(robot, undetected_slip=UndetectedSlip(share=0.5))
     spinning = with_tracks(healthy, 10.0, lambda speeds: speeds + 0.5)
     found = motion_over(spinning, expecting, variant, slides, 10.0)
     assert found.error < 3.0 * found.sigma < 30.0
     assert math.isnan(found.delay)
-
-
-def test_a_restored_estimator_knows_that_it_is_carried(
-    robot: Robot, healthy: Log, tmp_path: Path
-) -> None:
-    estimator = PoseEstimator(robot, "gyro")
-    faulty = carried(healthy)
-    measurements = list(faulty.between(faulty.start, faulty.start + 9 * SECOND).measurements())
-    for measurement in measurements:
-        if measurement.stamp <= faulty.start + 7 * SECOND:
-            estimator.feed(measurement)
-    assert estimator.health.finding("carried").since is not None
-    estimator.save(tmp_path / "state.json")
-    restored = PoseEstimator.restore(tmp_path / "state.json", robot)
-    for measurement in measurements:
-        if measurement.stamp > faulty.start + 7 * SECOND:
-            estimator.feed(measurement)
-            restored.feed(measurement)
-    assert np.array_equal(restored.covariance, estimator.covariance)
-    assert restored.health.findings == estimator.health.findings

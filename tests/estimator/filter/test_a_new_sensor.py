@@ -127,7 +127,6 @@ def test_it_corrects_the_speed_and_is_counted_in_health():
     assert abs(estimator.twist[0] - TRUE_SPEED) < 0.5 * (without.twist[0] - TRUE_SPEED)
     counts = estimator.health.sensors["radar"]
     assert (counts.used, counts.degrees, counts.rejected) == (40, 40 - counts.reacquired, {})
-    assert counts.newest is not None
     assert counts.newest.stamp == drive()[-1].stamp - 4 * STEP + 3_000_000
 
 
@@ -227,18 +226,6 @@ def test_what_cannot_be_a_sensor_is_refused(kind: type, name: str, message: str)
     uneven = type("Uneven", (Radar,), {"name": name, "components": ("one", "two")})()
     with pytest.raises(EstimatorError, match="one inflated state for each component"):
         register(kind, uneven)
-
-
-def test_a_sensor_with_too_many_components_is_refused() -> None:
-    class Wide(Radar):
-        name, components = "wide", ("a", "b", "c", "d")
-        inflated = (s.SLIP_X, s.SLIP_Y, s.SLIP_W, s.GYRO_BIAS)
-
-    class Speeds(GroundSpeed, frozen=True):
-        pass
-
-    with pytest.raises(EstimatorError, match="wide: a sensor has 1 to 3 components, found 4"):
-        register(Speeds, Wide())
 
 
 def test_an_estimator_refuses_sensors_that_were_registered_after_it_was_made() -> None:

@@ -130,55 +130,6 @@ def test_the_filter_is_as_sure_as_it_may_be(consistency):
         assert low < total < high
 
 
-def test_ignoring_what_is_uncertain_would_be_too_sure(consistency):
-    (_, _, ignoring), runs = consistency
-    assert ignoring > chi2.isf(5e-4, 3 * runs)
-
-
-def test_an_accelerometer_that_is_far_off_is_not_made_to_fit_by_what_is_known():
-    """Ten times it is refused, then taken as that uncertain; its bias stays, and the rest is sane."""
-    settings = Settings(considered=("accelerometer_bias_x", "accelerometer_bias_y"))
-    slope = msgspec.structs.replace(ALPHA.slope, sigma=0.0, walk=0.0)
-    estimator = PoseEstimator(msgspec.structs.replace(ALPHA, slope=slope), settings=settings)
-    for k in range(600):
-        stamp = k * STEP
-        estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
-        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 3.0, 9.3)))
-    health = estimator.health.sensors["accelerometer_y"]
-    assert health.rejected["gate"] > 500
-    assert health.used > 40
-    for axis, index in enumerate((s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y)):
-        assert estimator.biases[f"accelerometer_bias_{'xy'[axis]}"] == 0.0
-        variance = ALPHA.imu.accelerometer_bias_sigma**2
-        assert estimator.covariance[index, index] == pytest.approx(variance)
-    assert not estimator.state[s.GRAVITY].any()
-    assert np.abs(estimator.pose[2]) < 0.05
-    assert np.abs(estimator.twist[2]) < 0.05
-
-
-def test_at_a_bound_the_others_give_way():
-    """Of a robot that turns almost as an ideal differential drive would, and a gyro that says more."""
-    robot = msgspec.structs.replace(
-        ALPHA, indices=msgspec.structs.replace(ALPHA.indices, eta0=1.02), constant_icr=None
-    )
-    settings = Settings(considered=("epsilon0", "gyro_bias"))
-    both = []
-    for used in (settings, msgspec.structs.replace(settings, considered=("eta0",))):
-        estimator = PoseEstimator(robot, "constant-online", settings=used, **START)
-        for k in range(800):
-            stamp = k * 2 * STEP
-            estimator.feed(TrackSpeeds(stamp, 0.2, 0.6))
-            estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.4 / 0.42 / 0.8)))
-        both.append(estimator)
-    epsilon_kept, eta_kept = both
-    correlation = epsilon_kept.covariance[s.ETA0, s.GYRO_BIAS]
-    assert abs(correlation) > 1e-6, "or the bias is not what the bound would move"
-    assert epsilon_kept.biases["gyro_bias"] == 0.0
-    assert epsilon_kept.parameters["epsilon0"] == robot.indices.epsilon0
-    assert epsilon_kept.parameters["eta0"] == pytest.approx(1.0, abs=1e-9)
-    assert eta_kept.parameters["eta0"] == 1.02
-
-
 def test_what_was_learnt_is_taken_over_and_then_stays(log, tmp_path):
     learnt = fed(log)
     learnt.save(tmp_path / "saved.json")
@@ -215,12 +166,6 @@ def test_a_name_that_is_none_is_refused_with_the_nearest(variant, name, said):
     with pytest.raises(EstimatorError, match=r"Settings.considered cannot hold") as caught:
         PoseEstimator(ALPHA, variant, settings=Settings(considered=(name,)))
     assert said in str(caught.value)
-
-
-@pytest.mark.parametrize("value", ["eta0", (1,), ("eta0", None)])
-def test_what_are_no_names_is_refused(value):
-    with pytest.raises(EstimatorError, match=r"Settings.considered must be a tuple of names"):
-        Settings(considered=value)
 
 
 OFTEN = ("gyro", "inertia-online")

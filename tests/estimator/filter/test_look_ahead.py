@@ -99,49 +99,12 @@ def where_it_will_be(estimator, elapsed):
     )
 
 
-def test_what_agrees_with_the_motion_moves_nothing_and_leaves_the_stamp():
-    estimator, stamp = driven()
-    x, y, yaw = where_it_will_be(estimator, BETWEEN * 1e-9)
-    before, sigmas = estimator.state, np.sqrt(np.diagonal(estimator.covariance))
-    later = stamp + BETWEEN
-    v_x, v_y, _ = estimator.twist
-    for fix in (
-        PositionFix(later, x, y, 1e-4),
-        HeadingFix(later, yaw, 1e-4),
-        BodyVelocity(later, v_x, v_y, 1e-4),
-    ):
-        assert estimator.feed(fix)
-        assert estimator.stamp == stamp
-    assert (np.abs(estimator.state - before) <= 1e-3 * sigmas + 1e-9).all()
-    assert np.sqrt(np.diagonal(estimator.covariance))[0] < 0.9 * sigmas[0]
-    health = estimator.health.sensors
-    assert [health[name].used for name in ("position", "heading", "body velocity")] == [1, 1, 1]
-
-
 def test_without_an_imu_to_wait_for_the_estimate_goes_to_the_fix():
     estimator, stamp = driven()
     later = stamp + 10 * STEP
     x, y, _ = where_it_will_be(estimator, 0.1)
     assert estimator.feed(PositionFix(later, x, y, 1e-2))
     assert estimator.stamp == later
-
-
-def test_stray_fixes_between_samples_are_gated_and_used_at_last():
-    """After the time that the robot would take to them."""
-    estimator, stamp = driven()
-    used = []
-    for k in range(35 * 100):
-        stamp += STEP
-        estimator.feed(TrackSpeeds(stamp, 0.3, 0.6))
-        estimator.feed(ImuSample(stamp, (0.0, 0.0, estimator.twist[2])))
-        if k % 100 == 0:
-            x = 20.0 + 0.1 * (k // 100 % 3)
-            used.append(estimator.feed(PositionFix(stamp + BETWEEN, x, -15.0, 1e-2)))
-            assert estimator.stamp == stamp
-    waits = used.index(True)
-    speed = ALPHA.vehicle.max_track_speed
-    assert waits == pytest.approx(np.hypot(20.0, 15.0) / speed, abs=3.0)
-    assert estimator.health.sensors["position"].reacquired > 0
 
 
 def test_marks_are_corrected_with_the_pose():

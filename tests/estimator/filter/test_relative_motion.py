@@ -70,24 +70,6 @@ def test_straight_with_noisy_tracks_is_as_uncertain_as_integrated_white_noise():
     assert estimator.pose_covariance[0, 0] > 4.0
 
 
-def test_turning_on_the_spot_spreads_the_noise_over_all_directions():
-    speed = 0.3
-    w = 2.0 * speed / GAUGE
-    steps = 400
-    T = steps * DT
-    estimator = drive(-speed, speed, 100)
-    mark = estimator.mark()
-    drive(-speed, speed, steps, begin=100, estimator=estimator)
-    motion = estimator.relative_motion(mark)
-    assert motion.pose == pytest.approx([0.0, 0.0, w * T], abs=1e-9)
-    # Noise forward, in the direction of each time: integrals of cos², sin² and sin cos.
-    once, twice = math.sin(2.0 * w * T) / (4.0 * w), math.sin(w * T) ** 2 / (2.0 * w)
-    q_x, q_w = NOISE**2 / 2.0, 2.0 * NOISE**2 / GAUGE**2
-    expected = np.diag([q_x * (T / 2.0 + once), q_x * (T / 2.0 - once), q_w * T])
-    expected[0, 1] = expected[1, 0] = q_x * twice
-    assert motion.covariance == pytest.approx(expected, rel=2e-3, abs=1e-9)
-
-
 def test_a_fix_that_turns_the_whole_path_does_not_bend_the_motion():
     v, yaw = 0.5, 0.6
     estimator = drive(v, v, 500, start_sigma=(0.0, 0.0, 1.0))
@@ -125,20 +107,6 @@ def test_since_a_start_that_is_known_exactly_it_is_the_pose(variant):
     expected = turn @ estimator.pose_covariance @ turn.T
     assert estimator.health.sensors["position"].used > 15
     assert motion.covariance == pytest.approx(expected, rel=1e-6, abs=1e-12)
-
-
-def test_fixes_in_between_make_the_motion_more_certain():
-    estimator = drive(0.5, 0.5, 0, start_sigma=(0.01, 0.01, 0.001))
-    mark = estimator.mark()
-    drive(0.5, 0.5, 1000, begin=0, estimator=estimator)
-    before, x = estimator.relative_motion(mark), estimator.pose[0]
-    estimator.feed(PositionFix(estimator.stamp, x, 0.02, 1e-4))
-    after = estimator.relative_motion(mark)
-    # Sideways it was known to 0.3 m and more; now to what is not known of its two ends.
-    assert before.covariance[1, 1] > 0.1
-    assert after.covariance[1, 1] == pytest.approx(1e-4 + 1e-4 + (10.0 * 0.001) ** 2, rel=0.01)
-    assert np.linalg.eigvalsh(before.covariance - after.covariance).min() > -1e-12
-    assert after.pose[1] == pytest.approx(0.02, abs=0.01)
 
 
 def test_covariance_at_the_end_is_that_of_the_error_seen_from_there():
@@ -309,24 +277,6 @@ def test_between_two_marks_nothing_changes_any_more_without_fixes():
     assert compose(now.pose, back.pose) == pytest.approx(np.zeros(3), abs=1e-12)
     # Seen from its end, the way back is as uncertain as the way there from its start.
     assert back.end_covariance == pytest.approx(now.covariance[:3, :3], rel=0.2, abs=1e-7)
-
-
-def test_a_mark_between_two_steps_lies_between_them():
-    estimator = fed_in_order()
-    stamps = [FIRST + seconds(share * 0.02) for share in (0.25, 0.5, 0.75)]
-    for stamp in stamps:
-        estimator.mark(stamp)
-    ends = [FIRST, *stamps, IMU_STAMPS[206]]
-    estimator.mark(ends[-1])
-    whole = estimator.relative_motion(ends[0], ends[-1])
-    assert np.hypot(*whole.pose[:2]) > 0.001
-    for stamp, share in zip(stamps, (0.25, 0.5, 0.75), strict=True):
-        part = estimator.relative_motion(FIRST, stamp)
-        rest = estimator.relative_motion(stamp, ends[-1])
-        assert compose(part.pose, rest.pose) == pytest.approx(whole.pose, abs=1e-9)
-        # But for the change of the twist in 0.02 s.
-        assert part.pose[0] == pytest.approx(share * whole.pose[0], abs=0.2 * whole.pose[0])
-        assert np.linalg.eigvalsh(part.covariance).min() > -1e-12
 
 
 def test_forgotten_marks_are_gone_and_stay_gone():

@@ -1,7 +1,5 @@
 """Refused fixes that tell of another heading, not only of another place."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -55,26 +53,6 @@ def test_the_turn_and_the_shift_are_found(angle: float) -> None:
     assert not covariance[3:].any()
 
 
-def test_the_next_fix_that_wanders_is_predicted_as_well_as_those_of_the_relocation() -> None:
-    rejected, of_white, joint = refused(turned(PATH, 0.4)), np.empty((5, 5)), np.empty((5, 5))
-    assert relocate(rejected, np.array([*PATH[-1], 0.2]), of_white, 0.0)
-    assert relocate(rejected, np.array([*PATH[-1], 0.2]), joint, 1.2)
-    assert np.linalg.eigvalsh(joint).min() >= -1e-12
-    assert joint[3, 3] == pytest.approx(1.2**2)
-    H = np.array([1.0, 0.0, 0.0, 1.0, 0.0])
-    assert H @ joint @ H == pytest.approx(of_white[0, 0])
-
-
-def test_the_newest_count_and_their_variance_grows_with_the_wander() -> None:
-    """Of seventy the first six are forgotten; those of one wander share what it was at the first."""
-    many = np.arange(140.0).reshape(-1, 2)
-    rejected = refused(many, many, wandered=0.01)
-    assert rejected.count == len(rejected.x) == 64
-    assert rejected.x == many[6:, 0].tolist()
-    assert rejected.variance[0] == pytest.approx(0.05**2 + 6 * 0.01)
-    assert rejected.variance[-1] == pytest.approx(0.05**2 + 69 * 0.01)
-
-
 def test_what_is_no_turned_path_is_left_alone() -> None:
     rng = np.random.default_rng(2)
     assert not laid_over(refused(10.0 * rng.normal(size=PATH.shape))).fits
@@ -86,7 +64,6 @@ def test_what_is_no_turned_path_is_left_alone() -> None:
 
 def fixes_turned(log: Log, angle: float, since: float) -> Log:
     fixes = log.fixes
-    assert fixes is not None
     late = fixes.stamps >= log.start + round(since * 1e9)
     poses = fixes.poses.copy()
     poses[late, :2] = turned(poses[late, :2], angle)
@@ -98,7 +75,6 @@ def fixes_turned(log: Log, angle: float, since: float) -> Log:
 def test_a_heading_that_is_wrong_is_found_from_positions(angle: float) -> None:
     log = simulate(Scenario(duration=90.0, seed=2, truth_rate=5.0), ALPHA)
     truth = log.truth
-    assert truth is not None
     estimator = PoseEstimator(ALPHA, "constant-online")  # type: ignore[arg-type]
     for measurement in fixes_turned(log, angle, 30.0).measurements():
         estimator.feed(measurement)

@@ -1,7 +1,5 @@
 """An IMU that is mounted otherwise than the robot file says: gravity shows it."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +18,6 @@ from icreckon.simulation.truth.terrain import Terrain
 def tilted(log: Log, roll: float, pitch: float) -> Log:
     """Copy of a log whose IMU is tilted [deg]."""
     imu = log.imu
-    assert imu is not None
     assert imu.linear_acceleration is not None
     mount = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
     rates, forces = imu.angular_velocity @ mount, imu.linear_acceleration @ mount
@@ -38,13 +35,10 @@ def drive(request: pytest.FixtureRequest, robot: Robot) -> Log:
     ("variant", "roll", "pitch"),
     [("constant-online", 10.0, 0.0), ("inertia-online", -6.0, 8.0), ("inertia-online", 0.0, 0.0)],
 )
-def test_a_tilt_is_found_on_level_ground_and_on_a_slope(
-    variant: str, roll: float, pitch: float, drive: Log, robot: Robot
-) -> None:
+def test_a_tilt_is_found_on_level_ground_and_on_a_slope(variant, roll, pitch, drive, robot):
     """To a degree; the slope, which turns as the robot does, is none."""
     log = tilted(drive, roll, pitch)
     found = run(log, robot, variant).health.tilt
-    assert found is not None
     assert (found.roll_deg, found.pitch_deg) == pytest.approx((roll, pitch), abs=1.5)
     assert found.is_wrong == bool(roll or pitch)
     (beside,) = run_side_by_side(log, robot, [variant]).values()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.log.measurements import (
     STANDSTILL_SIGMA,
     BodyVelocity,
@@ -16,7 +15,7 @@ from icreckon.estimator.log.measurements import (
     ZeroVelocity,
 )
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import GateSettings, Settings, StandstillSettings
+from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
@@ -31,12 +30,6 @@ def brought_to_a_stop(told_every=None, *, after=10.0, shift=STEP // 3, standstil
     """Two seconds of a bend, the last half of one slowing down, then at rest; IMU at 100 Hz.
 
     The gyro has some bias and noise.
-
-    Args:
-        told_every: so many IMU samples pass between two zero velocities; None for none.
-        after: time at rest [s].
-        shift: of the stamps of the zero velocities against those of the IMU [ns].
-        standstill: detection.
     """
     settings = Settings(standstill=standstill)
     estimator, rng = PoseEstimator(ALPHA, settings=settings), np.random.default_rng(0)
@@ -75,15 +68,6 @@ def test_the_gyro_tells_its_bias_once_the_robot_is_known_to_stand(shift):
     assert told.health.rejections() == {}
 
 
-def test_told_at_each_sample_it_is_as_good_as_finding_out():
-    told = brought_to_a_stop(1, after=20.0)
-    found = brought_to_a_stop(after=20.0, standstill=StandstillSettings())
-    assert found.health.standstill_updates > 1900
-    for index in (s.GYRO_BIAS, s.SLIP_W):
-        assert sigma_of(told, index) == pytest.approx(sigma_of(found, index), rel=0.1, abs=2e-4)
-    assert np.abs(told.twist).max() < 1e-3
-
-
 @pytest.mark.parametrize("shift", [0, STEP // 3, 30 * STEP])
 def test_it_moves_neither_pose_nor_what_was_learnt_but_the_slip(shift):
     estimator = brought_to_a_stop(after=2.0)
@@ -103,16 +87,6 @@ def test_it_moves_neither_pose_nor_what_was_learnt_but_the_slip(shift):
         assert sigma_of(estimator, s.SLIP_W) < 1.01 * STANDSTILL_SIGMA[2] < math.sqrt(P[5, 5])
         # What the slip was believed to share with the bias is gone with it.
         assert abs(estimator.covariance[s.SLIP_W, s.GYRO_BIAS]) < 0.01 * abs(shared)
-
-
-def test_the_twist_is_as_certain_as_is_said():
-    for sigma in (STANDSTILL_SIGMA, (0.02, 0.03, 0.004)):
-        estimator = brought_to_a_stop(after=2.0)
-        slip = estimator.covariance.diagonal()[s.SLIP]
-        assert estimator.feed(ZeroVelocity(estimator.stamp, sigma))
-        variance = np.square(sigma)
-        together = slip * variance / (slip + variance)
-        assert estimator.twist_covariance.diagonal() == pytest.approx(together, rel=0.05)
 
 
 def test_between_imu_samples_the_estimate_stays_where_it_is_and_the_step_goes_on():
@@ -142,36 +116,6 @@ def test_a_robot_that_moves_is_not_believed_to_stand_and_nothing_changes():
     assert estimator.health.rejections() == {"zero velocity: gate": 2}
 
 
-@pytest.mark.thorough
-def test_the_gate_asks_all_three_together():
-    moving, told = brought_to_a_stop(after=2.0), []
-    moving.feed(TrackSpeeds(moving.stamp + 1, 0.3, 0.6))
-    for scale in np.geomspace(0.01, 1.0, 200).tolist():
-        estimator = copy.deepcopy(moving)
-        used = estimator.feed(ZeroVelocity(estimator.stamp + 2, (scale, scale, scale)))
-        health = estimator.health.sensors["zero velocity"]
-        told.append((health.newest_nis, used))
-        assert health.degrees == 3 * used
-    assert all(used is (nis <= CHI_SQUARE_1E4[3]) for nis, used in told)
-    # Some are used that a gate of fewer degrees would refuse.
-    assert any(CHI_SQUARE_1E4[2] < nis and used for nis, used in told)
-    assert not all(used for _, used in told)
-
-
-def test_spinning_tracks_of_a_robot_that_is_held_are_found_out():
-    settings = Settings(gates=GateSettings(patience=0.395))
-    estimator, used = PoseEstimator(ALPHA, settings=settings), []
-    for k in range(600):
-        stamp = EPOCH + k * STEP
-        estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
-        estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)))
-        if k >= 100 and k % 10 == 0:
-            used.append(estimator.feed(ZeroVelocity(stamp)))
-            if used[-1]:
-                assert np.abs(estimator.twist).max() < 0.01
-    assert used == [False] + ([False] * 4 + [True]) * 9 + [False] * 4
-
-
 @pytest.mark.parametrize(
     "sigma", [(0.0, 1e-3, 1e-3), (1e-3, -1.0, 1e-3), (1e-3, 1e-3, math.nan), (math.inf, 1.0, 1.0)]
 )
@@ -181,16 +125,6 @@ def test_a_sigma_that_cannot_be_is_refused(sigma):
     assert estimator.feed(ZeroVelocity(estimator.stamp, sigma)) is False
     assert estimator.state.tolist() == before
     assert estimator.health.rejections() == {"zero velocity: sigma not positive": 1}
-
-
-def test_before_any_track_speeds_it_does_no_harm():
-    estimator = PoseEstimator(ALPHA)
-    assert estimator.feed(ZeroVelocity(EPOCH)) is True
-    fresh = PoseEstimator(ALPHA)
-    for one in (estimator, fresh):
-        one.feed(TrackSpeeds(EPOCH + STEP, 0.4, 0.5))
-        one.feed(ImuSample(EPOCH + 2 * STEP, (0.0, 0.0, 0.1)))
-    assert estimator.state == pytest.approx(fresh.state, abs=1e-12)
 
 
 def test_what_is_worked_through_again_does_not_know_the_word_before_its_time():

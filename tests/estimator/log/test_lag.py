@@ -1,7 +1,5 @@
 """Lag of one series behind another: found where it shows, and a reason where it does not."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -2,13 +2,18 @@
 
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
+import icreckon
 from conftest import make_log
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.input_checks import STREAMS, key_of
+from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -24,22 +29,13 @@ from icreckon.estimator.log.series import (
     ImuSeries,
     PoseSeries,
     TrackSpeedSeries,
+    Truth,
     TwistSeries,
 )
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.variants import state_names
-from icreckon.estimator.streaming.run import run
-from icreckon.estimator.streaming.smoother import smooth
 
 
 def stamps(*values):
     return np.array(values, dtype=np.int64)
-
-
-def test_clean_stream_is_kept_whole():
-    keep, reasons = screen("imu", [1, 2, 5], [0.0, 1.0, 2.0], [[1, 2]] * 3, positive=[1, 2, 3])
-    assert keep.tolist() == [True, True, True]
-    assert reasons == {}
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -78,27 +74,12 @@ def test_as_many_samples_as_can_be_are_kept():
         raw = rng.integers(0, 12, 9)
         keep, _ = screen("s", raw, np.zeros(9))
         best = max(
-            (
-                len(picks)
-                for n in range(10)
-                for picks in itertools.combinations(range(9), n)
-                if all(raw[a] < raw[b] for a, b in itertools.pairwise(picks))
-            ),
+            len(picks)
+            for n in range(10)
+            for picks in itertools.combinations(range(9), n)
+            if all(raw[a] < raw[b] for a, b in itertools.pairwise(picks))
         )
         assert keep.sum() == best
-
-
-def test_a_dropped_sample_does_not_make_the_next_one_late():
-    # The sample of the far future is NaN; those after it are in order.
-    keep, reasons = screen("imu", [1, 900, 2, 3], [0.0, np.nan, 0.0, 0.0])
-    assert keep.tolist() == [True, False, True, True]
-    assert reasons == {"imu: not finite": 1}
-
-
-def test_sample_of_the_same_stamp_as_a_dropped_one_is_no_duplicate():
-    keep, reasons = screen("imu", [1, 2, 2, 3], [0.0, np.nan, 0.0, 0.0])
-    assert keep.tolist() == [True, False, True, True]
-    assert reasons == {"imu: not finite": 1}
 
 
 def test_each_sample_is_counted_once_by_its_first_defect():
@@ -125,13 +106,6 @@ def test_kept_stamps_ascend_and_every_drop_is_counted():
         keep, reasons = screen("s", raw, values, positive=rng.uniform(-0.1, 1.0, 80))
         assert (np.diff(raw[keep]) > 0).all()
         assert sum(reasons.values()) == 80 - keep.sum()
-
-
-def test_stamps_of_today_keep_their_nanoseconds():
-    now = 1_700_000_000_123_456_789
-    keep, reasons = screen("imu", [now, now + 1, now + 1, now], np.zeros(4))
-    assert keep.tolist() == [True, True, False, False]
-    assert reasons == {"imu: duplicate stamp": 1, "imu: stamp goes backward": 1}
 
 
 @pytest.mark.parametrize(
@@ -279,27 +253,6 @@ def test_what_cannot_be_right_is_dropped_and_counted():
     }
 
 
-def test_a_list_of_measurements_can_be_run_and_smoothed():
-    robot, at = load_robot("auriga-alpha"), stamps(*range(0, 2_000_000_000, 20_000_000))
-    drive = [
-        kind(stamp, *values)
-        for stamp in at.tolist()
-        for kind, *values in ((TrackSpeeds, 0.3, 0.3), (ImuSample, (0.0, 0.0, 0.0)))
-    ]
-    seen = [PoseFix(10**9, 0.5, 0.2, 0.0, COVARIANCE), BodyVelocity(10**9, 0.32, 0.0, 1e-4)]
-    start = {"start_sigma": (0.5, 0.5, 0.5)}
-    log = Log.from_measurements([*seen, *drive])
-    filtered, smoothed = smooth(log, robot, "constant-fixed", **start)
-    plain = run(log, robot, "constant-fixed", **start)
-    # The smoother sees each part of a step, the other run takes it as a whole.
-    unit = np.where(plain.state_sigmas > 0.0, plain.state_sigmas, 1.0)
-    assert (np.abs(plain.states - filtered.states) < 1e-9 * unit).all()
-    assert plain.health.sensors["pose"].used == plain.health.sensors["body velocity"].used == 1
-    assert plain.state_names == state_names("constant-fixed")
-    # The fix counts for what was before it, too.
-    assert smoothed.state_sigmas[5, 1] < 0.7 * filtered.state_sigmas[5, 1]
-
-
 def test_measurements_made_some_at_a_time_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     log = replace(make_log(), others=(HeadingFix(make_log().start, 0.1, 0.2),))
     at_once = list(log.measurements())
@@ -317,8 +270,6 @@ def test_a_part_of_a_log_has_what_lies_between():
     part = log.between(begin, end)
     wanted = [one for one in log.measurements() if begin <= one.stamp <= end]
     assert list(part.measurements()) == wanted
-    assert log.truth is not None
-    assert part.truth is not None
     for whole, cut in (
         (log.truth.poses, part.truth.poses),
         (log.truth.twists, part.truth.twists),
@@ -331,3 +282,68 @@ def test_a_part_of_a_log_has_what_lies_between():
     assert log.between(log.start, log.end).tracks.speeds.shape == log.tracks.speeds.shape
     bare = replace(log, imu=None, fixes=None, truth=None)
     assert bare.between(begin, end).imu is None
+
+
+# --- integral -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(), (2,)])
+@pytest.mark.parametrize("kind", [float, complex])
+def test_it_is_the_trapezoidal_rule_at_uneven_stamps(shape: tuple[int, ...], kind: type) -> None:
+    rng = np.random.default_rng(1)
+    stamps = 1_700_000_000 * 10**9 + np.cumsum(rng.integers(1, 10**8, 50))
+    values = rng.normal(size=(50, *shape)).astype(kind)
+    if kind is complex:
+        values += 1j * rng.normal(size=values.shape)
+    seconds = (stamps - stamps[0]) * NANOSECOND
+    expected = cumulative_trapezoid(values, seconds, axis=0, initial=0.0)
+    assert running_integral(stamps, values) == pytest.approx(expected, abs=1e-12)
+
+
+def test_whole_numbers_have_fractions_and_no_sample_has_no_integral() -> None:
+    found = running_integral(np.array([0, 500_000_000]), np.array([0, 1]))
+    assert found.tolist() == [0.0, 0.25]
+    assert running_integral(np.zeros(0, np.int64), np.zeros(0)).shape == (0,)
+
+
+# --- kinds ----------------------------------------------------------------------------------------
+
+
+ROBOT = icreckon.load_robot("auriga-alpha")
+STAMPS = np.arange(50) * 20_000_000
+TRACKS = TrackSpeedSeries(STAMPS, np.full((50, 2), 0.2))
+IMU = ImuSeries(STAMPS, np.zeros((50, 3)))
+LOG = Log("a", TRACKS, IMU)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: TrackSpeedSeries(STAMPS * 1e-9, np.zeros((50, 2))), r"integers \[ns\].*astype"),
+        (lambda: TrackSpeedSeries([1, 2], np.zeros((2, 2))), "stamps must be a numpy array"),
+        (lambda: ImuSeries(STAMPS, [[0.0] * 3] * 50), "angular_velocity must be a numpy array"),
+        (lambda: Truth(np.zeros((3, 3))), r"poses must be PoseSeries\(\.\.\.\), found ndarray"),
+        (lambda: Log("x", IMU), r"tracks must be TrackSpeedSeries\(\.\.\.\), found ImuSeries"),
+        (lambda: Log(TRACKS, IMU), "name must be str"),
+        (lambda: Log("x", TRACKS, imu=TRACKS), "imu must be ImuSeries.* or None, found TrackSp"),
+        (lambda: Log("x", TRACKS, truth=PoseSeries(STAMPS, np.zeros((50, 3)))), "truth must be"),
+        (lambda: icreckon.compare(ROBOT, LOG), r"log must be Log\(\.\.\.\), found Robot"),
+        (lambda: icreckon.compare(LOG, "warthog"), "robot must be a Robot"),
+        (lambda: icreckon.run(ROBOT, LOG, "gyro"), r"log must be Log\(\.\.\.\), found Robot"),
+        (lambda: icreckon.calibrate([TRACKS], ROBOT), "each of logs must be Log"),
+        (lambda: icreckon.calibrate("a.mcap", ROBOT), "each of logs must be Log.*found str"),
+        (lambda: icreckon.simulate(ROBOT, icreckon.Scenario()), "scenario must be Scenario"),
+    ],
+)
+def test_it_is_named(make: Any, words: str) -> None:
+    with pytest.raises(icreckon.IcreckonError, match=words) as found:
+        make()
+    assert len(str(found.value)) < 300
+
+
+def test_one_log_is_as_good_as_a_list_of_one() -> None:
+    with pytest.raises(icreckon.EstimatorError, match="truth") as alone:
+        icreckon.calibrate(LOG, ROBOT)
+    with pytest.raises(icreckon.EstimatorError, match="truth") as listed:
+        icreckon.calibrate([LOG], ROBOT)
+    assert str(alone.value) == str(listed.value)

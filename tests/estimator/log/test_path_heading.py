@@ -1,7 +1,5 @@
 """Headings of a truth: those that are none are noticed, and missing ones found from the path."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -92,7 +90,6 @@ def test_headings_are_found_in_any_frame(noise: float) -> None:
     places += noise * rng.standard_normal(places.shape)
     positions = PoseSeries(STAMPS, np.column_stack([places, np.full(len(STAMPS), np.nan)]))
     found = headings_by_path(positions, path)
-    assert found is not None
     np.testing.assert_array_equal(found.poses.poses[:, :2], places)
     off = wrap_angle(found.poses.poses[:, 2] - path.poses[:, 2] - 2.1)
     assert np.abs(off).max() < 1e-6 + 4.0 * found.sigma
@@ -100,7 +97,6 @@ def test_headings_are_found_in_any_frame(noise: float) -> None:
     # Only where both are.
     later = PoseSeries(path.stamps[200:], path.poses[200:])
     part = headings_by_path(positions, later)
-    assert part is not None
     assert part.poses.stamps[0] == path.stamps[200]
 
 

@@ -81,12 +81,6 @@ def test_constant_yaw_rate_error_is_yaw_drift_and_a_bend_to_the_left():
     assert score.percent_mean == pytest.approx(1.0, rel=1e-4)
 
 
-def test_sign_of_the_yaw_error_is_that_of_the_estimate():
-    truth = series(SECONDS, straight(SECONDS))
-    score = drift(series(SECONDS, circle(SECONDS, rate=-0.002)), truth, 10.0)
-    assert score.yaw_errors == pytest.approx(-0.02)
-
-
 def test_estimate_in_another_frame_scores_the_same():
     truth = series(SECONDS, circle(SECONDS))
     poses = circle(SECONDS, speed=0.51, rate=0.102)

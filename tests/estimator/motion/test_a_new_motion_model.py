@@ -116,7 +116,7 @@ def test_its_derivatives_are_those_of_a_complex_step():
 
 
 def test_without_its_gain_it_is_the_model_of_constant_icrs():
-    log = simulate(Scenario(duration=2.0, truth="kinematic", seed=3), ALPHA)
+    log = simulate(Scenario(duration=1.0, truth="kinematic", seed=3), ALPHA)
     shipped, own = (PoseEstimator(ALPHA, name) for name in (SHIPPED, "no-gain"))
     for measurement in log.measurements():
         assert own.feed(measurement) == shipped.feed(measurement)
@@ -141,7 +141,7 @@ def drive(seconds: float) -> Log:
 
 
 def test_it_predicts_its_own_motion_better_than_the_shipped_model():
-    log = drive(6.0)
+    log = drive(3.0)
     own, shipped = (
         np.sqrt(np.mean(run(log, ALPHA, name).innovations[50:, 0] ** 2)) for name in (OWN, SHIPPED)
     )

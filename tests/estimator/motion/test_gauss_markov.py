@@ -1,7 +1,5 @@
 """Transition and noise of a Gauss-Markov process over a step."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

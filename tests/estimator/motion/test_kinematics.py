@@ -1,7 +1,5 @@
 """Equations (1) to (30) of the paper: numbers worked out by hand, and identities."""
 
-import tomllib
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -22,7 +20,7 @@ from icreckon.estimator.motion.icr import (
     symmetry_coordinates,
     velocity_of_centre_of_mass,
 )
-from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from icreckon.estimator.robot.robot_file import load_robot
 from smooth_inertia import indices_at_signed_inertia, inertial_force_magnitude, signed_inertia
 
 # A vehicle with L eta = 1 m, so that everything can be worked out by hand.
@@ -161,58 +159,6 @@ def test_icrs_of_straight_motion_are_at_infinity():
         )
     assert found.x_ICRl[0] == -np.inf
     assert found.x_ICRr[0] == np.inf
-
-
-def test_arrays_give_what_floats_give():
-    rng = np.random.default_rng(1)
-    n = 50
-    V_l, V_r, force, signed = rng.uniform(-1, 1, (4, n)) * [[1.0], [1.0], [200.0], [200.0]]
-    values = IndexValues(*rng.uniform([[-0.1], [-0.1], [1.0]], [[0.1], [0.1], [4.0]], (3, n)))
-    twist = direct(V_l, V_r, values, GAUGE)
-    arrays = (
-        *twist,
-        *inverse(twist.v_y, twist.w, values, GAUGE),
-        *icrs_from_twist(V_l, V_r, twist),
-        *inertial_force(twist, MASS, X_CM, Y_CM),
-        inertial_force_magnitude(twist, MASS, X_CM, Y_CM),
-        *signed_inertia(twist, MASS, X_CM),
-        *indices_at_inertia(abs(force), V_l, V_r, PUBLISHED),
-        *indices_at_signed_inertia(signed, force, PUBLISHED),
-    )
-    for i in range(n):
-        left, right, f, g = (float(array[i]) for array in (V_l, V_r, force, signed))
-        one = IndexValues(*(float(array[i]) for array in values))
-        single = direct(left, right, one, GAUGE)
-        floats = (
-            *single,
-            *inverse(single.v_y, single.w, one, GAUGE),
-            *icrs_from_twist(left, right, single),
-            *inertial_force(single, MASS, X_CM, Y_CM),
-            inertial_force_magnitude(single, MASS, X_CM, Y_CM),
-            *signed_inertia(single, MASS, X_CM),
-            *indices_at_inertia(abs(f), left, right, PUBLISHED),
-            *indices_at_signed_inertia(g, f, PUBLISHED),
-        )
-        assert [float(array[i]) for array in arrays] == pytest.approx(floats, rel=1e-14)
-
-
-def test_robot_file_has_the_published_digits():
-    content = tomllib.loads((ROBOTS_FOLDER / "auriga-alpha.toml").read_text())
-    vehicle = content["vehicle"]
-    assert (vehicle["mass"], vehicle["track_gauge"]) == (258.0, 0.42)
-    # Table I: x_CM = -0.015 (right), y_CM = 0.04 (forward).
-    assert vehicle["centre_of_mass"][:2] == [0.04, 0.015]
-    assert content["indices"] == {
-        "H": 0.67134,
-        "zeta0": 0.048,
-        "zeta1": 0.0002424,
-        "epsilon0": 0.106,
-        "epsilon1": 0.0011,
-        "eta0": 2.62,
-        "eta1": 0.0019,
-        "eta2": 0.00001,
-    }
-    assert content["constant_icr"] == {"x_ICRl": -0.458, "x_ICRr": 0.630, "y_ICR": 0.0482}
 
 
 def test_robot_speaks_the_papers_language():

@@ -1,7 +1,5 @@
 """The filter's index model: its derivatives, symmetries and limits, and the paper's motion as its end."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -139,9 +137,7 @@ FACTORS = st.tuples(*[st.floats(0.5, 1.5)] * 9)
 
 @settings(max_examples=50)
 @given(speeds=st.lists(SPEEDS, min_size=2, max_size=10), gravity=SLOPES, factors=FACTORS)
-def test_a_mirrored_vehicle_makes_the_mirrored_motion(
-    speeds: list[tuple[float, float]], gravity: tuple[float, float], factors: tuple[float, ...]
-) -> None:
+def test_a_mirrored_vehicle_makes_the_mirrored_motion(speeds, gravity, factors):
     parameters, right = USUAL * factors, np.array(speeds)
     motion = driven(model_of(), right, parameters, gravity=gravity)
     mirrored = model_of(VEHICLE._replace(x_CM=-VEHICLE.x_CM))
@@ -168,11 +164,9 @@ def test_a_vehicle_that_backs_down_a_slope_is_one_that_drives_down_it_turned_aro
 # --- the paper's motion -----------------------------------------------------------------------------
 
 
-@settings(max_examples=100)
+@settings(max_examples=30)
 @given(speeds=SPEEDS, factors=st.tuples(*[st.floats(0.9, 1.1)] * 8))
-def test_in_steady_motion_on_level_ground_it_is_the_papers_model(
-    speeds: tuple[float, float], factors: tuple[float, ...]
-) -> None:
+def test_in_steady_motion_on_level_ground_it_is_the_papers_model(speeds, factors):
     parameters = np.append(PUBLISHED[:8] * factors, 0.0)
     found, expected = steady(*speeds, parameters), solve(*speeds, parameters, VEHICLE)
     assert found.twist == pytest.approx(expected.twist, abs=1e-9)
@@ -238,19 +232,6 @@ def test_forces_lag_whatever_the_step() -> None:
         assert acceleration == pytest.approx(0.55 * np.exp(-1.0) / LAG, rel=1e-9)
 
 
-def test_with_gains_halving_the_step_changes_little_and_ever_less() -> None:
-    ends = []
-    for count in (4, 8, 16, 256):
-        model = model_of()
-        for _ in range(count):
-            model.begin_step(LAG / count, 0.2, 0.9, USUAL, LEVEL)
-        ends.append(np.array(model.linearise(0.2, 0.9, USUAL, NO_SLIP, LEVEL)[0].twist))
-    errors = [np.abs(end - ends[-1]).max() for end in ends[:3]]
-    assert errors[0] < 0.03
-    assert errors[1] < 0.6 * errors[0]
-    assert errors[2] < 0.6 * errors[1]
-
-
 def test_the_first_step_begins_with_the_force_of_its_motion_and_without_acceleration() -> None:
     model = model_of()
     model.begin_step(0.01, 0.3, 0.8, ALPHA.constant_indices.as_array(), LEVEL)
@@ -290,12 +271,7 @@ def test_evaluating_changes_no_memory_and_going_back_repeats_the_motion() -> Non
     factors=st.tuples(*[st.floats(-30.0, 30.0)] * 9),
     dt=st.sampled_from([1e-6, 0.01, 0.1, 1.0, 30.0]),
 )
-def test_no_parameters_make_it_leave_what_tracks_can_do(
-    speeds: list[tuple[float, float]],
-    gravity: tuple[float, float],
-    factors: tuple[float, ...],
-    dt: float,
-) -> None:
+def test_no_parameters_make_it_leave_what_tracks_can_do(speeds, gravity, factors, dt):
     """Forward it is between its tracks, and it turns no faster than the ideal differential drive."""
     V = np.array(speeds)
     motion = driven(model_of(), V, USUAL * factors, dt, gravity)
@@ -312,8 +288,6 @@ def test_no_parameters_make_it_leave_what_tracks_can_do(
 
 @settings(max_examples=100)
 @given(V=st.floats(-1.0, 1.0), gravity=SLOPES, factors=st.tuples(*[st.floats(-9.0, 9.0)] * 9))
-def test_equal_tracks_drive_straight_on_any_slope(
-    V: float, gravity: tuple[float, float], factors: tuple[float, ...]
-) -> None:
+def test_equal_tracks_drive_straight_on_any_slope(V, gravity, factors):
     motion = driven(model_of(), np.full((5, 2), V), USUAL * factors, gravity=gravity)
     assert motion.twist == pytest.approx((0.0, V, 0.0), abs=1e-15)

@@ -1,7 +1,5 @@
 """The linear model: constant ICRs of two tracks, its derivatives, its bounds."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -19,11 +17,9 @@ from icreckon.estimator.motion.linear_model import (
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import (
-    default_adaptation,
     find_variant,
     initial_parameters,
     parameter_names,
-    parameter_sigmas,
 )
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
@@ -52,9 +48,7 @@ def test_it_contains_constant_icrs(V_l: float, V_r: float, values: IndexValues) 
 
 
 @given(V_l=speeds, V_r=speeds, values=indices, left=st.floats(0.8, 1.2), right=st.floats(0.8, 1.2))
-def test_it_contains_tracks_of_different_radii(
-    V_l: float, V_r: float, values: IndexValues, left: float, right: float
-) -> None:
+def test_it_contains_tracks_of_different_radii(V_l, V_r, values, left, right):
     parameters = coefficients(values, GAUGE) * np.tile([left, right], 3)
     motion, _ = MODEL.linearise(V_l, V_r, padded(parameters), NO_SLIP, LEVEL)
     expected = direct(left * V_l, right * V_r, values, GAUGE)
@@ -107,21 +101,3 @@ def test_the_variant_starts_from_the_constant_icrs_of_the_robot_file() -> None:
     for V_l, V_r in ((0.2, 0.7), (-0.4, 0.1), (0.5, 0.5)):
         twists = [one._reckoning.ekf.twist_model(V_l, V_r).twist for one in (linear, constant)]
         assert twists[0] == pytest.approx(twists[1], abs=1e-12)
-
-
-def test_its_standard_deviations_are_those_of_the_icrs_about() -> None:
-    """An error of one standard deviation in each index, to first order."""
-    adaptation = default_adaptation("full-linear")
-    sigmas = parameter_sigmas(ALPHA, VARIANT, adaptation)
-    _, zeta, _, epsilon, _, eta, *_ = ALPHA.constant_indices.as_array()
-
-    def changed(**changes: float) -> Floats:
-        values = IndexValues(zeta, epsilon, eta)
-        step = 1e-6
-        moved = values._replace(**{k: getattr(values, k) + step * v for k, v in changes.items()})
-        return (coefficients(moved, GAUGE) - coefficients(values, GAUGE)) / step
-
-    assert sigmas[:2] == pytest.approx(np.abs(changed(zeta=adaptation.zeta0)[:2]), rel=1e-4)
-    assert sigmas[2:4] == pytest.approx(np.abs(changed(epsilon=adaptation.epsilon0)[2:4]), rel=1e-4)
-    assert sigmas[4:6] == pytest.approx(np.abs(changed(eta=adaptation.eta0)[4:6]), rel=1e-4)
-    assert not sigmas[6:].any()

@@ -10,7 +10,6 @@ from scipy.integrate import quad
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import arc_factors, compose, relative
 from icreckon.estimator.motion.bounds import BOUND_MARGIN, ROUNDING
-from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.robot.robot_file import load_robot
@@ -138,25 +137,6 @@ def test_transition_is_the_derivative_of_the_prediction(dt, variant):
         assert_jacobian(ekf.F, expected, scales)
 
 
-@pytest.mark.parametrize("dt", [0.002, 0.02, 0.3])
-@MODELS
-def test_gravity_turns_back_as_the_robot_turns(dt, variant):
-    """Along the ground it stays where it is in odom, and so does its error."""
-    rng = np.random.default_rng(3)
-    for _ in range(10):
-        ekf = moving(rng, variant)
-        before, P = ekf.x.copy(), ekf.P.copy()
-        ekf.predict_motion(dt, *rng.uniform(-1.0, 1.0, 2), NO_NOISE)
-        cos, sin = np.cos(ekf.x[s.YAW] - before[s.YAW]), np.sin(ekf.x[s.YAW] - before[s.YAW])
-        back = np.array([[cos, sin], [-sin, cos]])
-        assert ekf.x[s.GRAVITY] == pytest.approx(back @ before[s.GRAVITY], abs=1e-13)
-        assert ekf.F[s.GRAVITY, s.GRAVITY] == pytest.approx(back, abs=1e-13)
-        assert np.count_nonzero(ekf.F[s.GRAVITY]) == 4
-        assert ekf.P[s.GRAVITY, s.GRAVITY] == pytest.approx(
-            back @ P[s.GRAVITY, s.GRAVITY] @ back.T, abs=1e-13
-        )
-
-
 def test_heading_and_slope_turned_together_give_the_same_motion():
     """The filter has no preferred direction: a fix that turns the yaw leaves gravity in base_link."""
     rng = np.random.default_rng(15)
@@ -267,15 +247,6 @@ def test_slip_becomes_the_uncertainty_of_an_integrated_gauss_markov_process(step
     assert ekf.P[s.SLIP_X, s.SLIP_X] == pytest.approx(velocity, rel=1e-9)
 
 
-@pytest.mark.parametrize("ratio", [1e-9, 1e-6, 0.9999e-3, 1.0001e-3, 0.1, 5.0])
-def test_noise_of_a_step_on_both_sides_of_the_switch_to_the_series(ratio):
-    ekf = make()
-    ekf.predict_motion(ratio, 0.5, 0.5, noise((1.0, 0.0, 0.0), (1.0, 1.0, 1.0), np.zeros(s.SIZE)))
-    integral = quad(lambda t: 2.0 * np.expm1(-t) ** 2, 0.0, ratio, epsabs=0.0)[0]
-    # The series leaves out 0.35 ratio², the closed form loses 1e-16 of ratio against ratio³ / 3.
-    assert ekf.Q[s.X, s.X] == pytest.approx(integral, rel=1e-6, abs=0.0)
-
-
 @pytest.mark.parametrize("steps", [1, 200])
 def test_random_walks_reach_the_pose_within_the_step(steps):
     # A gap of the track speeds is one long step: what the walk does to the pose must not wait.
@@ -288,15 +259,6 @@ def test_random_walks_reach_the_pose_within_the_step(steps):
     assert ekf.P[s.X, s.X] == pytest.approx(0.09 * 5.0**3 / 3)
     assert ekf.P[s.X, fast] == pytest.approx(0.09 * 5.0**2 / 2)
     assert ekf.P[fast, fast] == pytest.approx(0.09 * 5.0)
-
-
-def test_heading_error_swings_the_position():
-    ekf = make()
-    ekf.P[s.YAW, s.YAW] = 0.01
-    for _ in range(50):
-        ekf.predict_motion(0.1, 0.6, 0.6, NO_NOISE)
-    assert ekf.P[s.Y, s.Y] == pytest.approx((0.1 * 3.0) ** 2)
-    assert ekf.P[s.X, s.X] == pytest.approx(0.0, abs=1e-15)
 
 
 def test_update_is_filterpys_update():
@@ -317,18 +279,6 @@ def test_update_is_filterpys_update():
         ours.update_scalar(residual, row, variance)
         assert ours.x == pytest.approx(theirs.x, abs=1e-12)
         assert np.abs(ours.P - theirs.P).max() < 1e-12
-
-
-def test_update_is_the_sum_of_information():
-    rng = np.random.default_rng(7)
-    root = rng.normal(size=(s.SIZE, s.SIZE))
-    ekf = IcrEkf(LaggedIndexMotion(VEHICLE))
-    ekf.P = root @ root.T + np.eye(s.SIZE)
-    row, variance, residual = rng.normal(size=s.SIZE), 0.3, 0.7
-    information = np.linalg.inv(ekf.P) + np.outer(row, row) / variance
-    ekf.update_scalar(residual, row, variance)
-    assert ekf.P @ information == pytest.approx(np.eye(s.SIZE), abs=1e-10)
-    assert information @ ekf.x == pytest.approx(row * residual / variance, abs=1e-10)
 
 
 def test_stand_in_moves_the_prediction_as_far_as_if_no_state_were_fixed():
@@ -445,17 +395,6 @@ def test_projection_moves_neither_the_pose_nor_what_the_measurement_does_not_sho
     # There is no derivative by H, and so nothing that lanes keep of it.
     moved = set(np.flatnonzero(ekf.x != before).tolist()) | {s.PARAMETERS.start}
     assert moved == set(range(s.SIZE)) - still | {s.PARAMETERS.start}
-
-
-def test_nothing_moves_that_is_inside_or_not_estimated():
-    ekf = make(np.random.default_rng(11))
-    x = ekf.x.copy()
-    ekf.keep_inside_bounds()
-    assert (ekf.x == x).all()
-    fixed = make()
-    fixed.x[s.ETA0] = 0.5
-    fixed.keep_inside_bounds()
-    assert fixed.x[s.ETA0] == 0.5
 
 
 def test_covariance_stays_symmetric_and_positive_over_a_long_run():

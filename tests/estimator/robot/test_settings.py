@@ -1,7 +1,5 @@
 """What settings, adaptation and the estimator's arguments may be; the rest is refused in words."""
 
-from __future__ import annotations
-
 import math
 import pickle
 from pathlib import Path
@@ -32,13 +30,7 @@ BEYOND_FLOATS = 10**400
         ("Settings", "engine", ["plain"], "did you mean 'plain'?"),
         ("Settings", "slip", {}, "Slip(...) or None, found dict"),
         ("Settings", "adaptation", {"eta0": 0.0}, "Adaptation(...) or None, found dict"),
-        ("Settings", "gates", None, "GateSettings(...), found NoneType"),
-        ("Settings", "standstill", 1.0, "StandstillSettings(...), found float 1.0"),
         ("Settings", "hold", 0.0, "no more than 1e+09 s, found 0.0"),
-        ("Settings", "hold", "0.3", "no more than 1e+09 s, found '0.3'"),
-        ("Settings", "hold", True, "no more than 1e+09 s, found True"),
-        ("Settings", "longest_gap", BEYOND_FLOATS, "no more than 1e+09 s, found 1000"),
-        ("Settings", "gap_acceleration", (0.1,), "zero or a positive number, found (0.1,)"),
         ("Settings", "use_accelerometer", "no", "True or False, found 'no'"),
         ("Adaptation", "eta0", None, "zero or a positive number, found None"),
         ("GateSettings", "patience", True, "a time of 0 s or more, found True"),
@@ -54,13 +46,7 @@ def test_what_a_setting_cannot_be_is_refused(kind: str, name: str, value: Any, s
         msgspec.structs.replace(getattr(icreckon, kind)(), **{name: value})
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        -0.1,
-        "0.1",
-    ],
-)
+@pytest.mark.parametrize("value", [-0.1, "0.1"])
 def test_what_a_share_of_slip_cannot_be_is_refused(value: Any) -> None:
     with pytest.raises(EstimatorError, match="turning_x must be zero or a positive number"):
         icreckon.Slip(turning_x=value)
@@ -87,24 +73,17 @@ def test_numbers_of_numpy_and_whole_numbers_will_do() -> None:
     [
         ({"robot": "auriga-alpha"}, r"found str 'auriga-alpha'; use load_robot\('auriga-alpha'\)"),
         ({"robot": Path("my.toml")}, r"use load_robot\('my.toml'\)"),
-        ({"robot": None}, r"robot must be a Robot, found NoneType None; use load_robot\(path\)"),
-        ({"variant": None}, "no filter variant None; there is 'constant-fixed', "),
         ({"variant": ["inertia-online"]}, "did you mean 'inertia-online'?"),
         ({"settings": {"hold": 1.0}}, r"settings must be Settings\(...\) or None, found dict"),
         ({"start": (0, 0)}, r"start must be three finite numbers: x, y \[m\], yaw \[rad\], found"),
-        ({"start": (0, math.nan, 0)}, "start must be three finite"),
-        ({"start": 1.0}, "start must be three finite .*, found 1.0"),
         ({"start": np.zeros((3, 1))}, "start must be three finite"),
         (
             {"start_sigma": (-1, 0, 0)},
             "start_sigma must be three finite numbers, 0 or more: the st",
         ),
-        ({"start_sigma": (0, 0, 1e200)}, "none beyond 1e\\+10, found"),
     ],
 )
-def test_what_an_estimator_cannot_be_made_of_is_refused(
-    arguments: dict[str, Any], said: str
-) -> None:
+def test_what_an_estimator_cannot_be_made_of_is_refused(arguments, said):
     with pytest.raises(EstimatorError, match=said):
         icreckon.PoseEstimator(**{"robot": ALPHA, **arguments})
 

@@ -1,7 +1,5 @@
 """Both accelerometers: what they read at their place, and its derivatives by the state."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 import pytest
@@ -39,9 +37,7 @@ def mounted(place: tuple[float, float, float]) -> Robot:
 
 @AXES
 @PLACES
-def test_a_forecast_is_the_acceleration_of_its_place(
-    axis: int, place: tuple[float, float, float]
-) -> None:
+def test_a_forecast_is_the_acceleration_of_its_place(axis, place):
     """By differences of the place's path in odom, of a robot whose tracks change their speeds."""
     sensors = SensorModels(mounted(place))
     by_speeds = np.array([[0.5, 0.5], [0.02, -0.03], [-0.9, 0.8]])
@@ -91,9 +87,7 @@ def linearised(
 @AXES
 @PLACES
 @pytest.mark.parametrize("variant", ["inertia-online", "full-linear"])
-def test_its_jacobian_is_the_derivative_of_its_prediction(
-    axis: int, place: tuple[float, float, float], variant: str
-) -> None:
+def test_its_jacobian_is_the_derivative_of_its_prediction(axis, place, variant):
     ekf = some_ekf(np.random.default_rng(axis), variant)
     at = ekf.x.copy()
     found = linearised(ekf, at, axis, place)

@@ -1,7 +1,5 @@
 """Fixes of an antenna that is not at base_link: its lever arm is taken out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -34,8 +32,6 @@ def log(robot: Robot) -> Log:
 def of_antenna(log: Log, known: bool = True) -> Log:
     """The log with the fixes that an antenna would have had, and the same noise."""
     fixes, truth = log.fixes, log.truth
-    assert fixes is not None
-    assert truth is not None
     yaw = np.interp(fixes.stamps, truth.poses.stamps, np.unwrap(truth.poses.poses[:, 2]))
     poses = fixes.poses.copy()
     poses[:, :2] += rotate(np.tile(ANTENNA, (len(yaw), 1)), yaw)
@@ -45,7 +41,6 @@ def of_antenna(log: Log, known: bool = True) -> Log:
 
 def position_error(log: Log, robot: Robot, variant: str = "inertia-online") -> float:
     """RMSE of the position under fixes, after 20 s [m]."""
-    assert log.truth is not None
     found, true = run(log, robot, variant).trajectory.pose_series, log.truth.poses
     at = true.stamps > log.start + 20_000_000_000
     apart = [
@@ -55,9 +50,7 @@ def position_error(log: Log, robot: Robot, variant: str = "inertia-online") -> f
     return float(np.sqrt(np.mean(np.square(apart).sum(axis=0))))
 
 
-def test_a_known_lever_arm_costs_nothing_and_an_unknown_one_half_a_metre(
-    log: Log, robot: Robot
-) -> None:
+def test_a_known_lever_arm_costs_nothing_and_an_unknown_one_half_a_metre(log, robot):
     without = position_error(log, robot)
     assert without < 0.04
     assert position_error(of_antenna(log), robot) < 1.2 * without
@@ -98,11 +91,8 @@ def test_jacobian_and_noise_of_the_antenna() -> None:
 def test_a_log_keeps_the_antenna(log: Log) -> None:
     moved = of_antenna(log)
     again = Log.from_measurements(moved.measurements())
-    assert again.fixes is not None
-    assert moved.fixes is not None
     np.testing.assert_array_equal(again.fixes.lever_arms, moved.fixes.lever_arms)
     half = moved.between(log.start, (log.start + log.end) // 2)
-    assert half.fixes is not None
     assert half.fixes.lever_arms.shape == (len(half.fixes.stamps), 2)
     with pytest.raises(EstimatorError, match="antennas must have shape"):
         FixSeries(np.zeros(2, np.int64), np.zeros((2, 3)), np.ones((2, 2)), np.zeros((1, 2)))

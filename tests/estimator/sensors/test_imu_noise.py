@@ -92,22 +92,6 @@ def test_one_gap_is_no_noise():
     assert densities(one) == pytest.approx(densities(measured(stamps[:1000], readings[:1000])))
 
 
-@RATES
-@pytest.mark.parametrize("hertz", [8.0, 12.0, 30.0, 47.0, 65.0])
-def test_vibration_counts_nearly_as_white_noise_of_its_power(rate, hertz):
-    """Wherever it is aliased to, as long as that is no slow turn."""
-    aliased = abs(hertz - rate * round(hertz / rate))
-    if aliased < 3.5:
-        pytest.skip("looks like a slow turn at this rate")
-    t = np.arange(20 * rate) / rate
-    readings = np.sin(2.0 * np.pi * hertz * t[:, None] + np.array([0.1, 1.0, 2.0]))
-    found = np.array(densities(measured(stamps_at(rate, len(t)), readings)))
-    per_sample = found * math.sqrt(rate)
-    # Quiet readings are within eight standard deviations, and the peak is 1.
-    assert (per_sample * 8.0 > 1.0).all()
-    assert (per_sample < 2.5).all()
-
-
 def test_noise_that_grows_is_followed_within_seconds_and_so_is_its_end():
     calm, shaken = (white(100, 12.0, density, seed=1) for density in (1.0, 30.0))
     record = measured(*calm)

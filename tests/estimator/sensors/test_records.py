@@ -1,8 +1,5 @@
 """Records that plain Python and compiled code share: one source, the same numbers to the last bit."""
 
-import copy
-import pickle
-
 import msgspec
 import numpy as np
 import pytest
@@ -12,7 +9,6 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.records import (
     NEVER,
     array_on,
-    assign,
     plain_copy,
     record_of,
     shared_record,
@@ -28,7 +24,6 @@ from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import (
     QuietMemory,
-    QuietReadings,
     StandstillRecord,
     quiet_mean,
     stopped_after,
@@ -93,21 +88,6 @@ def test_a_buffer_that_is_too_short_is_refused():
         quiet_mean(still, *buffers, 40 * 10**7, 0.0, 0.0, SETTINGS)
 
 
-def test_the_readings_make_room_for_any_number_of_readings():
-    still, readings = StandstillRecord(), QuietReadings()
-    stopped_after(still, 0, 0.0, 0.0, SETTINGS.track_speed)
-    means = [readings.mean(still, k * 10**6, 0.01, 0.0, SETTINGS) for k in range(2000)]
-    assert np.isnan(means[:500]).all()
-    assert means[500:] == pytest.approx([0.01] * 1500)
-    other, others = StandstillRecord(), QuietReadings()
-    kept = copy.copy(still)
-    others.recall(readings.memory(kept))
-    assign(other, kept)
-    assert others.memory(other) == readings.memory(copy.copy(still))
-    assert len(others.memory(other).stamps) == 501
-    assert others.mean(other, 2000 * 10**6, 0.01, 0.0, SETTINGS) == pytest.approx(0.01)
-
-
 def test_a_shared_record_is_one_for_python_and_compiled_code():
     shared, plain = shared_record(TrackRecord()), TrackRecord()
     array = array_on(shared)
@@ -119,16 +99,6 @@ def test_a_shared_record_is_one_for_python_and_compiled_code():
         else:
             take_in_lane(array, 0, stamp, left, right, SETTINGS)
     assert plain_copy(TrackRecord, shared) == plain == record_of(TrackRecord, array[0])
-
-
-def test_copies_of_a_shared_record_have_their_own_memory():
-    shared = shared_record(FilterRecord(SETTINGS))
-    shared.tracks.left, shared.tracks.repeating_right.others[3] = 0.25, 0.5
-    for other in (copy.deepcopy(shared), pickle.loads(pickle.dumps(shared))):  # noqa: S301 - our own
-        assert values(array_on(other)[0]) == values(array_on(shared)[0])
-        assert record_of(FilterRecord, array_on(other)[0]).settings == SETTINGS
-        assign(other.tracks, TrackRecord())
-        assert (shared.tracks.left, shared.tracks.repeating_right.others[3]) == (0.25, 0.5)
 
 
 def test_a_checkpoint_is_shifted_with_its_quiet_readings_and_gates():

@@ -6,9 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from icreckon.estimator.filter.health import SensorHealth
-from icreckon.estimator.log import input_checks as admission
 from icreckon.estimator.log.input_checks import key_of
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -18,7 +16,6 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming import late_measurements as history
@@ -123,32 +120,6 @@ def test_the_order_of_arrival_does_not_matter_at_the_start_and_on_the_way(first,
     assert known(feed_all(mixed)) == IN_ORDER
 
 
-@pytest.mark.parametrize("kind", admission.STREAMS)
-def test_a_sensor_that_is_always_late_is_taken_in_at_its_stamps(kind):
-    delays = [seconds(0.5) if isinstance(m, kind) else 0 for m in MEASUREMENTS]
-    estimator = feed_all(as_they_arrive(MEASUREMENTS, delays))
-    assert known(estimator) == IN_ORDER
-    late = {name: sensor.late for name, sensor in estimator.health.sensors.items() if sensor.late}
-    (count,) = late.values()
-    assert count > 10
-
-
-def test_a_late_fix_moves_the_pose_when_it_comes_to_where_it_would_have_been():
-    fix = next(m for m in MEASUREMENTS[200:] if isinstance(m, PositionFix) and m.x < 10.0)
-    fix = PositionFix(fix.stamp, fix.x + 0.05, fix.y, 1e-3)
-    others = [m for m in MEASUREMENTS if key_of(m) != key_of(fix)]
-    arrival = next(i for i, m in enumerate(others) if m.stamp > fix.stamp + seconds(0.5))
-    in_time = feed_all(sorted([*others[:arrival], fix], key=key_of))
-    late = feed_all(others[:arrival])
-    before = late.pose
-    assert np.abs(before - in_time.pose).max() > 1e-3
-    assert late.feed(fix) is True
-    assert known(late) == known(in_time)
-    for m in others[arrival:]:
-        assert late.feed(m) is in_time.feed(m)
-        assert known(late) == known(in_time)
-
-
 def test_a_late_measurement_tells_whether_it_was_used():
     estimator = feed_all(MEASUREMENTS[:200])
     x, y, _ = estimator.pose
@@ -185,19 +156,6 @@ def test_the_first_of_two_with_one_stamp_counts():
     assert estimator.feed(old) is False
     assert sum(estimator.health.rejections().values()) == 1 + sum(before[2].rejections().values())
     assert known(estimator)[3:] == before[3:]
-
-
-def test_the_order_at_equal_stamps_is_that_of_a_log():
-    stamps = np.array([5, 6], dtype=np.int64)
-    log = Log(
-        "all at once",
-        TrackSpeedSeries(stamps, np.zeros((2, 2))),
-        ImuSeries(stamps, np.zeros((2, 3)), np.zeros((2, 3))),
-        FixSeries(stamps, np.zeros((2, 3)), np.ones((2, 2))),
-    )
-    measurements = list(log.measurements())
-    assert len(measurements) == 8
-    assert sorted(measurements, key=key_of) == measurements
 
 
 def test_imu_samples_before_the_first_track_speeds_are_used_when_these_come_late():

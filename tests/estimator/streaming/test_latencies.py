@@ -1,11 +1,8 @@
 """Latencies: taken off raw stamps by the estimator, and that of the tracks found while driving."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import islice
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -46,10 +43,8 @@ def log(robot: Robot) -> Log:
 @pytest.fixture(scope="module")
 def own(log: Log, robot: Robot) -> float:
     """Latency of the simulated speeds, as `inspect` finds it in the whole log [s]."""
-    assert log.imu is not None
     vertical = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
     found = track_latency(log.tracks, log.imu, vertical)
-    assert found is not None
     assert found.seconds == pytest.approx(0.0, abs=0.01)
     return found.seconds
 
@@ -84,8 +79,6 @@ def test_raw_stamps_give_what_corrected_ones_give(log: Log, robot: Robot) -> Non
 def test_a_log_of_raw_stamps_is_corrected_as_a_whole(log: Log) -> None:
     latencies = Latencies(tracks=0.21, imu=0.013, position=0.3, heading=0.4, pose=0.5)
     late = latencies.by_kind()
-    assert log.imu is not None
-    assert log.fixes is not None
 
     def later(stamps: np.ndarray, seconds: float) -> np.ndarray:
         return stamps + round(seconds / NANOSECOND)
@@ -103,9 +96,7 @@ def test_a_log_of_raw_stamps_is_corrected_as_a_whole(log: Log) -> None:
     )
     back = latencies.taken_off(as_fed)
     assert np.array_equal(back.tracks.stamps, log.tracks.stamps)
-    assert back.imu is not None
     assert np.array_equal(back.imu.stamps, log.imu.stamps)
-    assert back.fixes is not None
     assert np.array_equal(back.fixes.stamps, log.fixes.stamps)
     assert [one.stamp for one in back.others] == [500_000_000, 600_000_000]
     assert [type(one) for one in back.others] == [PoseFix, HeadingFix]
@@ -153,15 +144,6 @@ def test_a_given_latency_is_watched_but_kept(log: Log, robot: Robot, own: float)
     assert found.estimated == pytest.approx(0.25 + own, abs=0.01)
 
 
-def test_a_latency_that_is_none_is_not_taken_off(log: Log, robot: Robot, own: float) -> None:
-    estimator = PoseEstimator(robot, VARIANT, latencies=Latencies(estimate_tracks=True))
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-    found = estimator.health.track_latency
-    assert found.used == 0.0
-    assert found.estimated == pytest.approx(own, abs=0.01)
-
-
 def events(
     late: float, *, rate: float = 50.0, seconds: float = 120.0, pause: float = 0.0
 ) -> Iterator[tuple[int, float | tuple[float, float]]]:
@@ -205,18 +187,8 @@ def watched(
 def test_latency_of_either_sign_at_any_rate(late: float, rate: float) -> None:
     estimator = watched(events(late, rate=rate, pause=3.0))
     found = estimator.estimate()
-    assert found is not None
     assert found.seconds == pytest.approx(late, abs=max(0.004, 3.0 * found.sigma))
     assert found.sigma < 0.01
-
-
-def test_a_latency_that_changes_is_followed() -> None:
-    estimator, after = TrackLatencyEstimator(), 200 * 10**9
-    for late, offset in ((0.1, 0), (0.3, after)):
-        watched(events(late, seconds=190.0), offset, estimator)
-        found = estimator.estimate()
-        assert found is not None
-        assert found.seconds == pytest.approx(late, abs=0.01)
 
 
 def test_no_turning_or_no_agreement_gives_no_latency() -> None:
@@ -232,15 +204,6 @@ def test_no_turning_or_no_agreement_gives_no_latency() -> None:
     assert unrelated.estimate() is None
 
 
-def test_a_clock_that_is_set_back_does_not_stop_the_watch() -> None:
-    estimator = TrackLatencyEstimator()
-    for offset in (10**12, 0):
-        watched(events(0.2), offset, estimator)
-    found = estimator.estimate()
-    assert found is not None
-    assert found.seconds == pytest.approx(0.2, abs=0.005)
-
-
 @pytest.mark.parametrize(
     ("name", "robot_name", "latency"),
     [
@@ -249,9 +212,7 @@ def test_a_clock_that_is_set_back_does_not_stop_the_watch() -> None:
         ("husky_deflated_part1", "husky-deflated", 0.215),
     ],
 )
-def test_real_latencies_are_those_of_the_whole_log(
-    data_dir: Path, name: str, robot_name: str, latency: float
-) -> None:
+def test_real_latencies_are_those_of_the_whole_log(data_dir, name, robot_name, latency):
     """Within two standard errors of what `inspect` finds in the log (its own is up to 0.04 s)."""
     import msgspec
 
@@ -259,11 +220,9 @@ def test_real_latencies_are_those_of_the_whole_log(
     tracks = {**robot.log["tracks"], "latency": 0.0}
     robot = msgspec.structs.replace(robot, log={**robot.log, "tracks": tracks})
     log = read_log(sample_log(data_dir, name), robot)
-    assert log.imu is not None
     estimator, turning = TrackLatencyEstimator(), np.diff(log.tracks.speeds)[:, 0]
     rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
     estimator.take(log.tracks.stamps, turning, log.imu.stamps, rates)
     found = estimator.estimate()
-    assert found is not None
     assert found.seconds == pytest.approx(latency, abs=2.0 * found.sigma)
     assert found.sigma < 0.02

@@ -36,41 +36,17 @@ class OwnInt(int):
 
 
 NUMBERS = [
-    Decimal("0.5"),
-    Fraction(1, 2),
-    np.float16(0.5),
-    np.float32(0.5),
-    np.longdouble(0.5),
-    np.array(0.5),
-    OwnFloat(0.5),
-]
+    Decimal("0.5"), Fraction(1, 2), np.float16(0.5), np.float32(0.5), np.longdouble(0.5),
+    np.array(0.5), OwnFloat(0.5),
+]  # fmt: skip
 BEYOND = [
-    HUGE,
-    -HUGE,
-    10**5000,
-    Fraction(HUGE, 3),
-    Decimal("1e400"),
-    np.longdouble("1e4000"),
-    Decimal("NaN"),
-    math.nan,
-    -math.inf,
-]
+    HUGE, -HUGE, 10**5000, Fraction(HUGE, 3), Decimal("1e400"), np.longdouble("1e4000"),
+    Decimal("NaN"), math.nan, -math.inf,
+]  # fmt: skip
 NO_NUMBERS = [
-    "0.5",
-    b"1",
-    True,
-    np.True_,
-    1j,
-    np.complex128(1.0),
-    Decimal("sNaN"),
-    None,
-    (),
-    [0.5],
-    np.array([0.5]),
-    np.array("x"),
-    np.datetime64("2020"),
-    object(),
-]
+    "0.5", b"1", True, np.True_, 1j, np.complex128(1.0), Decimal("sNaN"), None, (), [0.5],
+    np.array([0.5]), np.array("x"), np.datetime64("2020"), object(),
+]  # fmt: skip
 STAMPS = [HUGE, -HUGE, 10**5000, 2**63, 2**63 - 1, 2**62, -(2**63), -(2**61) - 1, np.uint64(2**63)]
 NO_STAMPS = [1e18, np.float64(EPOCH), Decimal(EPOCH), "1", None, True, 1j, np.datetime64("2020")]
 
@@ -184,14 +160,6 @@ def test_numbers_of_any_kind_count_as_floats(number):
             estimator.feed(m)
     assert known(odd) == known(even)
     assert odd.health == even.health
-
-
-@pytest.mark.parametrize("first", [-(2**61), -1, 0, 2**62 - 10**9])
-def test_stamps_of_any_epoch_give_the_same_motion(first):
-    usual, other = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
-    drive(usual, EPOCH)
-    drive(other, first)
-    assert known(other)[1:] == known(usual)[1:]
 
 
 @pytest.mark.parametrize(

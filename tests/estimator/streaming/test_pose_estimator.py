@@ -9,13 +9,7 @@ import pytest
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import (
-    arc_factors,
-    compose,
-    relative,
-    rpy_to_matrix,
-    wrap_angle,
-)
+from icreckon.estimator.base.frames import arc_factors, relative, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -24,7 +18,7 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     TrackSpeeds,
 )
-from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
 from icreckon.estimator.robot.robot_file import Indices, Slip, Slope, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
@@ -39,7 +33,6 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 
 ALPHA = load_robot("auriga-alpha")
 # Constant ICRs; gains that are all zero would be those of Coulomb friction.
@@ -57,11 +50,6 @@ def drive(estimator, start, duration, left, right, *, bias=0.0, noise=None, imu=
     """Feed driving at constant track speeds with sensors that agree with the robot file.
 
     Returns the last stamp. The forces build up from nothing, as they do in a filter that begins there.
-
-    Args:
-        start: stamp of the first track speeds.
-        bias: of the gyro.
-        noise: a generator that gives the gyro the noise of the robot file, or None for none.
     """
     variant = find_variant("inertia-fixed")
     model = motion_model(estimator.robot, variant)
@@ -172,16 +160,6 @@ def test_without_an_imu_the_tracks_alone_are_reckoned_with(indices, slack):
     assert without.pose_covariance[2, 2] > 5.0 * with_imu.pose_covariance[2, 2]
 
 
-def test_left_track_slower_turns_to_the_left_and_its_icr_is_on_the_left():
-    estimator, _ = driven()
-    assert estimator.twist[2] > 0.0
-    assert estimator.pose[2] > 0.0
-    assert estimator.pose[1] > 0.0
-    assert estimator.icrs.left[1] > 0.0 > estimator.icrs.right[1]
-    # zeta > 0: the ICRs lie before the origin.
-    assert estimator.icrs.left[0] == estimator.icrs.right[0] == estimator.indices.zeta > 0.0
-
-
 def test_at_the_icr_a_track_does_not_slip():
     estimator, _ = driven()
     v_x, v_y, w = estimator.twist
@@ -267,20 +245,16 @@ LATER = 7_000_000
 LONG_AGO = seconds(1.5)
 BAD = [
     ("tracks: not finite", lambda t: TrackSpeeds(t + LATER, NAN, 0.5)),
-    ("tracks: not finite", lambda t: TrackSpeeds(t + LATER, 0.5, -INF)),
     ("tracks: duplicate stamp", lambda t: TrackSpeeds(t, 0.9, 0.1)),
     ("tracks: older than Settings.history", lambda t: TrackSpeeds(t - LONG_AGO, 0.9, 0.1)),
-    ("imu: not finite", lambda t: ImuSample(t + LATER, (0.0, 0.0, NAN))),
     ("imu: not finite", lambda t: ImuSample(t + LATER, (INF, 0.0, 0.0), (0.0, 0.0, 9.8))),
     ("imu: not finite", lambda t: ImuSample(t + LATER, (0.0, 0.0, 0.1), (0.0, NAN, 9.8))),
     ("imu: absurd rate", lambda t: ImuSample(t + LATER, (0.0, -101.0, 0.1))),
     ("imu: absurd force", lambda t: ImuSample(t + LATER, (0.0, 0.0, 0.1), (0.0, 1e9, 9.8))),
     ("imu: duplicate stamp", lambda t: ImuSample(t, (0.0, 0.0, 3.0))),
     ("imu: older than Settings.history", lambda t: ImuSample(t - LONG_AGO, (0.0, 0.0, 3.0))),
-    ("position: not finite", lambda t: PositionFix(t + LATER, NAN, 0.0, 0.01)),
     ("position: not finite", lambda t: PositionFix(t + LATER, 0.0, INF, 0.01)),
     ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, 0.0)),
-    ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, -1.0)),
     ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, NAN)),
     ("position: variance not positive", lambda t: PositionFix(t + LATER, 0.0, 0.0, INF)),
     ("position: older than Settings.history", lambda t: PositionFix(t - LONG_AGO, 0.0, 0.0, 0.01)),
@@ -306,37 +280,6 @@ def test_measurement_that_cannot_be_right_is_counted_and_changes_nothing(reason,
     assert estimator.feed(make(stamp)) is False
     assert_same(before, remembered(estimator))
     assert estimator.health.rejections() == {reason: 1}
-
-
-def test_duplicates_of_fixes_are_refused_too():
-    estimator, stamp = driven()
-    x, y, yaw = estimator.pose
-    twist = estimator.twist
-    for good in (
-        PositionFix(stamp, x, y, 0.01),
-        HeadingFix(stamp, yaw, 0.01),
-        BodyVelocity(stamp, twist[0], twist[1], 0.01),
-    ):
-        assert estimator.feed(good) is True
-        before = remembered(estimator)
-        assert estimator.feed(good) is False
-        assert_same(before, remembered(estimator))
-    assert estimator.health.rejections() == {
-        "position: duplicate stamp": 1,
-        "heading: duplicate stamp": 1,
-        "body velocity: duplicate stamp": 1,
-    }
-
-
-def test_bad_measurements_among_good_ones_leave_no_trace():
-    plain, plagued = PoseEstimator(ALPHA), PoseEstimator(ALPHA)
-    for i, measurement in enumerate(short_log(duration=5.0).measurements()):
-        plain.feed(measurement)
-        plagued.feed(measurement)
-        if i > 50 and i % 10 == 0:
-            plagued.feed(BAD[i // 10 % len(BAD)][1](plagued.stamp - LATER - LONG_AGO))
-    assert sum(plagued.health.rejections().values()) > 20
-    assert_same(remembered(plain), remembered(plagued))
 
 
 # The slip that is redrawn with each sample has a standard deviation of 0.2 rad/s in this bend.
@@ -403,51 +346,6 @@ def test_robot_that_was_turned_by_hand_is_found_again():
     assert wrap_angle(estimator.pose[2] - yaw) == pytest.approx(0.0, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    "absurd",
-    [
-        lambda t: ImuSample(t, (0.0, 0.0, 0.27), (0.0, 999.0, 9.81)),
-        lambda t: ImuSample(t, (0.0, 0.0, 99.0), (0.0, 999.0, 9.81)),
-        lambda t: BodyVelocity(t, 9.9, -9.9, 1e-12),
-        lambda t: PositionFix(t, 1e15, -1e15, 1e-2),
-    ],
-)
-def test_absurd_readings_leave_a_covariance(absurd):
-    estimator, stamp = driven()
-    for _ in range(30):
-        stamp += STEP
-        estimator.feed(TrackSpeeds(stamp, 0.3, 0.6))
-        estimator.feed(absurd(stamp))
-        P = estimator.covariance
-        known = np.flatnonzero(np.diagonal(P))
-        sigmas = np.sqrt(np.diagonal(P)[known])
-        correlation = P[np.ix_(known, known)] / np.outer(sigmas, sigmas)
-        assert np.linalg.eigvalsh(correlation)[0] > 0.0
-    assert sum(estimator.health.rejections().values()) >= 10
-
-
-def test_after_coming_back_the_next_stray_fix_is_gated_again():
-    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=3)))
-    yaw = estimator.pose[2]
-    used = []
-    for turned in [2.0] * 5 + [-1.0] * 4:
-        stamp = drive(estimator, stamp + STEP, 1.0, 0.0, 0.0)
-        used.append(estimator.feed(HeadingFix(stamp, yaw + turned, 1e-4)))
-    # The first has no interval.
-    assert used == [False] + [False, False, False, True] * 2
-
-
-def test_one_wrong_axis_of_the_body_velocity_is_not_locked_out_by_the_right_one():
-    estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=0.035)))
-    forward, left, _ = estimator.twist
-    used = []
-    for _ in range(10):
-        stamp += STEP
-        used.append(estimator.feed(BodyVelocity(stamp, forward, left + 0.5, 1e-4)))
-    assert used[:5] == [False] * 5
-    assert used[5]
-
-
 def test_accelerometer_with_an_unexpected_bias_is_taken_in_at_last():
     # Tilted by 17 degrees: thirty times the standard deviation of the robot file.
     estimator = PoseEstimator(ALPHA)
@@ -461,14 +359,6 @@ def test_accelerometer_with_an_unexpected_bias_is_taken_in_at_last():
     found = estimator.biases["accelerometer_bias_y"] - estimator.state[s.GRAVITY_Y]
     assert found == pytest.approx(3.0, abs=0.1)
     assert estimator.pose[2] == pytest.approx(0.0, abs=0.02)
-
-
-def test_gyro_whose_bias_jumps_is_taken_in_at_last():
-    estimator, stamp = driven()
-    drive(estimator, stamp + STEP, 30.0, 0.3, 0.6, bias=0.3)
-    health = estimator.health.sensors["gyro"]
-    assert health.used > 2500
-    assert np.isfinite(estimator.state).all()
 
 
 # --- gaps -------------------------------------------------------------------------------------------
@@ -510,7 +400,7 @@ def test_a_gap_is_bridged_with_the_speeds_before_it_dying_away():
     assert estimator.pose == pytest.approx([expected, 0.0, 0.0], abs=1e-6)
 
 
-@pytest.mark.parametrize("late", [1.0, 3.0])
+@pytest.mark.parametrize("late", [3.0])
 def test_imu_samples_before_the_first_track_speeds_say_nothing_of_the_bias(late):
     """The usual start order of a robot: the IMU is there first, and the robot may be moving."""
     V_l, V_r = 0.3, 0.6
@@ -573,155 +463,6 @@ def test_one_stamp_far_ahead_is_refused_but_a_clock_that_stays_there_is_believed
     assert estimator.pose[0] == pytest.approx(1.5, abs=0.02)
     drive(estimator, stamp + hour, 1.0, 0.5, 0.5, imu=True)
     assert estimator.stamp == stamp + hour + seconds(1.0)
-
-
-# --- symmetries -------------------------------------------------------------------------------------
-
-
-def test_the_same_log_gives_the_same_bits():
-    log = short_log(duration=8.0)
-    assert_same(
-        remembered(feed_all(PoseEstimator(ALPHA), log)),
-        remembered(feed_all(PoseEstimator(ALPHA), log)),
-    )
-
-
-def shifted(log, by):
-    return Log(
-        log.name,
-        TrackSpeedSeries(log.tracks.stamps + by, log.tracks.speeds),
-        ImuSeries(log.imu.stamps + by, log.imu.angular_velocity, log.imu.linear_acceleration),
-        FixSeries(log.fixes.stamps + by, log.fixes.poses, log.fixes.variances),
-    )
-
-
-@pytest.mark.parametrize("by", [1000, -EPOCH, 987_654_321_987_654_321])
-def test_the_epoch_of_the_stamps_does_not_matter(by):
-    log = short_log(duration=8.0)
-    a = remembered(feed_all(PoseEstimator(ALPHA), log))
-    b = remembered(feed_all(PoseEstimator(ALPHA), shifted(log, by)))
-    assert_same((a[0] + by, *a[1:]), b)
-
-
-def mirrored_robot(robot):
-    vehicle, imu, i = robot.vehicle, robot.imu, robot.indices
-    forward, left, up = vehicle.centre_of_mass
-    roll, pitch, yaw = imu.rotation_rpy_deg
-    icr = robot.constant_icr
-    return msgspec.structs.replace(
-        robot,
-        vehicle=msgspec.structs.replace(vehicle, centre_of_mass=(forward, -left, up)),
-        indices=Indices(
-            1.0 / i.H,
-            i.zeta0,
-            i.zeta1,
-            -i.epsilon0,
-            i.epsilon1,
-            i.eta0,
-            -i.eta1,
-            i.eta2,
-            i.epsilon_F,
-        ),
-        constant_icr=msgspec.structs.replace(icr, x_ICRl=-icr.x_ICRr, x_ICRr=-icr.x_ICRl),
-        imu=msgspec.structs.replace(
-            imu,
-            rotation_rpy_deg=(-roll, pitch, -yaw),
-            position=(imu.position[0], -imu.position[1], imu.position[2]),
-        ),
-    )
-
-
-def mirrored_log(log):
-    across = np.array([1.0, -1.0, 1.0])
-    return Log(
-        log.name,
-        TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds[:, ::-1]),
-        ImuSeries(
-            log.imu.stamps,
-            -across * log.imu.angular_velocity,
-            across * log.imu.linear_acceleration,
-        ),
-        FixSeries(log.fixes.stamps, log.fixes.poses * [1.0, -1.0, -1.0], log.fixes.variances),
-    )
-
-
-@pytest.mark.parametrize("variant", ["gyro", "full-linear", "inertia-online"])
-def test_mirrored_robot_drives_the_mirrored_way(variant):
-    mount = msgspec.structs.replace(
-        ALPHA.imu, rotation_rpy_deg=(8.0, -5.0, 30.0), position=(0.2, 0.1, 0.3)
-    )
-    robot = msgspec.structs.replace(ALPHA, imu=mount)
-    scenario = Scenario(
-        duration=20.0, trajectory="aggressive", seed=6, track_rate=25.0, imu_rate=50.0,
-        terrain=Terrain(slope_deg=6.0, uphill_deg=40.0),
-    )  # fmt: skip
-    log = simulate(scenario, robot)
-    a = feed_all(PoseEstimator(robot, variant), log)
-    b = feed_all(PoseEstimator(mirrored_robot(robot), variant), mirrored_log(log))
-    signs = np.array([1.0, -1.0, -1.0])
-    assert b.pose == pytest.approx(signs * a.pose, abs=1e-9)
-    assert b.twist == pytest.approx(signs * a.twist, abs=1e-9)
-    assert b.pose_covariance == pytest.approx(np.outer(signs, signs) * a.pose_covariance, abs=1e-9)
-    of_linear = variant == "full-linear"
-    one, other = ("right_l", "right_r") if of_linear else ("epsilon0", "epsilon0")
-    assert b.parameters[one] == pytest.approx(-a.parameters[other], abs=1e-9)
-    assert b.state[s.GRAVITY] == pytest.approx(a.state[s.GRAVITY] * [1.0, -1.0], abs=1e-9)
-    assert variant == "gyro" or np.hypot(*a.state[s.GRAVITY]) > 0.4
-    assert b.biases["gyro_bias"] == pytest.approx(-a.biases["gyro_bias"], abs=1e-9)
-
-
-def test_start_elsewhere_moves_the_whole_run():
-    log = short_log(duration=10.0, fix_rate=0.0)
-    start = (3.0, -4.0, 2.0)
-    here = feed_all(PoseEstimator(ALPHA), log)
-    there = feed_all(PoseEstimator(ALPHA, start=start), log)
-    assert there.pose == pytest.approx(compose(start, here.pose), abs=1e-9)
-    turn = rpy_to_matrix(0.0, 0.0, 2.0)
-    assert there.pose_covariance == pytest.approx(turn @ here.pose_covariance @ turn.T, abs=1e-12)
-    assert there.twist == pytest.approx(here.twist, abs=1e-12)
-
-
-MOUNTS = [(180.0, 0.0, 0.0), (0.0, 10.0, -40.0), (-25.0, 15.0, 170.0), (90.0, 0.0, 90.0)]
-
-
-@pytest.mark.parametrize("rpy", MOUNTS)
-def test_mount_of_the_imu_does_not_matter(rpy):
-    log = short_log(duration=8.0)
-    turned = msgspec.structs.replace(
-        ALPHA, imu=msgspec.structs.replace(ALPHA.imu, rotation_rpy_deg=rpy)
-    )
-    # From the body's axes to the IMU's: rows times R are R^T times columns.
-    R = rpy_to_matrix(*np.radians(rpy))
-    imu = ImuSeries(log.imu.stamps, log.imu.angular_velocity @ R, log.imu.linear_acceleration @ R)
-    a = feed_all(PoseEstimator(ALPHA), log)
-    b = feed_all(PoseEstimator(turned), Log(log.name, log.tracks, imu, log.fixes))
-    assert b.state == pytest.approx(a.state, abs=1e-9)
-
-
-@pytest.mark.parametrize("rpy", MOUNTS[:3])
-def test_gyro_that_reads_z_alone_reads_the_yaw_rate_over_the_tilt(rpy):
-    log = short_log(duration=8.0)
-    flat = log.imu.angular_velocity * [0.0, 0.0, 1.0]
-    upright = Log(log.name, log.tracks, ImuSeries(log.imu.stamps, flat), log.fixes)
-    tilted_imu = msgspec.structs.replace(ALPHA.imu, rotation_rpy_deg=rpy, gyro_axes="z")
-    R = rpy_to_matrix(*np.radians(rpy))
-    z_alone = (flat @ R) * [0.0, 0.0, 1.0]
-    tilted = Log(log.name, log.tracks, ImuSeries(log.imu.stamps, z_alone), log.fixes)
-    a = feed_all(PoseEstimator(ALPHA), upright)
-    b = feed_all(PoseEstimator(msgspec.structs.replace(ALPHA, imu=tilted_imu)), tilted)
-    assert b.state == pytest.approx(a.state, abs=1e-9)
-
-
-def test_known_scale_of_the_gyro_is_taken_out():
-    log = short_log(duration=8.0)
-    scaled = ImuSeries(log.imu.stamps, 0.98 * log.imu.angular_velocity, log.imu.linear_acceleration)
-    imu = msgspec.structs.replace(ALPHA.imu, gyro_scale=0.98)
-    a = feed_all(PoseEstimator(ALPHA), log)
-    b = feed_all(
-        PoseEstimator(msgspec.structs.replace(ALPHA, imu=imu)),
-        Log(log.name, log.tracks, scaled, log.fixes),
-    )
-    assert b.state == pytest.approx(a.state, abs=1e-9)
 
 
 # --- house-keeping ----------------------------------------------------------------------------------
@@ -792,7 +533,7 @@ def test_a_robot_that_is_on_its_way_at_the_start_has_slip_already(variant):
     assert np.all(np.diagonal(later.covariance)[s.SLIP] == 0.0)
 
 
-@pytest.mark.parametrize("back", [5.0, 3600.0])
+@pytest.mark.parametrize("back", [3600.0])
 def test_a_clock_that_is_set_back_for_good_is_followed(back):
     log = replace(simulate(Scenario(duration=20.0, seed=3), ALPHA), fixes=None)
     turn = log.start + seconds(10.0)

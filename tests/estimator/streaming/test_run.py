@@ -1,9 +1,12 @@
 """Running a filter over a log is feeding it by hand and writing down what it says."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
-from icreckon.estimator.base import state as s
+from conftest import REPOSITORY
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
@@ -35,54 +38,6 @@ def test_there_is_a_row_for_each_pair_of_track_speeds(log, result):
     # Each row is the estimate at track speeds, or at the IMU sample next to them.
     nearest = np.abs(result.stamps[:, None] - log.tracks.stamps[None, :]).min(axis=1)
     assert nearest.max() <= 10_000_000
-
-
-def test_all_arrays_have_a_row_for_each_stamp(result):
-    n = len(result.stamps)
-    assert result.trajectory.poses.shape == (n, 3)
-    assert result.trajectory.pose_covariances.shape == (n, 3, 3)
-    assert result.trajectory.twists.shape == (n, 3)
-    assert result.trajectory.twist_covariances.shape == (n, 3, 3)
-    assert result.indices.shape == (n, 3)
-    assert result.states.shape == result.state_sigmas.shape == (n, s.SIZE)
-    assert result.trajectory.pose_series.poses is result.trajectory.poses
-
-
-def test_innovations_are_the_newest_of_each_sensor_since_the_row_before(log, result):
-    assert result.innovations.shape == (len(result.stamps), len(result.innovation_names))
-    assert result.innovations.dtype == np.float32
-    columns = dict(zip(result.innovation_names, result.innovations.T, strict=True))
-    assert list(columns) == [
-        "gyro",
-        "accelerometer_x",
-        "accelerometer_y",
-        "position_x",
-        "position_y",
-    ]
-    estimator = PoseEstimator(
-        ALPHA, "inertia-online", start=(1.0, 2.0, 0.5), start_sigma=(0.1, 0.1, 0.05)
-    )
-    newest = {}
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-        seen = estimator.health.sensors
-        for name in ("gyro", "position"):
-            if name in seen and seen[name].newest is not None:
-                one = seen[name].newest
-                newest[name, one.stamp] = one
-    fixes = [one for (name, _), one in newest.items() if name == "position"]
-    expected = [one.residual[1] / np.sqrt(one.covariance[1][1]) for one in fixes]
-    told = columns["position_y"][np.isfinite(columns["position_y"])]
-    np.testing.assert_allclose(told, expected, rtol=1e-6)
-    gyro = [
-        one.residual[0] / one.covariance[0][0] ** 0.5
-        for (n, _), one in newest.items()
-        if n == "gyro"
-    ]
-    told = columns["gyro"][np.isfinite(columns["gyro"])]
-    assert np.isin(told, np.array(gyro, np.float32)).all()
-    assert len(told) > 0.9 * len(result.stamps)
-    assert 0.3 < told.std() < 3.0
 
 
 def test_a_rejected_fix_shows_as_far_off(log):
@@ -123,23 +78,6 @@ def test_run_is_feeding_by_hand(log, variant):
     assert found.health.sensors["tracks"].used == len(log.tracks.stamps)
 
 
-def test_start_is_where_the_run_starts(result):
-    # Three seconds of standstill: the first row is the start.
-    assert result.trajectory.poses[0] == pytest.approx([1.0, 2.0, 0.5], abs=0.05)
-    assert result.state_sigmas[0, s.POSE] == pytest.approx([0.1, 0.1, 0.05], rel=0.6)
-
-
-def test_truth_is_not_looked_at(log):
-    blind = Log(log.name, log.tracks, log.imu, log.fixes)
-    a, b = run(log, ALPHA, "inertia-online"), run(blind, ALPHA, "inertia-online")
-    assert (a.states == b.states).all()
-
-
-def test_tracks_alone_give_a_row_for_each(log):
-    alone = run(Log(log.name, log.tracks), ALPHA, "constant-fixed")
-    assert alone.stamps.tolist() == log.tracks.stamps.tolist()
-
-
 def test_refused_track_speeds_have_no_row(log):
     speeds = log.tracks.speeds.copy()
     speeds[[100, 200]] = np.nan
@@ -159,3 +97,44 @@ def test_log_without_track_speeds_says_what_is_missing():
         run(log, ALPHA, "inertia-online")
     with pytest.raises(EstimatorError, match="'imu only' holds no track speeds"):
         run(Log("imu only", empty), ALPHA, "inertia-online")
+
+
+# --- warm up --------------------------------------------------------------------------------------
+
+
+# The signatures of all compiled functions of a process, before and after a drive with every kind of
+# measurement. Those that are loaded from disk count like those that are compiled.
+SCRIPT = """
+import gc, sys
+sys.path.insert(0, {benchmarks!r})
+from cold_start import measurements
+import icreckon
+from numba.core.dispatcher import Dispatcher
+from icreckon.estimator.tracing.machine_code import LIBRARIES
+
+def signatures():
+    found = [one for one in gc.get_objects() if isinstance(one, Dispatcher)]
+    functions = [(one.py_func.__qualname__, str(sig)) for one in found for sig in one.signatures]
+    return sorted(functions) + [("kernels", str(len(LIBRARIES)))]
+
+estimator = icreckon.PoseEstimator(icreckon.load_robot("auriga-alpha"), {variant!r})
+before = signatures()
+drive = list(measurements(16.0))
+for k, measurement in enumerate(drive):
+    estimator.feed(measurement)
+    # Steps with a mark are made part by part, those before it as a whole.
+    if k == len(drive) - 100:
+        estimator.mark()
+names = " ".join(name for name, _ in before)
+assert all(part in names for part in ("take_step", "evaluate_twist"))
+print(sorted(set(signatures()) - set(before)))
+"""
+
+
+@pytest.mark.parametrize("variant", ["inertia-online"])
+def test_feeding_compiles_nothing(variant: str) -> None:
+    script = SCRIPT.format(benchmarks=str(REPOSITORY / "benchmarks"), variant=variant)
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"

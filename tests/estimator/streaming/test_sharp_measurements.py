@@ -94,10 +94,7 @@ def test_the_covariance_stays_positive_whatever_precision_is_claimed(sigma):
             wander=FixWander(1.0, 10.0) if rng.random() < 0.3 else None,
         )
         estimator = PoseEstimator(
-            ALPHA,
-            VARIANTS[seed % 3],
-            settings=settings,
-            start_sigma=(sigma, sigma, sigma),
+            ALPHA, VARIANTS[seed % 3], settings=settings, start_sigma=(sigma, sigma, sigma)
         )
         for k, m in enumerate(drive(rng, 120, precise=True)):
             if k == 100:

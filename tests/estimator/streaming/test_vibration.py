@@ -72,7 +72,7 @@ def test_yaw_stays_for_ten_minutes_whatever_the_file_says(rate, factor):
 
 
 @RATES
-@pytest.mark.parametrize("hertz", [12.0, 30.0])
+@pytest.mark.parametrize("hertz", [12.0])
 @pytest.mark.parametrize("factor", [1.0 / 30.0, 1.0])
 def test_an_engine_is_not_a_turn(rate, hertz, factor):
     estimator = fed(shaken(rate, 120.0, hertz), robot_with(factor * DENSITY))
@@ -82,7 +82,7 @@ def test_an_engine_is_not_a_turn(rate, hertz, factor):
     assert estimator.health.standstill_updates > 0.98 * 120 * rate
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("factor", [1.0 / 30.0, 1.0])
 def test_the_first_reading_does_not_set_the_bias(factor, seed):
     """After one second at rest the bias is a mean, as uncertain as it is wrong."""
@@ -132,20 +132,6 @@ def test_a_robot_that_is_pushed_back_and_forth_is_followed():
         series = TrackSpeedSeries(log.tracks.stamps[tracks], log.tracks.speeds[tracks])
         estimator = fed(Log("pushed", series, part), robot_with(0.1 * DENSITY))
         assert estimator.pose[2] == pytest.approx(expected, abs=0.04)
-
-
-def test_noise_that_agrees_with_the_file_is_that_of_the_file():
-    robot = robot_with(DENSITY)
-    noise = fed(shaken(100, 20.0, drive=0.3), robot).health.noise
-    assert [*noise] == ["gyro", "accelerometer_x", "accelerometer_y"]
-    assert noise["gyro"].measured == pytest.approx(DENSITY, rel=0.3)
-    assert noise["gyro"].of_file == noise["gyro"].assumed == DENSITY
-    wrong = fed(shaken(100, 20.0, drive=0.3), robot_with(DENSITY / 30.0)).health.noise["gyro"]
-    assert wrong.of_file == DENSITY / 30.0
-    assert wrong.assumed == wrong.measured == pytest.approx(DENSITY, rel=0.3)
-    assert noise["accelerometer_x"].measured == pytest.approx(0.05, rel=0.3)
-    nothing = PoseEstimator(robot, "constant-online").health.noise
-    assert all(axis.measured is None for axis in nothing.values())
 
 
 def test_late_samples_are_measured_at_their_own_stamps():

@@ -81,9 +81,7 @@ def test_it_is_in_the_help() -> None:
         assert option in options
 
 
-def test_its_errors_are_one_line(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_its_errors_are_one_line(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys, "argv", ["icreckon", "distance", str(tmp_path / "none")])
     with pytest.raises(SystemExit) as ended:
         main()

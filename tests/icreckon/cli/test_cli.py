@@ -24,7 +24,6 @@ from icreckon.report.replay.tables import results_table
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.simulate import simulate
-from tum import read_tum
 
 ALL_VARIANTS = {
     "gyro",
@@ -42,7 +41,7 @@ TRAJECTORIES = {*ALL_VARIANTS, "ground_truth"}
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short demo, run once."""
     folder = tmp_path_factory.mktemp("demo")
-    done = icreckon_alone("demo", "--duration", 60, "--workers", 2, cwd=folder)
+    done = icreckon("demo", "--duration", 60, "--workers", 1, cwd=folder, drawn=True)
     assert done.returncode == 0, done.stderr
     assert "truth: friction" in done.stdout
     for variant in ALL_VARIANTS:
@@ -88,17 +87,6 @@ def test_demo_drifts_least_with_indices_that_move(demo: Path) -> None:
     assert drift["inertia-online"] < min(drift["constant-online"], drift["gyro"])
 
 
-def test_demo_trajectories_agree_with_the_results(demo: Path) -> None:
-    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
-    truth = read_tum(demo / "ground_truth.tum")
-    for name in ALL_VARIANTS:
-        estimate = read_tum(demo / f"{name}.tum")
-        assert abs(estimate.stamps[-1] - truth.stamps[-1]) < 50_000_000
-        apart = np.hypot(*(estimate.poses[-1, :2] - truth.poses[-1, :2]))
-        said = results["variants"][name]["final_position_error_m"]
-        assert apart == pytest.approx(said, abs=0.03)
-
-
 def test_a_narrow_table_has_the_verdict_first_and_fewer_columns(demo: Path) -> None:
     results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
     shown = {}
@@ -126,19 +114,18 @@ def test_demo_is_reproducible_and_does_not_overwrite(demo: Path, tmp_path: Path)
 
 @pytest.mark.parametrize("kind", ["mcap", thorough("sqlite3"), thorough("ros1")])
 def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -> None:
-    alone = icreckon_alone if kind == "mcap" else icreckon
     bag = tmp_path / ("run.bag" if kind == "ros1" else "run")
     words = ("--duration", 30, "--format", kind, "--seed", 5, "--outage", "10:30")
-    made = alone("simulate", "--out", bag, *words, cwd=tmp_path)
+    made = icreckon("simulate", "--out", bag, *words, cwd=tmp_path)
     assert made.returncode == 0, made.stderr
     words = ("--variants", "constant-online, inertia-online", "--json", "--workers", 1)
-    replayed = alone("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
+    replayed = icreckon("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
     assert replayed.returncode == 0, replayed.stderr
     results = json.loads(replayed.stdout)
     assert list(results["variants"]) == ["constant-online", "inertia-online"]
     assert results["log"]["fixes"] == 10
     assert results["variants"]["inertia-online"]["final_position_error_m"] < 0.5
-    found = alone("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
+    found = icreckon("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
     assert found.returncode == 0, found.stderr
     assert "/joint_states" in found.stdout
     proposed = (tmp_path / "robot.toml").read_text(encoding="utf-8")
@@ -197,20 +184,6 @@ def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Pa
     same(made("recorded", *drive), simulate(recorded, robot))
 
 
-def test_another_trajectory_keeps_the_options_that_it_has_too(tmp_path: Path) -> None:
-    (tmp_path / "run.toml").write_text(
-        'trajectory = "slalom"\n[trajectory_options]\nspeed = 0.4\nhighest = 0.2\n'
-    )
-    words = ("--scenario", "run.toml", "--trajectory", "circle", "--duration", 10)
-    done = icreckon("simulate", "--out", "run", *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "dropped, as trajectory 'circle' has no such: highest" in done.stderr
-    log = read_log(tmp_path / "run", load_robot("auriga-alpha"))
-    assert log.truth is not None
-    assert log.truth.tracks is not None
-    assert log.truth.tracks.speeds[-1].mean() == pytest.approx(0.4, abs=1e-3)
-
-
 def test_simulate_says_how_to_replay_and_that_works_for_another_robot(tmp_path: Path) -> None:
     words = ("--out", "my run", "--robot", "jackal", "--duration", 20)
     done = icreckon("simulate", *words, cwd=tmp_path)
@@ -255,10 +228,6 @@ def test_help_cuts_nothing_at_80_columns(tmp_path: Path) -> None:
 
 def same(log: Log, other: Log) -> None:
     """Two logs agree, but for what a bag rounds."""
-    assert log.imu is not None
-    assert other.imu is not None
-    assert log.fixes is not None
-    assert other.fixes is not None
     for one, two in ((log.tracks, other.tracks), (log.imu, other.imu), (log.fixes, other.fixes)):
         assert np.array_equal(one.stamps, two.stamps)
     assert np.allclose(log.tracks.speeds, other.tracks.speeds, atol=1e-9)
@@ -276,25 +245,6 @@ def test_simulate_without_truth_gives_a_comparison_of_the_variants(tmp_path: Pat
     results = json.loads((tmp_path / "icreckon-replay-run" / "results.json").read_text())
     assert results["truth"] is None
     assert results["variants"]["inertia-online"]["end_apart_m"] == 0.0
-
-
-def test_replay_with_fixes_from_a_part_of_the_truth(tmp_path: Path) -> None:
-    words = ("--duration", 40, "--fix-rate", 0)
-    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
-    words = (
-        "--robot",
-        "auriga-alpha",
-        "--fixes",
-        "0:50%",
-        "--json",
-        "--variants",
-        "constant-online",
-    )
-    done = icreckon("replay", "run", *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    results = json.loads(done.stdout)
-    assert results["log"]["fixes"] == pytest.approx(20, abs=1)
-    assert results["truth"]["scored_s"] == [[pytest.approx(20.0, abs=1.0), pytest.approx(40.0)]]
 
 
 def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
@@ -377,3 +327,13 @@ def test_the_module_is_the_command() -> None:
         [sys.executable, "-m", "icreckon", "--version"], capture_output=True, text=True, check=True
     )
     assert found.stdout.strip() == f"icreckon {version('icreckon')}"
+
+
+# --- ros2 node command ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("words", [["--varient", "gyro"], ["-r", "/a:=/b"], ["robot.toml"]])
+def test_an_unknown_argument_is_refused(words: list[str], tmp_path: Path) -> None:
+    said = fails("ros2-node", *words, cwd=tmp_path)
+    assert f"unknown argument {words[0]!r}" in said
+    assert "--ros-args" in said

@@ -57,9 +57,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", study_names())
-def test_shipped_studies_run_through_and_compile_nothing(
-    prepared: Path, tmp_path: Path, name: str
-) -> None:
+def test_shipped_studies_run_through_and_compile_nothing(prepared, tmp_path, name):
     kernels = set(prepared.rglob("*.kernel"))
     finished(icreckon(prepared, tmp_path, "study", name, "--runs", "1", "--out", name))
     assert set(prepared.rglob("*.kernel")) == kernels
@@ -69,9 +67,7 @@ def test_shipped_studies_run_through_and_compile_nothing(
     assert all(math.isfinite(number) and abs(number) < 1e9 for number in numbers)
 
 
-def test_replays_at_once_say_what_one_after_prepare_says(
-    prepared: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_replays_at_once_say_what_one_after_prepare_says(prepared, tmp_path, tmp_path_factory):
     """Two commands that compile the same kernels at once share a cache that is empty, and fills."""
     shared = tmp_path_factory.mktemp("shared")
     simulated = ("--duration", "60", "--fix-rate", "1", "--truth", "kinematic")

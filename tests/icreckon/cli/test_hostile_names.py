@@ -1,7 +1,5 @@
 """Names that hold markup, control characters or formulas, and terminals that lack characters."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`icreckon replay` over several logs, and with several robot files."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable
@@ -27,7 +25,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "broken.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
     text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
     gauge = re.search(r"^track_gauge = ([\d.]+)", text, re.MULTILINE)
-    assert gauge is not None
     wide = text.replace(gauge[0], f"track_gauge = {1.2 * float(gauge[1])}")
     (folder / "wide.toml").write_text(wide, encoding="utf-8")
     return folder

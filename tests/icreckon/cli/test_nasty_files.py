@@ -4,8 +4,6 @@ Others are in `tests/replay/bags` (bombs, many chunks, definitions, values of SQ
 `tests/replay/reading` (mutated logs, far stamps) and in `test_hostile_names.py`.
 """
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import io
@@ -131,10 +129,7 @@ def test_a_nasty_file_is_one_line(tmp_path: Path, name: str) -> None:
         PLACES[name](path)
     write_robot(tmp_path / "robot.toml")
     robot = ("--robot", "robot.toml")
-    for words in (
-        ("inspect",),
-        ("replay", *robot),
-    ):
+    for words in (("inspect",), ("replay", *robot)):
         # What is readable is listed, though it holds nothing.
         if words[0] == "inspect" and name in LISTED:
             continue

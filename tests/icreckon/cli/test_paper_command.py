@@ -1,7 +1,5 @@
 """`icreckon paper` from end to end."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
@@ -13,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from command_line import icreckon, icreckon_alone
+from command_line import icreckon
 from icreckon.report.paper.tables import paper_tables
 from icreckon.simulation.paper.contact import load_paper_contact
 from icreckon.simulation.paper.published import PUBLISHED, READ_OFF
@@ -25,7 +23,7 @@ FIGURES = {"figure.png", *(f"figure-{number}.png" for number in (3, 5, 6, 7, 8))
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report, made once."""
     folder = tmp_path_factory.mktemp("paper")
-    done = icreckon_alone("paper", cwd=folder)
+    done = icreckon("paper", cwd=folder, drawn=True)
     assert done.returncode == 0, done.stderr
     for number in (*PUBLISHED, *READ_OFF):
         assert number.name in done.stdout
@@ -60,15 +58,6 @@ def test_tables_fit_80_characters(results: dict[str, object]) -> None:
     assert max(map(len, shown.splitlines())) <= 80
     for value in (4.4424, 38.3464, 63.7394, 15.962, 82.1718, 143.285):
         assert f" {value:.1f} " in shown
-
-
-def test_a_redirected_table_is_as_wide_as_columns_asks(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    done = icreckon("paper", "--out", "here", cwd=tmp_path)
-    assert max(map(len, done.stdout.splitlines())) <= 80
-    assert "--wide shows all columns." in done.stdout
 
 
 def test_figures_are_pictures_with_something_on_them(report: Path) -> None:

@@ -1,7 +1,5 @@
 """A truth without headings from end to end: NavSatFix in a bag, a table without yaw, dead headings."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -9,7 +7,7 @@ import numpy as np
 import pytest
 from pymap3d import enu2geodetic
 
-from bag_messages import T, header, imu, joints, pose_stamped, write_bag
+from bag_messages import imu, joints, navsatfix, pose_stamped, write_bag
 from command_line import fails, icreckon
 from conftest import thorough
 from icreckon.estimator.base.frames import rotate
@@ -33,22 +31,13 @@ def log() -> Log:
     return simulate(scenario, ALPHA)
 
 
-def navsatfix(stamp: int, east: float, north: float):
-    latitude, longitude, altitude = enu2geodetic(east, north, 0.0, *ORIGIN)
-    return T["sensor_msgs/msg/NavSatFix"](
-        header(stamp, "gps"),
-        T["sensor_msgs/msg/NavSatStatus"](0, 1),
-        float(latitude),
-        float(longitude),
-        float(altitude),
-        np.diag([1e-4, 1e-4, 1e-4]).ravel(),
-        2,
-    )
+def receiver(stamp: int, east: float, north: float):
+    place = map(float, enu2geodetic(east, north, 0.0, *ORIGIN))
+    return navsatfix(stamp, *place, variances=(1e-4, 1e-4))
 
 
 def east_north(log: Log) -> tuple[np.ndarray, np.ndarray]:
     """Stamps and positions of an antenna on the robot in a turned frame, 10 Hz, 1 cm of noise."""
-    assert log.truth is not None
     stamps, poses = log.truth.poses.stamps, log.truth.poses.poses
     places = poses[:, :2] + rotate(np.tile([0.2, 0.0], (len(poses), 1)), poses[:, 2])
     places = rotate(places, np.full(len(places), TURNED)) + np.array([30.0, 12.0])
@@ -66,7 +55,6 @@ def sensors(log: Log) -> list[tuple[str, object]]:
             log.tracks.stamps.tolist(), (log.tracks.speeds / radius).tolist(), strict=True
         )
     ]
-    assert log.imu is not None
     rows = zip(
         log.imu.stamps.tolist(),
         log.imu.angular_velocity.tolist(),
@@ -81,7 +69,7 @@ def sensors(log: Log) -> list[tuple[str, object]]:
 def bag(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
     stamps, places = east_north(log)
     truth = [
-        ("/truth/gps", navsatfix(stamp, *place))
+        ("/truth/gps", receiver(stamp, *place))
         for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
     ]
     return write_bag(tmp_path_factory.mktemp("truth") / "bag", [*sensors(log), *truth])
@@ -99,13 +87,11 @@ NAVSAT = '[log.truth]\ntopic = "/truth/gps"\norigin = [52.0, 13.0, 40.0]\n'
 
 def test_navsatfix_is_read_as_positions_alone(log: Log, bag: Path, tmp_path: Path) -> None:
     read = read_log(bag, load_robot(robot_file(tmp_path, NAVSAT)))
-    assert read.truth is not None
     assert not read.truth.headings
     assert np.isnan(read.truth.poses.poses[:, 2]).all()
     np.testing.assert_allclose(read.truth.poses.poses[:, :2], east_north(log)[1], atol=1e-4)
     # By its own first position where there is no origin.
     first = read_log(bag, load_robot(robot_file(tmp_path, NAVSAT[: NAVSAT.index("origin")])))
-    assert first.truth is not None
     np.testing.assert_allclose(first.truth.poses.poses[0, :2], 0.0, atol=1e-6)
     assert any("positions of the truth are in metres" in note for note in first.notes)
     assert read.origin == (52.0, 13.0, 40.0)
@@ -188,7 +174,7 @@ def test_a_robot_that_stands_has_a_truth_that_is_not_used(tmp_path: Path) -> Non
     still = simulate(Scenario(duration=3.5, fix_rate=0.0), ALPHA)
     stamps, places = east_north(still)
     truth = [
-        ("/truth/gps", navsatfix(stamp, *place))
+        ("/truth/gps", receiver(stamp, *place))
         for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
     ]
     bag = write_bag(tmp_path / "bag", [*sensors(still), *truth])

@@ -1,7 +1,5 @@
 """Commands that a signal stops: cleaned up, one line, and no process left."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os
@@ -70,9 +68,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("number", "word", "workers"),
     [(signal.SIGTERM, "terminated", 2), (signal.SIGINT, "interrupted", 2)],
 )
-def test_a_signal_leaves_one_line_and_nothing_else(
-    bag: Path, tmp_path: Path, number: signal.Signals, word: str, workers: int
-) -> None:
+def test_a_signal_leaves_one_line_and_nothing_else(bag, tmp_path, number, word, workers):
     """Ctrl-C reaches all processes of the terminal, SIGTERM the command alone."""
     with begin("replay", bag, "--robot", "auriga-alpha", "--workers", workers, cwd=tmp_path) as one:
         time.sleep(1.5)
@@ -105,22 +101,14 @@ def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
     "words",
     [
         ("simulate", "--duration", "10", "--out", "out"),
-        pytest.param(
-            ("simulate", "--duration", "30", "--format", "sqlite3", "--out", "out"),
-            marks=pytest.mark.thorough,
-        ),
-        pytest.param(
-            ("simulate", "--duration", "30", "--format", "ros1", "--out", "out.bag"),
-            marks=pytest.mark.thorough,
-        ),
+        thorough(("simulate", "--duration", "30", "--format", "sqlite3", "--out", "out")),
+        thorough(("simulate", "--duration", "30", "--format", "ros1", "--out", "out.bag")),
         thorough(("paper", "--out", "out")),
         ("inspect", "BAG", "--write", "robot.toml"),
     ],
     ids=lambda words: "-".join(words[:5:4]),
 )
-def test_no_room_is_one_line_and_leaves_nothing(
-    words: tuple[str, ...], bag: Path, tmp_path: Path
-) -> None:
+def test_no_room_is_one_line_and_leaves_nothing(words, bag, tmp_path):
     """No file may be longer than a kilobyte; the compile cache has what they need, or does without."""
     limited = (
         "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
@@ -159,9 +147,7 @@ def test_warnings_are_one_line_without_source() -> None:
     ],
     ids=["allocation", "system", "library"],
 )
-def test_too_little_memory_is_one_line(
-    problem: Exception, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_too_little_memory_is_one_line(problem, capsys):
     assert explain(problem) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("icreckon: out of memory: close other programs")

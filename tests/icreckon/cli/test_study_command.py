@@ -81,7 +81,7 @@ def contents(cwd: Path) -> dict[str, bytes]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("undisturbed")
     (folder / "tiny.toml").write_text(TINY, encoding="utf-8")
-    done = study("tiny.toml", "--workers", 2, cwd=folder)
+    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
     assert done.returncode == 0, done.stderr
     assert "drift after 4 s" in done.stdout
     assert "Over 2 cells of 8 runs each, constant-online drifts" in " ".join(done.stdout.split())
@@ -105,9 +105,7 @@ def test_the_results_are_printed_as_json_on_demand(undisturbed: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
-def test_killed_it_loses_no_finished_block_and_comes_to_the_same(
-    here: Path, undisturbed: Path
-) -> None:
+def test_killed_it_loses_no_finished_block_and_comes_to_the_same(here, undisturbed):
     process = begin("tiny.toml", "--workers", 1, cwd=here)
     workers = children(process.pid)
     process.kill()
@@ -119,7 +117,7 @@ def test_killed_it_loses_no_finished_block_and_comes_to_the_same(
     while any(Path(f"/proc/{worker}/exe").exists() for worker in workers):
         assert time.monotonic() < deadline, "a worker outlives the command"
         time.sleep(0.05)
-    done = study("tiny.toml", "--workers", 2, cwd=here)
+    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=here, drawn=True)
     assert f"going on: {kept} of {BLOCKS} blocks are there" in done.stderr
     assert contents(here) == contents(undisturbed)
 
@@ -129,9 +127,7 @@ def test_killed_it_loses_no_finished_block_and_comes_to_the_same(
     [(True, signal.SIGINT, "interrupted"), (False, signal.SIGTERM, "terminated")],
     ids=["threads", "processes"],
 )
-def test_a_signal_waits_for_nothing_and_says_how_to_go_on(
-    here: Path, threads: bool, number: signal.Signals, word: str
-) -> None:
+def test_a_signal_waits_for_nothing_and_says_how_to_go_on(here, threads, number, word):
     """Blocks take minutes here, so whoever waits for one is late."""
     engine = f"engines.Engine('streaming', 'study_stub', 4, threads={threads})"
     script = (
@@ -177,9 +173,7 @@ def test_a_signal_waits_for_nothing_and_says_how_to_go_on(
         ({"cluster": "tcp://127.0.0.1:1"}, "no cluster at 'tcp://127.0.0.1:1': "),
     ],
 )
-def test_what_cannot_be_done_is_said(
-    here: Path, monkeypatch: pytest.MonkeyPatch, words: dict[str, Any], told: str
-) -> None:
+def test_what_cannot_be_done_is_said(here, monkeypatch, words, told):
     monkeypatch.chdir(here)
     asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers", "engine", "cluster"))
     asked |= {

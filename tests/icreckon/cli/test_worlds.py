@@ -3,8 +3,6 @@
 Commands that share an empty compile cache are in `test_fresh_cache.py`.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -15,7 +13,6 @@ from pathlib import Path
 
 import pytest
 
-from command_line import icreckon
 from conftest import REPOSITORY
 from small_robot import drive, write_robot
 
@@ -23,18 +20,6 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions are
 
 MAIN = "from icreckon.cli.main import main; main()"
 STAMPS = [k * 10**8 for k in range(1, 60)]
-STUDY = """
-engine = "streaming"
-variants = ["differential", "gyro"]
-runs = 4
-truths = 2
-horizons = [4.0]
-[scenario]
-duration = 10.0
-truth = "kinematic"
-[sweep.grid]
-gyro.factor = [1.0, 10.0]
-"""
 
 
 def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
@@ -69,21 +54,6 @@ def test_two_with_one_default_output_take_two_names(tmp_path: Path) -> None:
     assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
     for folder in folders:
         assert json.loads((folder / "results.json").read_text(encoding="utf-8"))["variants"]
-
-
-@pytest.mark.thorough
-def test_two_with_one_study_come_to_what_one_does(tmp_path: Path) -> None:
-    (tmp_path / "tiny.toml").write_text(STUDY, encoding="utf-8")
-    words = ("study", "tiny.toml", "--workers", 1, "--out")
-    assert icreckon(*words, "alone", cwd=tmp_path).returncode == 0
-    found = ended(*(begin(*words, "shared", cwd=tmp_path) for _ in range(2)))
-    assert [code for code, _ in found] == [0, 0], found
-    alone, shared = (
-        json.loads((tmp_path / name / "results.json").read_text(encoding="utf-8"))
-        for name in ("alone", "shared")
-    )
-    assert alone["cells"] == shared["cells"]
-    assert not list((tmp_path / "shared").rglob("*.tmp"))
 
 
 @pytest.fixture

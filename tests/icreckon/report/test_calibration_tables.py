@@ -1,7 +1,5 @@
 """Numbers and names in the tables of a calibration."""
 
-from __future__ import annotations
-
 import pytest
 
 from icreckon.report.calibration.tables import parameter_table
@@ -19,9 +17,7 @@ from icreckon.report.calibration.tables import parameter_table
         (1.073456, None, ("1.0735", "")),
     ],
 )
-def test_values_end_at_the_second_digit_of_their_error(
-    value: float, sigma: float | None, texts: tuple[str, str]
-) -> None:
+def test_values_end_at_the_second_digit_of_their_error(value, sigma, texts):
     one = {
         "value": value, "sigma": sigma, "status": "shown", "note": "", "unit": "m", "before": None,
         "before_is_default": False, "sigma_other_logs": sigma,
@@ -29,26 +25,3 @@ def test_values_end_at_the_second_digit_of_their_error(
     table = parameter_table({"parameters": {"a": one}, "robot": {"name": "r"}})
     (_, cells) = table.rows[0]
     assert tuple(cell.text for cell in cells[:2]) == texts
-
-
-@pytest.mark.parametrize(
-    ("sigma", "other", "wide", "narrow"),
-    [
-        (0.01, 0.02, ["0.010", "0.020"], ["0.010/0.020"]),
-        (0.01, 0.01, ["0.010", "0.010"], ["0.010"]),
-        (None, None, ["", ""], [""]),
-    ],
-)
-def test_errors_for_these_logs_and_for_others(
-    sigma: float | None, other: float | None, wide: list[str], narrow: list[str]
-) -> None:
-    one = {
-        "value": 1.0, "sigma": sigma, "status": "shown", "note": "", "unit": "m", "before": None,
-        "before_is_default": False, "sigma_other_logs": other,
-    }  # fmt: skip
-    results = {"parameters": {"a": one}, "robot": {"name": "r"}}
-    for is_narrow, texts in ((False, wide), (True, narrow)):
-        table = parameter_table(results, narrow=is_narrow)
-        (_, cells) = table.rows[0]
-        assert [cell.text for cell in cells[1 : 1 + len(texts)]] == texts
-        assert len(cells) == len(table.head) - 1

@@ -1,7 +1,5 @@
 """Units on the axes of a study."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import pytest

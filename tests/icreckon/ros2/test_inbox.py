@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from icreckon.replay.live.inputs import Subscription
-from icreckon.ros2.inbox import NO_TIMES, Inbox, Queue, Received
+from icreckon.ros2.inbox import Inbox, Queue, Received
 
 SECOND = 1_000_000_000
 IMU, TRACKS = Subscription("imu", "/imu", ()), Subscription("tracks", "/joint_states", ())
@@ -147,7 +147,3 @@ def test_without_times_of_sending_those_of_arrival_count() -> None:
 def test_arrival(received: int, arrival: int) -> None:
     info = {"source_timestamp": 1, "received_timestamp": received}
     assert Received(IMU, "Imu", None, info).arrival(100 * SECOND) == arrival
-
-
-def test_no_arrival_is_now_also_when_simulated_time_begins() -> None:
-    assert Received(IMU, "Imu", None, NO_TIMES).arrival(30 * SECOND) == 30 * SECOND

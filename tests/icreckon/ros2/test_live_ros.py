@@ -1,7 +1,5 @@
 """The node over real ROS 2: player, node and recorder as three processes."""
 
-from __future__ import annotations
-
 import csv
 import os
 import shutil
@@ -230,9 +228,7 @@ def same_pose(one: np.ndarray, other: np.ndarray) -> None:
 
 
 @pytest.fixture(scope="module")
-def live(
-    ros: dict[str, str], bag: Path, tmp_path_factory: pytest.TempPathFactory
-) -> tuple[dict[str, list[Any]], Path, Path]:
+def live(ros, bag, tmp_path_factory):
     """Messages of a live run with a cold start, its recorded bag, and its state file."""
     folder = tmp_path_factory.mktemp("live")
     state = folder / "state.json"
@@ -341,9 +337,7 @@ def test_diagnostics_and_markers(live: Any) -> None:
     assert left.y > 0.0 > right.y
 
 
-def test_starts_warm_and_again_after_a_kill(
-    live: Any, ros: dict[str, str], bag: Path, short_bag: Path, tmp_path: Path
-) -> None:
+def test_starts_warm_and_again_after_a_kill(live, ros, bag, short_bag, tmp_path):
     state = tmp_path / "state.json"
     shutil.copy(live[2], state)
     options = {"state_file": state, "save_period": 1.0, "input_depth": DEEP, "reorder": REORDER}
@@ -375,9 +369,7 @@ def test_starts_warm_and_again_after_a_kill(
     assert last["icreckon: pose in odom"]["warm_start"] == "true"
 
 
-def test_a_node_kept_from_running_catches_up(
-    live: Any, ros: dict[str, str], bag: Path, tmp_path: Path
-) -> None:
+def test_a_node_kept_from_running_catches_up(live, ros, bag, tmp_path):
     """Three seconds wait in the queues: three times what a filter corrects afterwards.
 
     Taken as they came, 51 samples were late. A busy machine may bring a few after the wait.
@@ -407,9 +399,7 @@ def test_a_node_kept_from_running_catches_up(
     assert ends[0] == pytest.approx(ends[1], abs=0.01)
 
 
-def test_simulated_time_that_jumps_back_starts_anew(
-    ros: dict[str, str], short_bag: Path, tmp_path: Path
-) -> None:
+def test_simulated_time_that_jumps_back_starts_anew(ros, short_bag, tmp_path):
     with (
         recorder(ros, tmp_path / "out", {"/odom": OUTPUTS["/odom"]}) as record,
         node(ros, tmp_path / "node.log", use_sim_time="true", use_fixes="false") as running,
@@ -477,62 +467,6 @@ def test_its_own_odometry_is_no_input(ros: dict[str, str], tmp_path: Path) -> No
         assert running.stop() == 0, running.text()
 
 
-def without_topics(folder: Path) -> Path:
-    """Robot file without [log]."""
-    shipped = REPOSITORY / "estimator" / "robot" / "robots" / f"{ROBOT}.toml"
-    robot = folder / "robot.toml"
-    robot.write_text(shipped.read_text("utf-8").partition("\n[log")[0] + "\n", "utf-8")
-    return robot
-
-
-def test_what_is_misspelt_or_missing_is_warned_of(ros: dict[str, str], tmp_path: Path) -> None:
-    """The package's own parameters are all known, an empty start pose included."""
-    program = Path(sys.executable).parent / "icreckon"
-    config = REPOSITORY / "ros2" / "icreckon_ros" / "config" / "icreckon.yaml"
-    command = [
-        program, "ros2-node", "--robot", without_topics(tmp_path), "--variant", VARIANT,
-        "--ros-args", "--params-file", config, "-p", "robot_fle:=x.toml", "-p", "use_sim_time:=false",
-        "-p", f"state_file:={config}/learnt.json",
-    ]  # fmt: skip
-    with started(ros, tmp_path / "node.log", command) as running:
-        until(lambda: "nobody has published /imu/data_raw" in running.text(), running)
-        assert running.stop() == 0, running.text()
-    text = running.text()
-    assert "parameter 'robot_fle' is unknown and has no effect; did you mean 'robot'?" in text
-    assert text.count("is unknown") == 1
-    assert f"state_file {config}/learnt.json cannot be written, so nothing is kept" in text
-    assert "the robot file has no [log.tracks]; assuming tracks on /joint_states" in text
-    assert text.count("tracks: nobody has published /joint_states") == 1
-    assert "/initialpose" not in text
-
-
-def test_a_misspelt_joint_and_another_topic_are_named(
-    ros: dict[str, str], bag: Path, tmp_path: Path
-) -> None:
-    robot = without_topics(tmp_path)
-    tracks = 'topic = "/joint_states"\nleft = ["left_sproket"]\nright = ["right_sproket"]\n'
-    imu = 'topic = "/imu/raw"\n'
-    text = robot.read_text("utf-8") + f"\n[log.tracks]\n{tracks}\n[log.imu]\n{imu}"
-    robot.write_text(text, "utf-8")
-    program = Path(sys.executable).parent / "icreckon"
-    command = [program, "ros2-node", "--robot", robot, "--variant", VARIANT]
-    with started(ros, tmp_path / "node.log", command) as running:
-        until(lambda: "ready:" in running.text(), running)
-        playing = subprocess.Popen(player(bag, INPUTS[:2], "--subscribers", 0), env=ros)
-        until(
-            lambda: "/imu/raw" in running.text().partition("ready:")[2].partition("nobody")[2],
-            running,
-        )
-        until(lambda: "have not come on /joint_states" in running.text(), running)
-        assert playing.wait(LONGEST) == 0
-        assert running.stop() == 0, running.text()
-    assert (
-        "joints 'left_sproket', 'right_sproket' of [log.tracks] have not come on /joint_states, which "
-        "has 'left_track_joint', 'right_track_joint'"
-    ) in running.text()
-    assert "of a fitting type there is /imu/data_raw" in running.text()
-
-
 GIVE_POSE = """
 import sys, time
 import rclpy
@@ -571,9 +505,7 @@ def test_a_given_pose_places_the_map(ros: dict[str, str], short_bag: Path, tmp_p
     assert pose_of(first.position, first.orientation) == pytest.approx([1.0, 2.0, 0.5], abs=0.1)
 
 
-def test_fixes_in_another_frame_are_warned_of(
-    ros: dict[str, str], short_bag: Path, tmp_path: Path
-) -> None:
+def test_fixes_in_another_frame_are_warned_of(ros, short_bag, tmp_path):
     # A whole number is a real number, too.
     options = {"map_frame": "world", "odom_frame": "wheels", "reorder": 1}
     with node(ros, tmp_path / "node.log", **options) as running:

@@ -1,7 +1,5 @@
 """Parameters of the node, and messages, without ROS."""
 
-from __future__ import annotations
-
 from array import array
 
 import numpy as np

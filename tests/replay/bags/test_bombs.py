@@ -1,7 +1,5 @@
 """Small files that unpack to large ones."""
 
-from __future__ import annotations
-
 import bz2
 import gzip
 import struct

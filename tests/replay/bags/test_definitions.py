@@ -1,7 +1,5 @@
 """Definitions of message types that are small and make large messages."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

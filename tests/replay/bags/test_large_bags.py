@@ -1,7 +1,5 @@
 """Bags that are larger than the memory: images are passed over, and measurements made as needed."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
@@ -86,32 +84,9 @@ log = read_log(sys.argv[1], load_robot("auriga-alpha"))
 assert len(log.imu.stamps) == int(sys.argv[2])
 """
 
-REPLAY = """
-from icreckon.cli.main import main
-try:
-    main()
-except SystemExit as done:
-    assert not done.code
-"""
-
 
 @pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 def test_images_are_not_kept(tmp_path: Path, robot: Robot, plugin: StoragePlugin) -> None:
     path = large_bag(tmp_path, robot, 10.0, 300, plugin)
     # 300 MB of images; the imports alone take about 115 MB.
     assert peak_megabytes(READ, tmp_path, path, 2500) < 200.0
-
-
-@pytest.mark.thorough
-def test_a_bag_of_four_gigabytes(tmp_path: Path, robot: Robot) -> None:
-    path = large_bag(tmp_path, robot, 300.0, 4000, StoragePlugin.MCAP)
-    assert sum(file.stat().st_size for file in path.iterdir()) > 4e9
-    variants = "differential,constant-fixed,constant-online,inertia-fixed,inertia-online"
-    words = ("--robot", "auriga-alpha", "--variants", variants, "--workers", "1")
-    # Writing an MCAP of all variants beside takes some 20 MB more.
-    words += ("--formats", "tum")
-    # Machine code, the log and the rows of five variants take it; images nothing.
-    alone = peak_megabytes(REPLAY, tmp_path, "replay", tmp_path / "small", *words)
-    assert peak_megabytes(REPLAY, tmp_path, "replay", path, *words) < alone + 30.0
-    assert alone < 400.0
-    assert peak_megabytes(REPLAY, tmp_path, "inspect", path) < 400.0

@@ -1,7 +1,5 @@
 """Bags of many chunks, messages or index entries: memory stays that of a few chunks."""
 
-from __future__ import annotations
-
 import sqlite3
 import struct
 import tracemalloc

@@ -1,7 +1,5 @@
 """Bags whose files are compressed as a whole."""
 
-from __future__ import annotations
-
 import shutil
 import tempfile
 from pathlib import Path
@@ -37,9 +35,7 @@ PLUGINS = (StoragePlugin.MCAP, StoragePlugin.SQLITE3)
 
 
 @pytest.mark.parametrize("plugin", PLUGINS)
-def test_all_ways_to_give_it_read_the_same(
-    tmp_path: Path, plugin: StoragePlugin, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_all_ways_to_give_it_read_the_same(tmp_path, plugin, monkeypatch):
     plain = read_log(bag(tmp_path / "plain", plugin, CompressionMode.NONE), ROBOT)
     folder = bag(tmp_path / "bag", plugin, CompressionMode.FILE)
     with Reader(folder) as reader:

@@ -1,7 +1,5 @@
 """SQLite bags whose columns hold values of other types than they should."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 

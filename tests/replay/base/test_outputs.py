@@ -1,7 +1,5 @@
 """Outputs of commands that are killed, run at once, or find no room."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil
@@ -30,7 +28,6 @@ with written_beside(Path(sys.argv[1]), overwrite=True) as new:
 
 def begin(path: Path) -> subprocess.Popen[bytes]:
     process = subprocess.Popen([sys.executable, "-c", WRITER, path], stdout=subprocess.PIPE)
-    assert process.stdout is not None
     process.stdout.readline()
     return process
 
@@ -67,10 +64,7 @@ def test_what_was_moved_aside_by_a_killed_process_comes_back(tmp_path: Path) -> 
         path.rename(scratch / "out.replaced")
         killed.kill()
         killed.wait()
-    with (
-        pytest.raises(ReplayError, match="no result"),
-        written_beside(path, overwrite=True),
-    ):
+    with pytest.raises(ReplayError, match="no result"), written_beside(path, overwrite=True):
         raise ReplayError("no result")
     assert (path / "metadata.yaml").read_text(encoding="utf-8") == "old"
     assert [one.name for one in tmp_path.iterdir()] == ["out"]

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace as with_values
 
-from conftest import sample_log
+from conftest import inspected, sample_log
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
+from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import TrackSpeedSeries
@@ -292,12 +292,6 @@ def test_real_logs(data_dir: Path, name: str, own: str, other: str):
     assert "diameter" in problems(read_log(path, doubled), doubled)[SCALE]
 
 
-def test_angles_of_a_matrix_are_those_it_was_made_of():
-    rng = np.random.default_rng(4)
-    for roll, pitch, yaw in rng.uniform([-3.1, -1.5, -3.1], [3.1, 1.5, 3.1], (50, 3)):
-        assert matrix_to_rpy(rpy_to_matrix(roll, pitch, yaw)) == pytest.approx((roll, pitch, yaw))
-
-
 def test_a_truth_that_stays_is_named_and_not_mended(log: Log):
     poses = np.zeros_like(log.truth.poses.poses)
     truth = replace(log.truth, poses=replace(log.truth.poses, poses=poses), twists=None)
@@ -326,3 +320,17 @@ def test_speeds_that_the_filter_refuses_have_no_result_and_no_traceback(log: Log
         worth_of(wrong, ALPHA, check_robot(wrong, ALPHA))
     with pytest.raises(ReplayError, match=r"no track speeds were used: rejected .* absurdly fast"):
         compare(wrong, ALPHA, "gyro")
+
+
+# --- odometry that turns too far ------------------------------------------------------------------
+
+
+def test_both_report_the_jackal(data_dir: Path) -> None:
+    path, robot = sample_log(data_dir, "jackal_test2.bag"), load_robot("jackal")
+    (found,) = (one for one in inspected(path).findings if "odometry's yaw rate" in one)
+    (one,) = (
+        one for one in check_robot(read_log(path, robot), robot) if one.name == "sense of turning"
+    )
+    times = found.partition(" times")[0].rpartition(" ")[2]
+    assert f"the odometry's yaw rate is {times} times the gyro's" in one.problem
+    assert "gauge in [log.tracks]" in one.remedy

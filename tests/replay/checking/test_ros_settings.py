@@ -94,20 +94,6 @@ def test_a_contradicted_multiplier_is_that_of_the_log(log: Log):
     assert "which contradicts 1 of the robot file" in ros_settings([log], wrong)
 
 
-def test_covariances_are_the_errors_of_that_odometry(log: Log):
-    robot = with_track_of_the_log(log)
-    settings = controller(log, robot)
-    speed, rate = odometry(log, settings)
-    truth, stamps = log.truth.twists.twists, log.truth.twists.stamps
-    of_rate = rate - np.interp(log.tracks.stamps, stamps, truth[:, 2])
-    moving = np.abs(log.tracks.speeds).max(axis=1) > 0.0
-    v_x, *unmeasured, w = settings["twist_covariance_diagonal"]
-    assert unmeasured == [1e3] * 4
-    assert w == pytest.approx(float(np.var(of_rate[moving])), rel=0.4)
-    of_speed = speed - np.interp(log.tracks.stamps, stamps, truth[:, 0])
-    assert 0.2 < v_x / float(np.mean(of_speed[moving] ** 2)) < 3.0
-
-
 def test_radii_that_differ_are_in_the_multipliers(log: Log):
     robot = with_values(ALPHA, tracks=with_values(ALPHA.tracks, difference=0.02))
     settings = controller(log, robot)
@@ -196,13 +182,3 @@ def test_without_track_speeds_there_is_only_the_imu(log: Log):
     none = np.zeros(0, dtype=np.int64)
     empty = replace(log, tracks=TrackSpeedSeries(none, np.zeros((0, 2))))
     assert parsed(empty, ALPHA).keys() == {"imu_driver"}
-
-
-def test_several_logs_are_pooled(log: Log):
-    """Each log shows a track; the covariances are those of all logs together."""
-    faster = replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, 1.1 * log.tracks.speeds))
-    one, other = (twist_errors([each], ALPHA).forward for each in (log, faster))
-    both = twist_errors([log, faster], ALPHA).forward
-    assert both == pytest.approx(np.sqrt(0.5 * (one**2 + other**2)), rel=0.05)
-    text = ros_settings([log, faster], ALPHA)
-    assert re.search(r"of these logs 2\.\d+ ± 0\.\d+, 2\.\d+ ± 0\.\d+", text)

@@ -1,7 +1,5 @@
 """Accuracy on the real logs, against the baseline that benchmarks/accuracy.py has written."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 

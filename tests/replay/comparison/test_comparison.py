@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+import icreckon
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.comparison.results import summarise
-from icreckon.report.replay.page_text import lowest
 from icreckon.report.replay.tables import results_table
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -114,14 +114,6 @@ def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(rob
     assert results["reference_variant"] == VARIANTS[-1]
 
 
-@pytest.mark.parametrize("wanted", [True, False])
-def test_the_best_of_the_table_is_one_that_does_not_know_what_comes(wanted: bool) -> None:
-    rows = {"a": {"x": 2.0}, "b": {"x": 3.0}, "b-smoothed": {"x": 1.0}, KNOWN_BIAS: {"x": 0.5}}
-    if wanted:
-        del rows["b-smoothed"]
-    assert lowest(rows, "x") == "a"
-
-
 @pytest.mark.thorough
 def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) -> None:
     """Without a main guard each worker runs the script again, and dies; nothing hangs."""
@@ -138,3 +130,35 @@ def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) ->
     )
     assert done.returncode == 1
     assert 'needs `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
+
+
+# --- from code ------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def log() -> icreckon.Log:
+    return icreckon.simulate(
+        icreckon.Scenario(duration=60.0, fix_rate=1.0), icreckon.load_robot("auriga-alpha")
+    )
+
+
+def test_one_variant_and_a_part_as_texts(log: icreckon.Log, tmp_path: Path):
+    robot = icreckon.load_robot("auriga-alpha")
+    found = icreckon.compare(log, robot, "gyro", fixes="0:40%")
+    assert list(found.runs) == ["gyro"]
+    results = icreckon.summarise(found, robot, command="notebook", configuration={})
+    icreckon.write_report(str(tmp_path), found, results, robot, formats=())
+    assert (tmp_path / "page.html").exists()
+    with pytest.raises(ReplayError, match="no such folder; make it first"):
+        icreckon.write_report(str(tmp_path / "none"), found, results, robot)
+    with pytest.raises(ReplayError, match="no part of a log"):
+        icreckon.compare(log, robot, "gyro", fixes="the first half")
+
+
+def test_part_takes_seconds_and_between_stamps(log: icreckon.Log):
+    part = log.part(10.0, 20.0)
+    assert part.start == log.start + 10_000_000_000
+    assert part.duration == pytest.approx(10.0)
+    assert len(log.between(part.start, part.end).imu.stamps) == len(part.imu.stamps)
+    with pytest.raises(EstimatorError, match=r"part\(0.0, 10.0\) takes seconds"):
+        log.between(0, 10)

@@ -1,7 +1,5 @@
 """Several logs, or several robot files, scored together."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
@@ -16,16 +14,14 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import Drift
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.bootstrap import PairedDrift, matched_drifts, pooled_drift
-from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.many import (
     Case,
-    case_scores,
     compare_many,
     label_of,
-    summarise_many,
     unique,
 )
-from icreckon.replay.comparison.results import comparison_drifts, summarise
+from icreckon.replay.comparison.results import summarise
 
 SECOND = 10**9
 ROBOT = icreckon.load_robot("auriga-alpha")
@@ -210,42 +206,12 @@ def test_parts_of_one_recording_are_noted(logs: list[Log]) -> None:
     assert "--one-log" in note
 
 
-def test_a_log_too_short_for_a_segment_does_not_count_as_scored(logs: list[Log]) -> None:
-    short = replace(logs[1].part(0.0, 4.0), name="short")
-    found = compare_many([logs[0], short], ROBOT, VARIANTS)
-    pooled = found["pooled"][ROBOT.name]
-    assert pooled["logs"] == 1
-    assert pooled["duration_s"] == pytest.approx(logs[0].duration)
-    assert pooled["variants"]["gyro"]["logs"] == 1
-    assert pooled["verdict"]["logs_scored"] == 1
-
-
 def verdict_counts_the_logs_in_which_the_best_drifts_less(found: dict[str, Any]) -> None:
     verdict = found["pooled"][ROBOT.name]["verdict"]
     best, baseline = verdict["best"], verdict["baseline"]
     key = f"drift_percent_{verdict['horizon']}_mean"
     less = [one["variants"][best][key] < one["variants"][baseline][key] for one in found["logs"]]
     assert (verdict["logs_with_less"], verdict["logs_scored"]) == (sum(less), 2)
-
-
-def test_a_variant_lost_in_one_log_is_compared_in_the_others(logs: list[Log]) -> None:
-    """A filter that failed in the first log with one robot file still has the other logs."""
-    scored = []
-    for log in logs:
-        whole = compare(log, ROBOT, VARIANTS)
-        for name in ("a", "b"):
-            comparison = whole
-            if log is logs[0] and name == "b":
-                kept = {"gyro": comparison.runs["gyro"]}
-                comparison = replace(comparison, runs=kept)
-            drifts = comparison_drifts(comparison)
-            summary = summarise(comparison, ROBOT, command="test", configuration={}, drifts=drifts)
-            scored.append(case_scores(Case(log.name, name), comparison, summary, drifts))
-    found = summarise_many(scored, [], command="test", configuration={})
-    ratios = found["ratios"]["b"]["variants"]
-    assert {name: one["logs"] for name, one in ratios.items()} == {
-        name: 2 if name == "gyro" else 1 for name in VARIANTS
-    }
 
 
 def test_nothing_to_compare_is_refused(tmp_path: Path) -> None:

@@ -27,17 +27,13 @@ SECOND = 1_000_000_000
         ("husky_deflated_part1", "husky-deflated", 0.16, 10.0),
     ],
 )
-def test_logs_with_a_truth_are_scored(
-    name: str, robot_name: str, lag: float, most_drift: float, data_dir: Path
-) -> None:
+def test_logs_with_a_truth_are_scored(name, robot_name, lag, most_drift, data_dir):
     robot = load_robot(robot_name)
     log = sample(data_dir, name, robot_name)
     comparison = compare(log, robot, ["constant-online"])
-    assert comparison.alignment is not None
     # The README beside the logs gives the lags; it found them against the gyro alone.
     assert comparison.alignment.lag == pytest.approx(lag, abs=0.08)
     run = comparison.runs["constant-online"]
-    assert comparison.log.truth is not None
     poses = run.trajectory.pose_series
     # Without fixes the pose goes on without a jump.
     speeds = np.hypot(*np.diff(poses.poses[:, :2], axis=0).T) / (np.diff(poses.stamps) * 1e-9)
@@ -81,9 +77,7 @@ def test_each_variant_is_scored_with_its_own_lever_arm(data_dir: Path) -> None:
 @pytest.mark.parametrize(
     ("eta0", "variant"), [(1.0, "constant-online"), (1.5 * 1.76, "inertia-online")]
 )
-def test_gyro_bias_and_track_are_found_while_driving(
-    eta0: float, variant: str, data_dir: Path
-) -> None:
+def test_gyro_bias_and_track_are_found_while_driving(eta0, variant, data_dir):
     # The robot never stands, its gyro reads 0.016 rad/s too little, and its effective track is 0.98 m.
     robot = load_robot("husky-deflated")
     log = read_log(sample_log(data_dir, "husky_deflated_part1"), robot)
@@ -96,15 +90,3 @@ def test_gyro_bias_and_track_are_found_while_driving(
     two_minutes = int(np.searchsorted(found.stamps, log.start + 120 * SECOND))
     assert tracks[two_minutes] == pytest.approx(0.98, rel=0.08)
     assert tracks[-1] == pytest.approx(0.98, rel=0.06)
-
-
-def test_swapped_sides_are_told(data_dir: Path) -> None:
-    robot = load_robot("warthog")
-    log = sample(data_dir, "warthog_grass_2024_8_8_16h11s19", "warthog")
-    swapped = replace(log, tracks=replace(log.tracks, speeds=log.tracks.speeds[:, ::-1].copy()))
-    told = []
-    for one in (log, swapped):
-        comparison = compare(one, robot, ["constant-online", "inertia-online"])
-        notes = summarise(comparison, robot, command="test", configuration={})["log"]["notes"]
-        told.append("left and right swapped" in "".join(notes))
-    assert told == [False, True]

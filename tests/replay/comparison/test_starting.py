@@ -1,7 +1,5 @@
 """Where a run starts whose log has fixes but no truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,9 +51,7 @@ def test_fixes_in_odom_start_at_the_origin(log: Log, robot: Robot) -> None:
 @pytest.mark.parametrize(
     ("place", "yaw"), [((0.0, 0.0), 2.0), ((500.0, -80.0), 0.0), ((500.0, -80.0), -3.0)]
 )
-def test_fixes_in_another_frame(
-    log: Log, robot: Robot, place: tuple[float, float], yaw: float
-) -> None:
+def test_fixes_in_another_frame(log, robot, place, yaw):
     begin = log.truth.poses.poses[0]
     found = start(moved(log, *place, yaw), robot)
     expected = np.array([*place, yaw]) + np.array([0.0, 0.0, begin[2]])

@@ -1,7 +1,5 @@
 """Roll and pitch of exported odometry are those of the ground."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -8,7 +6,6 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from msgspec.structs import replace as replace_fields
 
 from conftest import make_log
 from icreckon.estimator.base.frames import wrap_angle
@@ -17,16 +14,7 @@ from icreckon.estimator.log.series import ImuSeries, PoseSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import check_place, write_log
-from icreckon.replay.mapping.topics import (
-    DEFAULT_TOPICS,
-    FixTopic,
-    ImuTopic,
-    TopicMap,
-    TrackTopic,
-    TruthTopic,
-    topic_map,
-    writable_topics,
-)
+from icreckon.replay.mapping.topics import DEFAULT_TOPICS
 from icreckon.replay.reading.read_log import read_log
 
 FORMATS = ["mcap", "sqlite3", "ros1"]
@@ -162,21 +150,6 @@ def test_a_mapping_in_the_bag_names_only_what_the_log_has(tmp_path: Path) -> Non
     explicit = read_log(path, robot, topics=DEFAULT_TOPICS)
     np.testing.assert_array_equal(explicit.imu.stamps, log.imu.stamps)
     assert not [note for note in explicit.notes if "/icreckon/topics" in note.split(";")[0]]
-
-
-def test_what_a_robot_file_does_not_map_goes_where_auriga_alpha_has_it(robot: Robot) -> None:
-    assert topic_map(robot, "file") == DEFAULT_TOPICS == writable_topics(TopicMap())
-    own = TopicMap(
-        TrackTopic("/odom", gauge=0.5),
-        ImuTopic("/imu/data", time="recording"),
-        FixTopic("/gps"),
-        TruthTopic("/lidar", source="lidar map"),
-    )
-    full = writable_topics(own)
-    assert (full.imu, full.fixes, full.tracks) == (own.imu, own.fixes, DEFAULT_TOPICS.tracks)
-    assert full.truth == replace_fields(DEFAULT_TOPICS.truth, topic="/lidar", source="lidar map")
-    # Two streams on one topic could not be told apart.
-    assert writable_topics(TopicMap(imu=ImuTopic("/joint_states"))) == DEFAULT_TOPICS
 
 
 def test_a_file_that_is_no_bag_is_never_replaced(tmp_path: Path, robot: Robot) -> None:

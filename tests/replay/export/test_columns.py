@@ -1,7 +1,5 @@
 """Columns of a run and its errors against the truth, as a data frame needs them."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -45,8 +43,7 @@ def test_errors_are_those_of_the_scores(comparison: Comparison) -> None:
     truth, run = comparison.log.truth, comparison.runs[VARIANT]
     assert truth is not None
     at_rows = PoseSeries(
-        run.stamps,
-        np.stack([found[f"true_{name}"] for name in ("x_m", "y_m", "yaw_rad")], axis=-1),
+        run.stamps, np.stack([found[f"true_{name}"] for name in ("x_m", "y_m", "yaw_rad")], axis=-1)
     )
     expected = pose_nees(run.trajectory, at_rows)
     known = found["nees_pose"][np.isfinite(found["nees_pose"])]
@@ -56,7 +53,6 @@ def test_errors_are_those_of_the_scores(comparison: Comparison) -> None:
 
 def test_a_hole_of_the_truth_has_no_errors(comparison: Comparison) -> None:
     truth = comparison.log.truth
-    assert truth is not None
     seconds = (truth.poses.stamps - comparison.log.start) * 1e-9
     kept = (seconds < 10.0) | (seconds > 20.0)
     poses = PoseSeries(truth.poses.stamps[kept], truth.poses.poses[kept])
@@ -70,7 +66,6 @@ def test_a_hole_of_the_truth_has_no_errors(comparison: Comparison) -> None:
 
 def test_a_truth_without_headings_has_no_yaw(comparison: Comparison) -> None:
     truth = comparison.log.truth
-    assert truth is not None
     positions = Truth(truth.poses, source="my receiver", headings=False)
     found = icreckon.columns_of(
         replace(comparison, log=replace(comparison.log, truth=positions)), ROBOT, VARIANT

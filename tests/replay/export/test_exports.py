@@ -1,11 +1,7 @@
 """What a comparison is written as, read back by what others read it with."""
 
-from __future__ import annotations
-
 import csv
-import json
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -73,9 +69,7 @@ def test_a_misspelt_format_is_refused(text: str, told: str) -> None:
         parse_formats(text)
 
 
-def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(
-    tmp_path: Path,
-) -> None:
+def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(tmp_path):
     words = ("--duration", 20, "--outage", "5:20", "--seed", 3)
     assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
     words = (
@@ -229,9 +223,7 @@ def mcap_messages(path: Path) -> dict[str, list]:
 
 
 @pytest.fixture(scope="module")
-def mcap_bag(
-    tmp_path_factory: pytest.TempPathFactory, comparison: Comparison, robot: Robot
-) -> Path:
+def mcap_bag(tmp_path_factory, comparison, robot):
     return write_replay_bag(tmp_path_factory.mktemp("mcap") / "o.mcap", "mcap", comparison, robot)
 
 
@@ -240,9 +232,7 @@ def messages(mcap_bag: Path) -> dict[str, list]:
     return mcap_messages(mcap_bag)
 
 
-def test_the_official_decoder_reads_the_mcap(
-    messages: dict[str, list], comparison: Comparison
-) -> None:
+def test_the_official_decoder_reads_the_mcap(messages, comparison):
     found = messages
     smoothed = [f"{name}-smoothed" for name in VARIANTS]
     names = [name.replace("-", "_") for name in (*VARIANTS, *smoothed)]
@@ -250,15 +240,7 @@ def test_the_official_decoder_reads_the_mcap(
         *(f"/{name}/{topic}" for name in names for topic in ("odom", "pose", "path", "icrs")),
         *("/tf", "/fixes", "/ground_truth/pose", "/ground_truth/path", "/diagnostics"),
     }
-    assert {topic: rows[0][0] for topic, rows in found.items() if "inertia" not in topic} == {
-        "/constant_online/odom": "nav_msgs/msg/Odometry",
-        "/constant_online/pose": "geometry_msgs/msg/PoseStamped",
-        "/constant_online/path": "nav_msgs/msg/Path",
-        "/constant_online/icrs": "visualization_msgs/msg/MarkerArray",
-        "/constant_online_smoothed/odom": "nav_msgs/msg/Odometry",
-        "/constant_online_smoothed/pose": "geometry_msgs/msg/PoseStamped",
-        "/constant_online_smoothed/path": "nav_msgs/msg/Path",
-        "/constant_online_smoothed/icrs": "visualization_msgs/msg/MarkerArray",
+    assert {topic: rows[0][0] for topic, rows in found.items() if "_online" not in topic} == {
         "/tf": "tf2_msgs/msg/TFMessage",
         "/fixes": "geometry_msgs/msg/PoseWithCovarianceStamped",
         "/ground_truth/pose": "geometry_msgs/msg/PoseStamped",
@@ -283,23 +265,7 @@ def test_the_official_decoder_reads_the_mcap(
     assert len(path.poses) <= 1000
 
 
-def test_poses_are_those_of_the_odometry_thinned(messages: dict[str, list]) -> None:
-    found = messages
-    odometry = {logged: message for _, logged, message in found["/inertia_online/odom"]}
-    rows = found["/inertia_online/pose"]
-    assert len(rows) == pytest.approx(20 * 20, abs=2)
-    for _, logged, message in rows:
-        assert message.header.frame_id == "odom"
-        assert logged == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-        of = odometry[logged].pose.pose
-        for part, keys in (("position", "xyz"), ("orientation", "xyzw")):
-            one, other = getattr(message.pose, part), getattr(of, part)
-            assert [getattr(one, key) for key in keys] == [getattr(other, key) for key in keys]
-
-
-def test_fixes_have_the_covariance_of_the_log(
-    messages: dict[str, list], comparison: Comparison
-) -> None:
+def test_fixes_have_the_covariance_of_the_log(messages, comparison):
     fixes = comparison.log.fixes
     for (_, logged, message), variances in zip(
         messages["/fixes"], fixes.variances.tolist(), strict=True
@@ -309,9 +275,7 @@ def test_fixes_have_the_covariance_of_the_log(
         assert covariance[0, 0] == covariance[1, 1] == variances[0]
 
 
-def test_each_frame_has_one_parent_and_base_link_goes_with_the_last_filter(
-    messages: dict[str, list], comparison: Comparison
-) -> None:
+def test_each_frame_has_one_parent_and_base_link_goes_with_the_last_filter(messages, comparison):
     parents, newest = {}, {}
     for _, _, decoded in messages["/tf"]:
         for one in decoded.transforms:
@@ -324,9 +288,7 @@ def test_each_frame_has_one_parent_and_base_link_goes_with_the_last_filter(
     assert newest["base_link"] != newest["constant_online/base_link"]
 
 
-def test_icr_markers_lie_in_the_frame_of_their_variant(
-    messages: dict[str, list], comparison: Comparison, robot: Robot
-) -> None:
+def test_icr_markers_lie_in_the_frame_of_their_variant(messages, comparison, robot):
     one = comparison.runs["constant-online"]
     rows = messages["/constant_online/icrs"]
     assert len(rows) == pytest.approx(5 * 20, abs=2)
@@ -346,9 +308,7 @@ def test_icr_markers_lie_in_the_frame_of_their_variant(
         assert spheres.pose.orientation.w == 1.0
 
 
-def test_diagnostics_tell_innovations_of_each_sensor(
-    messages: dict[str, list], comparison: Comparison
-) -> None:
+def test_diagnostics_tell_innovations_of_each_sensor(messages, comparison):
     rows = messages["/diagnostics"]
     assert len(rows) == pytest.approx(21, abs=1)
     one = comparison.runs["inertia-online"]
@@ -398,37 +358,6 @@ def test_what_cannot_be_stamped_is_refused(tmp_path: Path) -> None:
 
 # --- other programs ------------------------------------------------------------------------------
 
-SYSTEM_PYTHON = "/usr/bin/python3"
-READ_WITH_ROS = """
-import json, sys, rosbag
-found = {}
-with rosbag.Bag(sys.argv[1]) as bag:
-    for topic, message, stamp in bag.read_messages():
-        rows = found.setdefault(topic, [message._type, 0, None])
-        rows[1] += 1
-        if topic == "/inertia_online/odom":
-            position = message.pose.pose.position
-            rows[2] = [message.header.stamp.to_nsec(), stamp.to_nsec(), position.x, position.y,
-                       message.child_frame_id, message.twist.covariance[35]]
-        elif topic == "/diagnostics":
-            rows[2] = [status.name for status in message.status]
-        elif topic == "/inertia_online/icrs":
-            rows[2] = [message.markers[0].points[0].y, message.markers[0].header.frame_id]
-        elif topic == "/tf":
-            rows[2] = message.transforms[0].header.frame_id
-print(json.dumps(found))
-"""
-
-
-def ros_python() -> str:
-    """An interpreter with ROS 1's rosbag, or a visible skip."""
-    for python in (SYSTEM_PYTHON, sys.executable):
-        if Path(python).exists():
-            done = subprocess.run([python, "-c", "import rosbag"], capture_output=True, check=False)
-            if done.returncode == 0:
-                return python
-    pytest.skip("no ROS 1 rosbag package (Debian: apt-get install python3-rosbag)")
-
 
 def test_rosbags_reads_the_ros1_bag(tmp_path: Path, comparison: Comparison, robot: Robot) -> None:
     path = write_replay_bag(tmp_path / "o.bag", "ros1", comparison, robot)
@@ -438,28 +367,6 @@ def test_rosbags_reads_the_ros1_bag(tmp_path: Path, comparison: Comparison, robo
     assert digests["tf2_msgs/msg/TFMessage"] == "94810edda583a504dfda3829e70d7eec"
     assert digests["visualization_msgs/msg/MarkerArray"] == "d155b9ce5188fbaf89745847fd5882d7"
     assert digests["diagnostic_msgs/msg/DiagnosticArray"] == "60810da900de1dd6ddd437c3503511da"
-
-
-def test_ros_1_itself_reads_the_bag(tmp_path: Path, comparison: Comparison, robot: Robot) -> None:
-    python = ros_python()
-    path = write_replay_bag(tmp_path / "o.bag", "ros1", comparison, robot)
-    done = subprocess.run(
-        [python, "-c", READ_WITH_ROS, str(path)], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    one = comparison.runs["inertia-online"]
-    kind, count, last = found["/inertia_online/odom"]
-    assert (kind, count) == ("nav_msgs/Odometry", len(one.stamps))
-    x, y, _ = one.trajectory.poses[-1]
-    stamp = int(one.stamps[-1])
-    spread = one.trajectory.twist_covariances[-1, 2, 2]
-    assert last == [stamp, stamp, x, y, "inertia_online/base_link", spread]
-    assert found["/tf"][::2] == ["tf2_msgs/TFMessage", "odom"]
-    assert found["/diagnostics"][0] == "diagnostic_msgs/DiagnosticArray"
-    assert "inertia-online: gyro" in found["/diagnostics"][2]
-    assert found["/inertia_online/icrs"][2][1] == "inertia_online/base_link"
-    assert found["/fixes"][1] == len(comparison.log.fixes.stamps)
 
 
 def run_evo(evo: Path, home: Path, *words: str | Path) -> str:

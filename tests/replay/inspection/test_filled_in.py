@@ -8,7 +8,7 @@ import pytest
 
 from command_line import fails, icreckon
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
+from icreckon.replay.inspection.filled_in import with_filled_in
 from icreckon.replay.inspection.inspect import inspect
 
 PROPOSED = """\
@@ -78,29 +78,6 @@ def test_a_unit_that_a_person_changed_is_kept(tmp_path: Path):
     text, taken = with_filled_in(proposed, path)
     assert taken == ["log.columns.imu.rate_unit"]
     assert tomllib.loads(text)["log"]["columns"]["imu"] == {"rate_unit": "deg/s"}
-
-
-def test_a_gauge_that_stands_in_is_not_taken_for_a_persons(tmp_path: Path):
-    path = tmp_path / "robot.toml"
-    line = "track_gauge = nan        # not in the log: fill in (m)"
-    first, second = (
-        PROPOSED.replace(
-            line,
-            f"track_gauge = {track}    # m, the effective track ({track}): fill in the distance",
-        )
-        for track in ("0.8", "0.95")
-    )
-    path.write_text(first, encoding="utf-8")
-    assert filled_in_gauge(path) is None
-    text, taken = with_filled_in(second, path)
-    assert taken == []
-    assert tomllib.loads(text)["vehicle"]["track_gauge"] == 0.95
-    # With the comment left as it is.
-    path.write_text(first.replace("= 0.8 ", "= 0.62 "), encoding="utf-8")
-    assert filled_in_gauge(path) == 0.62
-    text, taken = with_filled_in(second, path)
-    assert taken == ["vehicle.track_gauge"]
-    assert tomllib.loads(text)["vehicle"]["track_gauge"] == 0.62
 
 
 def test_a_file_that_cannot_be_read_is_not_replaced(tmp_path: Path):

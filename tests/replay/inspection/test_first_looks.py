@@ -1,7 +1,5 @@
 """What inspection finds beyond topics: units, wheels, standstills, columns of tables."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,16 +9,13 @@ import pytest
 from test_inspection import driven_log, proposed
 
 from conftest import inspected, sample_log
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
 from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
 from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.inspection.wheels import (
@@ -29,7 +24,6 @@ from icreckon.replay.inspection.wheels import (
     unit_suspicions,
     wheel_estimates,
 )
-from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
 
 RADIUS, TRACK = 0.2, 0.6
@@ -82,9 +76,7 @@ def scaled(log: Log, *, gyro: float = 1.0, force: float = 1.0, tracks: float = 1
     return replace(
         log,
         imu=ImuSeries(
-            log.imu.stamps,
-            log.imu.angular_velocity * gyro,
-            log.imu.linear_acceleration * force,
+            log.imu.stamps, log.imu.angular_velocity * gyro, log.imu.linear_acceleration * force
         ),
         tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * tracks),
     )
@@ -182,16 +174,6 @@ def test_a_made_table(tmp_path: Path) -> None:
     assert again.truth is not None
 
 
-def test_a_table_of_something_else(tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text("name,colour\nrobot,red\n", encoding="utf-8")
-    found = inspect(path)
-    assert [report.msgtype for report in found.topics] == ["string", "string"]
-    assert found.mapping.columns is None
-    with pytest.raises(ReplayError, match="its columns are name, colour"):
-        read_log(path, Robot("x", Vehicle(1.0, 1.0, 1.0)))
-
-
 def test_counters_need_their_counts(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("t,enc_left,enc_right\n0.0,1,2\n0.1,2,3\n", encoding="utf-8")
@@ -209,23 +191,10 @@ def test_columns_beside_the_speeds_are_none(other: str, tmp_path: Path) -> None:
     names = [*map(other.format, sides), *map("{}_m_s".format, sides)]
     path.write_text(f"t,{','.join(names)}\n0.0,1,2,3,4\n0.1,2,3,4,5\n", encoding="utf-8")
     columns = inspect(path).mapping.columns
-    assert columns is not None
-    assert columns.tracks is not None
     assert (columns.tracks.left, columns.tracks.right) == (("left_m_s",), ("right_m_s",))
     alone = tmp_path / "alone.csv"
     alone.write_text(f"t,{','.join(names[:2])}\n0.0,1,2\n0.1,2,3\n", encoding="utf-8")
     assert inspect(alone).mapping.columns.tracks is None
-
-
-def test_several_files(tmp_path: Path, robot: Robot) -> None:
-    log = driven_log((0.0, 0.0, 0.0))
-    bag = write_log(replace(log, imu=None), tmp_path / "bag", "mcap", robot)
-    other = write_log(replace(log, name="late"), tmp_path / "other", "ros1", robot)
-    found = inspect([bag, other])
-    counts = {report.topic: report.count for report in found.topics}
-    assert counts["/joint_states"] == 12000
-    assert counts["/imu/data_raw"] == 6000
-    assert topic_map(robot, "x").imu == found.mapping.imu
 
 
 @pytest.mark.parametrize(
@@ -237,9 +206,7 @@ def test_several_files(tmp_path: Path, robot: Robot) -> None:
         ("husky_deflated_part1", 0.151, 0.97),
     ],
 )
-def test_sample_logs_show_their_wheels(
-    data_dir: Path, name: str, radius: float, track: float
-) -> None:
+def test_sample_logs_show_their_wheels(data_dir, name, radius, track):
     path = sample_log(data_dir, name)
     robot = Robot("x", Vehicle(1.0, 1.0, 1.0))
     found = inspected(path)
@@ -298,9 +265,7 @@ FEW = ("jackal_test2.bag",)
         for name in NOT_IN_THE_LOG
     ],
 )
-def test_a_proposed_robot_file_needs_no_more_than_what_no_log_can_tell(
-    data_dir: Path, tmp_path: Path, name: str
-) -> None:
+def test_a_proposed_robot_file_needs_no_more_than_what_no_log_can_tell(data_dir, tmp_path, name):
     known, mass, shipped = NOT_IN_THE_LOG[name], 50.0, None
     if isinstance(known, str):
         shipped = load_robot(known)
@@ -340,18 +305,4 @@ def test_a_proposed_robot_file_needs_no_more_than_what_no_log_can_tell(
 def drift_of(comparison: Comparison) -> float:
     """Drift of the only variant after 30 s [%]."""
     (run,) = comparison.runs.values()
-    assert comparison.log.truth is not None
     return drift(run.trajectory.pose_series, comparison.log.truth.poses, 30.0).percent_mean
-
-
-@pytest.mark.parametrize("number", ["33-58", "36-28"])
-def test_a_log_without_track_speeds_is_said_to_be_one(
-    data_dir: Path, tmp_path: Path, number: str
-) -> None:
-    path = sample_log(data_dir, f"wetexplorer_2024-07-05-13-{number}.bag")
-    robot, _ = proposed(inspect(path), tmp_path)
-    log = read_log(path, robot)
-    assert len(log.fixes.stamps) > 130
-    assert len(log.others) > 130
-    with pytest.raises(EstimatorError, match="no track speeds"):
-        compare(log, robot, ["constant-online"])

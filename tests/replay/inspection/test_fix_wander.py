@@ -1,7 +1,5 @@
 """Wander of the fixes as `inspect` finds it: against odometry, or not at all."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,7 +26,6 @@ def driven(fixes: FixSpec, seed: int = 1, duration: float = 600.0) -> Log:
 
 
 def found_in(log: Log) -> FixWanderEstimate | str:
-    assert log.imu is not None
     return estimate_wander(log, SensorModels(ALPHA).yaw_rates(log.imu.angular_velocity))
 
 
@@ -53,8 +50,6 @@ def test_white_noise_and_the_errors_of_odometry_are_no_wander(sigma: float) -> N
 def test_any_units_frame_bias_and_outliers_change_little() -> None:
     log = driven(GPS)
     fixes, imu = log.fixes, log.imu
-    assert fixes is not None
-    assert imu is not None
     expected = found_in(log)
     assert isinstance(expected, FixWanderEstimate)
     at = (fixes.poses[:, 0] + 1j * fixes.poses[:, 1]) * np.exp(2j) + 100.0
@@ -97,7 +92,6 @@ def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path, robot: Robot) ->
 def test_fixes_that_state_more_than_they_scatter_wander(stated: float, proposed: bool) -> None:
     """Here odometry may be off by as much; only what a receiver states tells the two apart."""
     log = driven(FixSpec(sigma=0.02, wander_sigma=0.8, wander_time=60.0), seed=3)
-    assert log.fixes is not None
     variances = np.column_stack(
         [np.full(len(log.fixes.stamps), stated**2), log.fixes.variances[:, 1]]
     )

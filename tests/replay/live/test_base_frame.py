@@ -1,7 +1,5 @@
 """The published base frame may be another point of the robot than the centre of its tracks."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

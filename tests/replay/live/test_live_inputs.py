@@ -1,9 +1,8 @@
 """Live messages become the measurements that a replay of their bag reads."""
 
-from __future__ import annotations
-
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +18,9 @@ from bag_messages import (
     header,
     imu,
     joints,
+    navsatfix,
     odometry,
+    orientation,
     pose_stamped,
     pose_with_covariance,
     robot_with,
@@ -70,23 +71,9 @@ def same(live: Sequence[Measurement], replayed: Sequence[Measurement]) -> None:
                 assert np.asarray(mine) == pytest.approx(np.asarray(theirs), abs=1e-12), name
 
 
-def navsatfix(stamp: int, north: float, status: int = 0):
-    return T["sensor_msgs/msg/NavSatFix"](
-        header(stamp, "gps"),
-        T["sensor_msgs/msg/NavSatStatus"](status, 1),
-        52.0 + north / 111_000.0,
-        13.0,
-        float("nan") if north > 3.0 else 100.0,
-        np.diag([0.04, 0.09, 1.0]).ravel(),
-        2,
-    )
-
-
-def orientation(stamp: int, yaw: float):
-    none = np.array([-1.0, *[0.0] * 8])
-    turn = T["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
-    full = np.diag([1.0, 1.0, 0.01]).ravel()
-    return T["sensor_msgs/msg/Imu"](header(stamp), turn, full, vector(), none, vector(), none)
+def gps(stamp: int, north: float, status: int = 0):
+    height = float("nan") if north > 3.0 else 100.0
+    return navsatfix(stamp, 52.0 + north / 111_000.0, 13.0, height, status)
 
 
 def twist_stamped(stamp: int, v: float, w: float):
@@ -117,12 +104,11 @@ CASES = {
     ),
     "GPS": (
         {"tracks": JOINTS, "fixes": {"topic": "/gps", "position": [0.3, -0.1]}},
-        TRACKS + [("/gps", navsatfix(stamp, 0.5 * k)) for k, stamp in enumerate(STAMPS[::4])],
+        TRACKS + [("/gps", gps(stamp, 0.5 * k)) for k, stamp in enumerate(STAMPS[::4])],
     ),
     "GPS, origin, without a fix": (
         {"tracks": JOINTS, "fixes": {"topic": "/gps", "origin": [52.0, 13.0, 90.0]}},
-        TRACKS
-        + [("/gps", navsatfix(stamp, 1.0 * k, -(k % 2))) for k, stamp in enumerate(STAMPS[::4])],
+        TRACKS + [("/gps", gps(stamp, 1.0 * k, -(k % 2))) for k, stamp in enumerate(STAMPS[::4])],
     ),
     "poses with covariance": (
         {"tracks": JOINTS, "fixes": {"topic": "/pose", "least_sigma": 0.5}},
@@ -173,7 +159,7 @@ CASES = {
                 "position_sigma": 0.5,
             },
         },
-        TRACKS + [("/gps", navsatfix(stamp, 0.5 * k)) for k, stamp in enumerate(STAMPS[::4])],
+        TRACKS + [("/gps", gps(stamp, 0.5 * k)) for k, stamp in enumerate(STAMPS[::4])],
     ),
     "headings": (
         {"tracks": JOINTS, "heading": {"topic": "/compass", "offset_deg": 90.0}},
@@ -182,14 +168,16 @@ CASES = {
 }
 
 
+def by_stamp(messages: Iterable[tuple[str, Any]]) -> list[tuple[str, Any]]:
+    stamps = {id(one): one[1].header.stamp for one in messages}
+    return sorted(messages, key=lambda one: (stamps[id(one)].sec, stamps[id(one)].nanosec))
+
+
 @pytest.mark.parametrize("name", CASES)
 def test_a_live_run_reads_what_a_replay_reads(name: str, tmp_path: Path) -> None:
     log, messages = CASES[name]
-    messages = sorted(
-        messages, key=lambda one: one[1].header.stamp.sec * SECOND + one[1].header.stamp.nanosec
-    )
     robot = robot_with(**log)
-    bag = write_bag(tmp_path / "bag", messages, delay=3_000_000)
+    bag = write_bag(tmp_path / "bag", by_stamp(messages), delay=3_000_000)
     replayed = list(read_log(bag, robot).measurements())
     assert len(replayed) >= len(STAMPS)
     same(through(bag, robot), replayed)
@@ -199,25 +187,14 @@ def test_fields_are_converted_to_si(tmp_path: Path) -> None:
     """Axes, units and places of fields of any type, against hand-made figures."""
     log, messages = CASES["IMU by its fields"]
     robot = robot_with(**log)
-    bag = write_bag(
-        tmp_path / "imu",
-        sorted(
-            messages, key=lambda one: one[1].header.stamp.nanosec + one[1].header.stamp.sec * SECOND
-        ),
-    )
+    bag = write_bag(tmp_path / "imu", by_stamp(messages))
     imu_samples = [one for one in read_log(bag, robot).measurements() if isinstance(one, ImuSample)]
     assert imu_samples[3].angular_velocity == pytest.approx((0.0, 0.0, np.radians(15.0)))
     assert imu_samples[3].linear_acceleration == pytest.approx((0.1 * 9.80665, 0.0, 0.0))
     log, messages = CASES["fixes by their fields"]
     robot = robot_with(**log)
-    bag = write_bag(
-        tmp_path / "fixes",
-        sorted(
-            messages, key=lambda one: one[1].header.stamp.nanosec + one[1].header.stamp.sec * SECOND
-        ),
-    )
+    bag = write_bag(tmp_path / "fixes", by_stamp(messages))
     fixes = read_log(bag, robot).fixes
-    assert fixes is not None
     assert fixes.poses[3] == pytest.approx((0.3, 2.0, 0.3))
     assert fixes.variances[3] == pytest.approx((0.09, 0.01))
 
@@ -365,7 +342,7 @@ def test_unusable_messages_are_counted_and_wrong_types_refused() -> None:
     robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"}, fixes={"topic": "/gps"})
     inputs = LiveInputs(robot, topic_map(robot, "robot"))
     by_purpose = {one.purpose: one for one in inputs.subscriptions()}
-    fix = navsatfix(T0, 1.0, status=-1)
+    fix = gps(T0, 1.0, status=-1)
     assert inputs.take(by_purpose["fixes"], fix.__msgtype__, fix, T0) == []
     short = joints(T0, (1.0,))
     assert inputs.take(by_purpose["tracks"], short.__msgtype__, short, T0) == []

@@ -1,14 +1,15 @@
 """Statuses of /diagnostics."""
 
-from __future__ import annotations
-
 import pytest
 
+from bag_messages import SECOND, joints, robot_with
 from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.health import SensorHealth
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.diagnostic_status import OK, STALE, WARN
+from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.live.odometry import LiveOdometry
+from icreckon.replay.live.silence import MOST_NAMES, missing_joints, silent_topic
 from icreckon.replay.live.statuses import (
     Counts,
     LiveStatuses,
@@ -16,6 +17,7 @@ from icreckon.replay.live.statuses import (
     named_wheels,
     sensor_status,
 )
+from icreckon.replay.mapping.topics import topic_map
 
 LEFT = Finding(
     "tracks", "left wheel 2", "wheel off", 5, 0.8, "the left wheel 2 is 0.80 m/s off", "out"
@@ -45,15 +47,6 @@ def test_a_wheel_has_the_name_of_its_joint() -> None:
     assert named_wheels(SLIDE, ["front_left"], ["front_right"]) == SLIDE
 
 
-def test_counts_that_begin_anew_are_no_negative_ones() -> None:
-    statuses = LiveStatuses(LiveOdometry(load_robot("auriga-alpha"), "gyro"))
-    used = (100, 130, 4)
-    found = [statuses._new("gyro", SensorHealth(used=one)) for one in used]
-    assert found == [Counts(100, 0), Counts(30, 0), Counts(4, 0)]
-    rejected = SensorHealth(used=5, rejected={"gate": 3})
-    assert statuses._new("gyro", rejected) == Counts(1, 3)
-
-
 @pytest.mark.parametrize(
     ("new", "level", "text"),
     [
@@ -78,3 +71,66 @@ def test_messages_that_cannot_be_used_are_reported_once() -> None:
     live.inputs.lost["tracks: cannot be read"] = 1
     assert "fixes" not in statuses._messages().message
     assert statuses._messages().level == OK
+
+
+# --- silence --------------------------------------------------------------------------------------
+
+
+JOINTS, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
+
+
+def test_a_topic_that_nobody_publishes_comes_with_those_that_fit() -> None:
+    there = {"/imu": [IMU], "/wheel/joint_states": [JOINTS], "/a/joints": [JOINTS]}
+    text = silent_topic("tracks", "/joint_states", [JOINTS], there, 5.2)
+    assert "nobody has published /joint_states for 5 s" in text
+    assert "/a/joints, /wheel/joint_states; name the topic in [log.tracks]" in text
+    text = silent_topic("tracks", "/joint_states", [JOINTS], {"/imu": [IMU]}, 5.2)
+    assert f"; there is none of type {JOINTS}; name" in text
+    assert "for 5 s; name the topic" in silent_topic("imu", "/imu", [], {}, 5.0)
+    many = {f"/{k}": [JOINTS] for k in range(MOST_NAMES + 3)}
+    assert "/5, /6 and 3 more" in silent_topic("tracks", "/joint_states", [JOINTS], many, 5.0)
+
+
+def test_a_topic_that_is_silent_is_another_matter() -> None:
+    text = silent_topic("imu", "/imu", [IMU], {"/imu": [IMU]}, 5.0)
+    assert text.startswith("imu: /imu has a publisher, and no message has come for 5 s")
+    assert "best_effort" in text
+
+
+def test_a_misspelt_joint_comes_with_the_nearest() -> None:
+    seen = {"front_left_wheel", "front_right_wheel"}
+    assert missing_joints("/js", ["front_left_wheel"], seen) == ""
+    text = missing_joints("/js", ["front_lef_wheel"], seen)
+    assert "'front_lef_wheel'" in text
+    assert "did you mean 'front_left_wheel'?" in text
+
+
+def test_joints_are_missing_only_after_a_while() -> None:
+    robot = robot_with(tracks={"topic": "/js", "left": ["l"], "right": ["rigth"]})
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    (tracks,) = inputs.subscriptions()
+    assert inputs.missing_joints(0) == ""
+    for k in range(5):
+        inputs.take(tracks, JOINTS, joints(k * SECOND, (1.0, 1.0), ("l", "right")), k * SECOND)
+    assert inputs.heard == {"/js": 0}
+    assert inputs.missing_joints(SECOND) == ""
+    assert inputs.missing_joints(4 * SECOND).endswith("did you mean 'right'?")
+
+
+def test_joints_in_messages_of_their_own_are_there_once_each_has_come() -> None:
+    robot = robot_with(tracks={"topic": "/js", "left": ["l"], "right": ["r"]})
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    (tracks,) = inputs.subscriptions()
+    for name in ("l", "r"):
+        inputs.take(tracks, JOINTS, joints(SECOND, (1.0,), (name,)), SECOND)
+    assert inputs.missing_joints(9 * SECOND) == ""
+
+
+def test_the_types_that_fit_are_those_that_need_no_names_of_fields() -> None:
+    robot = robot_with(
+        tracks={"topic": "/js", "left": ["l"], "right": ["r"]}, imu={"topic": "/imu"}
+    )
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    tracks, imu = inputs.subscriptions()
+    assert JOINTS in inputs.fitting_types(tracks)
+    assert inputs.fitting_types(imu) == (IMU,)

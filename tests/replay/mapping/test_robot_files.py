@@ -1,7 +1,5 @@
 """The shipped robot files: they load, and their IMU mounting agrees with the sample logs."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -72,12 +70,7 @@ def test_mounting(data_dir: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "track"),
-    [
-        ("warthog", 1.78),
-        ("marmotte", 0.60),
-        ("husky-deflated", 0.98),
-    ],
+    ("name", "track"), [("warthog", 1.78), ("marmotte", 0.60), ("husky-deflated", 0.98)]
 )
 def test_effective_tracks(name: str, track: float) -> None:
     robot = load_robot(name)

@@ -1,6 +1,3 @@
-from __future__ import annotations
-
-import os
 from pathlib import Path
 
 import numpy as np
@@ -13,15 +10,12 @@ from bag_messages import (
     JOINTS,
     SPEEDS,
     STORE,
-    T,
-    header,
     imu,
     joints,
     odometry,
     pose_stamped,
     pose_with_covariance,
     robot_with,
-    twist,
     write_bag,
 )
 from conftest import make_log, sample
@@ -91,28 +85,12 @@ def test_wheels_whose_messages_are_missing_leave_gaps(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tracks.speeds, [[0.5 * k, 0.5 * k] for k in (1, 3, 4, 21)])
 
 
-def test_a_wheel_from_before_a_gap_is_not_paired(tmp_path: Path) -> None:
-    at = [(1, "l"), (1, "r"), (2, "l"), (30, "r"), (30, "l")]
-    messages = [("/js", joints(k * 10**8, (k,), (name,))) for k, name in at]
-    log = read_log(write_bag(tmp_path / "bag", messages), robot_with(tracks=JOINTS))
-    assert log.tracks.stamps.tolist() == [10**8, 30 * 10**8]
-    np.testing.assert_allclose(log.tracks.speeds, [[0.5, 0.5], [15.0, 15.0]])
-
-
 @pytest.mark.parametrize(("gauge", "half"), [(None, 0.4), (2.0, 1.0)])
 def test_odometry_becomes_track_speeds(tmp_path: Path, gauge, half) -> None:
     path = write_bag(tmp_path / "bag", [("/odom", odometry(7, 1.5, 0.5))])
     mapped = {"topic": "/odom"} | ({"gauge": gauge} if gauge else {})
     log = read_log(path, robot_with(tracks=mapped))
     np.testing.assert_allclose(log.tracks.speeds, [[1.5 - half * 0.5, 1.5 + half * 0.5]])
-
-
-def test_twists_become_track_speeds(tmp_path: Path) -> None:
-    message = T["geometry_msgs/msg/TwistStamped"](header(7), twist(1.0, 1.0))
-    log = read_log(
-        write_bag(tmp_path / "bag", [("/cmd", message)]), robot_with(tracks={"topic": "/cmd"})
-    )
-    np.testing.assert_allclose(log.tracks.speeds, [[0.6, 1.4]])
 
 
 def test_time_of_recording(tmp_path: Path) -> None:
@@ -266,39 +244,6 @@ def test_a_type_of_ones_own_elsewhere_in_the_bag_does_no_harm(tmp_path: Path) ->
     assert len(read_log(path, robot_with(tracks=JOINTS)).tracks.stamps) == 3
     with pytest.raises(ReplayError, match="our_msgs/msg/Rate"):
         read_log(path, robot_with(tracks={"topic": "/own"}))
-
-
-def test_what_is_no_bag(tmp_path: Path, robot: Robot) -> None:
-    empty = tmp_path / "empty.bag"
-    empty.touch()
-    text = tmp_path / "notes.mcap"
-    text.write_text("no bag")
-    old = tmp_path / "old.bag"
-    old.write_bytes(b"#ROSBAG V1.2\n")
-    folder = tmp_path / "folder"
-    folder.mkdir()
-    ros1_folder = tmp_path / "many"
-    ros1_folder.mkdir()
-    (ros1_folder / "a.bag").touch()
-    hollow = tmp_path / "hollow"
-    hollow.mkdir()
-    (hollow / "x.mcap").touch()
-    pipe = tmp_path / "pipe.bag"
-    os.mkfifo(pipe)
-    for path, part in (
-        (tmp_path / "nowhere.bag", "no such file"),
-        (pipe, "a device or a pipe"),
-        (empty, "empty"),
-        (text, "not a bag"),
-        (old, "version 2.0"),
-        (folder, "not a bag"),
-        (ros1_folder, "give its .bag files"),
-        (hollow, "empty"),
-    ):
-        with pytest.raises(ReplayError, match=part) as caught:
-            read_log(path, robot)
-        assert path.name in str(caught.value)
-        assert "\n" not in str(caught.value)
 
 
 def test_a_misspelt_key_of_the_mapping() -> None:

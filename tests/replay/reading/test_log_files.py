@@ -1,7 +1,5 @@
 """Several files as one log; clocks and the order of messages."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +12,13 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.reading.clocks import Evidence, choose_clocks
 from icreckon.replay.reading.read_log import read_log
-from icreckon.replay.reading.stamps import LATE, arrival_in_order
 
 SECOND = 10**9
 
 
 @pytest.mark.parametrize("forms", [("mcap", "mcap"), ("ros1", "ros1"), ("sqlite3", "ros1")])
 @pytest.mark.parametrize("swapped", [False, True])
-def test_the_parts_of_a_recording_are_one_log(
-    tmp_path: Path, robot: Robot, forms: tuple[str, str], swapped: bool
-) -> None:
+def test_the_parts_of_a_recording_are_one_log(tmp_path, robot, forms, swapped):
     whole = make_log()
     paths = [
         write_log(part, tmp_path / f"part{number}", form, robot)
@@ -82,26 +77,6 @@ def test_late_messages_are_sorted(tmp_path: Path) -> None:
     assert log.dropped == {}
     assert "out of order" in log.notes[0]
     assert "were sorted" in log.notes[0]
-
-
-def test_order() -> None:
-    window = round(LATE * SECOND)
-
-    def taken(*stamps: int) -> tuple[list[int], int]:
-        array = np.array(stamps, dtype=np.int64)
-        places, moved = arrival_in_order(array)
-        assert sorted(places.tolist()) == list(range(len(stamps)))
-        return array[places].tolist(), moved
-
-    assert taken(1, 2, 3) == ([1, 2, 3], 0)
-    assert taken(1, 3, 2, 4) == ([1, 2, 3, 4], 1)
-    assert taken(3, 1, 2, 4) == ([1, 2, 3, 4], 1)
-    # Too late stays where it is, for the screening to drop; one far ahead keeps none from being sorted.
-    far = 10 * window
-    assert taken(far, far + 1, 5, far + 2) == ([far, far + 1, 5, far + 2], 0)
-    assert taken(1, far, 2, 4, 3, 5) == ([1, far, 2, 3, 4, 5], 1)
-    # Damaged stamps do not overflow.
-    assert taken(1, 2**63 - 1, 2, -(2**63), 3)[1] == 0
 
 
 def evidence(*rows) -> dict[str, Evidence]:

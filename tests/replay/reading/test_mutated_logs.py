@@ -1,7 +1,5 @@
 """Damaged copies of every kind of log: a log or one line, in bounded memory and time."""
 
-from __future__ import annotations
-
 import gzip
 import resource
 import time
@@ -128,19 +126,9 @@ def made(folder: Path, kind: str) -> tuple[Path, Robot]:
 
 
 KINDS = (
-    "mcap",
-    "mcap zstd",
-    "ros1",
-    "ros1 BZ2",
-    "ros1 LZ4",
-    "db3",
-    "db3 messages",
-    "db3 file",
-    "metadata",
-    "csv",
-    "csv.gz",
-    "parquet",
-)
+    "mcap", "mcap zstd", "ros1", "ros1 BZ2", "ros1 LZ4", "db3", "db3 messages", "db3 file",
+    "metadata", "csv", "csv.gz", "parquet",
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KINDS)

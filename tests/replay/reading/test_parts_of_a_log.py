@@ -1,7 +1,5 @@
 """Several files as one log: parts of one recording are joined, two recordings are refused."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

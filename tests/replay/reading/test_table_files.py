@@ -1,7 +1,5 @@
 """Tables as logs: CSV and Parquet by a column map."""
 
-from __future__ import annotations
-
 import gzip
 import re
 from pathlib import Path
@@ -77,14 +75,6 @@ def test_a_counter_that_jumps(tmp_path: Path) -> None:
     assert log.dropped == {"tracks: counter jumps": 1}
 
 
-def test_wheels_of_a_side_are_averaged(tmp_path: Path) -> None:
-    text = "t,a,b,c,d\n1,0.1,0.3,1.0,2.0\n"
-    wheels = {"left": ["a", "b"], "right": ["c", "d"]}
-    np.testing.assert_allclose(
-        read(write(tmp_path / "run.csv", text), tracks=wheels).tracks.speeds, [[0.2, 1.5]]
-    )
-
-
 def test_one_table_with_empty_cells_for_several_streams(tmp_path: Path) -> None:
     text = (
         "t,l,r,gz,ax,ay,az,x,y,yaw\n"
@@ -108,11 +98,8 @@ def test_one_table_with_empty_cells_for_several_streams(tmp_path: Path) -> None:
     )
     np.testing.assert_array_equal(log.tracks.speeds, [[1, 2], [5, 6]])
     assert log.dropped == {"tracks: not finite": 1, "tracks: no time": 1}
-    assert log.imu is not None
     np.testing.assert_allclose(log.imu.angular_velocity[:, 2], [np.pi / 2, np.pi])
-    assert log.imu.linear_acceleration is not None
     np.testing.assert_allclose(log.imu.linear_acceleration[0], [0.0, 0.0, 9.80665])
-    assert log.truth is not None
     np.testing.assert_allclose(log.truth.poses.poses, [[7.0, 8.0, 0.5]])
     assert log.truth.source == "tape measure"
 
@@ -122,20 +109,10 @@ def test_streams_in_files_of_their_own(tmp_path: Path) -> None:
     imu = write(tmp_path / "imu.csv", "time;x;y;z\n1.55;0.1;0.2;0.3\n")
     robot = robot_with(tracks=SPEEDS, imu={"angular_velocity": ["x", "y", "z"], "time": "time"})
     log = read_log([tracks, imu], robot)
-    assert log.imu is not None
     assert log.imu.linear_acceleration is None
     np.testing.assert_array_equal(log.imu.angular_velocity, [[0.1, 0.2, 0.3]])
     np.testing.assert_array_equal(log.imu.stamps, [1_550_000_000])
     assert len(log.tracks.stamps) == 2
-
-
-def test_a_run_in_two_files_is_one_log(tmp_path: Path) -> None:
-    late = write(tmp_path / "b.csv", RUN)
-    early = write(tmp_path / "a.csv", RUN.replace("1.5", "0.5").replace("1.6", "0.6"))
-    log = read_log([late, early], robot_with(tracks=SPEEDS))
-    np.testing.assert_array_equal(
-        log.tracks.stamps, [500_000_000, 600_000_000, 1_500_000_000, 1_600_000_000]
-    )
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "named otherwise"])
@@ -171,7 +148,6 @@ def test_fixes_on_the_globe(tmp_path: Path) -> None:
     )
     fixes = {"latitude": "lat", "longitude": "lon", "sigma": "s", "origin": [52.0, 13.0, 0.0]}
     log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS, fixes=fixes)
-    assert log.fixes is not None
     # By the lengths of a degree at this latitude on WGS 84.
     np.testing.assert_allclose(
         log.fixes.poses[:, :2], [[0, 0], [0, 111.267], [68.677, 0]], atol=0.01
@@ -184,7 +160,6 @@ def test_fixes_in_the_plane(tmp_path: Path) -> None:
     text = "t,l,r,x,y,h\n0.0,0,0,1,2,0.5\n0.1,0,0,3,4,\n"
     fixes = {"x": "x", "y": "y", "yaw": "h", "position_sigma": 0.1, "heading_sigma": 0.2}
     log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS, fixes=fixes)
-    assert log.fixes is not None
     np.testing.assert_allclose(log.fixes.poses, [[1, 2, 0.5], [3, 4, np.nan]])
     np.testing.assert_allclose(log.fixes.variances, [[0.01, 0.04], [0.01, 0.04]])
     with pytest.raises(ReplayError, match=r"position_sigma .* \[log.columns.fixes\]"):
@@ -257,13 +232,10 @@ def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
     ("columns", "part"),
     [
         ({"tracks": {"left": ["l"], "rigth": ["r"]}}, "did you mean 'right'"),
-        ({"tracks": SPEEDS | {"unit": "furlongs"}}, "furlongs"),
         ({"tracks": SPEEDS | {"unit": "counts"}}, "counts_per_turn"),
         ({"tracks": SPEEDS | {"wrap": 9.0}}, "wrap is for what adds up"),
         ({"tracks": SPEEDS | {"right": SPEEDS["left"]}}, "left and right must not share"),
-        ({"tracks": SPEEDS | {"left": ["vl", "vl"]}}, "left names 'vl' twice"),
         ({"imu": {"angular_velocity": ["x", "y"]}}, "three columns"),
-        ({"fixes": {"x": "x", "latitude": "y"}}, "or else latitude and longitude"),
         ({"truth": {"latitude": "a", "yaw": "b"}}, "or else latitude and longitude"),
         (
             {"truth": {"x": "a", "y": "b", "wander_sigma": 1.0, "wander_time": 9.0}},
@@ -316,28 +288,14 @@ ROWS = [f"{0.1 * k:.1f},0.25,0.5" for k in range(200)]
             "19.9,0.2",
             r"left out 1 of 200 rows with another number of cells than names \(2 inst",
         ),
-        (
-            70,
-            "7.0,0.25,0.5,0.75",
-            r"left out 1 of 200 rows .*4 instead of 3, in '7.0,0.25,0.5,0.75'",
-        ),
-        (
-            0,
-            "s,m/s,m/s",
-            r"column 'r' holds text in 1 of 200 rows \(row 1: 'm/s'\): left out there",
-        ),
-        (
-            50,
-            "5.0,-,0.5",
-            r"column 'l' holds text in 1 of 200 rows \(row 51: '-'\): left out there",
-        ),
+        (70, "7.0,0.25,0.5,0.75", r"left out 1 of 200 rows .*4 instead of 3, in '7.0,0.25"),
+        (0, "s,m/s,m/s", r"column 'r' holds text in 1 of 200 rows \(row 1: 'm/s'\): left out"),
+        (50, "5.0,-,0.5", r"column 'l' holds text in 1 of 200 rows \(row 51: '-'\): left out"),
         (50, "5.0, ,--", r"column 'r' holds text in 1 of 200 rows \(row 51: '--'\)"),
     ],
 )
 @pytest.mark.parametrize("suffix", ["csv", "csv.gz"])
-def test_a_damaged_row_is_left_out_and_noted(
-    tmp_path: Path, row: int, text: str, note: str, suffix: str
-) -> None:
+def test_a_damaged_row_is_left_out_and_noted(tmp_path, row, text, note, suffix):
     rows = list(ROWS)
     rows[row] = text
     path = tmp_path / f"run.{suffix}"

@@ -1,7 +1,5 @@
 """Track speeds of joints that count, of other types of message, and with definitions of one's own."""
 
-from __future__ import annotations
-
 import sqlite3
 from pathlib import Path
 

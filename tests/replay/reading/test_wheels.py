@@ -54,7 +54,6 @@ def test_wheels_that_agree_are_a_mean(tmp_path: Path) -> None:
 
 def test_two_that_disagree_are_named(tmp_path: Path) -> None:
     log = read_log(bag_of(tmp_path / "bag", rates(2, 0.8, 3.0), [*LEFT, *RIGHT]), robot_of())
-    assert log.tracks.left_wheels is not None
     assert log.tracks.left_wheels[110] == pytest.approx([1.8, 1.0])
     assert log.tracks.speeds[110] == pytest.approx([1.4, 1.025])
     assert notes_of(log) == [
@@ -88,7 +87,6 @@ def test_counters_of_wheels_too(tmp_path: Path) -> None:
         for stamp, row in zip(STAMPS, turned, strict=True)
     ]
     log = read_log(write_bag(tmp_path / "bag", messages), robot_of(unit="rad"))
-    assert log.tracks.left_wheels is not None
     assert log.tracks.left_wheels[110] == pytest.approx([1.8, 1.0])
     assert log.tracks.speeds[110] == pytest.approx([1.4, 1.025])
     assert len(notes_of(log)) == 1
@@ -102,7 +100,6 @@ def test_columns_of_wheels_too(tmp_path: Path) -> None:
     (tmp_path / "log.csv").write_text("\n".join(lines) + "\n")
     columns = {"time": "t", "tracks": {"left": LEFT, "right": RIGHT}}
     log = read_log(tmp_path / "log.csv", robot_with(columns=columns))
-    assert log.tracks.left_wheels is not None
     assert log.tracks.left_wheels[110] == pytest.approx([1.8, 1.0])
     assert len(notes_of(log)) == 1
 
@@ -114,7 +111,6 @@ def test_repeated_wheels_are_interpolated_as_their_mean_is(tmp_path: Path) -> No
     path = bag_of(tmp_path / "bag", values, [*LEFT, *RIGHT])
     tracks = read_log(path, robot_of(held="interpolate")).tracks
     assert tracks.left_wheels is not None
-    assert tracks.right_wheels is not None
     for speeds, wheels in zip(
         tracks.speeds.T, (tracks.left_wheels, tracks.right_wheels), strict=True
     ):

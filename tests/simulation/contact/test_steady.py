@@ -1,13 +1,13 @@
 """The stationary twist: balance, symmetry, limits, and agreement with scipy."""
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 import pytest
 from scipy.optimize import root
 
-from icreckon.estimator.motion.icr import PaperTwist
+from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
+from icreckon.estimator.robot.coulomb_gains import coulomb_gains
+from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact import steady_state
@@ -20,6 +20,7 @@ from icreckon.simulation.contact.contact import (
     steady_inertia,
     vertical_loads,
 )
+from icreckon.simulation.contact.of_robot import contact_of, slow_turns
 from icreckon.simulation.contact.steady_state import CONVERGED, solve_steady, track_speed_grid
 
 GEOMETRY = equally_spaced(0.42, 0.39, 5)
@@ -68,24 +69,10 @@ def test_all_pairs_of_the_paper_converge(name):
     assert np.abs(left[2]).max() <= 1e-10 * BODY.weight * 0.21
 
 
-def test_fast_vehicles_and_fine_maps_converge():
-    assert solve_steady(*track_speed_grid(3.0), PAPER).converged.all()
-    assert solve_steady(*track_speed_grid(1.0, 101), PAPER).converged.all()
-
-
 def test_both_tracks_at_rest_are_rest():
     motion = solve_steady(0.0, 0.0, PAPER)
     assert motion.twist == PaperTwist(0.0, 0.0, 0.0)
     assert motion.residual == 0.0
-
-
-def test_scalars_and_broadcasting():
-    grid = solve_steady(*track_speed_grid(), PAPER)
-    one = solve_steady(grid.V_l[3, 8], grid.V_r[3, 8], PAPER)
-    assert one.twist.w.shape == ()
-    assert float(one.twist.w) == pytest.approx(grid.twist.w[3, 8], rel=1e-9)
-    row = solve_steady(grid.V_l[3, 0], grid.V_r[3], PAPER)
-    np.testing.assert_allclose(row.twist.v_y, grid.twist.v_y[3], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("speed", [-1.0, -0.3, 0.1, 0.7])
@@ -153,14 +140,6 @@ def test_friction_scales_with_the_square_of_speed():
     np.testing.assert_allclose(k * np.stack(a.twist), np.stack(b.twist), atol=1e-10)
 
 
-def test_slow_motions_scale_with_speed():
-    # At a crawl inertia is nothing, and Coulomb friction knows only the direction of slip.
-    a = solve_steady(np.array([-1e-2, 3e-3]), np.array([5e-3, 1e-2]), PAPER)
-    soft = changed(regularising_speed=1e-5)
-    b = solve_steady(np.array([-1e-3, 3e-4]), np.array([5e-4, 1e-3]), soft)
-    np.testing.assert_allclose(np.stack(a.twist), 10.0 * np.stack(b.twist), rtol=2e-3)
-
-
 def test_agreement_with_scipy():
     rng = np.random.default_rng(5)
     V = rng.uniform(-1.0, 1.0, (2, 60))
@@ -217,11 +196,43 @@ def test_speeds_that_are_no_numbers_are_refused():
         solve_steady(np.array([0.1, np.nan]), 0.2, PAPER)
 
 
-def test_the_grid_is_exact():
-    V_l, V_r = track_speed_grid()
-    assert V_l.shape == (21, 21)
-    assert V_l[0, 0] == -1.0
-    assert V_r[0, 20] == 1.0
-    assert V_l[10, 0] == 0.0
-    np.testing.assert_array_equal(V_l, -V_l[::-1])
-    np.testing.assert_array_equal(V_l, V_r.T)
+# --- coulomb gains --------------------------------------------------------------------------------
+
+
+ALPHA = load_robot("auriga-alpha")
+
+
+def test_epsilon_F_is_what_the_contact_loses_uphill() -> None:
+    """A robot without height or offsets, slowly turning uphill."""
+    vehicle = msgspec.structs.replace(
+        ALPHA.vehicle, centre_of_mass=(0.0, 0.0, 0.01), contact_points=40
+    )
+    soil = msgspec.structs.replace(ALPHA.soil, rolling_resistance=0.0)
+    robot = msgspec.structs.replace(ALPHA, vehicle=vehicle, soil=soil)
+    contact, (left, right) = contact_of(robot), (0.10, 0.18)
+    twists = {}
+    for gravity in (0.0, -0.5):
+
+        def off(twist: np.ndarray, gravity: float = gravity) -> np.ndarray:
+            found = steady_balance(PaperTwist(*twist), left, right, contact).values[:, 0]
+            return np.asarray(found) + np.array([0.0, vehicle.mass * gravity, 0.0])
+
+        found = root(off, [0.0, 0.14, 0.1], tol=1e-10)
+        assert found.success
+        twists[gravity] = PaperTwist(*found.x)
+    level, uphill = twists[0.0], twists[-0.5]
+    eta = (right - left) / (vehicle.track_gauge * level.w)
+    indices = msgspec.structs.replace(robot.indices, eta0=float(eta))
+    robot = msgspec.structs.replace(robot, indices=indices, constant_icr=None)
+    lost = level.v_y - uphill.v_y
+    assert lost == pytest.approx(level.w * coulomb_gains(robot)[1] * 0.5 / GRAVITY, rel=0.1)
+
+
+def test_slow_turns_are_those_of_the_centre_of_mass() -> None:
+    """Symmetric: no shift; forward: the robot turns about a point that is forward, too."""
+    vehicle = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(0.0, 0.0, 0.0))
+    middle = slow_turns(contact_of(msgspec.structs.replace(ALPHA, vehicle=vehicle)))
+    assert np.abs(np.mean(middle.zeta)) < 1e-3
+    vehicle = msgspec.structs.replace(vehicle, centre_of_mass=(0.05, 0.0, 0.0))
+    ahead = slow_turns(contact_of(msgspec.structs.replace(ALPHA, vehicle=vehicle)))
+    assert np.mean(ahead.zeta) > 0.01

@@ -1,7 +1,5 @@
 """The dynamic map: figures of the design's identification, and fits on motions that are known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

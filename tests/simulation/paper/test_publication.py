@@ -1,7 +1,5 @@
 """The published numbers: values, digits, and what rounds to them."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -69,9 +67,7 @@ def test_published_digits(name: str, decimals: int) -> None:
         ("zeta0", (0.0475, 0.0484), (0.0486, 0.04749)),
     ],
 )
-def test_what_rounds_to_the_published_digits(
-    name: str, inside: tuple[float, ...], outside: tuple[float, ...]
-) -> None:
+def test_what_rounds_to_the_published_digits(name, inside, outside):
     assert all(published(name).rounds_from(value) for value in inside)
     assert not any(published(name).rounds_from(value) for value in outside)
 

@@ -1,7 +1,5 @@
 """Damaged robot, scenario and study files, recordings, definitions, saved estimators and studies."""
 
-from __future__ import annotations
-
 import json
 import warnings
 from collections.abc import Callable

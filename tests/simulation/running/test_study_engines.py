@@ -1,29 +1,13 @@
 """Engines of studies give the same statistics of the same runs."""
 
-import ast
-import os
-import subprocess
-import sys
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
 
-from conftest import REPOSITORY, thorough
-from icreckon.estimator.base.errors import BatchError
-from icreckon.estimator.batch.front_end import FrontEnd
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.simulation.running import (
-    batch_engine as study_batch,
-)
-from icreckon.simulation.running import (
-    single_precision as study_single,
-)
-from icreckon.simulation.running import (
-    streaming_engine as study_streaming,
-)
+from conftest import thorough
+from icreckon.simulation.running import batch_engine as study_batch
+from icreckon.simulation.running import single_precision as study_single
+from icreckon.simulation.running import streaming_engine as study_streaming
 from icreckon.simulation.running.engines import choose_engine
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
@@ -123,20 +107,6 @@ def test_a_group_whose_runs_all_miss_a_sample_is_told_so() -> None:
         assert np.allclose(found[label].values, rows, rtol=1e-6, atol=1e-9, equal_nan=True)
 
 
-def test_measurements_of_other_stamps_are_refused() -> None:
-    cell = plan_of().cells[0]
-    schedule = study_batch._schedule(cell)
-    log = study_batch._log(cell, 0, study_batch._truth(cell, 0))
-    short = study_batch._measured([log] * 8, cell.filters[:1], schedule.track_stamps)[0]
-    tracks = short.tracks[:, :-5]
-    with pytest.raises(BatchError, match="other stamps"):
-        FrontEnd(
-            short._replace(tracks=tracks),
-            schedule.steps,
-            input_settings(cell.robot, Settings()),
-        )
-
-
 @pytest.mark.parametrize(
     "rates",
     [
@@ -159,40 +129,3 @@ def test_readings_that_are_refused_beforehand_are_refused_by_both() -> None:
     found = study_batch.block(cell, cell.filters, 0, 2)
     for label, (rows, _) in study_streaming.block(cell, cell.filters, 0, 2).items():
         assert np.array_equal(found[label].values, rows, equal_nan=True)
-
-
-@pytest.mark.thorough
-def test_threads_that_compile_at_the_same_time_come_to_what_one_does(tmp_path: Path) -> None:
-    """Nothing is compiled yet in this process, and nothing is kept from another."""
-    script = (
-        "import sys; sys.path[:0] = ['tests', 'tests/simulation/running']\n"
-        "from concurrent.futures import ThreadPoolExecutor\n"
-        "from test_study_engines import plan_of\n"
-        "from icreckon.simulation.running import batch_engine as study_batch\n"
-        "cell = plan_of(duration=20.0, outages=((5.0, 18.0),), truth='kinematic').cells[0]\n"
-        "work = lambda first: study_batch.block(cell, cell.filters, first, 2)\n"
-        "with ThreadPoolExecutor(4) as pool:\n"
-        "    found = list(pool.map(work, range(0, 8, 2)))\n"
-        "again = [work(first) for first in range(0, 8, 2)]\n"
-        "for one, other in zip(found, again, strict=True):\n"
-        "    for label, rows in one.items():\n"
-        "        assert rows.values.tobytes() == other[label].values.tobytes(), label\n"
-        "print(found[0]['inertia-online'].values.tolist())\n"
-    )
-    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        env=environment,
-        cwd=REPOSITORY,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-2000:]
-    cell = plan_of(duration=20.0, outages=((5.0, 18.0),), truth="kinematic").cells[0]
-    here = study_batch.block(cell, cell.filters, 0, 2)["inertia-online"].values
-    assert np.array_equal(
-        np.array(ast.literal_eval(done.stdout.replace("nan", "None")), dtype=float),
-        here,
-        equal_nan=True,
-    )

@@ -1,9 +1,7 @@
 """A study comes to the same, bit by bit, however it is worked out and whatever interrupts it."""
 
 import json
-import os
 import shutil
-import time
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 
 import msgspec
@@ -184,23 +182,6 @@ def test_a_damaged_block_is_worked_out_again(tmp_path, undisturbed, damage):
     told = []
     run_study(STUDY, folder, workers=1, report=told.append)
     assert told[0].found_blocks == 5
-    assert contents(folder) == undisturbed
-
-
-def test_half_written_files_are_tidied_away(tmp_path, undisturbed):
-    folder = tmp_path / "undisturbed"
-    left, written_now = (
-        folder / "blocks" / f"00000-0000000.npz.{32 * letter}.tmp" for letter in "ab"
-    )
-    for path in (left, written_now):
-        path.write_bytes(b"half")
-    hours_ago = time.time() - 2.0 * 3600.0
-    os.utime(left, (hours_ago, hours_ago))
-    run_study(STUDY, folder, workers=1)
-    assert not left.exists()
-    # Another command may be at it.
-    assert written_now.exists()
-    written_now.unlink()
     assert contents(folder) == undisturbed
 
 

@@ -17,27 +17,18 @@ from icreckon.cli.study import command
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.batch.runs import Worked
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.streaming.lost import LostFilter
 from icreckon.estimator.streaming.outputs import Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
 from icreckon.report.study.folder import run_study
 from icreckon.report.study.text import failures, headline, summary_tables
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.running import (
-    batch_engine as study_batch,
-)
-from icreckon.simulation.running import (
-    engines as study_engines,
-)
-from icreckon.simulation.running import (
-    streaming_engine as study_streaming,
-)
+from icreckon.simulation.running import batch_engine as study_batch
+from icreckon.simulation.running import engines as study_engines
+from icreckon.simulation.running import streaming_engine as study_streaming
 from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from icreckon.simulation.study.cells import Cell, Filter
-from icreckon.simulation.study.failures import RunScores, checked
+from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.plan import Study, Sweep
 from icreckon.simulation.study.statistics import statistics
 
@@ -114,9 +105,7 @@ def lose_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("engine", ["streaming", "batch"])
-def test_a_lost_filter_is_a_failed_run_in_every_engine(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, engine: str
-) -> None:
+def test_a_lost_filter_is_a_failed_run_in_every_engine(tmp_path, monkeypatch, engine):
     lose = lose_in_streaming if engine == "streaming" else lose_side_by_side
     lose(monkeypatch)
     study = msgspec.structs.replace(STUDY, engine=engine, sweep=None)
@@ -171,16 +160,7 @@ def test_a_run_with_an_impossible_value_is_excluded_as_a_whole(
             assert not abs(summary["mean"]) > 1e3
 
 
-def test_statistics_that_a_run_need_not_have_are_no_failure() -> None:
-    values = np.ones((1, len(NAMES)))
-    for name in ("drift_percent_5s", "nis_position_mean", "nees_pose_end"):
-        values[0, NAMES.index(name)] = np.nan
-    assert checked(RunScores(values, ("",)), STUDY.horizons).reasons == ("",)
-
-
-def test_a_cell_without_a_result_is_an_error_and_all_others_are_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_cell_without_a_result_is_an_error_and_all_others_are_there(tmp_path, monkeypatch):
     honest = study_stub.block
 
     def block(of: Cell, filters: list[Filter], first_run: int, count: int) -> dict[str, RunScores]:
@@ -207,9 +187,7 @@ def test_a_cell_without_a_result_is_an_error_and_all_others_are_there(
     assert f'<td class="error" colspan="5">{error}</td>' in page
 
 
-def test_variants_are_compared_over_the_cells_that_both_have(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_variants_are_compared_over_the_cells_that_both_have(tmp_path, monkeypatch):
     """Drift is 1 and 2 in the easy cell, 10 and 20 in the hard one, where the better one fails."""
     honest = study_stub.block
     drift = NAMES.index("drift_percent_5s")
@@ -230,9 +208,7 @@ def test_variants_are_compared_over_the_cells_that_both_have(
     assert summary["difference"] == pytest.approx(-1.0, rel=1e-12)
 
 
-def test_a_study_without_any_result_still_has_a_page(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_without_any_result_still_has_a_page(tmp_path, monkeypatch):
     def block(*_: object) -> dict[str, RunScores]:
         raise SimulationError("the vehicle tips over")
 
@@ -247,10 +223,7 @@ def test_a_study_without_any_result_still_has_a_page(
 
 @pytest.mark.parametrize("fails", [True, False])
 def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    fails: bool,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], fails: bool
 ) -> None:
     if fails:
         spoil(monkeypatch, 0, "constant-online", nis_gyro_mean=-1.0)
@@ -273,37 +246,10 @@ def test_the_command_writes_everything_and_exits_with_1_if_a_run_failed(
     assert (out / "page.html").exists()
 
 
-def test_a_failed_run_stays_failed_when_the_study_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_run_stays_failed_when_the_study_goes_on(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         spoil(patch, 0, "constant-online", nis_gyro_mean=-1.0)
         first = run_study(STUDY, tmp_path / "a", workers=1)
     again = run_study(STUDY, tmp_path / "a", workers=1)
     assert again["failed"] == first["failed"]
     assert again["failed"]["runs"] == 1
-
-
-class _Spoilt(PoseEstimator):
-    """A filter with a negative variance from 4 s on."""
-
-    def snapshot(self) -> Snapshot:
-        found = super().snapshot()
-        if self.health.sensors["imu" if "imu" in self.health.sensors else "gyro"].used > 300:
-            covariance = found.covariance.copy()
-            covariance[2, 2] = -1.0
-            return found._replace(covariance=covariance)
-        return found
-
-
-def test_a_run_over_a_log_that_is_lost_raises(monkeypatch: pytest.MonkeyPatch) -> None:
-    from icreckon.estimator.robot.robot_file import load_robot
-
-    robot = load_robot("auriga-alpha")
-    log = replace(simulate(Scenario(duration=6.0, seed=1), robot), truth=None)
-    monkeypatch.setattr("icreckon.estimator.streaming.run.PoseEstimator", _Spoilt)
-    with pytest.raises(
-        LostFilter, match=r"differential: estimate has negative variances from 3"
-    ) as told:
-        run(log, robot, "differential")
-    assert told.value.seconds == pytest.approx(3.0, abs=0.1)

@@ -3,7 +3,6 @@
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
 from test_study_results import STUDY, stubbed
 
@@ -15,7 +14,6 @@ from icreckon.simulation.running.manifest import manifest
 from icreckon.simulation.running.streaming_engine import block
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
-from icreckon.simulation.study.alike import alike
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.idle import refuse_idle
 from icreckon.simulation.study.plan import (
@@ -50,20 +48,15 @@ def check(
         ("filter.vehicle.sprocket_radius", [0.1, 0.11, 0.12], "simulated tracks report speeds"),
         ("robot.vehicle.sprocket_radius", [0.1, 0.12], "simulated tracks report speeds"),
         ("true_robot.vehicle.mass", [200.0, 300.0], "cancels"),
-        ("filter.indices.H", [0.5, 0.6], "indices"),
         ("true_robot.indices.eta0", [2.0, 3.0], "kinematic truth"),
-        ("true_robot.constant_icr.y_ICR", [0.0, 0.1], "constant ICRs"),
-        ("filter.vehicle.yaw_inertia", [5.0, 9.0], ""),
         ("filter.vehicle.max_track_speed", [1.2, 1.4], "gaps and absurd readings"),
         ("filter.imu.gyro_axes", ["xyz", "z"], "all axes but z"),
         ("gyro.bias_instability_time", [100.0, 200.0], "give bias_instability"),
         ("gyro.misalignment_sigma", [0.01, 0.02], "level gyro"),
         ("terrain.uphill_deg", [0.0, 90.0], "give slope_deg, rolling_deg or kerb_height"),
         ("terrain.wavelength", [10.0, 20.0], "give rolling_deg"),
-        ("terrain.kerb_every", [5.0, 10.0], "give kerb_height"),
         ("fixes.outlier_sigma", [1.0, 2.0], "give outlier_share"),
         ("encoders.dropout_duration", [1.0, 2.0], "give dropouts_per_hour"),
-        ("encoders.dropout_reads", ["last", "zero"], "give dropouts_per_hour"),
     ],
 )
 def test_a_swept_key_that_reaches_nothing_is_refused(key: str, values: list[Any], why: str) -> None:
@@ -84,24 +77,18 @@ def test_a_swept_key_that_reaches_nothing_is_refused(key: str, values: list[Any]
             {"payloads": (Payload(mass=50.0, time=(2.0, 9.0)),)},
         ),
         ("true_robot.indices.eta0", [2.0, 3.0], {"truth": "kinematic"}),
-        ("filter.soil.friction", [0.5, 0.9], {}),
-        ("filter.vehicle.load_lag", [0.1, 0.2], {}),
         ("true_robot.soil.friction", [0.5, 0.9], {}),
         ("fixes.outlier_sigma", [1.0, 2.0], {"fixes": FixSpec(outlier_share=0.1)}),
         ("encoders.dropout_duration", [1.0, 2.0], {"encoders": EncoderSpec(dropouts_per_hour=9.0)}),
         ("terrain.slope_deg", [0.0, 3.0], {}),
         ("terrain.uphill_deg", [0.0, 90.0], {"terrain": Terrain(slope_deg=3.0)}),
-        ("terrain.rolling_deg", [0.0, 3.0], {}),
         ("terrain.wavelength", [10.0, 20.0], {"terrain": Terrain(rolling_deg=3.0)}),
-        ("terrain.kerb_every", [5.0, 10.0], {"terrain": Terrain(kerb_height=0.05)}),
         ("gyro.misalignment_sigma", [0.01, 0.02], {"terrain": Terrain(rolling_deg=3.0)}),
         ("filter.vehicle.max_track_speed", [0.01, 1.2], {}),
         ("trajectory_options.tightest", [0.2, 0.4], {"trajectory": "arcs"}),
     ],
 )
-def test_a_key_that_acts_is_not_refused(
-    key: str, values: list[float], changes: dict[str, Any]
-) -> None:
+def test_a_key_that_acts_is_not_refused(key, values, changes):
     check(Sweep(grid={key: values}), **changes)
 
 
@@ -179,20 +166,6 @@ def test_the_study_of_the_docs_acts_in_all_its_parts(tmp_path: Any) -> None:
     errors = [found[label].values[0, column] for label in ("heavy", "right")]
     # The mass alone, which is what the variant is there for.
     assert abs(errors[0] / errors[1] - 1.0) > 1e-3
-
-
-def test_results_that_agree_to_rounding_are_found() -> None:
-    values = np.random.default_rng(1).gamma(2.0, 1.0, (4, 3, 5, 6))
-    values[2] = values[0] * (1.0 + 1e-11)
-    values[3] = values[1]
-    values[3, 0, 0, 0] *= 1.0 + 1e-6
-    assert alike(values, 0) == [[0, 2]]
-    assert alike(values, 1) == []
-    values[:, 2] = values[:, 1]
-    assert alike(values, 1) == [[1, 2]]
-    # Where nothing is known, nothing is the same.
-    values[:, 1:] = np.nan
-    assert alike(values, 1) == []
 
 
 def test_variants_and_cells_of_the_same_results_are_named() -> None:

@@ -53,13 +53,6 @@ def test_a_grid_has_a_cell_for_each_combination_the_last_key_changing_fastest():
     assert {cell.scenario.seed for cell in plan.cells} == {1}
 
 
-def test_without_a_sweep_there_is_one_cell():
-    plan = expanded(seed=7)
-    assert plan.axes == ()
-    assert len(plan.cells) == 1
-    assert plan.cells[0].scenario == msgspec.structs.replace(SHORT, seed=7)
-
-
 def test_cases_change_several_keys_at_once():
     plan = expanded(
         sweep=Sweep(
@@ -77,13 +70,6 @@ def test_cases_change_several_keys_at_once():
     assert hard.scenario.trajectory == "aggressive"
     assert hard.filters[0].robot.vehicle.mass == 200.0
     assert hard.robot.vehicle.mass == 258.0
-
-
-def test_terrain_is_swept_in_cases():
-    ground = {"dry": {}, "slippery": {"patches": [{"friction": 0.4}]}}
-    dry, slippery = expanded(sweep=Sweep(cases={"ground": ground})).cells
-    assert dry.scenario.patches == ()
-    assert slippery.scenario.patches[0].friction == 0.4
 
 
 def test_who_knows_of_a_changed_robot():
@@ -137,23 +123,18 @@ def test_true_motions_are_as_many_as_runs_but_at_most_twenty_unless_told():
     ("wrong", "told"),
     [
         ({"runs": 0}, "runs must be a whole number from 1 to 10,000,000 .*, found 0"),
-        ({"runs": -3}, "number from 1 to .*, found -3"),
         ({"runs": 2.5}, "runs of a Study: Expected `int`"),
-        ({"truths": 0}, "truths must be"),
-        ({"seed": -1}, "seed must be"),
         ({"name": "../a"}, "name of a study must be of letters"),
         ({"variants": ()}, "needs variants"),
         ({"variants": ("differential", "differential")}, "its own label"),
         ({"variants": ("inrtia-online",)}, "did you mean 'inertia-online'"),
         ({"baseline": "differental"}, "did you mean 'differential'"),
-        ({"horizons": ()}, "horizons must be times"),
         ({"horizons": (10.0, 10.0)}, "each once"),
         ({"horizons": (0.0,)}, "at least 1 s"),
         ({"scenario": Scenario(seed=4)}, "no seed of its own"),
         ({"scenario": Scenario(include_truth=False)}, "leave out include_truth"),
         ({"robot": "auriga-alfa"}, "did you mean 'auriga-alpha'"),
         ({"robot_changes": {"vehicle": {"mas": 1.0}}}, "did you mean 'mass'"),
-        ({"robot_changes": {"vehicle": 3.0}}, "expected a table"),
         ({"robot_changes": {"vehicle.mass": -1.0}}, "mass must be a positive number"),
     ],
 )
@@ -169,11 +150,8 @@ def test_what_a_study_may_not_say(wrong, told):
         ({"grid": {"fix_rate": []}}, "needs a list of values"),
         ({"grid": {"fix_rate": [1.0, 1.0]}}, "a value twice"),
         ({"grid": {"fix_rat": [1.0]}}, "did you mean 'fix_rate'"),
-        ({"grid": {"gyro.noise_densty": [1.0]}}, "did you mean 'noise_density'"),
         ({"grid": {"gyro.noise_density": ["a"]}}, "expected a number"),
         ({"grid": {"noise": ["tactica"]}}, "did you mean 'tactical'"),
-        ({"grid": {"seed": [1, 2]}}, "nothing to change by 'seed'"),
-        ({"grid": {"filter": [1.0]}}, "give a key in it"),
         ({"grid": {"filtr.vehicle.mass": [1.0]}}, "did you mean 'filter'"),
         ({"grid": {"filter.vehicle.mas": [1.0]}}, "did you mean 'mass'"),
         ({"grid": {"outage": [11.0]}}, "from 0 to the duration"),
@@ -181,9 +159,7 @@ def test_what_a_study_may_not_say(wrong, told):
             {"grid": {"fix_rate": [1.0], "fix_rate.a": [1.0]}},
             "no value, elsewhere|no table, elsewhere",
         ),
-        ({"cases": {"a": {}}}, "has no cases"),
         ({"cases": {"a": {"x": {"noise": "nominal"}}}, "grid": {"noise": ["nominal"]}}, "twice"),
-        ({"latin": {"points": 3, "ranges": {}}}, "at least one key"),
         ({"latin": {"points": 3, "ranges": {"fix_rate": [2.0, 1.0]}}}, "second is larger"),
         ({"latin": {"points": 3, "ranges": {"fix_rate": [1.0]}}}, "lowest, highest"),
         ({"latin": {"points": 3, "ranges": {"fix_rate": [1.0, 2.0, "lag"]}}}, "did you mean 'log'"),

@@ -1,7 +1,5 @@
 """Transient dynamics: known motions, an independent integrator, and the stationary solver as limit."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import msgspec
@@ -32,7 +30,6 @@ from icreckon.simulation.truth.friction import (
     draw_contact,
     drive,
     follow,
-    gravity_in_body,
 )
 from icreckon.simulation.truth.terrain import Patch, Payload
 
@@ -76,14 +73,6 @@ def test_at_constant_track_speeds_the_motion_ends_where_the_stationary_solver_sa
         np.testing.assert_allclose(
             driven.transfer[-1], steady_inertia(expected, contact.body)[:2], atol=1e-3
         )
-
-
-def test_the_robot_of_the_paper_ends_there_too():
-    robot = load_robot("auriga-alpha")
-    for left, right in [(0.3, 0.6), (0.9, 0.2), (-0.4, 0.6), (1.0, 0.9), (-0.8, -0.1)]:
-        driven = drive(contact_of(robot), robot.yaw_inertia, *constant(left, right, 30.0), STEP)
-        expected = solve_steady(left, right, contact_of(robot)).twist
-        np.testing.assert_allclose(driven.twists[-1], expected, atol=1e-6)
 
 
 def test_an_independent_integrator_gives_the_same_motion():
@@ -135,7 +124,7 @@ def test_halving_the_step_divides_the_error_as_a_fourth_order_method_does():
     assert errors[1] / errors[2] > 11.0
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("tolerance", [1e-3, 1e-5])
 def test_the_error_follows_the_tolerance(tolerance):
     times = np.arange(0.0, 30.0, STEP)
     found, reference = (
@@ -143,15 +132,6 @@ def test_the_error_follows_the_tolerance(tolerance):
         for t in (tolerance, 0.01 * tolerance)
     )
     assert np.abs(found - reference).max() < 5.0 * tolerance
-
-
-def test_the_grid_does_not_matter():
-    ends = []
-    for step in (0.02, 0.01, 0.0025):
-        times = np.arange(0.0, 20.0 + 0.5 * step, step)
-        ends.append(drive(CONTACT, INERTIA, *wavy(times), step).twists[-1])
-    np.testing.assert_allclose(ends[0], ends[2], atol=1e-4)
-    np.testing.assert_allclose(ends[1], ends[2], atol=1e-5)
 
 
 def test_locked_tracks_brake_at_mu_g():
@@ -176,28 +156,12 @@ def test_a_steep_slippery_slope_lets_the_vehicle_slide():
     assert driven.twists[-1, 1] == pytest.approx(expected * 1.0, rel=1e-3)
 
 
-def test_a_vehicle_stands_on_a_gentle_slope():
-    driven = drive(
-        CONTACT, INERTIA, *constant(0.0, 0.0, 10.0), STEP, patches=(Patch(slope_deg=10.0),)
-    )
-    assert np.abs(driven.twists).max() < 1e-3 * 0.3
-    np.testing.assert_allclose(driven.slopes, [[-GRAVITY * np.sin(np.radians(10.0)), 0.0]] * 1001)
-
-
 def test_a_parked_vehicle_creeps_as_the_regularised_friction_says():
     hill = Patch(slope_deg=10.0, uphill_deg=180.0)
     driven = drive(CENTRED, INERTIA, *constant(0.0, 0.0, 2.0), STEP, patches=(hill,))
     used = np.tan(np.radians(10.0)) / CENTRED.soil.friction
     creep = CENTRED.soil.regularising_speed * used / np.sqrt(1.0 - used**2)
     assert driven.twists[-1, 1] == pytest.approx(creep, rel=1e-3)
-
-
-def test_gravity_turns_in_body_axes():
-    slopes = np.tile([-1.0, 0.0], (3, 1))
-    found = gravity_in_body(slopes, np.array([0.0, 0.5 * np.pi, np.pi]))
-    down = -np.sqrt(GRAVITY**2 - 1.0)
-    expected = [[-1.0, 0.0, down], [0.0, 1.0, down], [1.0, 0.0, down]]
-    np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 @settings(max_examples=20)
@@ -292,22 +256,10 @@ def test_the_truth_depends_on_its_spread_and_seed_only():
     assert np.abs(a.poses[-1] - exact.poses[-1]).max() > 0.01
 
 
-def test_slip_noise_has_the_stated_size():
-    calm, noisy = (run(FrictionTruth(spread=0.0, slip_noise=k)) for k in (0.0, 1.0))
-    np.testing.assert_array_equal(calm.track_speeds, noisy.track_speeds)
-    difference = np.abs(noisy.track_speeds[:, 1] - noisy.track_speeds[:, 0])
-    slip = noisy.twists - calm.twists
-    turning = difference > 0.1
-    share = slip[turning, 0] / difference[turning]
-    assert share.std() == pytest.approx(0.01, rel=0.4)
-    assert not slip[difference == 0.0].any()
-
-
 def test_a_slope_shows_in_the_gravity_of_the_motion():
     truth = FrictionTruth(spread=0.0, patches=(Patch(slope_deg=5.0, uphill_deg=90.0),))
     motion = run(truth)
     size = GRAVITY * np.sin(np.radians(5.0))
-    assert motion.gravity is not None
     np.testing.assert_allclose(np.linalg.norm(motion.gravity, axis=1), GRAVITY, rtol=1e-12)
     np.testing.assert_allclose(motion.gravity[:, 0], -size * np.sin(motion.poses[:, 2]), atol=1e-12)
 
@@ -317,17 +269,6 @@ def test_a_vehicle_that_tips_over_is_said_so():
     with pytest.raises(SimulationError, match=r"tips over \d+\.\d+ s after the start"):
         run(steep)
     run(FrictionTruth(spread=0.0, patches=(Patch(slope_deg=10.0, uphill_deg=90.0),)))
-
-
-def test_on_a_slope_the_vehicle_tips_about_the_weight_that_is_left():
-    # With the whole weight the force along the slope would still point 2 mm inside the contact.
-    robot = load_robot("auriga-alpha")
-    angle, z, x = np.radians(14.8), contact_of(robot).body.z_CM, -contact_of(robot).body.x_CM
-    assert x + z * np.sin(angle) < 0.21 - 2e-3 < 0.21 + 2e-3 < x + z * np.tan(angle)
-    for slope_deg, tips in ((14.2, False), (14.8, True)):
-        hill = Patch(slope_deg=slope_deg, uphill_deg=-90.0)
-        driven = drive(contact_of(robot), 20.0, *constant(0.0, 0.0, 5.0), STEP, patches=(hill,))
-        assert driven.tipping.any() == tips
 
 
 def test_a_drawn_contact_differs_from_the_file_by_its_spread():
@@ -345,22 +286,13 @@ def test_a_drawn_contact_differs_from_the_file_by_its_spread():
     [
         (lambda: Patch(x=(1.0, 0.0)), "x of a patch must rise"),
         (lambda: Patch(time=(2.0, 2.0)), "time of a patch must rise"),
-        (lambda: Patch(edge=-1.0), "edge of a patch must be zero or"),
-        (lambda: Patch(friction=0.0), "friction of a patch must be a positive"),
-        (lambda: Patch(rolling_resistance=float("nan")), "rolling_resistance of a patch"),
         (lambda: Patch(slope_deg=70.0), "slope_deg of a patch must be between 0 and 60"),
-        (lambda: Patch(slope_deg=-5.0), "slope_deg of a patch must be between 0 and 60"),
         (lambda: Patch(uphill_deg=90.0), "has uphill_deg = 90.0 but no slope_deg"),
         (lambda: Patch(x=(1.0, 3.0)), "a patch changes nothing; give it friction, rolling"),
         (lambda: Patch(x=(0, 1, 2)), "x of a Patch: Expected `array` of length 2"),
         (lambda: Patch(friction="ice"), "friction of a Patch: Expected `float | null`, got `str`"),
         (lambda: Payload(time=(0.0, 1.0), mass=None), "mass of a Payload: Expected `float`"),
-        (
-            lambda: Patch(slope_deg=1.0, uphill_deg=float("inf")),
-            "uphill_deg of a patch must be a finite",
-        ),
         (lambda: Payload(time=(1.0, 0.0), mass=1.0), "time of a payload must rise"),
-        (lambda: Payload(time=(0.0, 1.0), mass=-1.0), "mass of a payload must be a positive"),
         (
             lambda: Payload(time=(0.0, 1.0), mass=1.0, position=(0.0, 0.0, -1.0)),
             "must not be below the ground",

@@ -7,12 +7,7 @@ from icreckon.simulation.truth.robot_remarks import robot_remarks
 
 MINE = make_robot(
     "mine",
-    vehicle={
-        "mass": 60.0,
-        "track_gauge": 0.5,
-        "sprocket_radius": 0.1,
-        "half_contact_length": 0.3,
-    },
+    vehicle={"mass": 60.0, "track_gauge": 0.5, "sprocket_radius": 0.1, "half_contact_length": 0.3},
 )
 
 

@@ -1,7 +1,5 @@
 """Ground that is not level: its shape, the way of a vehicle on it, and what an IMU reads there."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import msgspec
@@ -59,9 +57,7 @@ def twists_at(t: np.ndarray) -> np.ndarray:
 
 @settings(max_examples=60)
 @given(st.floats(-30.0, 30.0), st.floats(-30.0, 30.0), st.floats(-180.0, 180.0), st.integers(0, 99))
-def test_the_gradient_is_the_derivative_of_the_height(
-    x: float, y: float, uphill: float, seed: int
-) -> None:
+def test_the_gradient_is_the_derivative_of_the_height(x, y, uphill, seed):
     surface = surface_of(msgspec.structs.replace(ROUGH, uphill_deg=uphill), seed)
     step = 1e-5
     found = [
@@ -80,21 +76,6 @@ def test_rolling_ground_is_as_steep_and_as_long_as_stated() -> None:
     # It rises and falls: no plane is left over.
     heights = [height(surface, x, y) for x in places[:80] for y in places[:80]]
     assert np.mean(heights) == pytest.approx(0.0, abs=1e-9)
-
-
-def test_kerbs_go_up_and_down_over_the_length_of_the_contact() -> None:
-    surface = surface_of(Terrain(kerb_height=0.1, kerb_every=5.0))
-    places = np.arange(-20.0, 20.0, 0.001)
-    heights = np.array([height(surface, x, 7.0) for x in places])
-    assert (heights.min(), heights.max()) == pytest.approx((0.0, 0.1), abs=1e-12)
-    rising = np.diff(heights) > 1e-15
-    starts = places[1:][np.diff(rising.astype(int), prepend=0) == 1]
-    ends = places[1:][np.diff(rising.astype(int), prepend=0) == -1]
-    assert np.diff(starts[1:]) == pytest.approx(10.0, abs=0.02)
-    # The ramp of the contact's length, but for its flat ends.
-    assert 0.95 * LENGTH < ends[ends > starts[1]][0] - starts[1] < 1.01 * LENGTH
-    slopes = [gradient(surface, x, 7.0)[0] for x in places]
-    assert max(slopes) == pytest.approx(2.0 * 0.1 / LENGTH, rel=1e-4)
 
 
 def test_an_independent_integration_of_the_geometry_gives_the_same_way() -> None:
@@ -121,7 +102,6 @@ def test_an_independent_integration_of_the_geometry_gives_the_same_way() -> None
     exact = solve_ivp(rates, (0.0, 30.0), np.zeros(4), rtol=1e-9, atol=1e-10, max_step=0.05)
     found = on_surface(motion, surface, ())
     np.testing.assert_allclose(found.poses[-1], exact.y[:3, -1], atol=2e-5)
-    assert found.heights is not None
     assert found.heights[-1] == pytest.approx(exact.y[3, -1], abs=2e-5)
     # The curvature does count: the planar heading is another.
     assert abs(found.poses[-1, 2] - motion.poses[-1, 2]) > 1e-3
@@ -178,24 +158,6 @@ def test_the_accelerometer_reads_the_acceleration_of_its_place_less_gravity() ->
     assert np.abs(found - [0.0, 0.0, GRAVITY]).max() > 1.0
 
 
-@pytest.mark.parametrize(
-    ("uphill", "force"),
-    [
-        (0.0, (np.sin(np.radians(6.0)), 0.0, np.cos(np.radians(6.0)))),
-        (90.0, (0.0, np.sin(np.radians(6.0)), np.cos(np.radians(6.0)))),
-        (180.0, (-np.sin(np.radians(6.0)), 0.0, np.cos(np.radians(6.0)))),
-    ],
-)
-def test_at_rest_the_specific_force_is_that_of_the_slope(
-    uphill: float, force: tuple[float, float, float]
-) -> None:
-    result = run(Terrain(slope_deg=6.0, uphill_deg=uphill), duration=2.0)
-    readings = result.log.imu.linear_acceleration[20:] @ ALPHA.imu_rotation.T
-    np.testing.assert_allclose(readings, GRAVITY * np.tile(force, (len(readings), 1)), atol=2e-3)
-    rates = result.log.imu.angular_velocity
-    np.testing.assert_allclose(rates, 0.0, atol=1e-3)
-
-
 @pytest.mark.parametrize("uphill", [0.0, 90.0])
 def test_a_plane_moves_the_vehicle_as_the_same_slope_of_a_patch_does(uphill: float) -> None:
     terrain, patch = (kind(slope_deg=4.0, uphill_deg=uphill) for kind in (Terrain, Patch))
@@ -228,7 +190,6 @@ def test_a_patch_of_a_slope_lies_over_the_terrain() -> None:
     over = run(ROUGH, patches=(hill,)).motion
     alone = run(Terrain(slope_deg=5.0, uphill_deg=90.0)).motion
     np.testing.assert_allclose(over.poses, alone.poses, atol=1e-9)
-    assert over.gravity is not None
     # Where it ends, the ground around it goes on.
     half = run(ROUGH, patches=(msgspec.structs.replace(hill, time=(-1.0, 10.0)),)).motion
     bare = run(ROUGH).motion
@@ -250,12 +211,6 @@ def test_level_terrain_is_none() -> None:
     )
 
 
-def test_ever_smaller_waves_come_to_level_ground() -> None:
-    none, nearly = run_scenario(EXACT, ALPHA).motion, run(Terrain(rolling_deg=1e-6)).motion
-    np.testing.assert_allclose(nearly.poses, none.poses, atol=1e-6)
-    np.testing.assert_allclose(nearly.twists, none.twists, atol=1e-6)
-
-
 def test_seeds_and_runs_have_ground_of_their_own() -> None:
     terrain = Terrain(rolling_deg=5.0)
     scenario = msgspec.structs.replace(EXACT, duration=4.0, terrain=terrain)
@@ -265,7 +220,6 @@ def test_seeds_and_runs_have_ground_of_their_own() -> None:
         for one, index in ((scenario, 0), (scenario, 0), (scenario, 1), (other, 0))
     ]
     first, again, second, third = starts
-    assert first is not None
     np.testing.assert_array_equal(first, again)
     assert np.abs(first[0] - second[0]).max() > 0.01
     assert np.abs(first[0] - third[0]).max() > 0.01
@@ -321,54 +275,12 @@ def test_a_kerb_pitches_the_vehicle_up_for_about_its_length() -> None:
     assert (pitch[1:][rising] < 0.0).all()
 
 
-@pytest.mark.thorough
-def test_a_tall_robot_hardly_turns_on_a_cross_slope() -> None:
-    low = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(0.04, 0.015, 0.3))
-    shares = []
-    for robot in (ALPHA, msgspec.structs.replace(ALPHA, vehicle=low)):
-        turned = [
-            np.abs(run_scenario(scenario, robot, run_index=index).motion.twists[:, 2]).mean()
-            for slope in (0.0, 6.0)
-            for scenario in [
-                msgspec.structs.replace(EXACT, duration=120.0, terrain=Terrain(slope_deg=slope))
-            ]
-            for index in range(4)
-        ]
-        shares.append(np.sum(turned[4:]) / np.sum(turned[:4]))
-    assert shares == pytest.approx([0.48, 0.91], abs=0.05)
-
-
-def test_slip_noise_moves_the_vehicle_over_the_ground_too() -> None:
-    calm, noisy = (run(ROUGH, slip_noise=k).motion for k in (0.0, 3.0))
-    assert np.abs(calm.poses[-1] - noisy.poses[-1]).max() > 1e-3
-    surface = None
-    for motion in (calm, noisy):
-        assert motion.gravity is not None
-        # Gravity of the motion is that of the place where it is.
-        surface = surface or _drawn_surface()
-        p = np.array([gradient(surface, x, y) for x, y, _ in motion.poses[::200]])
-        up = -motion.gravity[::200, 2] / GRAVITY
-        np.testing.assert_allclose(up, 1.0 / np.sqrt(1.0 + (p**2).sum(axis=1)), atol=1e-9)
-
-
-def _drawn_surface() -> Surface:
-    from icreckon.simulation.base.random_streams import random_streams
-
-    (phases,) = random_streams(EXACT.seed, 0).truth.spawn(1)
-    return draw_surface(ROUGH, LENGTH, phases)
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"slope_deg": -1.0}, "slope_deg of the terrain must be between 0 and 60 degrees"),
-        ({"slope_deg": 61.0}, "slope_deg of the terrain must be between 0 and 60 degrees"),
         ({"rolling_deg": 31.0}, "rolling_deg of the terrain must be between 0 and 30 degrees"),
-        ({"rolling_deg": float("nan")}, "rolling_deg of the terrain must be"),
-        ({"wavelength": 0.0}, "wavelength of the terrain must be a positive"),
-        ({"kerb_height": -0.1}, "kerb_height of the terrain must be zero or a positive"),
         ({"kerb_every": 0.0}, "kerb_every of the terrain must be a positive"),
-        ({"uphill_deg": float("inf")}, "uphill_deg of the terrain must be a finite"),
         ({"slope_deg": "steep"}, "slope_deg of a Terrain: Expected `float`, got `str`"),
     ],
 )
@@ -392,9 +304,7 @@ def test_bad_terrain_is_refused(values: dict[str, Any], message: str) -> None:
         ({"slope_deg": 25.0, "uphill_deg": 90.0}, "the vehicle tips over"),
     ],
 )
-def test_ground_that_the_vehicle_cannot_take_is_refused(
-    values: dict[str, float], message: str
-) -> None:
+def test_ground_that_the_vehicle_cannot_take_is_refused(values, message):
     with pytest.raises(SimulationError, match=message):
         run(Terrain(**values), duration=4.0)
 

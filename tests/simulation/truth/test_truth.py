@@ -20,7 +20,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.trajectories import TRAJECTORIES, make_trajectory
 from icreckon.simulation.truth.by_name import make_truth
 from icreckon.simulation.truth.kinematic import KinematicTruth, draw_parameters
-from icreckon.simulation.truth.true_motion import TRUE_SLIP, gauss_markov, integrate_twists
+from icreckon.simulation.truth.true_motion import TRUE_SLIP, gauss_markov
 
 ALPHA = load_robot("auriga-alpha")
 NO_SLIP = Slip(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -132,27 +132,6 @@ def test_halving_the_step_does_not_move_the_end(name):
     assert errors[2] < 0.6 * errors[1] < 0.03
 
 
-@pytest.mark.thorough
-def test_with_slip_the_spread_of_end_poses_does_not_depend_on_the_step():
-    truth = KinematicTruth(spread=0.0)
-    ends = {
-        rate: np.array(
-            [
-                run(truth, constant(0.2, 0.6), 20.0, seed=seed, rate=rate).poses[-1, 2]
-                for seed in range(400)
-            ]
-        )
-        for rate in (50.0, 400.0)
-    }
-    # Yaw is the integral of the process: variance 2 s² tau (T - tau (1 - exp(-T / tau))).
-    width = ALPHA.vehicle.track_gauge * ALPHA.indices.eta0
-    variance = 2.0 * (0.02 * 0.4 / width) ** 2 * (20.0 - 1.0 + np.exp(-20.0))
-    for values in ends.values():
-        # 400 runs: the variance is known within about 7 % (1 sigma), chi-square.
-        assert 0.8 < np.var(values, ddof=1) / variance < 1.22
-    assert ends[50.0].mean() == pytest.approx(ends[400.0].mean(), abs=4.5 * variance**0.5 / 14.0)
-
-
 @pytest.mark.parametrize("step", [0.002, 0.05, 0.7, 25.0])
 def test_gauss_markov_is_exact_at_any_step(step):
     count = 200_000
@@ -202,17 +181,6 @@ def test_the_motion_never_jumps():
         assert np.abs(np.diff(motion.twists, axis=0)).max() < 10.0 / 200.0
 
 
-def test_values_between_grid_points():
-    command = make_trajectory("slalom", 20.0, ALPHA, np.random.default_rng(0))
-    coarse, fine = (run(EXACT, command, 20.0, FORCELESS, rate=rate) for rate in (100.0, 1000.0))
-    times = np.arange(0.0, 20.0, 0.013)
-    assert np.allclose(coarse.poses_at(times), fine.poses_at(times), atol=2e-6)
-    assert np.allclose(coarse.twists_at(times), fine.twists_at(times), atol=2e-4)
-    assert np.allclose(coarse.track_speeds_at(times), command(times), atol=1e-4)
-    assert np.allclose(coarse.mean_track_speeds(times), fine.mean_track_speeds(times), atol=2e-4)
-    assert np.array_equal(coarse.poses_at(np.arange(len(coarse.poses)) / 100.0), coarse.poses)
-
-
 def test_mean_track_speeds_add_up_to_the_distance():
     command = make_trajectory("aggressive", 30.0, ALPHA, np.random.default_rng(0))
     motion = run(KinematicTruth(), command, 30.0)
@@ -234,12 +202,6 @@ def test_twist_rates_are_the_derivative():
     assert np.allclose(accelerations[:, 0], rates[:, 0] - w * v_y)
     assert np.allclose(accelerations[:, 1], rates[:, 1] + w * v_x)
     assert np.isfinite(motion.twist_rates_at(np.array([0.0, 20.0]), 0.01)).all()
-
-
-def test_short_motions_integrate():
-    for count in (1, 2, 3, 4):
-        poses = integrate_twists(np.tile([1.0, 0.0, 0.0], (count, 1)), 0.1)
-        assert poses[:, 0] == pytest.approx(0.1 * np.arange(count))
 
 
 def test_unknown_truth_says_which_there_is():
