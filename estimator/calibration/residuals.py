@@ -117,7 +117,13 @@ class Problem:
         jacobian[:, FORCE:, self.place("track_latency")] = 0.0
         jacobian[..., len(values) - own :] = linear[..., len(OF_TRACKS) :]
         twist = at.twist[..., None]
-        shared = ["turning_lag", "gyro_scale", "lever_arm_forward", "lever_arm_left", "mounting_yaw"]
+        shared = [
+            "turning_lag",
+            "gyro_scale",
+            "lever_arm_forward",
+            "lever_arm_left",
+            "mounting_yaw",
+        ]
         shared += [name for name in ("imu_forward", "imu_left") if name in self.names]
         for name in shared:
             other = values.copy()

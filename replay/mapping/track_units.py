@@ -104,7 +104,11 @@ def differences(
         "counter jumps": int(jumps.sum()),
     }
     keep = ~apart & ~jumps
-    return stamps[1:][keep], speeds[keep], {reason: count for reason, count in lost.items() if count}
+    return (
+        stamps[1:][keep],
+        speeds[keep],
+        {reason: count for reason, count in lost.items() if count},
+    )
 
 
 Held = Literal["auto", "interpolate", "keep"]
