@@ -119,7 +119,8 @@ def plain_path(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> PoseS
         rates: (n,) its rate about the vertical [rad/s].
     """
     yaw = turned(imu.stamps, rates).values
-    speed = np.interp(imu.stamps, tracks.stamps, tracks.speeds.mean(axis=1))
+    ends = np.searchsorted(tracks.stamps, imu.stamps).clip(max=len(tracks.stamps) - 1)
+    speed = tracks.speeds.mean(axis=1)[ends]
     velocity = speed[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
     places = running_integral(imu.stamps, velocity)
     return PoseSeries(imu.stamps, np.column_stack([places, yaw]))

@@ -245,9 +245,9 @@ def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
 def count_distance(
     held: TrackRecord, start: int, before: int, left: float, right: float, hold_ns: int
 ) -> None:
-    """Count the distances of the newest sample, which is the mean since the sample before.
+    """Count the distances by the newest speeds, the means since the sample before.
 
-    Until it came the speeds before were held.
+    Until they came the speeds before were held. Over a gap the new ones count from the estimate on.
 
     Args:
         held: record of the track speeds, with the newest sample.
@@ -260,8 +260,10 @@ def count_distance(
     if held.counted_from != start:
         held.counted_from = start
         held.ahead_left = held.ahead_right = held.behind = 0.0
-    if start == NEVER or before == NEVER or held.stamp - before > hold_ns or held.stamp < start:
+    if start == NEVER or held.stamp < start:
         return
+    if before == NEVER or held.stamp - before > hold_ns:
+        before = start
     known = max(before, start)
     ahead, behind = (held.stamp - known) * NANOSECOND, (known - before) * NANOSECOND
     held.ahead_left += ahead * held.left
