@@ -322,11 +322,7 @@ def feed_samples(
 
 
 def fill_state(lane: Floats, constants: Floats, x: Floats, memory: Floats, places: Any) -> None:
-    """Copy state and memory of the motion model into the workspace.
-
-    Raises:
-        ValueError: an array has the wrong size.
-    """
+    """Copy state and memory of the motion model into the workspace, if they fit."""
     sizes_fit = lane.shape == (places.row_count, 1) and len(constants) >= places.constant_count
     if not sizes_fit or x.shape != (places.size,) or len(memory) != places.memory_size:
         raise ValueError(WRONG_SIZE)
@@ -339,11 +335,7 @@ def fill_state(lane: Floats, constants: Floats, x: Floats, memory: Floats, place
 
 
 def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: Any) -> None:
-    """Copy covariance and regressors into the workspace.
-
-    Raises:
-        ValueError: an array has the wrong size.
-    """
+    """Copy covariance and regressors into the workspace, if they fit."""
     if P.shape != (places.size, places.size) or regressors.shape != (3, s.PARAMETER_COUNT):
         raise ValueError(WRONG_SIZE)
     n = places.state_count
@@ -533,21 +525,8 @@ def evaluate_twist(
 ) -> Any:
     """Evaluate the body velocity, see `Ekf.twist_model`.
 
-    Args:
-        all_places: (1,) `LanePlaces`.
-        x: (SIZE,) the state.
-        memory: memory of the motion model.
-        lane: workspace.
-        inputs: (n, 1) inputs of the kernel.
-        constants: constants of the kernel.
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
-        share_x: factor on the slip of v_x.
-        share_y: that of v_y.
-        share_w: that of w.
-        twist: (3,) written to.
-        jacobian: (3, SIZE) written to.
-        by_speeds: (3, 2) written to.
+    Arguments up to `constants` are those of `take_step`; then come track speeds [m/s], and factors on the
+    slip. Written to are `twist` (3,), `jacobian` (3, SIZE) and `by_speeds` (3, 2).
 
     Returns:
         zeta, epsilon, eta, u and force, see `Motion`.

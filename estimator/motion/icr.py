@@ -76,14 +76,6 @@ def symmetry_coordinates(V_l: Number, V_r: Number, H: Number) -> tuple[Number, N
     return V_l - V_r, V_l + H * V_r
 
 
-def on_spot_ratio(icrs: Icrs, x_CM: Number) -> Number:
-    """H of (13) from the ICRs at no inertia.
-
-    There v_CM = 0, so H = -(x_ICRl - x_CM)/(x_ICRr - x_CM).
-    """
-    return -(icrs.x_ICRl - x_CM) / (icrs.x_ICRr - x_CM)
-
-
 def indices_from_icrs(icrs: Icrs, gauge: Number) -> IndexValues:
     """Indices from ICRs, equations (17) to (19); `gauge` is L [m]."""
     return IndexValues(

@@ -18,8 +18,6 @@ from icreckon.estimator.base.checks import Latency, check_bounds, require_flag
 from icreckon.estimator.base.lag_search import BEYOND
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.health import TrackLatencyHealth
-from icreckon.estimator.log.input_checks import key_of
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -94,29 +92,6 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             position=fixes or 0.0,
             heading=(fixes if heading is None else heading) or 0.0,
             estimate_tracks=tracks is None,
-        )
-
-    def taken_off(self, log: Log) -> Log:
-        """Log with the stamps of its sensors corrected, for a log of raw stamps.
-
-        Headings that come with a position are as late as that. A latency that is to be estimated is not
-        taken off; the truth stays as it is.
-
-        Args:
-            log: the log.
-        """
-
-        def corrected(series: _Series, seconds: float) -> _Series:
-            return replace(series, stamps=series.stamps - _nanoseconds(seconds))
-
-        correction = {kind: _nanoseconds(value) for kind, value in self.by_kind().items()}
-        others = [_shifted(one, correction.get(type(one), 0)) for one in log.others]
-        return replace(
-            log,
-            tracks=corrected(log.tracks, self.tracks),
-            imu=log.imu and corrected(log.imu, self.imu),
-            fixes=log.fixes and corrected(log.fixes, self.position),
-            others=tuple(sorted(others, key=key_of)),
         )
 
     def by_kind(self) -> dict[type, float]:

@@ -12,10 +12,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
-    HeadingFix,
     Measurement,
-    PoseFix,
-    PositionFix,
     TrackSpeeds,
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
@@ -74,32 +71,6 @@ def test_raw_stamps_give_what_corrected_ones_give(log: Log, robot: Robot) -> Non
     for measurement in raw(log, LATE):
         ignored.feed(measurement)
     assert np.abs(ignored.pose - corrected.pose).max() > 0.01
-
-
-def test_a_log_of_raw_stamps_is_corrected_as_a_whole(log: Log) -> None:
-    latencies = Latencies(tracks=0.21, imu=0.013, position=0.3, heading=0.4, pose=0.5)
-    late = latencies.by_kind()
-
-    def later(stamps: np.ndarray, seconds: float) -> np.ndarray:
-        return stamps + round(seconds / NANOSECOND)
-
-    of_others = [
-        HeadingFix(10**9, 1.0, 0.1),
-        PoseFix(10**9, 1.0, 1.0, 0.0, ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))),
-    ]
-    as_fed = replace(
-        log,
-        tracks=replace(log.tracks, stamps=later(log.tracks.stamps, late[TrackSpeeds])),
-        imu=replace(log.imu, stamps=later(log.imu.stamps, latencies.imu)),
-        fixes=replace(log.fixes, stamps=later(log.fixes.stamps, late[PositionFix])),
-        others=tuple(of_others),
-    )
-    back = latencies.taken_off(as_fed)
-    assert np.array_equal(back.tracks.stamps, log.tracks.stamps)
-    assert np.array_equal(back.imu.stamps, log.imu.stamps)
-    assert np.array_equal(back.fixes.stamps, log.fixes.stamps)
-    assert [one.stamp for one in back.others] == [500_000_000, 600_000_000]
-    assert [type(one) for one in back.others] == [PoseFix, HeadingFix]
 
 
 def test_the_latencies_are_those_of_the_robot_file(robot: Robot) -> None:

@@ -6,7 +6,6 @@ import sys
 import numpy as np
 import pytest
 
-from conftest import REPOSITORY
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries

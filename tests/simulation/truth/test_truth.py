@@ -11,7 +11,6 @@ from icreckon.estimator.motion.icr import (
     icrs_from_indices,
     icrs_from_twist,
     indices_from_icrs,
-    on_spot_ratio,
 )
 from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
 from icreckon.estimator.robot.slip import slip_sigma
@@ -72,7 +71,8 @@ def test_constant_twist_drives_a_circle_of_the_right_radius():
 def test_turning_with_the_on_spot_ratio_leaves_the_centre_of_mass_in_place():
     indices = IndexValues(ALPHA.indices.zeta0, ALPHA.indices.epsilon0, ALPHA.indices.eta0)
     x_CM, _ = ALPHA.centre_of_mass_paper
-    H = on_spot_ratio(icrs_from_indices(indices, ALPHA.vehicle.track_gauge), x_CM)
+    icrs = icrs_from_indices(indices, ALPHA.vehicle.track_gauge)
+    H = -(icrs.x_ICRl - x_CM) / (icrs.x_ICRr - x_CM)
     motion = run(EXACT, constant(-0.5 * H, 0.5), 5.0)
     v_x, _, w = motion.twists[-1]
     assert w > 0.3
