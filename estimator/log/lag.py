@@ -95,11 +95,6 @@ def turned_in_steps(stamps: Stamps, rates: Floats) -> Curve:
     return Curve(stamps, np.concatenate([[0.0], np.cumsum(steps)])[: len(rates)])
 
 
-def turned_by_tracks(tracks: TrackSpeedSeries) -> Curve:
-    """Angle by track speeds, in their unit [x s]."""
-    return turned_in_steps(tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
-
-
 def heading_of(poses: PoseSeries) -> Curve:
     """Headings of a series of poses."""
     return Curve(poses.stamps, np.unwrap(poses.poses[:, 2]))

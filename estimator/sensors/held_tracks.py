@@ -29,6 +29,7 @@ from icreckon.estimator.faults.stuck_tracks import (
     repeating_after,
     stuck_from,
 )
+from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.sensors.imu_clock import Clocked
 from icreckon.estimator.sensors.input_settings import InputSettings
 
@@ -93,11 +94,6 @@ class TrackRecord(msgspec.Struct):
 def smoothing_share(interval: float, time_constant: float) -> float:
     """Weight of a new value in an exponential average; `interval` since the last [s]."""
     return -math.expm1(-interval / time_constant)
-
-
-def decay_factor(stale: float) -> float:
-    """Factor of a held speed that has been stale for so long [s]."""
-    return math.exp(-stale / DYING_AWAY)
 
 
 def mean_decay_factor(dt: float, from_age: float, to_age: float) -> float:
@@ -238,7 +234,7 @@ def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
     stale = now - held.stamp - hold_ns
     if stale <= 0 or held.stamp == NEVER:
         return held.left, held.right
-    decay = decay_factor(stale * NANOSECOND)
+    decay = math.exp(-stale * NANOSECOND / DYING_AWAY)
     return decay * held.left, decay * held.right
 
 
@@ -262,8 +258,7 @@ def count_distance(
         held.ahead_left = held.ahead_right = held.behind = 0.0
     if start == NEVER or held.stamp < start:
         return
-    if before == NEVER or held.stamp - before > hold_ns:
-        before = start
+    before = start if held.stamp - before > hold_ns else before
     known = max(before, start)
     ahead, behind = (held.stamp - known) * NANOSECOND, (known - before) * NANOSECOND
     held.ahead_left += ahead * held.left
@@ -271,9 +266,7 @@ def count_distance(
     held.behind += 0.5 * behind * (held.left - left + held.right - right)
 
 
-def mean_speeds(
-    held: TrackRecord, start: int, end: int, hold_ns: int
-) -> tuple[float, float, float]:
+def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector3:
     """Mean speeds of the left and the right track between two stamps [ns] [m/s].
 
     The third is that at which both make up for distance that was missing before the first stamp.
@@ -281,8 +274,7 @@ def mean_speeds(
     if held.stamp == NEVER or end <= start:
         left, right = speeds_at(held, start, hold_ns)
         return left, right, 0.0
-    left = right = behind = 0.0
-    known = start
+    left, right, behind, known = 0.0, 0.0, 0.0, start
     if held.counted_from == start <= held.stamp:
         left, right, behind, known = held.ahead_left, held.ahead_right, held.behind, held.stamp
     dt, rest = (end - start) * NANOSECOND, (end - known) * NANOSECOND

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import chain
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -27,7 +27,6 @@ from icreckon.estimator.log.measurements import (
     PositionFix,
     TrackSpeeds,
 )
-from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.track_latency import (
     LARGEST_HOLE,
@@ -35,7 +34,6 @@ from icreckon.estimator.sensors.track_latency import (
     TrackLatencyMemory,
 )
 
-_Series = TypeVar("_Series", TrackSpeedSeries, ImuSeries, FixSeries)
 LARGEST_SIGMA = 0.02
 """Standard error from which on an estimate is used [s]."""
 LEAST, LEAST_CHANGE = 0.03, 0.01

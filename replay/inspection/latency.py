@@ -21,7 +21,6 @@ from icreckon.estimator.log.lag import (
     places_of,
     plain_path,
     turned,
-    turned_by_tracks,
     turned_in_steps,
 )
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
@@ -52,8 +51,8 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
         imu: the IMU, for its stamps.
         vertical: (n,) its rate about the vertical [rad/s].
     """
-    by_gyro = turned_in_steps(imu.stamps, vertical)
-    return find_lag(turned_by_tracks(tracks), by_gyro, least=LEAST_TURN)
+    by_tracks = turned_in_steps(tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
+    return find_lag(by_tracks, turned_in_steps(imu.stamps, vertical), least=LEAST_TURN)
 
 
 def truth_lag(
