@@ -1,0 +1,55 @@
+"""Track speeds act over the interval since the sample before, at any rate and latency."""
+
+import numpy as np
+import pytest
+from conftest import thorough
+
+from icreckon.estimator.engine.lane_functions import ends_step
+from icreckon.estimator.filter.filter_record import FilterRecord, take_track_speeds
+from icreckon.estimator.log.scores import drift
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors.input_settings import input_settings
+from icreckon.estimator.sensors.step_inputs import step_inputs
+from icreckon.estimator.streaming.run import run
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+
+SECOND = 1_000_000_000
+ROBOT = load_robot("husky")
+SETTINGS = input_settings(ROBOT, Settings())
+
+
+@pytest.mark.parametrize("rate", [7.0, 50.0, 100.0, 400.0])
+def test_no_distance_is_lost_at_any_rate(rate: float) -> None:
+    """Up to the newest sample the steps of 0.01 s move as far as the tracks did."""
+    rng, record = np.random.default_rng(3), FilterRecord(SETTINGS)
+    stamps = np.cumsum(np.rint(SECOND / rate * rng.uniform(0.6, 1.4, round(6 * rate)))).astype(int)
+    speeds = np.stack([0.5 + 0.3 * np.sin(stamps / 7e8), 0.6 + 0.2 * np.cos(stamps / 5e8)], axis=1)
+    moved, driven, k = 0.0, 0.0, 0
+    record.stamp = begin = int(stamps[0])
+    for end in range(begin + 3_000_000, int(stamps[-1]), SECOND // 100):
+        record.imu.stamp = record.stamp
+        while k < len(stamps) and stamps[k] <= end:
+            driven += speeds[k].mean() * (stamps[k] - stamps[max(0, k - 1)])
+            assert not ends_step(record)
+            take_track_speeds(record, int(stamps[k]), *speeds[k].tolist())
+            k += 1
+        found = step_inputs(record.tracks, record.still, record.stamp, end, SETTINGS)
+        mean = 0.5 * (found.left + found.right) + found.missing
+        moved += mean * (end - record.stamp)
+        ahead = (end - stamps[k - 1]) * speeds[k - 1].mean()
+        assert moved == pytest.approx(driven + ahead, rel=1e-9)
+        record.stamp = end
+
+
+@pytest.mark.parametrize("variant", ["differential", thorough("inertia-online")])
+def test_encoders_that_are_faster_than_the_imu_do_not_turn_the_robot(variant: str) -> None:
+    """Steps without the gyro between two of its samples took the yaw of slipping tracks."""
+    drifts = []
+    for rate in (50.0, 400.0):
+        scenario = Scenario(duration=60.0, fix_rate=0.0, track_rate=rate, imu_rate=50.0, seed=2)
+        log = simulate(scenario, ROBOT)
+        found = run(log, ROBOT, variant).trajectory.pose_series
+        drifts.append(drift(found, log.truth.poses, 30.0).percent_mean)
+    assert drifts[1] < 1.2 * drifts[0] + 0.2
