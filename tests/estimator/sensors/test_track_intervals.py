@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import thorough
 
+from conftest import thorough
 from icreckon.estimator.engine.lane_functions import ends_step
 from icreckon.estimator.filter.filter_record import FilterRecord, take_track_speeds
 from icreckon.estimator.log.scores import drift
