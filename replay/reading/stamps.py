@@ -111,7 +111,8 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
         return []
     edges = np.arange(stamps[0], stamps[-1] + 1, width)
     counts = np.diff(np.searchsorted(stamps, edges))
-    usual = float(np.median(counts))
+    # Not of the time before or after, where a wrong stamp stands alone.
+    usual = float(np.median(counts[counts > 0.2 * counts.mean()]))
     many = (counts >= MANY * usual) & (counts <= TOO_MANY * usual)
     ends = np.flatnonzero(np.diff(np.concatenate([[0], many.astype(np.int8), [0]])))
     return [
