@@ -110,7 +110,7 @@ def test_all_commands_find_the_same_lag(log: Log, yaw: str, tmp_path: Path) -> N
     assert done.returncode == 0, done.stderr
     (of_log,) = json.loads(done.stdout)["logs"]
     text = inspected(words, tmp_path).split("truth: stamps are ")[1]
-    # Positions are late against the tracks, too, which the body follows with the lag of its forces (0.045 s).
+    # Positions are late against the tracks, too, which the body follows 0.045 s later.
     lag = 0.35 if yaw == "true" else 0.395
     for seconds, sigma in (
         (truth["lag_s"], truth["lag_sigma_s"]),
