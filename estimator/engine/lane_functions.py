@@ -322,7 +322,7 @@ def feed_samples(
 
 
 def fill_state(lane: Floats, constants: Floats, x: Floats, memory: Floats, places: Any) -> None:
-    """Copy state and memory of the motion model into the workspace, if they fit."""
+    """Copy state and memory to the workspace; ValueError if a size is wrong."""
     sizes_fit = lane.shape == (places.row_count, 1) and len(constants) >= places.constant_count
     if not sizes_fit or x.shape != (places.size,) or len(memory) != places.memory_size:
         raise ValueError(WRONG_SIZE)
@@ -335,7 +335,7 @@ def fill_state(lane: Floats, constants: Floats, x: Floats, memory: Floats, place
 
 
 def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: Any) -> None:
-    """Copy covariance and regressors into the workspace, if they fit."""
+    """Copy covariance and regressors to the workspace; ValueError if a size is wrong."""
     if P.shape != (places.size, places.size) or regressors.shape != (3, s.PARAMETER_COUNT):
         raise ValueError(WRONG_SIZE)
     n = places.state_count

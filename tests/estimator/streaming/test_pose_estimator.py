@@ -1,4 +1,4 @@
-"""The streaming estimator: known motions, bad measurements, symmetries, and a way back."""
+"""The streaming estimator: known motions, bad measurements, and a way back."""
 
 import math
 from dataclasses import replace
@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from fed_estimators import assert_same, feed_all, remembered, short_log
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import arc_factors, relative, wrap_angle
@@ -31,7 +32,6 @@ from icreckon.estimator.robot.variants import (
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
@@ -90,28 +90,6 @@ def driven(variant="inertia-online", **options):
     """An estimator after a second in a bend, and the stamp it has reached."""
     estimator = PoseEstimator(ALPHA, variant, **options)
     return estimator, drive(estimator, EPOCH, 1.0, 0.3, 0.6)
-
-
-def remembered(estimator):
-    return estimator.stamp, estimator.state, estimator.covariance, estimator.twist
-
-
-def assert_same(before, after):
-    assert before[0] == after[0]
-    for a, b in zip(before[1:], after[1:], strict=True):
-        assert (a == b).all()
-
-
-def feed_all(estimator, log):
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-    return estimator
-
-
-def short_log(**options):
-    scenario = {"duration": 20.0, "trajectory": "aggressive", "seed": 5, "track_rate": 25.0}
-    scenario |= {"imu_rate": 50.0, "fixes": FixSpec(heading_sigma=0.05)} | options
-    return simulate(Scenario(**scenario), ALPHA)
 
 
 # --- known motions ----------------------------------------------------------------------------------

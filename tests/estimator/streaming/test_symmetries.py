@@ -4,6 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from fed_estimators import assert_same, feed_all, remembered, short_log
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import compose, rpy_to_matrix
 from icreckon.estimator.log.log import Log
@@ -11,34 +12,11 @@ from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Indices, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Terrain
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789
-
-
-def remembered(estimator):
-    return estimator.stamp, estimator.state, estimator.covariance, estimator.twist
-
-
-def assert_same(before, after):
-    assert before[0] == after[0]
-    for a, b in zip(before[1:], after[1:], strict=True):
-        assert (a == b).all()
-
-
-def feed_all(estimator, log):
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-    return estimator
-
-
-def short_log(**options):
-    scenario = {"duration": 20.0, "trajectory": "aggressive", "seed": 5, "track_rate": 25.0}
-    scenario |= {"imu_rate": 50.0, "fixes": FixSpec(heading_sigma=0.05)} | options
-    return simulate(Scenario(**scenario), ALPHA)
 
 
 def shifted(log, by):

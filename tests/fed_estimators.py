@@ -1,0 +1,30 @@
+"""Estimators that were fed a log, and what they remember, compared to the last bit."""
+
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.sensors.specs import FixSpec
+from icreckon.simulation.simulate import simulate
+
+ALPHA = load_robot("auriga-alpha")
+
+
+def remembered(estimator):
+    return estimator.stamp, estimator.state, estimator.covariance, estimator.twist
+
+
+def assert_same(before, after):
+    assert before[0] == after[0]
+    for a, b in zip(before[1:], after[1:], strict=True):
+        assert (a == b).all()
+
+
+def feed_all(estimator, log):
+    for measurement in log.measurements():
+        estimator.feed(measurement)
+    return estimator
+
+
+def short_log(**options):
+    scenario = {"duration": 20.0, "trajectory": "aggressive", "seed": 5, "track_rate": 25.0}
+    scenario |= {"imu_rate": 50.0, "fixes": FixSpec(heading_sigma=0.05)} | options
+    return simulate(Scenario(**scenario), ALPHA)
