@@ -25,7 +25,6 @@ from icreckon.simulation.running.store import (
 from icreckon.simulation.running.workers import cluster as on_cluster
 from icreckon.simulation.running.workers import given, here
 from icreckon.simulation.study.cells import Plan, expand
-from icreckon.simulation.study.idle import refuse_idle
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
 from icreckon.simulation.study.statistics import statistics
@@ -60,7 +59,6 @@ def run_study(
             f"a study does not watch for faults of your own ({names}); call remove_fault"
         )
     plan = expand(study)
-    refuse_idle(plan)
     for cell in plan.cells:
         check_terrain(cell.scenario.terrain, 2.0 * cell.robot.vehicle.half_contact_length)
     chosen = choose_engine(plan, engine)
