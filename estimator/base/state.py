@@ -26,6 +26,8 @@ STATE_NAMES: Final[tuple[str, ...]] = (
     "gyro_bias",  # reading less rate [rad/s]
     "accelerometer_bias_x",  # reading less specific force, in base_link [m/s²]
     "accelerometer_bias_y",
+    "gyro_bias_x",  # biases of the roll and pitch rates [rad/s]
+    "gyro_bias_y",
     "track_scale",  # true over measured track speed, less 1 [-]
     "track_difference",  # that of the right track less that of the left [-]
     "gyro_scale",  # measured over true rate, less 1 [-]
@@ -52,15 +54,16 @@ ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2, EPSILON_F = range(7, 15)
 GYRO_BIAS: Final = 15
 ACCELEROMETER_BIAS_X, ACCELEROMETER_BIAS_Y = range(16, 18)
 ACCELEROMETER_BIASES: Final = slice(16, 18)
-TRACK_SCALE: Final = 18
-TRACK_DIFFERENCE: Final = 19
-GYRO_SCALE: Final = 20
+GYRO_BIAS_X, GYRO_BIAS_Y = range(18, 20)
+TRACK_SCALE: Final = 20
+TRACK_DIFFERENCE: Final = 21
+GYRO_SCALE: Final = 22
 BIASES: Final = slice(GYRO_BIAS, GYRO_SCALE + 1)
 LEARNT: Final = slice(PARAMETERS.start, BIASES.stop)
-GRAVITY: Final = slice(21, 23)
-GRAVITY_X, GRAVITY_Y = range(21, 23)
-FAST_SLIP: Final = slice(23, 26)
+GRAVITY: Final = slice(23, 25)
+GRAVITY_X, GRAVITY_Y = range(23, 25)
+FAST_SLIP: Final = slice(25, 28)
 # Behind the states: wander of the position fixes along x and y of odom [m], if the filter estimates it.
-WANDER: Final = slice(26, 28)
-WANDER_X, WANDER_Y = range(26, 28)
+WANDER: Final = slice(28, 30)
+WANDER_X, WANDER_Y = range(28, 30)
 WANDER_NAMES: Final[tuple[str, ...]] = ("wander_x", "wander_y")

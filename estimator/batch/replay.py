@@ -224,6 +224,7 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
         np.ascontiguousarray(right)[None],
         imu.stamps,
         rates[None],
+        sensors.tilt_rates(imu.angular_velocity)[None],
         forces[None],
         fix_stamps,
         values[None],

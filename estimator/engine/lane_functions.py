@@ -26,6 +26,7 @@ from icreckon.estimator.filter.slip_factor import follow_scatter
 from icreckon.estimator.sensors.held_tracks import is_hole, take_motion
 from icreckon.estimator.sensors.imu_clock import is_alive, take_stamp
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
+from icreckon.estimator.sensors.imu_tilt import add_rates
 from icreckon.estimator.sensors.standstill import is_full, quiet_mean
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
 from icreckon.estimator.sensors.track_latency import add_rate
@@ -34,6 +35,8 @@ from icreckon.estimator.tracing.kernel import call_kernel
 ROWS = len(INPUTS)
 TRACK_ROWS, SLOW = len(StepInputs._fields), INPUTS["slow"]
 QUIET_MEAN, RATE = INPUTS["quiet_mean"], INPUTS["rate"]
+ROLL_RATE, PITCH_RATE = INPUTS["roll_rate"], INPUTS["pitch_rate"]
+TILT_DENSITY = INPUTS["tilt_density"]
 FORCE_X, FORCE_Y = INPUTS["force_x"], INPUTS["force_y"]
 NOISE = INPUTS["gyro_density"]
 PARAMETERS = s.PARAMETERS.start
@@ -119,6 +122,7 @@ def sample_inputs(
     lane: int,
     stamp: int,
     rate: float,
+    tilt: Any,
     force_x: float,
     force_y: float,
     uses_force: bool,
@@ -133,13 +137,16 @@ def sample_inputs(
         lane: lane of the filter.
         stamp: stamp of the sample [ns].
         rate: yaw rate [rad/s].
+        tilt: roll rate and pitch rate [rad/s], NaN if they are not known.
         force_x: specific force forward [m/s²], NaN if there is none.
         force_y: specific force to the left [m/s²], likewise.
-        uses_force: the step is to use the specific force.
+        uses_force: the step is to use the specific force. Without it, and while the gyro fails, it does
+            not use the rates of roll and pitch: slopes would depend on them alone.
     """
     settings = record.settings
     rate = take_motion(record.tracks, stamp, rate, force_x, force_y, settings)
     take_stamp(record.imu, stamp, settings.hold)
+    density = add_rates(record.tilt, record.imu.interval, rate, tilt[0], tilt[1])
     slow = 1.0 if may_be_pushed(record) else 0.0
     measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
     spread = measured_noise(record.noise.gyro)
@@ -147,6 +154,10 @@ def sample_inputs(
     record.stands = 1 if mean == mean else 0
     fill_tracks(record, inputs, lane, stamp)
     inputs[SLOW, lane], inputs[QUIET_MEAN, lane], inputs[RATE, lane] = slow, mean, rate
+    tilts = uses_force and rate == rate and force_x == force_x
+    inputs[ROLL_RATE, lane] = tilt[0] if tilts else math.nan
+    inputs[PITCH_RATE, lane] = tilt[1] if tilts else math.nan
+    inputs[TILT_DENSITY, lane] = density
     inputs[FORCE_X, lane] = force_x if uses_force else math.nan
     inputs[FORCE_Y, lane] = force_y if uses_force else math.nan
 
@@ -156,6 +167,8 @@ def move_inputs(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
     fill_tracks(record, inputs, lane, stamp)
     inputs[SLOW, lane] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
     inputs[QUIET_MEAN, lane], inputs[RATE, lane] = math.nan, 0.0
+    inputs[ROLL_RATE, lane] = inputs[PITCH_RATE, lane] = math.nan
+    inputs[TILT_DENSITY, lane] = 0.0
     inputs[FORCE_X, lane] = inputs[FORCE_Y, lane] = math.nan
 
 
@@ -229,13 +242,16 @@ def take_sample(
         return REFUSED
     if is_full(record.still, stamps):
         return FULL
-    if inputs.shape != (ROWS, 1) or mounting.shape != (3, 3):
+    if inputs.shape != (ROWS, 1) or mounting.shape != (5, 3):
         raise ValueError(WRONG_SIZE)
     rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
-    forward = float(mounting[1, 0] * f_x + mounting[1, 1] * f_y + mounting[1, 2] * f_z)
-    left = float(mounting[2, 0] * f_x + mounting[2, 1] * f_y + mounting[2, 2] * f_z)
+    roll = float(mounting[1, 0] * w_x + mounting[1, 1] * w_y + mounting[1, 2] * w_z)
+    pitch = float(mounting[2, 0] * w_x + mounting[2, 1] * w_y + mounting[2, 2] * w_z)
+    forward = float(mounting[3, 0] * f_x + mounting[3, 1] * f_y + mounting[3, 2] * f_z)
+    left = float(mounting[4, 0] * f_x + mounting[4, 1] * f_y + mounting[4, 2] * f_z)
     add_rate(record.yaw_rates, stamp, rate)
-    sample_inputs(record, stamps, rates, inputs, 0, stamp, rate, forward, left, uses_force)
+    given = (stamp, rate, (roll, pitch), forward, left, uses_force)
+    sample_inputs(record, stamps, rates, inputs, 0, *given)
     arrays = (x, P, regressors, memory, lane, inputs, constants)
     return take_step(places, which, records, *arrays, is_first, stamp, 0.0)
 

@@ -19,6 +19,9 @@ STEP_INPUTS = (
     "accelerometer_y_density",
     "quiet_mean",
     "rate",
+    "roll_rate",
+    "pitch_rate",
+    "tilt_density",
     "force_x",
     "force_y",
     "now_left",
@@ -96,7 +99,7 @@ INNOVATIONS = (
 )
 
 # Rows for the changes that a kernel reports, see `icreckon.estimator.filter.changes`.
-REPORTED = 1100
+REPORTED = 1300
 
 # Motion at some track speeds: indices, force of inertia and its limited value, and the derivatives of the
 # twist by the track speeds.

@@ -33,6 +33,7 @@ from icreckon.estimator.motion.motion_model import (
 from icreckon.estimator.sensors import sensor_models, standstill
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, traced
+from icreckon.estimator.tracing.trace import select
 
 # Up to this angle [rad] a series of so many terms is exact to rounding.
 SERIES_TO, TERMS = 0.5, 8
@@ -97,6 +98,36 @@ class TracedTwist(NamedTuple):
     rows: tuple[Vector, Vector, Vector]
     by_speeds: Any
     motion: motion_model.Motion
+
+
+class Tilting(NamedTuple):
+    """Turning of the body about its own axes of roll and pitch.
+
+    Attributes:
+        down: acceleration of gravity towards the ground [m/s²]; 0 if the rates are not known.
+        roll_rate: without bias [rad/s]; 0 likewise.
+        pitch_rate: likewise.
+        is_known: the rates are known.
+    """
+
+    down: Any = 0.0
+    roll_rate: Any = 0.0
+    pitch_rate: Any = 0.0
+    is_known: Any = False
+
+
+class FromAbove(NamedTuple):
+    """Motion of a body seen from above.
+
+    Attributes:
+        twist: (3,) along the heading, to the left of it, yaw.
+        rows: (3,) its derivatives by the states.
+        by_twist: (3, 3) its derivative by the twist of the body.
+    """
+
+    twist: Any
+    rows: tuple[Vector, Vector, Vector]
+    by_twist: Any
 
 
 class ModelInputs(NamedTuple):
@@ -193,6 +224,45 @@ def twist_model(
     return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion)
 
 
+def tilting(x: Any, roll_rate: Any, pitch_rate: Any) -> Tilting:
+    """Compute the turning of a tilted body; rates that are not known are NaN."""
+    known = roll_rate == roll_rate
+    down = select(known, down_of((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
+    roll = select(known, roll_rate - x[s.GYRO_BIAS_X], 0.0)
+    return Tilting(down, roll, select(known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0), known)
+
+
+def seen_from_above(x: Any, body: TracedTwist, tilt: Tilting) -> FromAbove:
+    """Project a body velocity onto the horizontal; the slope counts as known."""
+    by_twist, yaw_rate = _seen_from_above(tilt.pitch_rate, (x[s.GRAVITY_X], x[s.GRAVITY_Y]))
+    twist = [0.0, 0.0, yaw_rate]
+    rows: list[Vector] = [{}, {}, {}]
+    for axis, factors in enumerate(by_twist):
+        for factor, velocity, of_body in zip(factors, body.twist, body.rows, strict=True):
+            twist[axis] = twist[axis] + factor * velocity
+            for i, value in of_body.items() if not trace.is_zero(factor) else ():
+                rows[axis][i] = rows[axis].get(i, 0.0) + factor * value
+    return FromAbove(twist, (rows[0], rows[1], rows[2]), by_twist)
+
+
+def gravity_rows(angle: Any, tilt: Tilting, kept: Any, dt: Any) -> dict[int, Vector]:
+    """Transition of gravity along the ground, which is fixed in odom.
+
+    Args:
+        angle: turn of the body about its z axis [rad].
+        tilt: turning about its other axes.
+        kept: share that is not forgotten where these are not known [-].
+        dt: length of the step [s].
+    """
+    cos, sin = turn(angle)
+    kept, down = select(tilt.is_known, 1.0, kept), tilt.down * dt
+    cos, sin = kept * cos, kept * sin
+    return {
+        s.GRAVITY_X: {s.GRAVITY_X: cos, s.GRAVITY_Y: sin, s.GYRO_BIAS_Y: -down},
+        s.GRAVITY_Y: {s.GRAVITY_X: -sin, s.GRAVITY_Y: cos, s.GYRO_BIAS_X: down},
+    }
+
+
 def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any) -> list[Any]:
     """Advance the memory of an index model, see `MotionModel.begin_step`.
 
@@ -270,3 +340,5 @@ bias_change = traced(standstill.bias_change)
 gyro_variance = traced(sensor_models.gyro_variance)
 accelerometer_forecast = traced(sensor_models.accelerometer_forecast)
 _step_along_arc = traced(propagation.step_along_arc)
+_seen_from_above = traced(propagation.seen_from_above)
+down_of = traced(propagation.down_of)

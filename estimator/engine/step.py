@@ -24,8 +24,6 @@ from icreckon.estimator.tracing.trace import select
 
 # Parameters, biases and gravity along the ground.
 WALKING = (*range(s.PARAMETERS.start, s.TRACK_SCALE), s.GRAVITY_X, s.GRAVITY_Y)
-
-
 GRAVITY = (s.GRAVITY_X, s.GRAVITY_Y)
 INPUT_FORCES = ("force_x", "force_y")
 
@@ -330,17 +328,25 @@ class Step:
         turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
         missing = lane.input("missing")
         left, right = lane.input("left") + missing, lane.input("right") + missing
-        now = self.lane.twist_model(left, right, [one.mean for one in fades])
-        now = self._with_regressors(now)
+        body = self.lane.twist_model(left, right, [one.mean for one in fades])
+        body = self._with_regressors(body)
+        tilt = model.Tilting()
+        if self.kind.accelerometer:
+            tilt = model.tilting(x, lane.input("roll_rate"), lane.input("pitch_rate"))
+        now = model.seen_from_above(x, body, tilt)
         step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in now.twist])
         states = lane.shape.states
-        walk = self._walks(turning, travel)
+        walk = self._walks(turning, travel, tilt)
         # With J the derivatives of the twist and F the transition: with_rows = P J', of_twist = J P J',
         # carried = (F P) in the rows of the pose, after = F P F' + Q.
-        with_rows = [
-            P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
-            for row, part in zip(now.rows, self.regressors, strict=True)
+        parts = [
+            ({i: value for i, value in row.items() if i not in part}, part)
+            for row, part in zip(body.rows, self.regressors, strict=True)
         ]
+        with_rows = []
+        for factors in now.by_twist:
+            pairs = zip(factors, parts, strict=True)
+            with_rows.append(P.times({}, *((by, part) for by, pair in pairs for part in pair)))
         of_twist = np.empty((3, 3), dtype=object)
         for k in range(3):
             for m in range(k, 3):
@@ -352,10 +358,11 @@ class Step:
             for j in lane.P.states:
                 moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(3)), start=0.0)
                 carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
-        with_pose = _noise_of_pose(now.rows, M, walk, sigma, fades, dt)
-        cos, sin = model.turn(step[2])
+        with_pose = _noise_of_pose(now, M, walk, sigma, fades, dt)
         kept = exponential(-constant("slope_forgetting") * travel * dt)
-        faded = _transition(lane.P.states, fades, kept * cos, kept * sin)
+        faded = _transition(lane.P.states, fades)
+        for i, row in model.gravity_rows(body.twist[2] * dt, tilt, kept, dt).items():
+            faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
         with_pose[s.YAW, s.YAW] = with_pose[s.YAW, s.YAW] + lane.input("turn_density") * dt
         after: dict[tuple[int, int], Any] = {}
         for i in range(3):
@@ -397,16 +404,17 @@ class Step:
             )
         lane.P = Covariance(after)
         before = x.copy()
-        for i in GRAVITY:
-            x[i] = dot(x_of(before, faded[i]), faded[i])
+        for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
+            along = {k: faded[i][k] for k in GRAVITY}
+            x[i] = dot(x_of(before, along), along) + tilt.down * rate * dt
         for i in range(3):
             x[i] = x[i] + step[i]
             x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
-        self.model = now
+        self.model = body
 
     def _report_motion(
         self,
-        now: model.TracedTwist,
+        now: model.FromAbove,
         M_dt: Sequence[Sequence[Any]],
         yaws: Sequence[Any],
         with_rows: Sequence[Vector],
@@ -434,20 +442,20 @@ class Step:
         for axis in range(3):
             square = sigma[axis] * sigma[axis] * fades[axis].final
             own[s.SLIP.start + axis] = own[s.SLIP.start + axis] + square
-        back = faded[s.GRAVITY_X]
+        own_noise = [own[i] for i in states]
+        of_gravity = [[faded[k].get(i, 0.0) for i in states] for k in GRAVITY]
         values = moved_values(
             lane.x[s.YAW],
             step,
             yaws[:2],
             [fade.decay for fade in fades],
-            (back[s.GRAVITY_X], back[s.GRAVITY_Y]),
-            [*times_M(now.rows), *times_M(with_rows), *noise, [own[i] for i in states]],
+            [*times_M(now.rows), *times_M(with_rows), *noise, own_noise, *of_gravity],
         )
         lane.report("moved", values, states)
 
-    def _walks(self, turning: Any, travel: Any) -> Vector:
+    def _walks(self, turning: Any, travel: Any, tilt: model.Tilting) -> Vector:
         """Squared random-walk densities of the states that have one."""
-        lane = self.lane
+        lane, by_gyros = self.lane, tilt.down * tilt.down * self.lane.input("tilt_density")
         walks: Vector = {}
         for i in lane.shape.states:
             if i in WALKING:
@@ -456,7 +464,7 @@ class Step:
                     rate = rate * turning
                 walks[i] = rate * rate
                 if i in GRAVITY:
-                    walks[i] = walks[i] * travel
+                    walks[i] = walks[i] * travel + by_gyros
         return walks
 
     def store_twist(self) -> None:
@@ -474,7 +482,7 @@ class Step:
 
 
 def _noise_of_pose(
-    rows: tuple[Vector, Vector, Vector],
+    now: model.FromAbove,
     M: Any,
     walk: Vector,
     sigma: Any,
@@ -485,9 +493,10 @@ def _noise_of_pose(
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
     found: dict[tuple[int, int], Any] = {}
     by_state = [
-        {j: sum((M[i][k] * rows[k].get(j, 0.0) for k in range(3)), start=0.0) for j in walk}
+        {j: sum((M[i][k] * now.rows[k].get(j, 0.0) for k in range(3)), start=0.0) for j in walk}
         for i in range(3)
     ]
+    M = [[sum(M[i][k] * now.by_twist[k][a] for k in range(3)) for a in range(3)] for i in range(3)]
     squares = [part * part for part in sigma]
     for i in range(3):
         for j in walk:
@@ -504,17 +513,10 @@ def _noise_of_pose(
     return found
 
 
-def _transition(
-    states: Sequence[int], fades: Sequence[GaussMarkov], cos: Any, sin: Any
-) -> dict[int, Vector]:
-    """Rows of the transition of all states but the pose.
-
-    Slip fades, and gravity turns back.
-    """
+def _transition(states: Sequence[int], fades: Sequence[GaussMarkov]) -> dict[int, Vector]:
+    """Rows of the transition of all states but the pose, and gravity: slip fades."""
     rows: dict[int, Vector] = {i: {i: 1.0} for i in states}
     rows |= {i: {i: fades[i - s.SLIP.start].decay} for i in states if _is_slip(i)}
-    rows[s.GRAVITY_X] = {s.GRAVITY_X: cos, s.GRAVITY_Y: sin}
-    rows[s.GRAVITY_Y] = {s.GRAVITY_X: -sin, s.GRAVITY_Y: cos}
     return rows
 
 

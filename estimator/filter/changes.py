@@ -154,7 +154,6 @@ def moved_values(
     step: Sequence[Any],
     by_yaw: Sequence[Any],
     decay: Sequence[Any],
-    back: Sequence[Any],
     rows: Sequence[Sequence[Any]],
 ) -> list[Any]:
     """Numbers of a step, in the order of `_moved`.
@@ -164,23 +163,21 @@ def moved_values(
         step: (3,) increment of the pose.
         by_yaw: (2,) derivative of its x and y by the yaw.
         decay: (3,) factors on the slip.
-        back: (2,) factors that turn gravity back: cosine and sine, times its decay.
-        rows: (10, n) by state: derivatives of the increment (3), the same times the covariance (3), noise
-            of the pose with the states (3), noise of each state.
+        rows: (12, n) by state: derivatives of the increment (3), the same times the covariance (3), noise
+            of the pose with the states (3), noise of each state, transition of gravity (2).
     """
-    return [yaw, *step, *by_yaw, *decay, *back, *(value for row in rows for value in row)]
+    return [yaw, *step, *by_yaw, *decay, *(value for row in rows for value in row)]
 
 
 def _moved(values: Floats, states: list[int], size: int) -> Moved:
     yaw, step, by_yaw, decay = values.item(0), values[1:4].copy(), values[4:6], values[6:9]
-    cos, sin = values[9:11]
-    rows = np.zeros((10, size))
-    rows[:, states] = values[11:].reshape(10, -1)
+    rows = np.zeros((12, size))
+    rows[:, states] = values[9:].reshape(12, -1)
     by_state, with_state, Q, F = rows[:3], rows[3:6], np.zeros((size, size)), np.eye(size)
     F[s.POSE] += by_state
     F[s.POSITION, s.YAW] += by_yaw
     F[s.SLIP, s.SLIP] = np.diag(decay)
-    F[s.GRAVITY, s.GRAVITY] = np.array([[cos, sin], [-sin, cos]])
+    F[s.GRAVITY] = rows[10:]
     Q[s.POSE], Q[:, s.POSE] = rows[6:9], rows[6:9].T
     Q[np.diag_indices(size)] += rows[9]
     return Moved(yaw, step, by_state, with_state, F, Q)

@@ -21,6 +21,7 @@ from icreckon.estimator.filter.slip_factor import LARGEST_FACTOR
 from icreckon.estimator.sensors.held_tracks import TrackRecord, count_distance, take_tracks
 from icreckon.estimator.sensors.imu_clock import ClockRecord, is_alive, is_due_after
 from icreckon.estimator.sensors.imu_noise import NoiseRecord
+from icreckon.estimator.sensors.imu_tilt import TiltRecord
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_after
 from icreckon.estimator.sensors.track_latency import RateRecord
@@ -71,6 +72,7 @@ class FilterRecord(msgspec.Struct):
         tracks: the track speeds.
         imu: clock of the IMU.
         noise: noise of the IMU.
+        tilt: readings that show its tilt.
         still: the standstill.
         gyro: counts of the gate of the gyro.
         accelerometer_x: counts of the gate of the forward accelerometer.
@@ -99,6 +101,7 @@ class FilterRecord(msgspec.Struct):
     tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
     imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
     noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
+    tilt: TiltRecord = msgspec.field(default_factory=TiltRecord)
     still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)
     gyro: GateRecord = msgspec.field(default_factory=GateRecord)
     accelerometer_x: GateRecord = msgspec.field(default_factory=GateRecord)

@@ -7,8 +7,6 @@ from copy import copy
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import Count, Size
@@ -23,6 +21,7 @@ from icreckon.estimator.filter.fault_table import (
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Imu
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise, measured_noise
+from icreckon.estimator.sensors.imu_tilt import TiltRecord, tilt_of
 from icreckon.estimator.sensors.input_settings import InputSettings
 from icreckon.estimator.sensors.standstill import tracks_rest
 
@@ -35,9 +34,9 @@ VERDICTS = ("admitted", "rejected", "reacquired")
 EXCITED = 0.1
 # Reasons to reject a late measurement.
 TOO_OLD, HISTORY_FULL = "older than Settings.history", "history is full"
-# Standard deviations of the accelerometers' biases, prior and now, beyond which they are a tilt; what is
-# known to this share of the prior is known.
-TILTED, KNOWN = 5.0, 0.5
+# Standard deviations of the levelling by the robot file, and of the tilt, beyond which this is wrong;
+# largest standard deviation with which it counts as known [rad].
+TILTED, KNOWN_TILT = 5.0, 0.02
 # Stamp [ns], verdict, innovation and its covariance, see `JudgedInnovation`.
 Judged = tuple[int, int, tuple[float, ...], tuple[tuple[float, ...], ...]]
 
@@ -186,14 +185,14 @@ def noise_health(
 
 
 class TiltHealth(NamedTuple):
-    """Tilt of the IMU beyond that of the robot file, by the accelerometers' biases.
+    """Tilt of the IMU beyond that of the robot file, by its gyros in turns.
 
     Attributes:
         roll_deg: to be added to the roll of `rotation_rpy_deg` [deg].
         pitch_deg: to be added to its pitch [deg].
-        sigma_deg: standard deviation of the two, the larger one [deg].
-        is_wrong: True if they are beyond what the robot file expects of the biases: five times
-            `accelerometer_bias_sigma`.
+        sigma_deg: standard deviation of each [deg].
+        is_wrong: True if they are beyond what the robot file expects: five times the angle that looks
+            like `accelerometer_bias_sigma`.
     """
 
     roll_deg: float
@@ -207,22 +206,20 @@ class TiltHealth(NamedTuple):
         return f"roll {self.roll_deg:+.1f}, pitch {self.pitch_deg:+.1f} deg, +- {self.sigma_deg:.1f} deg"
 
 
-def tilt_health(x: Floats, sigmas: Floats, imu: Imu) -> TiltHealth | None:
-    """Tilt of the IMU; None while its accelerometers' biases are not known.
+def tilt_health(sums: TiltRecord, imu: Imu) -> TiltHealth | None:
+    """Tilt of the IMU; None while it is not known, or with a gyro of one axis.
 
     Args:
-        x: (n,) the state.
-        sigmas: (n,) its standard deviations.
+        sums: record of the gyros' readings.
         imu: the robot file's `[imu]`.
     """
-    prior = imu.accelerometer_bias_sigma
-    biases, of_biases = x[s.ACCELEROMETER_BIASES], sigmas[s.ACCELEROMETER_BIASES]
-    if not 0.0 < of_biases.max() < KNOWN * prior:
+    found = tilt_of(sums)
+    if found is None or found.sigma > KNOWN_TILT:
         return None
-    pitch, roll = (math.asin(max(-1.0, min(1.0, part / GRAVITY))) for part in biases.tolist())
-    wrong = (np.abs(biases) > TILTED * (prior + of_biases)).any()
-    sigma = math.degrees(of_biases.max() / GRAVITY)
-    return TiltHealth(math.degrees(roll), -math.degrees(pitch), sigma, bool(wrong))
+    level = imu.accelerometer_bias_sigma / GRAVITY
+    wrong = max(abs(found.roll), abs(found.pitch)) > TILTED * (level + found.sigma)
+    roll, pitch, sigma = map(math.degrees, found)
+    return TiltHealth(roll, pitch, sigma, wrong)
 
 
 class WanderHealth(NamedTuple):
@@ -341,7 +338,7 @@ def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) ->
     health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
     health.findings, health.times = findings_of(record), times_of(record)
     health.slip_factor = float(record.slip_factor)
-    health.wander, health.tilt = wander_health(x, P), tilt_health(x, np.sqrt(P.diagonal()), imu)
+    health.wander, health.tilt = wander_health(x, P), tilt_health(record.tilt, imu)
     for sensor, reason, count in (
         ("gyro", GYRO_FAULTS[JUMPED], gyro.jumped),
         ("gyro", GYRO_FAULTS[REPEATS], gyro.repeated),

@@ -12,8 +12,11 @@ from typing import Any, NamedTuple
 
 from icreckon.estimator.base.choices import select
 from icreckon.estimator.base.frames import arc_factors
+from icreckon.estimator.motion.icr import GRAVITY
 
 Triple = tuple[float, float, float]
+# Least square of gravity's component towards the ground [m²/s⁴]: a slope of 70°.
+LEAST_DOWN = 11.0
 # Steps of a Gauss-Markov process up to this share of its time constant are computed by series.
 SHORT = 0.1
 # Coefficients of the integral's variance over the cube of that share, the highest power first.
@@ -81,6 +84,34 @@ def step_along_arc(yaw: float, motion: Any, arc: Any) -> PoseStep:
         (0.0, 0.0, 1.0),
     )
     return PoseStep((step_x, step_y, angle), (-step_y, step_x), by_motion)
+
+
+def down_of(gravity: Any) -> float:
+    """Acceleration of gravity towards the ground, by its components along it [m/s²]."""
+    along = gravity[0] * gravity[0] + gravity[1] * gravity[1]
+    return math.sqrt(max(GRAVITY * GRAVITY - along, LEAST_DOWN))
+
+
+def seen_from_above(pitch_rate: float, gravity: Any) -> tuple[Any, float]:
+    """Factors from a body velocity to its projection onto the horizontal.
+
+    With the upward direction (a, b, e) in the axes of the body, its x axis seen from above has the length
+    c = sqrt(1 - a²); the heading is its direction. The yaw rate is the kinematics of Euler angles
+    (Titterton and Weston, Strapdown Inertial Navigation Technology, section 3.6).
+
+    Args:
+        pitch_rate: turning of the body about its y axis [rad/s].
+        gravity: acceleration of gravity along the ground, forward and left [m/s²].
+
+    Returns:
+        Matrix (3, 3) from forward, left and turning about the z axis to the motion along the heading, to
+        the left of it, and yaw; and the yaw rate of the pitch rate [rad/s].
+    """
+    a, b, e = gravity[0] / -GRAVITY, gravity[1] / -GRAVITY, down_of(gravity) / GRAVITY
+    square = b * b + e * e
+    c = math.sqrt(square)
+    rows = ((c, -a * b / c, 0.0), (0.0, e / c, 0.0), (0.0, 0.0, e / square))
+    return rows, b / square * pitch_rate
 
 
 def turn(angle: float) -> tuple[float, float]:

@@ -5,7 +5,7 @@ fast slip (`icreckon.estimator.base.state`). With P its covariance, each step of
 
     predicts   pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip
                slip' = slip exp(-dt / tau)           a Gauss-Markov process for each component
-               gravity' = R(w dt)' gravity           fixed in odom
+               gravity' = gravity - rates x gravity dt       fixed in odom
                P' = F P F' + Q                       F = dx'/dx, Q the process noise
     updates    S = H P H' + R, K = P H' / S          one scalar measurement after the other
                x' = x + K z, P' = P - K H P
@@ -40,7 +40,14 @@ from icreckon.estimator.motion.motion_model import (
     gravity_in,
     track_factors,
 )
-from icreckon.estimator.motion.propagation import Triple, gauss_markov, step_on_se2, turn
+from icreckon.estimator.motion.propagation import (
+    Triple,
+    down_of,
+    gauss_markov,
+    seen_from_above,
+    step_on_se2,
+    turn,
+)
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
 
@@ -148,23 +155,48 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             now = before + smoothing_share(dt, REGRESSOR_SMOOTHING) * (now - before)
         self.regressors = now.copy()
 
-    def predict_motion(self, dt: float, left: float, right: float, noise: ProcessNoise) -> None:
-        """Propagate over `dt` seconds with constant track speeds [m/s]."""
+    def predict_motion(
+        self,
+        dt: float,
+        left: float,
+        right: float,
+        noise: ProcessNoise,
+        tilt_rates: tuple[float, float] = (math.nan, math.nan),
+    ) -> None:
+        """Propagate over `dt` seconds with constant track speeds [m/s].
+
+        Args:
+            dt: length of the step [s].
+            left: speed of the left track.
+            right: speed of the right track.
+            noise: noise of the step.
+            tilt_rates: rates of roll and pitch by the gyros [rad/s], NaN if they are not known.
+        """
         decay, mean, integral, cross, final = zip(
             *(gauss_markov(dt, tau) for tau in noise.time_constants), strict=True
         )
-        model = self.twist_model(left, right, mean)
-        step, by_yaw, rows = step_on_se2(self.x.item(s.YAW), (model.twist * dt).tolist())
-        by_motion = np.array(rows)
-
+        model, gravity = self.twist_model(left, right, mean), self.x[s.GRAVITY].tolist()
+        biases, down = self.x[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]], down_of(gravity)
+        roll_rate, pitch_rate = (np.array(tilt_rates) - biases).tolist()
+        known = not math.isnan(roll_rate)
+        if not known:
+            roll_rate = pitch_rate = down = 0.0
+        factors, yaw_rate = seen_from_above(pitch_rate, gravity)
+        by_twist = np.array(factors)
+        moved = by_twist.dot(model.twist) * dt
+        moved[s.YAW] += yaw_rate * dt
+        step, by_yaw, rows = step_on_se2(self.x.item(s.YAW), moved.tolist())
+        by_motion = np.array(rows).dot(by_twist)
         by_state = by_motion.dot(model.jacobian)
         self.F = F = np.eye(s.SIZE)
         F[s.POSE] += by_state * dt
         F[s.POSITION, s.YAW] += by_yaw
         F[s.SLIP, s.SLIP] = np.diag(decay)
-        cos, sin = turn(step[2])
-        back = math.exp(-noise.forgetting * dt) * np.array([[cos, sin], [-sin, cos]])
+        cos, sin = turn(model.twist.item(2) * dt)
+        kept = 1.0 if known else math.exp(-noise.forgetting * dt)
+        back = kept * np.array([[cos, sin], [-sin, cos]])
         F[s.GRAVITY, s.GRAVITY] = back
+        F[s.GRAVITY_X, s.GYRO_BIAS_Y], F[s.GRAVITY_Y, s.GYRO_BIAS_X] = -down * dt, down * dt
 
         # Random walks and slip, and their effect on the pose within the step.
         walk, slip = noise.walk**2, noise.slip_sigma**2
@@ -183,6 +215,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         x[s.POSE] += step
         x[s.SLIP] *= decay
         x[s.GRAVITY] = back.dot(self.x[s.GRAVITY])
+        x[s.GRAVITY_X] += down * pitch_rate * dt
+        x[s.GRAVITY_Y] -= down * roll_rate * dt
         self.predict(x)
         self.P = 0.5 * (self.P + self.P.T)
 

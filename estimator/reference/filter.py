@@ -33,6 +33,7 @@ from icreckon.estimator.log.measurements import (
     Vector3,
 )
 from icreckon.estimator.motion.motion_model import TwistModel
+from icreckon.estimator.motion.propagation import down_of
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.reference.imu import StepTwist, accelerometer, gyro
 from icreckon.estimator.robot.robot_file import Robot
@@ -41,6 +42,7 @@ from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.sensors import imu_clock, predictions
 from icreckon.estimator.sensors.held_tracks import mean_speeds
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
+from icreckon.estimator.sensors.imu_tilt import add_rates
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Position
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, SensorModels
@@ -109,9 +111,14 @@ class ReferenceFilter:
             record.imu.stamp = m.stamp
             return
         rate = float(self._sensors.yaw_rates(np.array(m.angular_velocity)))
+        tilt_rates = self._sensors.tilt_rates(np.array(m.angular_velocity))
+        if not self._uses_force or m.linear_acceleration is None:
+            # Slopes would depend on the gyros alone.
+            tilt_rates *= math.nan
         force = m.linear_acceleration or (math.nan, math.nan, math.nan)
         along = self._sensors.along_ground_of(np.array(force)).tolist()
         imu_clock.take_stamp(record.imu, m.stamp, self._settings.hold)
+        tilt_density = add_rates(record.tilt, record.imu.interval, rate, *tilt_rates.tolist())
         measure_noise(record.noise, m.stamp, rate, along[0], along[1], self._settings.hold)
         spread, still = measured_noise(record.noise.gyro), record.still
         mean = self._readings.mean(still, m.stamp, rate, spread, record.settings)
@@ -145,8 +152,12 @@ class ReferenceFilter:
         # Propagate the pose by the updated twist.
         if dt > 0.0:
             speeds, sigma = (inputs.smooth_left, inputs.smooth_right), self._slip_sigma()
-            noise_of = process_noise(self._disturbances, speeds, sigma, inputs.turn_density)
-            ekf.predict_motion(dt, left + missing, right + missing, noise_of)
+            tilt = 0.0
+            if not np.isnan(tilt_rates[0]):
+                tilt = down_of(ekf.x[s.GRAVITY].tolist()) * math.sqrt(tilt_density)
+            noise_of = process_noise(self._disturbances, speeds, sigma, inputs.turn_density, tilt)
+            rates = (tilt_rates.item(0), tilt_rates.item(1))
+            ekf.predict_motion(dt, left + missing, right + missing, noise_of, rates)
             record.stamp = m.stamp
 
     def _take_position(self, m: PositionFix) -> None:
@@ -209,6 +220,7 @@ def process_noise(
     speeds: tuple[float, float],
     sigma: Vector3,
     turn_density: float = 0.0,
+    tilt_walk: float = 0.0,
 ) -> ProcessNoise:
     """Process noise of a step.
 
@@ -220,10 +232,12 @@ def process_noise(
         speeds: smoothed speeds of the left and the right track [m/s].
         sigma: standard deviation of the slip [m/s, m/s, rad/s].
         turn_density: error density of the yaw of a robot that may turn while it rests [rad²/s].
+        tilt_walk: random walk of gravity by the noise of the rates of roll and pitch [m/s²/√s].
     """
     travel = travel_speed(*speeds)
     walk = disturbances.bias_walk + disturbances.parameter_walk * share_of_walk(*speeds)
     walk += disturbances.slope_walk * math.sqrt(travel)
+    walk[s.GRAVITY] = np.hypot(walk[s.GRAVITY], tilt_walk)
     walk[s.YAW] = math.sqrt(turn_density)
     times = slip_times(disturbances.slip.time_constant, 1.0)
     forgetting = disturbances.slope_forgetting * travel

@@ -59,14 +59,15 @@ def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
 def gyro_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
     """States that neither the gyro nor a standstill moves.
 
-    They are those of `imu_fixed`, gravity along the ground, and the biases of the accelerometers, which
-    are known together with it. Gyro and standstill see a slope only through the slip that the model gives
-    it. Without accelerometers all errors of the model would be taken for slopes.
+    They are those of `imu_fixed`, gravity along the ground, and the biases of the accelerometers and of
+    the rates of roll and pitch, which are known together with it. Gyro and standstill see a slope only
+    through the slip that the model gives it. Without accelerometers all errors of the model would be
+    taken for slopes.
 
     Args:
         taught: as of `imu_fixed`.
     """
-    biases = (s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y)
+    biases = range(s.ACCELEROMETER_BIASES.start, s.GYRO_BIAS_Y + 1)
     return (*imu_fixed(taught), *biases, s.GRAVITY_X, s.GRAVITY_Y)
 
 

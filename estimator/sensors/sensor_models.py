@@ -17,6 +17,9 @@ from icreckon.estimator.robot.robot_file import Robot
 STANDSTILL_VARIANCE = tuple(sigma * sigma for sigma in STANDSTILL_SIGMA)
 # Relative uncertainty of the change of the track speeds, due to its delay.
 ACCELERATION_DOUBT = 0.3
+# Time for which an error lasts that is as large as the centripetal acceleration [s]. In turns the
+# accelerometers show errors of the model, which are not to be taken for slopes and biases.
+CENTRIPETAL_DOUBT = 1.0
 
 
 class ImuConstants(NamedTuple):
@@ -71,17 +74,20 @@ class SensorModels:
 
     Attributes:
         constants: constants of its IMU.
-        mounting: (3, 3) yaw rate of base_link by the gyros; specific force forward and left by the
-            accelerometers.
+        mounting: (5, 3) rates of base_link by the gyros: yaw, roll and pitch, these NaN with a gyro of
+            one axis or on level ground; specific force forward and left by the accelerometers.
     """
 
     def __init__(self, robot: Robot) -> None:
         imu = robot.imu
         self.constants = ImuConstants(imu.position[0], imu.position[1])
         forward, leftward, upward = robot.imu_rotation.tolist()
-        used = [0.0, 0.0, 1.0 / upward[2]] if imu.gyro_axes == "z" else upward
-        of_rates = [one / imu.gyro_scale for one in used]
-        self.mounting = np.array([of_rates, forward, leftward])
+        of_rates = np.array([upward, forward, leftward])
+        if imu.gyro_axes == "z":
+            of_rates[0] = 0.0, 0.0, 1.0 / upward[2]
+        if imu.gyro_axes == "z" or robot.slope.sigma == 0.0:
+            of_rates[1:] = np.nan
+        self.mounting = np.vstack([of_rates / imu.gyro_scale, forward, leftward])
 
     def yaw_rates(self, angular_velocities: Floats) -> Floats:
         """Rates (...) about base_link's z axis of gyro samples (..., 3) [rad/s]."""
@@ -89,7 +95,11 @@ class SensorModels:
 
     def along_ground_of(self, forces: Floats) -> Floats:
         """Components (..., 2) forward and left of specific forces (..., 3) [m/s²]."""
-        return np.stack([_dot(row, forces.T) for row in self.mounting[1:]], axis=-1)
+        return np.stack([_dot(row, forces.T) for row in self.mounting[3:]], axis=-1)
+
+    def tilt_rates(self, angular_velocities: Floats) -> Floats:
+        """Roll and pitch rates (..., 2) of gyro samples (..., 3) [rad/s]; or NaN."""
+        return np.stack([_dot(row, angular_velocities.T) for row in self.mounting[1:3]], axis=-1)
 
 
 def gyro_variance(density: float, interval: float, by_turning: Any, change: TrackChange) -> float:
@@ -138,7 +148,8 @@ def accelerometer_forecast(
     # Change of the kinematic twist, from the change of the track speeds.
     dv, dw = _along(by_axis, change.acceleration), _along(by_turning, change.acceleration)
     # Variances of the slip's own change over the sample, of the derivative's delay, and of its noise.
-    white = (density + slip_density) / interval
+    centripetal = w * w * (twist[0] * twist[0] + twist[1] * twist[1])
+    white = (density + slip_density + CENTRIPETAL_DOUBT * centripetal) / interval
     turning = dw * lever
     late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + turning * turning)
     of_left, of_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]

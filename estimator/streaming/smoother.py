@@ -140,12 +140,12 @@ class _Step(NamedTuple):
     Attributes:
         pose_rows: rows of F for the pose.
         decay: (3,) decay factors of the slip.
-        back: (2, 2) turn of gravity.
+        gravity_rows: rows of F for gravity.
     """
 
     pose_rows: Floats
     decay: Floats
-    back: Floats
+    gravity_rows: Floats
 
 
 class _Renewal(NamedTuple):
@@ -219,8 +219,8 @@ class _Tape:
         self._delta = F @ self._delta
         P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
-        decay, back = np.diag(F)[s.SLIP].copy(), F[s.GRAVITY, s.GRAVITY].copy()
-        self._tape.append(_Step(F[s.POSE].copy(), decay, back))
+        decay, gravity_rows = np.diag(F)[s.SLIP].copy(), F[s.GRAVITY].copy()
+        self._tape.append(_Step(F[s.POSE].copy(), decay, gravity_rows))
         if P[s.YAW, s.YAW] > LOST_YAW**2:
             self._renew([s.X, s.Y, s.YAW], self._optimal_P[s.POSE, s.POSE].copy())
 
@@ -391,10 +391,10 @@ def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, 
             adjoint[s.WANDER] *= decay
             fade_wander(information, decay)
             return adjoint, information
-        case _Step(pose_rows, decay, back):
+        case _Step(pose_rows, decay, gravity_rows):
             size = len(adjoint)
             F = np.eye(size)
             F[s.POSE] = pose_rows
             F[s.SLIP, s.SLIP] = np.diag(decay)
-            F[s.GRAVITY, s.GRAVITY] = back
+            F[s.GRAVITY] = gravity_rows
             return adjoint @ F, F.T @ information @ F

@@ -203,7 +203,7 @@ def _findings(comparison: Comparison) -> list[str]:
     tilts = [one.tilt for one in healths.values() if one.tilt is not None and one.tilt.is_wrong]
     if tilts:
         notes.append(
-            f"the accelerometers show the IMU tilted by {tilts[0].text} beyond rotation_rpy_deg of "
+            f"the gyros show the IMU tilted by {tilts[0].text} beyond rotation_rpy_deg of "
             "[imu]: correct it, as its gyro turns with it"
         )
     correlated = [one for one in map(fix_correlation, comparison.runs.values()) if one]

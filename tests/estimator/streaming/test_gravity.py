@@ -98,11 +98,13 @@ def robot_sigma(estimator: PoseEstimator) -> float:
     return float(estimator.robot.imu.accelerometer_bias_sigma)
 
 
-def test_turning_on_a_slope_tells_gravity_from_bias() -> None:
-    estimator = fresh()
-    speeds = np.tile([-0.2, 0.4], (2000, 1))
+@pytest.mark.parametrize("axes", ["z", "xyz"])
+def test_turning_on_a_slope_tells_gravity_from_bias(axes: str) -> None:
+    """To both sides: in a steady turn, biases of roll and pitch rate look like those of the forces."""
+    imu = msgspec.structs.replace(CONSTANT.imu, gyro_axes=axes)
+    estimator = fresh(robot=msgspec.structs.replace(CONSTANT, imu=imu))
+    speeds = np.concatenate([np.tile([-0.2, 0.4], (1500, 1)), np.tile([0.4, -0.2], (500, 1))])
     end = driven(estimator, speeds, fix_every=50)
-    assert abs(end[2]) > 4.0 * np.pi
     sigma = np.sqrt(np.diagonal(estimator.covariance))
     cos, sin = np.cos(end[2]), np.sin(end[2])
     down = np.array([[cos, sin], [-sin, cos]]) @ GRAVITY
@@ -174,3 +176,47 @@ def test_a_gyro_alone_teaches_no_gravity(variant: str, eta0: float) -> None:
     found = run(gyro_alone, robot, variant)
     assert np.abs(found.states[:, s.GRAVITY]).max() < 1e-12
     assert found.state_sigmas[-1, s.GRAVITY] == pytest.approx(ALPHA.slope.sigma, rel=0.1)
+
+
+def test_level_ground_stays_level_whatever_the_gyros_show() -> None:
+    level = msgspec.structs.replace(ALPHA, slope=msgspec.structs.replace(ALPHA.slope, sigma=0.0))
+    log = simulate(Scenario(duration=20.0, seed=3, terrain=Terrain(rolling_deg=5.0)), ALPHA)
+    found = run(log, level, "inertia-online")
+    assert (found.states[:, s.GRAVITY] == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("rates", "change"), [((0.0, 0.1, 0.0), (1, 0)), ((0.1, 0.0, 0.0), (0, -1))]
+)
+def test_roll_and_pitch_rates_turn_gravity(
+    rates: tuple[float, float, float], change: tuple[int, int]
+) -> None:
+    """A nose that sinks shows a slope that falls ahead; a left side that rises one that falls right."""
+    blind = msgspec.structs.replace(
+        ALPHA.imu, accelerometer_noise_density=1000.0, gyro_bias=0.0, gyro_bias_sigma=0.0
+    )
+    estimator = PoseEstimator(msgspec.structs.replace(ALPHA, imu=blind), "inertia-online")
+    for k in range(201):
+        estimator.feed(TrackSpeeds(EPOCH + k * 10_000_000, 0.4, 0.4))
+        estimator.feed(ImuSample(EPOCH + k * 10_000_000, rates, (0.0, 0.0, 9.81)))
+    expected = 9.81 * np.sin(0.2) * np.array(change)
+    assert estimator.state[s.GRAVITY] == pytest.approx(expected, abs=0.02)
+    # The way is seen from above: half of a turn of 0.2 rad is climbed on average.
+    along = 0.8 * np.sin(0.2) / 0.2 if change[0] else 0.8
+    assert estimator.pose[0] == pytest.approx(along, abs=0.02)
+
+
+def test_biases_of_roll_and_pitch_rate_are_learnt() -> None:
+    """On rolling ground; so they change the slope little."""
+    log = simulate(Scenario(duration=60.0, seed=3, terrain=Terrain(rolling_deg=8.0)), ALPHA)
+    assert log.imu is not None
+    more = np.array([0.004, -0.004])
+    biased = log.imu.angular_velocity + np.append(more, 0.0)
+    ends = [
+        run(replace(log, imu=replace(log.imu, angular_velocity=rates)), ALPHA, "inertia-online")
+        for rates in (log.imu.angular_velocity, biased)
+    ]
+    plain, other = (one.states[-1] for one in ends)
+    biases = [s.GYRO_BIAS_X, s.GYRO_BIAS_Y]
+    assert other[biases] - plain[biases] == pytest.approx(more, abs=0.001)
+    assert other[s.GRAVITY] == pytest.approx(plain[s.GRAVITY], abs=0.05)

@@ -182,10 +182,10 @@ NONSENSE = {
             lambda c: (
                 c["state"].update(wander_x=0.0, wander_y=0.0),
                 [row.extend([0.0, 0.0]) for row in c["covariance"]],
-                c["covariance"].extend([[0.0] * 28, [0.0] * 28]),
+                c["covariance"].extend([[0.0] * 30, [0.0] * 30]),
             )
         ),
-        "the filter has 26 states, found 28",
+        "the filter has 28 states, found 30",
     ),
     "a slip factor": (
         of_record("slip_factor", value=0.5),
@@ -378,7 +378,7 @@ def test_another_version_of_the_format_is_refused(saved):
     for version in (1, 5, 6, 99):
         document["version"] = version
         saved.write_text(json.dumps(document))
-        message = rf"version {version} .* is not known; this icreckon reads 10"
+        message = rf"version {version} .* is not known; this icreckon reads 11"
         with pytest.raises(EstimatorError, match=message):
             PoseEstimator.restore(saved, ALPHA)
 
@@ -473,6 +473,8 @@ def test_a_warm_start_takes_over_what_was_learnt_and_nothing_else(half_way, save
     expected = fresh.covariance
     expected[learnt, learnt] = half_way.covariance[learnt, learnt]
     expected[s.GYRO_BIAS, s.GYRO_BIAS] += ALPHA.imu.gyro_bias_walk**2 * off
+    for index in (s.GYRO_BIAS_X, s.GYRO_BIAS_Y):
+        expected[index, index] += ALPHA.imu.gyro_bias_walk**2 * off
     for index in (s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y):
         expected[index, index] += ALPHA.imu.accelerometer_bias_walk**2 * off
     assert warm.covariance == pytest.approx(expected, rel=1e-14, abs=0.0)

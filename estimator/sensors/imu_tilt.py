@@ -1,0 +1,105 @@
+"""Rates of roll and pitch: their noise, and what they show of the tilt of the IMU.
+
+A robot turns about the normal of the ground. The gyros of an IMU that leans by small angles read a share
+of that turning as rates of roll and pitch: a regression by the yaw rate, with the biases as intercepts.
+
+The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import msgspec
+
+from icreckon.estimator.base.records import Size
+
+# Time for which a rate of roll or pitch lasts on uneven ground [s].
+ROLLING_TIME = 1.0
+
+
+class TiltRecord(msgspec.Struct):
+    """Sums over the readings of the gyros, each times its interval.
+
+    Attributes:
+        roll: newest roll rate [rad/s].
+        pitch: newest pitch rate [rad/s].
+        time: of ones [s].
+        turned: of the yaw rate [rad].
+        square: of its square [rad²/s].
+        rolled: of the roll rate [rad].
+        pitched: of the pitch rate [rad].
+        roll_in_turns: of the product of roll rate and yaw rate [rad²/s].
+        pitch_in_turns: of the product of pitch rate and yaw rate [rad²/s].
+        tilted: of the squares of roll rate and pitch rate [rad²/s].
+    """
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    time: Size = 0.0
+    turned: float = 0.0
+    square: Size = 0.0
+    rolled: float = 0.0
+    pitched: float = 0.0
+    roll_in_turns: float = 0.0
+    pitch_in_turns: float = 0.0
+    tilted: Size = 0.0
+
+
+class Tilt(NamedTuple):
+    """Tilt of an IMU.
+
+    Attributes:
+        roll: angle about the forward axis [rad].
+        pitch: angle about the axis to the left [rad].
+        sigma: standard deviation of each [rad].
+    """
+
+    roll: float
+    pitch: float
+    sigma: float
+
+
+def add_rates(sums: TiltRecord, interval: float, yaw: float, roll: float, pitch: float) -> float:
+    """Add rates of the robot by the gyros [rad/s]; NaN if one is not known.
+
+    Args:
+        sums: record, changed in place.
+        interval: time since the readings before [s].
+        yaw: yaw rate.
+        roll: roll rate.
+        pitch: pitch rate.
+
+    Returns:
+        Error density of the angles of roll and pitch [rad²/s]. Half the square of the change between
+        readings is the variance of white noise, and an outlier adds the square of its angle.
+    """
+    if yaw != yaw or roll != roll:
+        return 0.0
+    rolls, pitches = roll - sums.roll, pitch - sums.pitch
+    sums.roll, sums.pitch = roll, pitch
+    sums.time += interval
+    sums.turned += yaw * interval
+    sums.square += yaw * yaw * interval
+    sums.rolled += roll * interval
+    sums.pitched += pitch * interval
+    sums.roll_in_turns += roll * yaw * interval
+    sums.pitch_in_turns += pitch * yaw * interval
+    sums.tilted += (roll * roll + pitch * pitch) * interval
+    return 0.5 * (rolls * rolls + pitches * pitches) * interval
+
+
+def tilt_of(sums: TiltRecord) -> Tilt | None:
+    """Tilt by the readings so far; None before the robot has turned."""
+    if sums.time == 0.0:
+        return None
+    mean = sums.turned / sums.time
+    spread = sums.square - mean * sums.turned
+    if not spread > 0.0:
+        return None
+    roll = (sums.pitch_in_turns - mean * sums.pitched) / spread
+    pitch = -(sums.roll_in_turns - mean * sums.rolled) / spread
+    of_means = (sums.rolled * sums.rolled + sums.pitched * sums.pitched) / sums.time
+    left = sums.tilted - of_means - spread * (roll * roll + pitch * pitch)
+    variance = ROLLING_TIME * 0.5 * max(0.0, left) / sums.time / spread
+    return Tilt(roll, pitch, variance**0.5)
