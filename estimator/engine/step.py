@@ -339,14 +339,11 @@ class Step:
         walk = self._walks(turning, travel, tilt)
         # With J the derivatives of the twist and F the transition: with_rows = P J', of_twist = J P J',
         # carried = (F P) in the rows of the pose, after = F P F' + Q.
-        parts = [
-            ({i: value for i, value in row.items() if i not in part}, part)
+        of_body = [
+            P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
             for row, part in zip(body.rows, self.regressors, strict=True)
         ]
-        with_rows = []
-        for factors in now.by_twist:
-            pairs = zip(factors, parts, strict=True)
-            with_rows.append(P.times({}, *((by, part) for by, pair in pairs for part in pair)))
+        with_rows = [_combined(factors, of_body) for factors in now.by_twist]
         of_twist = np.empty((3, 3), dtype=object)
         for k in range(3):
             for m in range(k, 3):
@@ -518,6 +515,12 @@ def _transition(states: Sequence[int], fades: Sequence[GaussMarkov]) -> dict[int
     rows: dict[int, Vector] = {i: {i: 1.0} for i in states}
     rows |= {i: {i: fades[i - s.SLIP.start].decay} for i in states if _is_slip(i)}
     return rows
+
+
+def _combined(factors: Sequence[Any], vectors: Sequence[Vector]) -> Vector:
+    """Sum of three vectors of all states, each with a factor."""
+    used = [pair for pair in zip(factors, vectors, strict=True) if not trace.is_zero(pair[0])]
+    return {i: sum((by * one[i] for by, one in used), start=0.0) for i in vectors[0]}
 
 
 def _between(P: Covariance, a: Vector, b: Vector) -> Any:
