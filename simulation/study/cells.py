@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
@@ -22,6 +21,7 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, merged
 from icreckon.simulation.sensors.specs import fix_errors, noise_preset
 from icreckon.simulation.study.plan import MOST_CELLS, LatinHypercube, Study, nest
+from icreckon.simulation.truth.terrain import NEEDS, Terrain, refuse_idle_keys
 
 # Roots of dotted keys outside the scenario.
 ROBOT, TRUE_ROBOT, FILTER = "robot", "true_robot", "filter"
@@ -32,7 +32,6 @@ LOG_SPAN = 20.0
 
 Scale = Literal["linear", "log", "names"]
 Value = str | float | bool
-Kind = Literal["grid", "cases", "latin"]
 
 
 @dataclass(frozen=True)
@@ -100,23 +99,6 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Part:
-    """Part of a sweep: a grid key, an axis of cases, or a whole Latin hypercube.
-
-    Attributes:
-        kind: kind of the part.
-        name: name of the axis; for a Latin hypercube, of its first axis.
-        values: names of the points; for a Latin hypercube, the values of its first axis.
-        changes: changes of each point, by dotted key.
-    """
-
-    kind: Kind
-    name: str
-    values: tuple[Value, ...]
-    changes: tuple[dict[str, Any], ...]
-
-
-@dataclass(frozen=True)
 class _Point:
     """Point of an axis or a Latin hypercube: its values, and changes by dotted key."""
 
@@ -128,7 +110,8 @@ def expand(study: Study) -> Plan:
     """Expand a study to its plan.
 
     Raises:
-        SimulationError: an unknown dotted key (the message names the nearest), or an invalid cell.
+        SimulationError: an unknown dotted key (the message names the nearest), an invalid cell, or a key
+            of the scenario's terrain that acts in no cell.
         EstimatorError: no such robot.
     """
     robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
@@ -143,26 +126,10 @@ def expand(study: Study) -> Plan:
         values = {name: value for point in points for name, value in point.values.items()}
         changes = {key: value for point in points for key, value in point.changes.items()}
         cells.append(_cell(study, robot, index, values, changes))
+    terrain, level = study.scenario.terrain, Terrain()
+    given = [name for name in NEEDS if getattr(terrain, name) != getattr(level, name)]
+    refuse_idle_keys([cell.scenario.terrain for cell in cells], given, "scenario")
     return Plan(study, axes, tuple(cells))
-
-
-def cell_maker(study: Study) -> Callable[[dict[str, Any]], Cell]:
-    """Make a function from changes by dotted key to a cell; raises as `expand` does."""
-    robot = _changed_robot(load_robot(study.robot), study.robot_changes, "robot_changes")
-    return lambda changes: _cell(study, robot, 0, {}, changes)
-
-
-def parts_of(study: Study) -> list[Part]:
-    """Parts of the sweep; cells are all their combinations."""
-    axes, dimensions = _dimensions(study)
-    cases = {} if study.sweep is None else study.sweep.cases
-    parts = []
-    for place, points in enumerate(dimensions):
-        axis = axes[place]
-        kind: Kind = "latin" if axis.sampled else "cases" if axis.name in cases else "grid"
-        changes = tuple(point.changes for point in points)
-        parts.append(Part(kind, axis.name, axis.values, changes))
-    return parts
 
 
 def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:

@@ -30,6 +30,7 @@ from icreckon.simulation.study.plan import (
 )
 from icreckon.simulation.study.statistics import statistics
 from icreckon.simulation.study.summary import COLUMNS
+from icreckon.simulation.truth.terrain import Terrain
 from readme import ROOT, code_blocks
 
 SHORT = Scenario(duration=10.0)
@@ -314,3 +315,33 @@ def test_filters_are_given_the_wander_of_the_fixes_unless_they_name_another():
     assert plan.cells[0].filters[1].settings.wander is None
     found = block(expanded(scenario=gps, variants=("gyro",)).cells[0], [aware], 0, 1)
     assert found["gyro"].reasons == ("",)
+
+
+def test_a_robot_of_a_variant_in_the_docs_acts(tmp_path):
+    """The mass alone, which is what the variant is there for."""
+    (text,) = code_blocks("toml", "docs/reference/study-file.md")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    study = load_study(tmp_path / "study.toml")
+    heavy = study.filters()[-1]
+    assert heavy.label == "heavy"
+    short = msgspec.structs.replace(
+        study,
+        sweep=None,
+        horizons=(5.0,),
+        baseline=None,
+        variants=(heavy, msgspec.structs.replace(heavy, label="right", robot={})),
+        scenario=msgspec.structs.replace(study.scenario, duration=12.0, outages=((6.0, 12.0),)),
+    )
+    (cell,) = expand(short).cells
+    found = block(cell, cell.filters, 0, 1)
+    column = [one.name for one in statistics(cell.horizons)].index("position_rmse_m")
+    errors = [found[label].values[0, column] for label in ("heavy", "right")]
+    assert abs(errors[0] / errors[1] - 1.0) > 1e-3
+
+
+def test_terrain_without_what_it_belongs_to_is_refused_unless_that_is_swept() -> None:
+    waves = Scenario(terrain=Terrain(wavelength=5.0))
+    with pytest.raises(SimulationError, match=r"scenario: \[terrain\] wavelength has no effect"):
+        expand(Study(name="a", scenario=waves))
+    rolling = Sweep(grid={"terrain.rolling_deg": [1.0, 3.0]})
+    assert len(expand(Study(name="a", scenario=waves, sweep=rolling)).cells) == 2

@@ -17,7 +17,7 @@ from icreckon.estimator.log.scores import drift, pose_nees, velocity_errors, wit
 from icreckon.estimator.streaming.run import run
 from icreckon.report.study.figures import study_figures
 from icreckon.report.study.page import study_page
-from icreckon.report.study.text import headline, summary_tables
+from icreckon.report.study.text import headline, same_results, summary_tables
 from icreckon.simulation.running.engines import ENGINES
 from icreckon.simulation.running.manifest import as_json, manifest
 from icreckon.simulation.running.streaming_engine import study_log
@@ -313,3 +313,25 @@ def test_every_shape_of_study_has_tables_figures_and_a_page(changes, known, monk
     again = json.loads(as_json(results))
     assert headline(again) == headline(results)
     assert summary_tables(again) == summary_tables(results)
+
+
+def test_variants_and_cells_of_the_same_results_are_named() -> None:
+    runs = stubbed(STUDY)
+    runs.values[1] = runs.values[0]
+    runs.values[:, 3] = runs.values[:, 0]
+    results = study_results(
+        Runs(runs.plan, runs.values),
+        manifest(runs.plan, ENGINES["streaming"]),
+        cell_summaries(runs),
+    )
+    assert results["alike"] == {
+        "variants": [["constant-online", "inertia-online"]],
+        "cells": [[0, 3]],
+    }
+    first, second = same_results(results)
+    assert first.startswith("constant-online and inertia-online gave the same results to rounding")
+    assert second.startswith(
+        "cell 0 (gyro.factor = 1, noise = nominal) and cell 3 (gyro.factor = 10, noise = tactical) gave"
+    )
+    page = study_page(results, [])
+    assert page.index(first) < page.index(second) < page.index('class="headline"')
