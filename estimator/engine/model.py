@@ -116,20 +116,6 @@ class Tilting(NamedTuple):
     is_known: Any = False
 
 
-class FromAbove(NamedTuple):
-    """Motion of a body seen from above.
-
-    Attributes:
-        twist: (3,) along the heading, to the left of it, yaw.
-        rows: (3,) its derivatives by the states.
-        by_twist: (3, 3) its derivative by the twist of the body.
-    """
-
-    twist: Any
-    rows: tuple[Vector, Vector, Vector]
-    by_twist: Any
-
-
 class ModelInputs(NamedTuple):
     """Inputs of a motion model besides state and track speeds.
 
@@ -232,19 +218,6 @@ def tilting(x: Any, roll_rate: Any, pitch_rate: Any) -> Tilting:
     return Tilting(down, roll, select(known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0), known)
 
 
-def seen_from_above(x: Any, body: TracedTwist, tilt: Tilting) -> FromAbove:
-    """Project a body velocity onto the horizontal; the slope counts as known."""
-    by_twist, yaw_rate = _seen_from_above(tilt.pitch_rate, (x[s.GRAVITY_X], x[s.GRAVITY_Y]))
-    twist = [0.0, 0.0, yaw_rate]
-    rows: list[Vector] = [{}, {}, {}]
-    for axis, factors in enumerate(by_twist):
-        for factor, velocity, of_body in zip(factors, body.twist, body.rows, strict=True):
-            twist[axis] = twist[axis] + factor * velocity
-            for i, value in of_body.items() if not trace.is_zero(factor) else ():
-                rows[axis][i] = rows[axis].get(i, 0.0) + factor * value
-    return FromAbove(twist, (rows[0], rows[1], rows[2]), by_twist)
-
-
 def gravity_rows(angle: Any, tilt: Tilting, kept: Any, dt: Any) -> dict[int, Vector]:
     """Transition of gravity along the ground, which is fixed in odom.
 
@@ -340,5 +313,5 @@ bias_change = traced(standstill.bias_change)
 gyro_variance = traced(sensor_models.gyro_variance)
 accelerometer_forecast = traced(sensor_models.accelerometer_forecast)
 _step_along_arc = traced(propagation.step_along_arc)
-_seen_from_above = traced(propagation.seen_from_above)
+seen_from_above = traced(propagation.seen_from_above)
 down_of = traced(propagation.down_of)

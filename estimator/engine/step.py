@@ -328,22 +328,27 @@ class Step:
         turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
         missing = lane.input("missing")
         left, right = lane.input("left") + missing, lane.input("right") + missing
-        body = self.lane.twist_model(left, right, [one.mean for one in fades])
-        body = self._with_regressors(body)
+        now = self.lane.twist_model(left, right, [one.mean for one in fades])
+        now = self._with_regressors(now)
         tilt = model.Tilting()
         if self.kind.accelerometer:
             tilt = model.tilting(x, lane.input("roll_rate"), lane.input("pitch_rate"))
-        now = model.seen_from_above(x, body, tilt)
-        step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in now.twist])
+        slope = x[s.GRAVITY_X], x[s.GRAVITY_Y]
+        by_twist, yaw_rate = model.seen_from_above(tilt.pitch_rate, slope)
+        twist = [
+            sum(by * part for by, part in zip(row, now.twist, strict=True)) for row in by_twist
+        ]
+        twist[s.YAW] = twist[s.YAW] + yaw_rate
+        step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in twist])
+        M = _product(M, by_twist)
         states = lane.shape.states
         walk = self._walks(turning, travel, tilt)
         # With J the derivatives of the twist and F the transition: with_rows = P J', of_twist = J P J',
         # carried = (F P) in the rows of the pose, after = F P F' + Q.
-        of_body = [
+        with_rows = [
             P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
-            for row, part in zip(body.rows, self.regressors, strict=True)
+            for row, part in zip(now.rows, self.regressors, strict=True)
         ]
-        with_rows = [_combined(factors, of_body) for factors in now.by_twist]
         of_twist = np.empty((3, 3), dtype=object)
         for k in range(3):
             for m in range(k, 3):
@@ -355,10 +360,10 @@ class Step:
             for j in lane.P.states:
                 moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(3)), start=0.0)
                 carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
-        with_pose = _noise_of_pose(now, M, walk, sigma, fades, dt)
+        with_pose = _noise_of_pose(now.rows, M, walk, sigma, fades, dt)
         kept = exponential(-constant("slope_forgetting") * travel * dt)
         faded = _transition(lane.P.states, fades)
-        for i, row in model.gravity_rows(body.twist[2] * dt, tilt, kept, dt).items():
+        for i, row in model.gravity_rows(now.twist[2] * dt, tilt, kept, dt).items():
             faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
         with_pose[s.YAW, s.YAW] = with_pose[s.YAW, s.YAW] + lane.input("turn_density") * dt
         after: dict[tuple[int, int], Any] = {}
@@ -407,11 +412,11 @@ class Step:
         for i in range(3):
             x[i] = x[i] + step[i]
             x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
-        self.model = body
+        self.model = now
 
     def _report_motion(
         self,
-        now: model.FromAbove,
+        now: model.TracedTwist,
         M_dt: Sequence[Sequence[Any]],
         yaws: Sequence[Any],
         with_rows: Sequence[Vector],
@@ -479,7 +484,7 @@ class Step:
 
 
 def _noise_of_pose(
-    now: model.FromAbove,
+    rows: tuple[Vector, Vector, Vector],
     M: Any,
     walk: Vector,
     sigma: Any,
@@ -490,10 +495,9 @@ def _noise_of_pose(
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
     found: dict[tuple[int, int], Any] = {}
     by_state = [
-        {j: sum((M[i][k] * now.rows[k].get(j, 0.0) for k in range(3)), start=0.0) for j in walk}
+        {j: sum((M[i][k] * rows[k].get(j, 0.0) for k in range(3)), start=0.0) for j in walk}
         for i in range(3)
     ]
-    M = [[sum(M[i][k] * now.by_twist[k][a] for k in range(3)) for a in range(3)] for i in range(3)]
     squares = [part * part for part in sigma]
     for i in range(3):
         for j in walk:
@@ -517,10 +521,9 @@ def _transition(states: Sequence[int], fades: Sequence[GaussMarkov]) -> dict[int
     return rows
 
 
-def _combined(factors: Sequence[Any], vectors: Sequence[Vector]) -> Vector:
-    """Sum of three vectors of all states, each with a factor."""
-    used = [pair for pair in zip(factors, vectors, strict=True) if not trace.is_zero(pair[0])]
-    return {i: sum((by * one[i] for by, one in used), start=0.0) for i in vectors[0]}
+def _product(a: Any, b: Any) -> list[list[Any]]:
+    """Product of two matrices (3, 3)."""
+    return [[sum(row[k] * b[k][j] for k in range(3)) for j in range(3)] for row in a]
 
 
 def _between(P: Covariance, a: Vector, b: Vector) -> Any:

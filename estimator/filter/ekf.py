@@ -1,8 +1,9 @@
 """State and covariance of the filter, and dense updates with any measurement.
 
-    pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip + fast slip
+    pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip + fast slip,
+                                          projected onto the horizontal
     slip' = slip exp(-dt / tau) + noise   a Gauss-Markov process for each component
-    gravity' = R(w dt)' gravity + noise   its part along the ground, fixed in odom, slowly forgotten
+    gravity' = gravity - rates x gravity dt + noise       its part along the ground, by all three gyros
 
 Parameters, biases and scales are constants or random walks. The fast slip is white from one step to the
 next, and contains the error of the track speeds. It is part of the state because one error both moves the

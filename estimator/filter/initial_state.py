@@ -58,16 +58,17 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
     sigmas[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_sigma
     sigmas[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_sigma
     sigmas[s.GRAVITY] = robot.slope.sigma
-    if robot.imu.gyro_axes == "xyz":
-        # Biases of roll and pitch rate may be as large as that of the yaw rate is.
-        of_tilt = math.hypot(robot.imu.gyro_bias, robot.imu.gyro_bias_sigma)
-        sigmas[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]] = of_tilt
     sigmas[s.TRACK_SCALE] = robot.tracks.scale_sigma
     sigmas[s.TRACK_DIFFERENCE] = robot.tracks.difference_sigma
     sigmas[s.GYRO_SCALE] = robot.imu.gyro_scale_sigma
     slip = settings.slip or slip_of(robot, variant)
     walks = parameter_walks(robot, variant, adaptation)
     disturbances = Disturbances(robot, slip, walks)
+    if robot.imu.gyro_axes == "xyz":
+        # Biases of roll and pitch rate may be as large as that of the yaw rate is.
+        of_tilt = math.hypot(robot.imu.gyro_bias, robot.imu.gyro_bias_sigma)
+        sigmas[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]] = of_tilt
+        disturbances.bias_walk[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]] = robot.imu.gyro_bias_walk
     for index in considered_states(variant, settings):
         disturbances.bias_walk[index] = disturbances.parameter_walk[index] = 0.0
     return Assumptions(model, state, sigmas, disturbances)

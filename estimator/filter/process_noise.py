@@ -47,8 +47,6 @@ class Disturbances:
         self._track_gauge = robot.vehicle.track_gauge
         self._bias_walk = np.zeros(s.SIZE)
         self._bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
-        if robot.imu.gyro_axes == "xyz":
-            self._bias_walk[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]] = robot.imu.gyro_bias_walk
         self._bias_walk[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_walk
         self._bias_walk[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_walk
         self._slope_walk = np.zeros(s.SIZE)

@@ -3,7 +3,8 @@
 State x: pose, slip, the parameters of the ICR model, biases and scales, gravity along the ground, and
 fast slip (`icreckon.estimator.base.state`). With P its covariance, each step of length dt
 
-    predicts   pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip
+    predicts   pose' = pose (+) Exp(twist dt)        twist = kinematics(track speeds, parameters) + slip,
+                                                     projected onto the horizontal
                slip' = slip exp(-dt / tau)           a Gauss-Markov process for each component
                gravity' = gravity - rates x gravity dt       fixed in odom
                P' = F P F' + Q                       F = dx'/dx, Q the process noise

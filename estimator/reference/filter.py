@@ -152,9 +152,7 @@ class ReferenceFilter:
         # Propagate the pose by the updated twist.
         if dt > 0.0:
             speeds, sigma = (inputs.smooth_left, inputs.smooth_right), self._slip_sigma()
-            tilt = 0.0
-            if not np.isnan(tilt_rates[0]):
-                tilt = down_of(ekf.x[s.GRAVITY].tolist()) * math.sqrt(tilt_density)
+            tilt = down_of(ekf.x[s.GRAVITY].tolist()) * math.sqrt(tilt_density)
             noise_of = process_noise(self._disturbances, speeds, sigma, inputs.turn_density, tilt)
             rates = (tilt_rates.item(0), tilt_rates.item(1))
             ekf.predict_motion(dt, left + missing, right + missing, noise_of, rates)

@@ -202,8 +202,8 @@ class Tracks(Bounded, frozen=True):
 class Slope(Bounded, frozen=True):
     """Slope of the ground: gravity's acceleration along it, in each direction.
 
-    It is a Gauss-Markov process in the distance that the tracks travel; its correlation distance is
-    2 (sigma / walk)².
+    Rates of roll and pitch show how it changes. Without them it is a Gauss-Markov process in the distance
+    that the tracks travel; its correlation distance is 2 (sigma / walk)².
 
     Attributes:
         sigma: standard deviation [m/s²]; 0.17 is a slope of one degree. At 0 the ground is level.

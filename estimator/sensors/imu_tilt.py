@@ -19,19 +19,19 @@ ROLLING_TIME = 1.0
 
 
 class TiltRecord(msgspec.Struct):
-    """Sums over the readings of the gyros, each times its interval.
+    """Newest rates of roll and pitch, and integrals of the rates over time.
 
     Attributes:
         roll: newest roll rate [rad/s].
         pitch: newest pitch rate [rad/s].
-        time: of ones [s].
-        turned: of the yaw rate [rad].
-        square: of its square [rad²/s].
-        rolled: of the roll rate [rad].
-        pitched: of the pitch rate [rad].
-        roll_in_turns: of the product of roll rate and yaw rate [rad²/s].
-        pitch_in_turns: of the product of pitch rate and yaw rate [rad²/s].
-        tilted: of the squares of roll rate and pitch rate [rad²/s].
+        time: duration of the integrals [s].
+        turned: integral of the yaw rate [rad].
+        square: integral of its square [rad²/s].
+        rolled: integral of the roll rate [rad].
+        pitched: integral of the pitch rate [rad].
+        roll_in_turns: integral of roll rate times yaw rate [rad²/s].
+        pitch_in_turns: integral of pitch rate times yaw rate [rad²/s].
+        tilted: integral of the squares of roll rate and pitch rate [rad²/s].
     """
 
     roll: float = 0.0

@@ -9,8 +9,11 @@ import pytest
 from scipy.stats import chi2
 
 from icreckon.estimator.log.scores import pose_nees
+from icreckon.estimator.reference.filter import ReferenceFilter
+from icreckon.estimator.reference.imu import accelerometer
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.sensors import sensor_models
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
@@ -100,6 +103,30 @@ def test_imu_innovations_are_as_large_as_expected_when_the_slip_is_known(with_tr
     # Some 45000 samples: statistics leave 0.01. The rest is for the track speeds, which come late by an
     # amount that only a bound is known of.
     assert nis["gyro"] / degrees["gyro"] == pytest.approx(1.0, abs=0.15)
-    # Their predictions count as doubtful in turns, whatever the slip.
+    # Their predictions count as doubtful in turns, whatever the slip (next test).
     for sensor in ACCELEROMETERS:
         assert nis[sensor] < 1.05 * degrees[sensor]
+
+
+def test_innovations_of_accelerometers_are_as_large_as_expected_without_that_doubt(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By the textbook, which a test holds the filter to: some 6000 samples, statistics leave 0.02."""
+    slip = msgspec.structs.replace(TRUE_SLIP, white_time=0.0)
+    robot = msgspec.structs.replace(ALPHA, slip={"inertia-fixed": slip})
+    squares: list[list[float]] = [[], []]
+
+    def judged(imu, axis, force, at, x, density):
+        found = accelerometer(imu, axis, force, at, x, density)
+        S = found.H @ textbook.ekf.P @ found.H.T + found.R
+        squares[axis].append((found.z @ np.linalg.solve(S, found.z)).item())
+        return found
+
+    monkeypatch.setattr(sensor_models, "CENTRIPETAL_DOUBT", 0.0)
+    monkeypatch.setattr("icreckon.estimator.reference.filter.accelerometer", judged)
+    for index in range(2):
+        textbook = ReferenceFilter(robot, "inertia-fixed")
+        for m in simulate(IN_STEP, ALPHA, run_index=index).measurements():
+            textbook.take(m)
+    for of_axis in squares:
+        assert np.mean(of_axis) == pytest.approx(1.0, abs=0.05)

@@ -103,8 +103,9 @@ def test_turning_on_a_slope_tells_gravity_from_bias(axes: str) -> None:
     """To both sides: in a steady turn, biases of roll and pitch rate look like those of the forces."""
     imu = msgspec.structs.replace(CONSTANT.imu, gyro_axes=axes)
     estimator = fresh(robot=msgspec.structs.replace(CONSTANT, imu=imu))
-    speeds = np.concatenate([np.tile([-0.2, 0.4], (1500, 1)), np.tile([0.4, -0.2], (500, 1))])
+    speeds = np.concatenate([np.tile([-0.2, 0.4], (3000, 1)), np.tile([0.4, -0.2], (1000, 1))])
     end = driven(estimator, speeds, fix_every=50)
+    assert abs(end[2]) > 4.0 * np.pi
     sigma = np.sqrt(np.diagonal(estimator.covariance))
     cos, sin = np.cos(end[2]), np.sin(end[2])
     down = np.array([[cos, sin], [-sin, cos]]) @ GRAVITY
