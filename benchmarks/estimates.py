@@ -27,6 +27,7 @@ from _scoreboard_faults import ROBOTS, faulty, groups, simulated_place
 from _scoreboard_put import FAULTS
 from _study import script_parser
 
+from icreckon.estimator.base import state as s
 from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
@@ -75,13 +76,16 @@ Figures = dict[str, list[float]]
 
 
 def of_run(found: Run) -> list[float]:
-    """Figures of a run: mean and last state, mean sigmas, twists and indices, rejections."""
-    states = found.states
+    """Figures of a run: mean and last state, mean sigmas, twists and indices, rejections.
+
+    The height has tables of its own: no other figure depends on it.
+    """
+    states, sigmas = (np.delete(one, s.Z, axis=1) for one in (found.states, found.state_sigmas))
     parts = (
         states.mean(axis=0),
         states[-1],
-        found.state_sigmas.mean(axis=0),
-        found.state_sigmas[-1],
+        sigmas.mean(axis=0),
+        sigmas[-1],
         found.trajectory.twists.mean(axis=0),
         np.sqrt(found.trajectory.twist_covariances.mean(axis=0).diagonal()),
         found.indices.mean(axis=0),

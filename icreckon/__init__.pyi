@@ -37,6 +37,7 @@ from icreckon.estimator.filter.health import WanderHealth as WanderHealth
 from icreckon.estimator.log.log import Log as Log
 from icreckon.estimator.log.measurements import BodyVelocity as BodyVelocity
 from icreckon.estimator.log.measurements import HeadingFix as HeadingFix
+from icreckon.estimator.log.measurements import HeightFix as HeightFix
 from icreckon.estimator.log.measurements import ImuSample as ImuSample
 from icreckon.estimator.log.measurements import Measurement as Measurement
 from icreckon.estimator.log.measurements import PoseFix as PoseFix
@@ -57,6 +58,8 @@ from icreckon.estimator.log.trajectory import Trajectory as Trajectory
 from icreckon.estimator.motion import icr as kinematics  # noqa: F401
 from icreckon.estimator.motion import index_model as motion  # noqa: F401
 from icreckon.estimator.motion.icr import IndexValues as IndexValues
+from icreckon.estimator.motion.pose3d import Pose3d as Pose3d
+from icreckon.estimator.motion.pose3d import Twist3d as Twist3d
 from icreckon.estimator.robot.robot_file import ConstantIcr as ConstantIcr
 from icreckon.estimator.robot.robot_file import Imu as Imu
 from icreckon.estimator.robot.robot_file import Indices as Indices

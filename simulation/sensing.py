@@ -102,9 +102,9 @@ def sensed(true: Perfect, scenario: Scenario, robot: Robot, streams: Streams) ->
 
 def truth_of(motion: TrueMotion, times: Floats) -> Truth:
     """Truth at given times (n,) [s], as stored in a log."""
-    stamps = to_stamps(times)
+    stamps, spatial = to_stamps(times), motion.spatial_at(times)
     return Truth(
-        poses=PoseSeries(stamps, motion.poses_at(times)),
+        poses=PoseSeries(stamps, motion.poses_at(times), spatial),
         twists=TwistSeries(stamps, motion.twists_at(times)),
         tracks=TrackSpeedSeries(stamps, motion.track_speeds_at(times)),
         source=motion.source,

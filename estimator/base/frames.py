@@ -97,6 +97,29 @@ def yaw_to_quaternion(yaw: ArrayLike) -> Floats:
     return np.stack([zero, zero, np.sin(half), np.cos(half)], axis=-1)
 
 
+def rpy_to_quaternion(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> Floats:
+    """Quaternions (..., 4) x, y, z, w of fixed-axis roll, pitch, yaw [rad]."""
+    halves = 0.5 * np.stack(np.broadcast_arrays(roll, pitch, yaw))
+    (c_r, c_p, c_y), (s_r, s_p, s_y) = np.cos(halves), np.sin(halves)
+    return np.stack(
+        [
+            s_r * c_p * c_y - c_r * s_p * s_y,
+            c_r * s_p * c_y + s_r * c_p * s_y,
+            c_r * c_p * s_y - s_r * s_p * c_y,
+            c_r * c_p * c_y + s_r * s_p * s_y,
+        ],
+        axis=-1,
+    )
+
+
+def quaternion_to_rpy(quaternion: ArrayLike) -> Floats:
+    """Fixed-axis roll, pitch, yaw (..., 3) [rad] of unit quaternions (..., 4)."""
+    x, y, z, w = np.moveaxis(np.asarray(quaternion, dtype=float), -1, 0)
+    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+    return np.stack([roll, pitch, quaternion_to_yaw(quaternion)], axis=-1)
+
+
 def rpy_to_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw [rad], as in URDF and tf."""
     cr, cp, cy = np.cos([roll, pitch, yaw])

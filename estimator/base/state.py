@@ -11,6 +11,7 @@ STATE_NAMES: Final[tuple[str, ...]] = (
     "x",  # pose of base_link in odom [m, m, rad]
     "y",
     "yaw",
+    "z",  # height of base_link in odom [m]
     "slip_x",  # body velocity less that of the kinematics [m/s, m/s, rad/s]
     "slip_y",
     "slip_w",
@@ -42,28 +43,30 @@ STATE_NAMES: Final[tuple[str, ...]] = (
 # Name of a parameter's place that the variant's model does not use.
 NO_NAME: Final = ""
 SIZE: Final = len(STATE_NAMES)
-X, Y, YAW = range(3)
+X, Y, YAW, Z = range(4)
 POSE: Final = slice(0, 3)
 POSITION: Final = slice(0, 2)
-SLIP: Final = slice(3, 6)
-SLIP_X, SLIP_Y, SLIP_W = range(3, 6)
-PARAMETERS: Final = slice(6, 15)
+# States that a step moves by the twist: the pose and the height.
+MOVED: Final = slice(0, 4)
+SLIP: Final = slice(4, 7)
+SLIP_X, SLIP_Y, SLIP_W = range(4, 7)
+PARAMETERS: Final = slice(7, 16)
 PARAMETER_COUNT: Final = 9
 PARAMETER_NAMES: Final[tuple[str, ...]] = STATE_NAMES[PARAMETERS]
-ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2, EPSILON_F = range(7, 15)
-GYRO_BIAS: Final = 15
-ACCELEROMETER_BIAS_X, ACCELEROMETER_BIAS_Y = range(16, 18)
-ACCELEROMETER_BIASES: Final = slice(16, 18)
-GYRO_BIAS_X, GYRO_BIAS_Y = range(18, 20)
-TRACK_SCALE: Final = 20
-TRACK_DIFFERENCE: Final = 21
-GYRO_SCALE: Final = 22
+ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2, EPSILON_F = range(8, 16)
+GYRO_BIAS: Final = 16
+ACCELEROMETER_BIAS_X, ACCELEROMETER_BIAS_Y = range(17, 19)
+ACCELEROMETER_BIASES: Final = slice(17, 19)
+GYRO_BIAS_X, GYRO_BIAS_Y = range(19, 21)
+TRACK_SCALE: Final = 21
+TRACK_DIFFERENCE: Final = 22
+GYRO_SCALE: Final = 23
 BIASES: Final = slice(GYRO_BIAS, GYRO_SCALE + 1)
 LEARNT: Final = slice(PARAMETERS.start, BIASES.stop)
-GRAVITY: Final = slice(23, 25)
-GRAVITY_X, GRAVITY_Y = range(23, 25)
-FAST_SLIP: Final = slice(25, 28)
+GRAVITY: Final = slice(24, 26)
+GRAVITY_X, GRAVITY_Y = range(24, 26)
+FAST_SLIP: Final = slice(26, 29)
 # Behind the states: wander of the position fixes along x and y of odom [m], if the filter estimates it.
-WANDER: Final = slice(28, 30)
-WANDER_X, WANDER_Y = range(28, 30)
+WANDER: Final = slice(29, 31)
+WANDER_X, WANDER_Y = range(29, 31)
 WANDER_NAMES: Final[tuple[str, ...]] = ("wander_x", "wander_y")

@@ -92,7 +92,10 @@ def run_side_by_side(
     of_filters = settings
     if not has_force:
         of_filters = msgspec.structs.replace(settings, use_accelerometer=False)
-    filters = [BatchFilter(robot, find_variant(name), of_filters, width=1) for name in variants]
+    filters = [
+        BatchFilter(robot, find_variant(name), of_filters, width=1, height=True)
+        for name in variants
+    ]
     stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
     steps = steps_of_log(*stamps, headings, settings, OUTPUT_AT_END)
     for one in filters:

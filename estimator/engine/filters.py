@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -90,6 +90,7 @@ class BatchFilter:
         settings: settings of the filters.
         bits: number of bits of each number: 64, or 32 for twice as many lanes and seven digits.
         width: number of filters side by side; None for as many as the machine's registers hold.
+        height: estimate the height, too.
 
     Attributes:
         robot: the robot.
@@ -110,6 +111,8 @@ class BatchFilter:
         settings: Settings,
         bits: int = 64,
         width: int | None = None,
+        *,
+        height: bool = False,
     ) -> None:
         if OWN_FAULTS:
             raise BatchError(
@@ -135,7 +138,7 @@ class BatchFilter:
         uncertain[s.FAST_SLIP] = False
         # Standstill uses the variance of the gyro's bias, re-acquisition inflates the accelerometers'.
         uncertain[[s.GYRO_BIAS, s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y]] = True
-        uncertain[s.GRAVITY] = True
+        uncertain[s.GRAVITY], uncertain[s.Z] = True, height
         parameters = np.zeros(s.SIZE, dtype=bool)
         parameters[s.PARAMETERS] = True
         absent = parameters & ~uncertain & (self._state == 0.0)
@@ -154,7 +157,7 @@ class BatchFilter:
     def __reduce__(self) -> Any:
         # Addresses of machine code are those of one process.
         made_of = self.robot, self.variant, self.settings, self.shape.bits, self.width
-        return BatchFilter, made_of
+        return partial(BatchFilter, height=s.Z in self.shape.states), made_of
 
     def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
         """Start all lanes at their first track speeds.

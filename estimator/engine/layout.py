@@ -99,7 +99,7 @@ INNOVATIONS = (
 )
 
 # Rows for the changes that a kernel reports, see `icreckon.estimator.filter.changes`.
-REPORTED = 1300
+REPORTED = 1400
 
 # Motion at some track speeds: indices, force of inertia and its limited value, and the derivatives of the
 # twist by the track speeds.

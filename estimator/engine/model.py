@@ -7,7 +7,7 @@ Equations and derivatives are those of `icreckon.estimator.motion`,
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -116,6 +116,30 @@ class Tilting(NamedTuple):
     is_known: Any = False
 
 
+class Climb(NamedTuple):
+    """Change of height of a body that moves along a slope.
+
+    Attributes:
+        rate: the change [m/s].
+        by_twist: (2,) its derivatives by the speeds forward and left.
+        by_gravity: (2,) those by gravity along the ground.
+    """
+
+    rate: Any
+    by_twist: tuple[Any, Any]
+    by_gravity: tuple[Any, Any]
+
+    def times(self, of_twist: Sequence[Vector], of_gravity: dict[int, Vector]) -> Vector:
+        """Combine vectors of the twist and of gravity as they contribute to the height."""
+        parts = (*zip(self.by_twist, of_twist[:2], strict=True),)
+        parts += (*zip(self.by_gravity, of_gravity.values(), strict=True),)
+        found: Vector = {}
+        for factor, part in parts:
+            for i, value in part.items():
+                found[i] = found.get(i, 0.0) + factor * value
+        return found
+
+
 class ModelInputs(NamedTuple):
     """Inputs of a motion model besides state and track speeds.
 
@@ -216,6 +240,13 @@ def tilting(x: Any, roll_rate: Any, pitch_rate: Any) -> Tilting:
     down = select(known, down_of((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
     roll = select(known, roll_rate - x[s.GYRO_BIAS_X], 0.0)
     return Tilting(down, roll, select(known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0), known)
+
+
+def climb(now: TracedTwist, gravity: Any) -> Climb:
+    """Compute the climb of a twist at gravity along the ground (2,) [m/s²]."""
+    v_x, v_y = now.twist[0], now.twist[1]
+    a, b = propagation.upward(gravity)
+    return Climb(a * v_x + b * v_y, (a, b), propagation.upward((v_x, v_y)))
 
 
 def gravity_rows(angle: Any, tilt: Tilting, kept: Any, dt: Any) -> dict[int, Vector]:

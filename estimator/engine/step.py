@@ -340,52 +340,61 @@ class Step:
         ]
         twist[s.YAW] = twist[s.YAW] + yaw_rate
         step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in twist])
-        M = _product(M, by_twist)
-        states = lane.shape.states
+        M, step, yaws = _product(M, by_twist), list(step), [*by_yaw, 0.0]
+        states, rows = lane.shape.states, list(now.rows)
         walk = self._walks(turning, travel, tilt)
         # With J the derivatives of the twist and F the transition: with_rows = P J', of_twist = J P J',
-        # carried = (F P) in the rows of the pose, after = F P F' + Q.
+        # carried = (F P) in the rows that move, after = F P F' + Q.
         with_rows = [
             P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
             for row, part in zip(now.rows, self.regressors, strict=True)
         ]
-        of_twist = np.empty((3, 3), dtype=object)
-        for k in range(3):
-            for m in range(k, 3):
-                of_twist[k, m] = of_twist[m, k] = dot(with_rows[k], now.rows[m])
+        by_slip = M
+        if s.Z in states:
+            climb = model.climb(now, slope)
+            step, yaws = [*step, climb.rate * dt], [*yaws, 0.0]
+            rows.append(climb.times(now.rows, {i: {i: 1.0} for i in GRAVITY}))
+            by_gravity = {i: {j: P.entry(i, j) for j in lane.P.states} for i in GRAVITY}
+            with_rows.append(climb.times(with_rows, by_gravity))
+            by_slip = [*M, [*climb.by_twist, 0.0]]
+            M = [*([*row, 0.0] for row in M), [0.0, 0.0, 0.0, 1.0]]
+        count = len(rows)
+        of_twist = np.empty((count, count), dtype=object)
+        for k in range(count):
+            for m in range(k, count):
+                of_twist[k, m] = of_twist[m, k] = dot(with_rows[k], rows[m])
         M_dt = [[part * dt for part in row] for row in M]
-        yaws = (by_yaw[0], by_yaw[1], 0.0)
         carried: dict[tuple[int, int], Any] = {}
-        for i in range(3):
+        for i in range(count):
             for j in lane.P.states:
-                moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(3)), start=0.0)
+                moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(count)), start=0.0)
                 carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
-        with_pose = _noise_of_pose(now.rows, M, walk, sigma, fades, dt)
+        with_pose = _noise_of_pose(rows, M, by_slip, walk, sigma, fades, dt)
         kept = exponential(-constant("slope_forgetting") * travel * dt)
         faded = _transition(lane.P.states, fades)
         for i, row in model.gravity_rows(now.twist[2] * dt, tilt, kept, dt).items():
             faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
         with_pose[s.YAW, s.YAW] = with_pose[s.YAW, s.YAW] + lane.input("turn_density") * dt
         after: dict[tuple[int, int], Any] = {}
-        for i in range(3):
+        for i in range(count):
             # The carried row times the derivatives of the twist.
             times = [
                 with_rows[m][i]
                 + yaws[i] * with_rows[m][s.YAW]
-                + sum((M_dt[i][k] * of_twist[k][m] for k in range(3)), start=0.0)
-                for m in range(3)
+                + sum((M_dt[i][k] * of_twist[k][m] for k in range(count)), start=0.0)
+                for m in range(count)
             ]
-            for k in range(i, 3):
-                moved = sum((M_dt[k][m] * times[m] for m in range(3)), start=0.0)
+            for k in range(i, count):
+                moved = sum((M_dt[k][m] * times[m] for m in range(count)), start=0.0)
                 after[i, k] = carried[i, k] + yaws[k] * carried[i, s.YAW] + moved
                 after[i, k] = after[i, k] + with_pose[i, k]
             for j in states:
-                if j >= s.POSE.stop:
+                if j >= s.MOVED.stop:
                     moved = sum((by * carried[i, b] for b, by in faded[j].items()), start=0.0)
                     after[i, j] = moved + with_pose.get((i, j), 0.0)
         for n, i in enumerate(states):
             for j in states[n:]:
-                if i >= s.POSE.stop:
+                if i >= s.MOVED.stop:
                     after[i, j] = _between(P, faded[i], faded[j])
             after[i, i] = after[i, i] + walk.get(i, 0.0) * dt
             if _is_slip(i):
@@ -394,7 +403,7 @@ class Step:
         if self.kind.fast_slip:
             for j in FAST:
                 for i in lane.P.states:
-                    if i < s.POSE.stop:
+                    if i < s.MOVED.stop:
                         after[i, j] = carried[i, j]
                     elif i <= j:
                         after[i, j] = _between(P, faded[i], {j: 1.0})
@@ -402,21 +411,22 @@ class Step:
                         after[j, i] = _between(P, faded[i], {j: 1.0})
         if lane.shape.reports:
             self._report_motion(
-                now, M_dt, yaws, with_rows, with_pose, walk, sigma, fades, step, faded
+                rows, M_dt, yaws, with_rows, with_pose, walk, sigma, fades, step, faded
             )
         lane.P = Covariance(after)
         before = x.copy()
         for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
             along = {k: faded[i][k] for k in GRAVITY}
             x[i] = dot(x_of(before, along), along) + tilt.down * rate * dt
-        for i in range(3):
+        for i in range(count):
             x[i] = x[i] + step[i]
+        for i in range(3):
             x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
         self.model = now
 
     def _report_motion(
         self,
-        now: model.TracedTwist,
+        rows: Sequence[Vector],
         M_dt: Sequence[Sequence[Any]],
         yaws: Sequence[Any],
         with_rows: Sequence[Vector],
@@ -430,16 +440,18 @@ class Step:
         """Report a propagation, see `Moved`."""
         lane, states = self.lane, self.lane.P.states
 
-        def times_M(rows: Sequence[Vector]) -> list[list[Any]]:
-            return [
+        def times_M(by: Sequence[Vector]) -> list[list[Any]]:
+            parts = [
                 [
-                    sum((M_dt[i][k] * rows[k].get(j, 0.0) for k in range(3)), start=0.0)
+                    [factor * row.get(j, 0.0) for factor, row in zip(of, by, strict=True)]
                     for j in states
                 ]
-                for i in range(3)
+                for of in M_dt
             ]
+            return [[sum(one, start=0.0) for one in row] for row in parts]
 
-        noise = [[with_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in range(3)]
+        moved = range(len(rows))
+        noise = [[with_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
         own = {i: walk.get(i, 0.0) * lane.constant("dt") for i in states}
         for axis in range(3):
             square = sigma[axis] * sigma[axis] * fades[axis].final
@@ -451,7 +463,7 @@ class Step:
             step,
             yaws[:2],
             [fade.decay for fade in fades],
-            [*times_M(now.rows), *times_M(with_rows), *noise, own_noise, *of_gravity],
+            [*times_M(rows), *times_M(with_rows), *noise, own_noise, *of_gravity],
         )
         lane.report("moved", values, states)
 
@@ -484,32 +496,35 @@ class Step:
 
 
 def _noise_of_pose(
-    rows: tuple[Vector, Vector, Vector],
+    rows: Sequence[Vector],
     M: Any,
+    by_slip: Any,
     walk: Vector,
     sigma: Any,
     fades: Sequence[GaussMarkov],
     dt: Any,
 ) -> dict[tuple[int, int], Any]:
-    """Covariances of the pose that random walks and slip add over a step."""
+    """Covariances of pose and height that random walks and slip add over a step."""
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
     found: dict[tuple[int, int], Any] = {}
+    count = len(rows)
     by_state = [
-        {j: sum((M[i][k] * rows[k].get(j, 0.0) for k in range(3)), start=0.0) for j in walk}
-        for i in range(3)
+        {j: sum((M[i][k] * rows[k].get(j, 0.0) for k in range(count)), start=0.0) for j in walk}
+        for i in range(count)
     ]
     squares = [part * part for part in sigma]
-    for i in range(3):
+    for i in range(count):
         for j in walk:
             found[i, j] = by_state[i][j] * walk[j] * half
         for axis in range(3):
-            slipped = M[i][axis] * squares[axis] * fades[axis].cross
+            slipped = by_slip[i][axis] * squares[axis] * fades[axis].cross
             found[i, s.SLIP.start + axis] = slipped
-        for k in range(i, 3):
+        for k in range(i, count):
             walked = sum((by_state[i][j] * by_state[k][j] * walk[j] for j in walk), start=0.0)
-            slipped = sum(
-                (M[i][a] * M[k][a] * (squares[a] * fades[a].integral) for a in range(3)), start=0.0
-            )
+            parts = [
+                by_slip[i][a] * by_slip[k][a] * (squares[a] * fades[a].integral) for a in range(3)
+            ]
+            slipped = sum(parts, start=0.0)
             found[i, k] = walked * third + slipped
     return found
 

@@ -160,26 +160,27 @@ def moved_values(
 
     Args:
         yaw: yaw before the step.
-        step: (3,) increment of the pose.
+        step: (4,) increment of pose and height.
         by_yaw: (2,) derivative of its x and y by the yaw.
         decay: (3,) factors on the slip.
-        rows: (12, n) by state: derivatives of the increment (3), the same times the covariance (3), noise
-            of the pose with the states (3), noise of each state, transition of gravity (2).
+        rows: (15, n) by state: derivatives of the increment and of the height (4), the same times the
+            covariance (4), noise of pose and height with the states (4), noise of each state, transition
+            of gravity (2).
     """
     return [yaw, *step, *by_yaw, *decay, *(value for row in rows for value in row)]
 
 
 def _moved(values: Floats, states: list[int], size: int) -> Moved:
-    yaw, step, by_yaw, decay = values.item(0), values[1:4].copy(), values[4:6], values[6:9]
-    rows = np.zeros((12, size))
-    rows[:, states] = values[9:].reshape(12, -1)
-    by_state, with_state, Q, F = rows[:3], rows[3:6], np.zeros((size, size)), np.eye(size)
-    F[s.POSE] += by_state
+    yaw, step, by_yaw, decay = values.item(0), values[1:4].copy(), values[5:7], values[7:10]
+    rows = np.zeros((15, size))
+    rows[:, states] = values[10:].reshape(15, -1)
+    by_state, with_state, Q, F = rows[:3], rows[4:7], np.zeros((size, size)), np.eye(size)
+    F[s.MOVED] += rows[:4]
     F[s.POSITION, s.YAW] += by_yaw
     F[s.SLIP, s.SLIP] = np.diag(decay)
-    F[s.GRAVITY] = rows[10:]
-    Q[s.POSE], Q[:, s.POSE] = rows[6:9], rows[6:9].T
-    Q[np.diag_indices(size)] += rows[9]
+    F[s.GRAVITY] = rows[13:]
+    Q[s.MOVED], Q[:, s.MOVED] = rows[8:12], rows[8:12].T
+    Q[np.diag_indices(size)] += rows[12]
     return Moved(yaw, step, by_state, with_state, F, Q)
 
 

@@ -18,6 +18,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
+    HeightFix,
     ImuSample,
     Mark,
     Matrix3,
@@ -39,6 +40,7 @@ STREAMS: dict[type[Measurement], str] = {
     BodyVelocity: "body velocity",
     PoseFix: "pose",
     ZeroVelocity: "zero velocity",
+    HeightFix: "height",
 }
 MARK = "mark"
 # Events processed in order: measurements, and stochastic clones behind them.

@@ -101,6 +101,23 @@ class HeadingFix:
 
 
 @dataclass(frozen=True, slots=True)
+class HeightFix:
+    """Height of `base_link` in `odom`, as by GNSS or a barometer.
+
+    The first one sets the height; the others correct it, the slope, and the biases that slopes depend on.
+
+    Attributes:
+        stamp: time [ns].
+        z: [m].
+        variance: [m²].
+    """
+
+    stamp: int
+    z: float
+    variance: float
+
+
+@dataclass(frozen=True, slots=True)
 class BodyVelocity:
     """Velocity of `base_link` in its own axes, as from visual odometry or radar.
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.checks import require_kind
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.frames import rpy_to_quaternion
 
 
 @dataclass(frozen=True)
@@ -57,16 +59,37 @@ class ImuSeries:
 
 @dataclass(frozen=True)
 class PoseSeries:
-    """Planar poses.
+    """Poses: planar ones, and the rest of them in three dimensions if it is known.
 
-    `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad] (unwrapped or not).
+    `stamps` (n,) [ns]; `poses` (n, 3) x, y [m], yaw [rad] (unwrapped or not); `spatial` (n, 3) z [m],
+    roll, pitch [rad] (fixed axes, as in tf), or None.
     """
 
     stamps: Stamps
     poses: Floats
+    spatial: Floats | None = None
 
     def __post_init__(self) -> None:
         _check_shape("poses", self.stamps, self.poses, (3,))
+        if self.spatial is not None:
+            _check_shape("spatial", self.stamps, self.spatial, (3,))
+
+    @property
+    def positions(self) -> Floats:
+        """(n, 3) x, y, z [m]; z is zero for planar poses."""
+        heights = np.zeros(len(self.stamps)) if self.spatial is None else self.spatial[:, 0]
+        return np.column_stack([self.poses[:, :2], heights])
+
+    @property
+    def quaternions(self) -> Floats:
+        """(n, 4) attitudes in ROS order x, y, z, w."""
+        tilt = np.zeros((len(self.stamps), 2)) if self.spatial is None else self.spatial[:, 1:]
+        return rpy_to_quaternion(tilt[:, 0], tilt[:, 1], self.poses[:, 2])
+
+    def rows(self, which: Any) -> PoseSeries:
+        """Poses of some rows."""
+        spatial = None if self.spatial is None else self.spatial[which]
+        return PoseSeries(self.stamps[which], self.poses[which], spatial)
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,8 @@ class Trajectory:
         pose_covariances: (n, 3, 3) in the axes of odom.
         twists: (n, 3) v_x, v_y [m/s], w [rad/s] of base_link in its own axes.
         twist_covariances: (n, 3, 3).
+        spatial: (n, 3) z [m], roll, pitch [rad]; None if they are not estimated.
+        spatial_sigmas: (n, 3) their standard deviations, or None.
     """
 
     stamps: NDArray[np.int64]
@@ -28,8 +30,10 @@ class Trajectory:
     pose_covariances: Floats
     twists: Floats
     twist_covariances: Floats
+    spatial: Floats | None = None
+    spatial_sigmas: Floats | None = None
 
     @property
     def pose_series(self) -> PoseSeries:
         """Poses without covariances."""
-        return PoseSeries(self.stamps, self.poses)
+        return PoseSeries(self.stamps, self.poses, self.spatial)

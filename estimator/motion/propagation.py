@@ -107,11 +107,16 @@ def seen_from_above(pitch_rate: float, gravity: Any) -> tuple[Any, float]:
         Matrix (3, 3) from forward, left and turning about the z axis to the motion along the heading, to
         the left of it, and yaw; and the yaw rate of the pitch rate [rad/s].
     """
-    a, b, e = gravity[0] / -GRAVITY, gravity[1] / -GRAVITY, down_of(gravity) / GRAVITY
+    (a, b), e = upward(gravity), down_of(gravity) / GRAVITY
     square = b * b + e * e
     c = math.sqrt(square)
     rows = ((c, -a * b / c, 0.0), (0.0, e / c, 0.0), (0.0, 0.0, e / square))
     return rows, b / square * pitch_rate
+
+
+def upward(gravity: Any) -> tuple[Any, Any]:
+    """Components of the upward direction along the ground, forward and left [-]."""
+    return gravity[0] / -GRAVITY, gravity[1] / -GRAVITY
 
 
 def turn(angle: float) -> tuple[float, float]:

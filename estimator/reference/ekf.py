@@ -48,6 +48,7 @@ from icreckon.estimator.motion.propagation import (
     seen_from_above,
     step_on_se2,
     turn,
+    upward,
 )
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
@@ -187,10 +188,12 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         moved = by_twist.dot(model.twist) * dt
         moved[s.YAW] += yaw_rate * dt
         step, by_yaw, rows = step_on_se2(self.x.item(s.YAW), moved.tolist())
-        by_motion = np.array(rows).dot(by_twist)
+        up, moving = upward(gravity), model.twist[:2]
+        by_motion = np.vstack([np.array(rows).dot(by_twist), [*up, 0.0]])
         by_state = by_motion.dot(model.jacobian)
+        by_state[s.Z, s.GRAVITY] += upward(moving)
         self.F = F = np.eye(s.SIZE)
-        F[s.POSE] += by_state * dt
+        F[s.MOVED] += by_state * dt
         F[s.POSITION, s.YAW] += by_yaw
         F[s.SLIP, s.SLIP] = np.diag(decay)
         cos, sin = turn(model.twist.item(2) * dt)
@@ -205,15 +208,15 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         with_pose = walked * (dt**2 / 2.0)
         with_pose[:, s.SLIP] += slipped * cross
         self.Q = Q = np.zeros((s.SIZE, s.SIZE))
-        Q[s.POSE] = with_pose
-        Q[:, s.POSE] = with_pose.T
-        Q[s.POSE, s.POSE] = walked.dot(by_state.T) * (dt**3 / 3.0)
-        Q[s.POSE, s.POSE] += (slipped * integral).dot(by_motion.T)
+        Q[s.MOVED] = with_pose
+        Q[:, s.MOVED] = with_pose.T
+        Q[s.MOVED, s.MOVED] = walked.dot(by_state.T) * (dt**3 / 3.0)
+        Q[s.MOVED, s.MOVED] += (slipped * integral).dot(by_motion.T)
         Q += np.diag(walk * dt)
         Q[s.SLIP, s.SLIP] += np.diag(slip * final)
 
         x = self.x.copy()
-        x[s.POSE] += step
+        x[s.MOVED] += (*step, moving.dot(up) * dt)
         x[s.SLIP] *= decay
         x[s.GRAVITY] = back.dot(self.x[s.GRAVITY])
         x[s.GRAVITY_X] += down * pitch_rate * dt

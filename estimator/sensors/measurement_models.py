@@ -18,6 +18,7 @@ from icreckon.estimator.log.input_checks import add_stream, remove_stream
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
+    HeightFix,
     Measurement,
     PoseFix,
     PositionFix,
@@ -27,18 +28,26 @@ from icreckon.estimator.sensors.predictions import Prediction, point_on_robot
 
 # Gates have thresholds for so many components (`icreckon.estimator.filter.gate.CHI_SQUARE_1E4`).
 MOST_COMPONENTS = 3
-# A twist measurement does not move the pose, which is to be continuous.
-POSE_FIXED = (s.X, s.Y, s.YAW)
+# A twist measurement does not move pose and height, which are to be continuous.
+POSE_FIXED = (s.X, s.Y, s.YAW, s.Z)
 # A zero velocity moves only the slip. That was another before the stop, and its error would go into
 # biases and parameters.
 STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop), s.GRAVITY_X, s.GRAVITY_Y)
+
+# A height moves itself, the slope, and the biases that are known together with it.
+WITH_HEIGHT = (
+    s.Z,
+    *range(s.ACCELEROMETER_BIAS_X, s.GYRO_BIAS_Y + 1),
+    s.GRAVITY_X,
+    s.GRAVITY_Y,
+)
 
 # Names of the accelerometers, forward and left, and of all sensors of the IMU.
 ACCELEROMETERS = ("accelerometer_x", "accelerometer_y")
 IMU_SENSORS = ("gyro", *ACCELEROMETERS)
 
 M = TypeVar("M", bound=Measurement)
-Quantity = Literal["pose", "twist"]
+Quantity = Literal["pose", "twist", "height"]
 
 
 def imu_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
@@ -113,7 +122,7 @@ class FixModel(MeasurementModel, Generic[M]):
     """Sensor that measures the pose or the twist, apart from tracks and IMU.
 
     Attributes:
-        predicts: predicted quantity that `linearise` takes.
+        predicts: predicted quantity that `linearise` takes; the height is that of the newest step.
         standing: the robot stands while it is measured.
     """
 
@@ -156,6 +165,21 @@ class Heading(FixModel[HeadingFix]):
         """Compare the yaw with the predicted pose."""
         z = np.array([wrap_angle(measurement.yaw - predicted.values.item(2))])
         return Linearised(z, predicted.H[2:], predicted.R[2:, 2:] + measurement.variance)
+
+
+class Height(FixModel[HeightFix]):
+    """Height of base_link in odom."""
+
+    name, predicts = "height", "height"
+    components = ("height",)
+    inflated = (s.Z,)
+    fixed = tuple(i for i in range(s.SIZE) if i not in WITH_HEIGHT)
+
+    def linearise(self, measurement: HeightFix, predicted: Prediction) -> Linearised:
+        """Compare the height with the predicted one."""
+        return Linearised(
+            measurement.z - predicted.values, predicted.H, predicted.R + measurement.variance
+        )
 
 
 class BodyTwist(FixModel[BodyVelocity]):
@@ -215,6 +239,7 @@ MODELS: dict[type[Measurement], FixModel[Any]] = {
     BodyVelocity: BodyTwist(),
     PoseFix: Pose(),
     ZeroVelocity: Standing(),
+    HeightFix: Height(),
 }
 
 

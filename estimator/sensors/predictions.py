@@ -25,9 +25,9 @@ class Prediction(NamedTuple):
     """Predicted pose or twist at a stamp.
 
     Attributes:
-        values: (3,) x, y [m], yaw [rad], or v_x, v_y [m/s], w [rad/s].
-        H: (3, SIZE) Jacobian by the present state.
-        R: (3, 3) covariance of the part that the state does not hold: the fast slip until then.
+        values: (n,) x, y [m], yaw [rad], or v_x, v_y [m/s], w [rad/s], or z [m].
+        H: (n, SIZE) Jacobian by the present state.
+        R: (n, n) covariance of the part that the state does not hold: the fast slip until then.
     """
 
     values: Floats
@@ -38,6 +38,13 @@ class Prediction(NamedTuple):
 def pose_now(x: Floats) -> Prediction:
     """Pose of a state (SIZE,)."""
     return Prediction(x[s.POSE].copy(), np.eye(3, len(x)), NO_NOISE)
+
+
+def height_now(x: Floats) -> Prediction:
+    """Height of a state (SIZE,)."""
+    H = np.zeros((1, len(x)))
+    H[0, s.Z] = 1.0
+    return Prediction(x[[s.Z]], H, NO_NOISE[:1, :1])
 
 
 def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) -> Prediction:

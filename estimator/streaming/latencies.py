@@ -21,6 +21,7 @@ from icreckon.estimator.filter.health import TrackLatencyHealth
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
+    HeightFix,
     ImuSample,
     Measurement,
     PoseFix,
@@ -99,6 +100,7 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             ImuSample: self.imu,
             PositionFix: self.position,
             HeadingFix: self.heading,
+            HeightFix: self.position,
             PoseFix: self.pose,
             BodyVelocity: self.body_velocity,
         }

@@ -12,7 +12,10 @@ from icreckon.estimator.base.frames import paper_to_rep103
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
+from icreckon.estimator.motion.pose3d import Pose3d, Twist3d, pose3d_of, twist3d_of
 from icreckon.estimator.streaming.innovation_rows import Singles
+
+UNKNOWN_RATES = np.full(2, np.nan)
 
 
 class IcrPoints(NamedTuple):
@@ -45,6 +48,8 @@ class Snapshot(NamedTuple):
         twist: (3,) v_x forward, v_y left [m/s], w [rad/s] of base_link.
         twist_covariance: (3, 3) covariance of the twist.
         indices: sliding, eccentricity and steering efficiency of the present motion.
+        tilt_rates: (2,) rates of roll and pitch without their biases [rad/s]; NaN if they are not known.
+        tilt_rate_covariance: (2, 2) their covariance.
     """
 
     stamp: int
@@ -53,6 +58,19 @@ class Snapshot(NamedTuple):
     twist: Floats
     twist_covariance: Floats
     indices: IndexValues
+    tilt_rates: Floats = UNKNOWN_RATES
+    tilt_rate_covariance: Floats = UNKNOWN_RATES
+
+    @property
+    def pose3d(self) -> Pose3d:
+        """Pose with height, roll and pitch."""
+        return pose3d_of(self.state, self.covariance)
+
+    @property
+    def twist3d(self) -> Twist3d:
+        """Velocity with the rates of roll and pitch."""
+        rates = self.tilt_rates, self.tilt_rate_covariance
+        return twist3d_of(self.twist, self.twist_covariance, *rates)
 
 
 class PredictedPose(NamedTuple):

@@ -32,6 +32,7 @@ from icreckon.estimator.log.input_checks import (
 )
 from icreckon.estimator.log.measurements import Mark, Measurement
 from icreckon.estimator.motion.icr import IndexValues
+from icreckon.estimator.motion.pose3d import Pose3d, Twist3d, pose3d_of
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import (
@@ -42,12 +43,7 @@ from icreckon.estimator.robot.variants import (
 )
 from icreckon.estimator.streaming.late_measurements import History
 from icreckon.estimator.streaming.latencies import Latencies, StampCorrection
-from icreckon.estimator.streaming.outputs import (
-    IcrPoints,
-    PredictedPose,
-    Snapshot,
-    icr_points,
-)
+from icreckon.estimator.streaming.outputs import IcrPoints, PredictedPose, Snapshot, icr_points
 from icreckon.estimator.streaming.reckoning import Reckoning
 from icreckon.estimator.streaming.save import (
     SavedEstimator,
@@ -155,6 +151,16 @@ class PoseEstimator:
         return twist_covariance(jacobian, self._reckoning.ekf.P, fastest)
 
     @property
+    def pose3d(self) -> Pose3d:
+        """Pose with height, roll and pitch; the height begins at zero."""
+        return pose3d_of(self.state, self.covariance)
+
+    @property
+    def twist3d(self) -> Twist3d:
+        """Twist with the rates of roll and pitch; see `snapshot`."""
+        return self.snapshot().twist3d
+
+    @property
     def indices(self) -> IndexValues:
         """Sliding, eccentricity and steering efficiency of the present motion."""
         return self._reckoning.model().motion.indices
@@ -210,15 +216,7 @@ class PoseEstimator:
     @property
     def parameter_health(self) -> dict[str, ParameterHealth]:
         """Uncertainty of each parameter, and its excitation by the present motion."""
-        reckoning = self._reckoning
-        now = np.sqrt(np.diagonal(reckoning.ekf.P)[s.PARAMETERS])
-        start = reckoning.parameter_sigmas
-        moved = np.abs(reckoning.model().jacobian[:, s.PARAMETERS]) * start
-        slip = np.array(reckoning.slip_sigma())[:, None]
-        # A parameter that does not move the twist is not excited, not even if there is no slip.
-        with np.errstate(divide="ignore", invalid="ignore"):
-            excitation = np.where(moved > 0.0, moved / slip, 0.0).max(axis=0)
-        rows = zip(now.tolist(), start.tolist(), excitation.tolist(), strict=True)
+        rows = self._reckoning.parameter_health().tolist()
         named = dict(zip(parameter_names(self.variant), rows, strict=True))
         return {name: ParameterHealth(*named[name]) for name in used_parameters(self.variant)}
 

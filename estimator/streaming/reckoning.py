@@ -244,7 +244,23 @@ class Reckoning:
         model, ekf, n = self.model(), self.ekf, s.SIZE
         x, P, twist = ekf.x[:n].copy(), ekf.P[:n, :n].copy(), model.twist.copy()
         of_twist = twist_covariance(model.jacobian[:, :n], P, self._record.settings.fastest)
-        return Snapshot(int(self._record.stamp), x, P, twist, of_twist, model.motion.indices)
+        record, indices = self._record, model.motion.indices
+        motion = int(record.stamp), x, P, twist, of_twist, indices
+        if record.tilt.time == 0.0:
+            return Snapshot(*motion)
+        biases = [s.GYRO_BIAS_X, s.GYRO_BIAS_Y]
+        rates = np.array([record.tilt.roll, record.tilt.pitch]) - x[biases]
+        noise = record.settings.gyro_noise_density**2 / record.imu.interval
+        return Snapshot(*motion, rates, P[np.ix_(biases, biases)] + noise * np.eye(2))
+
+    def parameter_health(self) -> Floats:
+        """Uncertainty (9, 3) of the parameters, see `ParameterHealth`."""
+        now, start = np.sqrt(np.diagonal(self.ekf.P)[s.PARAMETERS]), self.parameter_sigmas
+        moved = np.abs(self.model().jacobian[:, s.PARAMETERS]) * start
+        # A parameter that does not move the twist is not excited, not even if there is no slip.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shares = np.where(moved > 0.0, moved / np.array(self.slip_sigma())[:, None], 0.0)
+        return np.column_stack([now, start, shares.max(axis=0)])
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
@@ -340,7 +356,7 @@ class Reckoning:
         at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
         begun = False
-        if not ahead and model.predicts == "pose":
+        if not ahead and model.predicts != "twist":
             self._advance(m.stamp)
         elif not ahead:
             begun = NEVER != record.stamp < m.stamp
@@ -364,6 +380,8 @@ class Reckoning:
         interval = gate.interval_to(m.stamp)
         if model.is_place:
             slip_factor.let_slip_last(ekf, predicted.values.item(s.YAW), interval)
+        if model.predicts == "height" and not gate.counts.judged:
+            ekf.inflate(s.Z, variance=(3.0 * found.z.item()) ** 2 + 9.0 * found.R.item())
         fastest = record.settings.fastest
         used = update(ekf, model, gate, found, m.stamp, interval, fastest=fastest)
         if used:
@@ -457,8 +475,10 @@ class Reckoning:
         return began and stamp > record.stamp and imu_clock.is_due_after(self._imu, stamp)
 
     def _predict(self, quantity: Quantity, stamp: int, *, ahead: bool) -> Prediction:
-        """Predict the pose or the twist, now or ahead at a stamp [ns]."""
+        """Predict the pose, the height or the twist, now or ahead at a stamp [ns]."""
         x = self.ekf.x
+        if quantity == "height":
+            return predictions.height_now(x)
         if quantity == "pose" and not ahead:
             return predictions.pose_now(x)
         model = self.model()

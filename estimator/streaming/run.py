@@ -13,6 +13,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.log.series import require_part
 from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.motion.pose3d import spatial_of
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import state_names
@@ -161,20 +162,22 @@ class Rows:
     def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
         """Run of the first `count` rows."""
         filled = slice(0, count)
+        states, sigmas = self.states[filled], self.sigmas[filled]
         trajectory = Trajectory(
             self.stamps[filled],
-            self.states[filled, s.POSE],
+            states[:, s.POSE],
             self.pose_covariances[filled],
             self.twists[filled],
             self.twist_covariances[filled],
+            *spatial_of(states, sigmas),
         )
         return Run(
             variant,
             trajectory,
             self.indices[filled],
             state_names,
-            self.states[filled],
-            self.sigmas[filled],
+            states,
+            sigmas,
             health,
             *self.innovations.finish(count),
         )

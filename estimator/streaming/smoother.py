@@ -138,12 +138,12 @@ class _Step(NamedTuple):
     """Transition of a step.
 
     Attributes:
-        pose_rows: rows of F for the pose.
+        moved_rows: rows of F for pose and height.
         decay: (3,) decay factors of the slip.
         gravity_rows: rows of F for gravity.
     """
 
-    pose_rows: Floats
+    moved_rows: Floats
     decay: Floats
     gravity_rows: Floats
 
@@ -220,7 +220,7 @@ class _Tape:
         P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
         decay, gravity_rows = np.diag(F)[s.SLIP].copy(), F[s.GRAVITY].copy()
-        self._tape.append(_Step(F[s.POSE].copy(), decay, gravity_rows))
+        self._tape.append(_Step(F[s.MOVED].copy(), decay, gravity_rows))
         if P[s.YAW, s.YAW] > LOST_YAW**2:
             self._renew([s.X, s.Y, s.YAW], self._optimal_P[s.POSE, s.POSE].copy())
 
@@ -391,10 +391,10 @@ def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, 
             adjoint[s.WANDER] *= decay
             fade_wander(information, decay)
             return adjoint, information
-        case _Step(pose_rows, decay, gravity_rows):
+        case _Step(moved_rows, decay, gravity_rows):
             size = len(adjoint)
             F = np.eye(size)
-            F[s.POSE] = pose_rows
+            F[s.MOVED] = moved_rows
             F[s.SLIP, s.SLIP] = np.diag(decay)
             F[s.GRAVITY] = gravity_rows
             return adjoint @ F, F.T @ information @ F

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
+    HeightFix,
     ImuSample,
     Mark,
     Measurement,
@@ -73,6 +74,7 @@ def _one_of_each_kind(settings: Settings) -> Iterator[Measurement | Mark]:
     def fixes() -> Iterator[Measurement | Mark]:
         yield PositionFix(stamp, 0.0, 0.0, 1.0)
         yield HeadingFix(stamp, 0.0, 1.0)
+        yield HeightFix(stamp, 0.0, 1.0)
         yield BodyVelocity(stamp, 0.1, 0.0, 1.0)
         yield PoseFix(stamp, 0.0, 0.0, 0.0, ((1.0, 0.1, 0.0), (0.1, 1.0, 0.0), (0.0, 0.0, 1.0)))
 

@@ -71,11 +71,11 @@ class Messages:
         x, y, z, w = (float(part) for part in xyzw)
         return self.new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
-    def pose(self, pose: Any, quaternion: Any) -> Any:
-        """geometry_msgs/Pose at x, y."""
+    def pose(self, place: Any, quaternion: Any) -> Any:
+        """geometry_msgs/Pose at x, y, z."""
         return self.new(
             "geometry_msgs/msg/Pose",
-            position=self.point((pose[0], pose[1], 0.0)),
+            position=self.point(place),
             orientation=self.quaternion(quaternion),
         )
 
@@ -83,7 +83,7 @@ class Messages:
         """geometry_msgs/PoseWithCovariance of a (3, 3) covariance of x, y, yaw."""
         return self.new(
             "geometry_msgs/msg/PoseWithCovariance",
-            pose=self.pose(pose, quaternion),
+            pose=self.pose((pose[0], pose[1], 0.0), quaternion),
             covariance=planar_covariance(covariance),
         )
 

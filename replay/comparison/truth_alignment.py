@@ -118,7 +118,7 @@ def align_truth(
     if isinstance(found, NoLag):
         return replace(align_place(truth, reckoned), lag=None, no_lag=found.reason)
     stamps = truth.poses.stamps - round(found.seconds / NANOSECOND)
-    aligned = align_place(replace(truth, poses=PoseSeries(stamps, truth.poses.poses)), reckoned)
+    aligned = align_place(replace(truth, poses=replace(truth.poses, stamps=stamps)), reckoned)
     return replace(aligned, lag=found.seconds - ahead, lag_sigma=found.sigma)
 
 
@@ -143,7 +143,7 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
         more = _lever_arm(known, reckoned.pose_series)
         poses = known.poses.copy()
         poses[:, :2] -= rotate(more, poses[:, 2])
-        lever, known = lever + more, PoseSeries(known.stamps, poses)
+        lever, known = lever + more, replace(known, poses=poses)
     moved = replace(truth, poses=known)
     return TruthAlignment(0.0, (float(lever[0]), float(lever[1])), moved, headings=headings)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from icreckon.estimator.log.series import PoseSeries
@@ -33,6 +34,9 @@ def write_exports(
     }
     if truth is not None:
         paths[TRUTH] = truth.poses
+        if truth.poses.spatial is None:
+            # Programs that compare both would take each height for an error.
+            paths = {name: replace(poses, spatial=None) for name, poses in paths.items()}
     for name, poses in paths.items():
         if "tum" in formats:
             write_tum(folder / f"{name}.tum", poses)

@@ -20,14 +20,15 @@ from icreckon.replay.mapping.geodesy import Origin, degrees
 # Highest rate of the points of a path [Hz].
 RATE = 5.0
 # Decimals of degrees: a millimetre.
-DECIMALS = 8
+DECIMALS, HEIGHT_DECIMALS = 8, 3
 
 
 def write_geojson(path: Path, comparison: Comparison) -> Path:
     """Write the paths of all runs, the truth and the fixes that were used.
 
     Each path is a LineString with the properties `name`, `start_ns`, `end_ns`, and `stroke` (its colour);
-    fixes are a MultiPoint. Coordinates are longitude and latitude [deg], WGS 84.
+    fixes are a MultiPoint. Coordinates are longitude and latitude [deg], WGS 84, and the height [m] of
+    paths in three dimensions.
 
     Args:
         path: the file.
@@ -61,6 +62,9 @@ def write_geojson(path: Path, comparison: Comparison) -> Path:
 def _line(name: str, series: PoseSeries, origin: Origin, colour: str) -> dict[str, Any]:
     rows = thinned(series.stamps, RATE)
     points = _coordinates(series.poses[rows, :2], origin)
+    if series.spatial is not None:
+        heights = np.round(origin[2] + series.spatial[rows, 0], HEIGHT_DECIMALS).tolist()
+        points = [[*point, height] for point, height in zip(points, heights, strict=True)]
     if len(points) == 1:
         points *= 2  # a LineString has two positions or more
     times = {"start_ns": int(series.stamps[0]), "end_ns": int(series.stamps[-1])}

@@ -216,13 +216,13 @@ def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
 
 def pose_messages(topic: str, poses: PoseSeries) -> Outbox:
     """Poses as geometry_msgs/PoseStamped in odom."""
-    quaternions = yaw_to_quaternion(poses.poses[:, 2])
+    places, quaternions = poses.positions, poses.quaternions
 
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
             POSE,
             header=messages.header(poses.stamps[i], ODOM),
-            pose=messages.pose(poses.poses[i], quaternions[i]),
+            pose=messages.pose(places[i], quaternions[i]),
         )
 
     return Outbox(topic, POSE, poses.stamps, make)

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
-from icreckon.estimator.base.frames import yaw_to_quaternion
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
@@ -42,7 +41,6 @@ from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
-from icreckon.replay.export.attitude import Attitude, attitude_of
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages
 from icreckon.replay.export.sampling import thinned
@@ -59,8 +57,8 @@ MARKER_RATE = PLACE_RATE = 5.0
 COVARIANCE_KNOWN = 3
 # Most poses of a path, which is one message.
 PATH_POSES = 1000
-# Variances of roll and pitch in a row-major 6x6 covariance.
-ROLL_PITCH = (21, 28)
+# Variances of z, roll and pitch in a row-major 6x6 covariance.
+SPATIAL = (14, 21, 28)
 
 
 def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Robot) -> Path:
@@ -90,24 +88,24 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     base = [name for name in comparison.runs if not name.endswith(others)][-1]
     for name, one in comparison.runs.items():
         topic, frame = frame_of(name), f"{frame_of(name)}/{BASE_LINK}"
-        poses, attitude = one.trajectory.pose_series, attitude_of(one)
+        poses = one.trajectory.pose_series
         outboxes += [
-            _odometry(f"/{topic}/odom", one.trajectory, attitude, frame),
-            _poses(f"/{topic}/pose", poses, attitude.quaternions, rate=POSE_RATE),
+            _odometry(f"/{topic}/odom", one.trajectory, frame),
+            _poses(f"/{topic}/pose", poses, rate=POSE_RATE),
             _path(f"/{topic}/path", poses),
-            _transforms(poses, attitude.quaternions, frame),
+            _transforms(poses, frame),
             _icrs(f"/{topic}/icrs", one.stamps, one.indices, robot, frame, colour_of(name)),
         ]
         if log.origin is not None:
             outboxes.append(_places(f"/{topic}/fix", one.trajectory, log.origin, frame))
         if name == base:
-            outboxes.append(_transforms(poses, attitude.quaternions, BASE_LINK))
+            outboxes.append(_transforms(poses, BASE_LINK))
     if log.truth is not None:
         truth = log.truth.poses
         outboxes += [
             _poses(f"/{TRUTH}/pose", truth),
             _path(f"/{TRUTH}/path", truth),
-            _transforms(truth, yaw_to_quaternion(truth.poses[:, 2]), f"{TRUTH}/{BASE_LINK}"),
+            _transforms(truth, f"{TRUTH}/{BASE_LINK}"),
         ]
     if log.fixes is not None and len(log.fixes.stamps):
         outboxes.append(fix_messages(FIXES_TOPIC, log.fixes))
@@ -120,7 +118,7 @@ def frame_of(variant: str) -> str:
     return variant.replace("-", "_")
 
 
-def _odometry(topic: str, trajectory: Trajectory, attitude: Attitude, frame: str) -> Outbox:
+def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
     """nav_msgs/Odometry from odom to a frame; other axes have a variance of 1e6."""
 
     def packing(messages: Messages) -> Packing:
@@ -139,8 +137,8 @@ def _odometry(topic: str, trajectory: Trajectory, attitude: Attitude, frame: str
         )
         numbers: dict[str, Numbers] = {
             "header.stamp": trajectory.stamps,
-            **_pose_numbers("pose.pose", "position", trajectory.poses, attitude.quaternions),
-            "pose.covariance": _with_tilt(trajectory.pose_covariances, attitude.variances),
+            **_pose_numbers("pose.pose", "position", trajectory.pose_series),
+            "pose.covariance": _spatial(trajectory),
             "twist.twist.linear.x": trajectory.twists[:, 0],
             "twist.twist.linear.y": trajectory.twists[:, 1],
             "twist.twist.angular.z": trajectory.twists[:, 2],
@@ -151,40 +149,32 @@ def _odometry(topic: str, trajectory: Trajectory, attitude: Attitude, frame: str
     return Outbox(topic, ODOMETRY, trajectory.stamps, packing=packing)
 
 
-def _poses(
-    topic: str, series: PoseSeries, quaternions: Floats | None = None, *, rate: float | None = None
-) -> Outbox:
+def _poses(topic: str, series: PoseSeries, *, rate: float | None = None) -> Outbox:
     """geometry_msgs/PoseStamped in odom.
 
     Args:
         topic: the topic.
         series: the poses.
-        quaternions: (n, 4) their orientations; None for level ones.
         rate: highest rate of the messages [Hz]; None for all poses.
     """
-    if quaternions is None:
-        quaternions = yaw_to_quaternion(series.poses[:, 2])
     if rate is not None:
-        rows = thinned(series.stamps, rate)
-        series = PoseSeries(series.stamps[rows], series.poses[rows])
-        quaternions = quaternions[rows]
+        series = series.rows(thinned(series.stamps, rate))
 
     def packing(messages: Messages) -> Packing:
-        pose = messages.pose((0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        pose = messages.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
         pattern = messages.new(POSE, header=messages.header(0, ODOM), pose=pose)
         numbers = {
             "header.stamp": series.stamps,
-            **_pose_numbers("pose", "position", series.poses, quaternions),
+            **_pose_numbers("pose", "position", series),
         }
         return Packing(POSE, pattern, series.stamps, numbers)
 
     return Outbox(topic, POSE, series.stamps, packing=packing)
 
 
-def _transforms(series: PoseSeries, quaternions: Floats, frame: str) -> Outbox:
+def _transforms(series: PoseSeries, frame: str) -> Outbox:
     """Transforms from odom to a frame, on /tf."""
-    rows = thinned(series.stamps, TF_RATE)
-    stamps, poses, quaternions = series.stamps[rows], series.poses[rows], quaternions[rows]
+    series = series.rows(thinned(series.stamps, TF_RATE))
 
     def packing(messages: Messages) -> Packing:
         transform = messages.new(
@@ -198,22 +188,20 @@ def _transforms(series: PoseSeries, quaternions: Floats, frame: str) -> Outbox:
             ),
         )
         numbers = {
-            "transforms.0.header.stamp": stamps,
-            **_pose_numbers(
-                "transforms.0.transform", "translation", poses, quaternions, "rotation"
-            ),
+            "transforms.0.header.stamp": series.stamps,
+            **_pose_numbers("transforms.0.transform", "translation", series, "rotation"),
         }
-        return Packing(TF, messages.new(TF, transforms=[transform]), stamps, numbers)
+        return Packing(TF, messages.new(TF, transforms=[transform]), series.stamps, numbers)
 
-    return Outbox(TF_TOPIC, TF, stamps, packing=packing)
+    return Outbox(TF_TOPIC, TF, series.stamps, packing=packing)
 
 
 def _path(topic: str, series: PoseSeries) -> Outbox:
     """Whole path as one message at its start."""
     count = len(series.stamps)
     rows = np.unique(np.linspace(0, count - 1, min(PATH_POSES, count)).astype(int))
-    stamps, poses = series.stamps[rows], series.poses[rows]
-    quaternions = yaw_to_quaternion(poses[:, 2])
+    series = series.rows(rows)
+    stamps, columns = series.stamps, (series.positions, series.quaternions)
 
     def make(messages: Messages, _: int) -> Any:
         stamped = [
@@ -223,7 +211,7 @@ def _path(topic: str, series: PoseSeries) -> Outbox:
                 pose=messages.pose(pose, quaternion),
             )
             for stamp, pose, quaternion in zip(
-                stamps.tolist(), poses.tolist(), quaternions.tolist(), strict=True
+                stamps.tolist(), *(one.tolist() for one in columns), strict=True
             )
         ]
         return messages.new(PATH, header=messages.header(stamps[0], ODOM), poses=stamped)
@@ -267,7 +255,7 @@ def _marker(
         ns="icrs",
         id=number,
         type=kind,
-        pose=messages.pose((0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+        pose=messages.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
         scale=messages.vector((size, size, size)),
         color=messages.new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
         frame_locked=True,
@@ -276,16 +264,11 @@ def _marker(
 
 
 def _pose_numbers(
-    path: str, place: str, poses: Floats, quaternions: Floats, turn: str = "orientation"
+    path: str, place: str, series: PoseSeries, turn: str = "orientation"
 ) -> dict[str, Numbers]:
-    return {
-        f"{path}.{place}.x": poses[:, 0],
-        f"{path}.{place}.y": poses[:, 1],
-        f"{path}.{turn}.x": quaternions[:, 0],
-        f"{path}.{turn}.y": quaternions[:, 1],
-        f"{path}.{turn}.z": quaternions[:, 2],
-        f"{path}.{turn}.w": quaternions[:, 3],
-    }
+    places = {f"{path}.{place}.{x}": of for x, of in zip("xyz", series.positions.T, strict=True)}
+    turns = zip("xyzw", series.quaternions.T, strict=True)
+    return places | {f"{path}.{turn}.{x}": of for x, of in turns}
 
 
 def _planar(covariances: Floats) -> Callable[[slice], Floats]:
@@ -301,31 +284,35 @@ def _planar(covariances: Floats) -> Callable[[slice], Floats]:
     return give
 
 
-def _with_tilt(covariances: Floats, variances: Floats) -> Callable[[slice], Floats]:
-    """`_planar` with the variances (n, 2) of roll and pitch [rad²]."""
-    planar = _planar(covariances)
+def _spatial(trajectory: Trajectory) -> Callable[[slice], Floats]:
+    """`_planar` with the variances of z, roll and pitch, if estimated."""
+    planar, sigmas = _planar(trajectory.pose_covariances), trajectory.spatial_sigmas
 
     def give(part: slice) -> Floats:
         full = planar(part)
-        full[:, ROLL_PITCH] = variances[part]
+        if sigmas is not None and sigmas.any():
+            full[:, SPATIAL] = sigmas[part].astype(float) ** 2
         return full
 
     return give
 
 
 def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
-    """sensor_msgs/NavSatFix at the altitude of the origin."""
+    """sensor_msgs/NavSatFix, the height above the altitude of the origin."""
     rows = thinned(trajectory.stamps, PLACE_RATE)
     stamps = trajectory.stamps[rows]
     latitude, longitude = degrees(trajectory.poses[rows, :2], origin).T
     covariances = np.tile(np.diag(np.full(3, UNUSED_VARIANCE)), (len(rows), 1, 1))
     covariances[:, :2, :2] = trajectory.pose_covariances[rows][:, :2, :2]
+    altitudes = np.full(len(rows), origin[2])
+    if trajectory.spatial is not None and trajectory.spatial_sigmas is not None:
+        altitudes += trajectory.spatial[rows, 0]
+        covariances[:, 2, 2] = trajectory.spatial_sigmas[rows, 0] ** 2
 
     def packing(messages: Messages) -> Packing:
         pattern = messages.blank(
             NAVSATFIX,
             header=messages.header(0, frame),
-            altitude=origin[2],
             position_covariance=np.zeros(9),
             position_covariance_type=COVARIANCE_KNOWN,
         )
@@ -333,6 +320,7 @@ def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> O
             "header.stamp": stamps,
             "latitude": latitude,
             "longitude": longitude,
+            "altitude": altitudes,
             "position_covariance": covariances.reshape(-1, 9),
         }
         return Packing(NAVSATFIX, pattern, stamps, numbers)

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import paper_to_rep103
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
@@ -78,7 +78,7 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
     """
     moved = one.trajectory
     start = int(moved.stamps[0]) if start is None else start
-    columns = _pose_columns(moved.stamps, moved.poses, start)
+    columns = _pose_columns(moved.pose_series, start)
     single: dict[str, Any] = dict(
         zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), moved.twists.T, strict=True)
     )
@@ -86,6 +86,9 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
         single[name] = moved.pose_covariances[:, row, other]
     for name, (row, other) in TWIST_COVARIANCES.items():
         single[name] = moved.twist_covariances[:, row, other]
+    if moved.spatial_sigmas is not None:
+        names = ("sigma_z_m", "sigma_roll_rad", "sigma_pitch_rad")
+        single |= dict(zip(names, moved.spatial_sigmas.T, strict=True))
     single |= dict(zip(("zeta_m", "epsilon_m", "eta"), one.indices.T, strict=True))
     icrs = icr_series(one.indices, robot.vehicle.track_gauge)
     for side, x, y in (("left", icrs.left_x, icrs.left_y), ("right", icrs.right_x, icrs.right_y)):
@@ -118,17 +121,18 @@ def write_run(path: Path, form: Format, one: Run, robot: Robot, start: int) -> P
 
 def write_poses(path: Path, form: Format, poses: PoseSeries, start: int) -> Path:
     """Write poses alone, such as the truth; arguments and errors as `write_run`."""
-    return _write(path, form, _pose_columns(poses.stamps, poses.poses, start))
+    return _write(path, form, _pose_columns(poses, start))
 
 
-def _pose_columns(stamps: Stamps, poses: Floats, start: int) -> dict[str, Any]:
-    return {
-        "stamp_ns": stamps,
-        "t_s": (stamps - start) * NANOSECOND,
-        "x_m": poses[:, 0],
-        "y_m": poses[:, 1],
-        "yaw_rad": poses[:, 2],
+def _pose_columns(series: PoseSeries, start: int) -> dict[str, Any]:
+    columns = {
+        "stamp_ns": series.stamps,
+        "t_s": (series.stamps - start) * NANOSECOND,
+        **dict(zip(("x_m", "y_m", "yaw_rad"), series.poses.T, strict=True)),
     }
+    if series.spatial is not None:
+        columns |= dict(zip(("z_m", "roll_rad", "pitch_rad"), series.spatial.T, strict=True))
+    return columns
 
 
 def _write(path: Path, form: Format, columns: dict[str, Any]) -> Path:

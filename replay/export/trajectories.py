@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from icreckon.estimator.base.frames import yaw_to_quaternion
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.replay.base.outputs import new_file
 
@@ -19,7 +18,7 @@ TIMES_SUFFIX = ".times"
 
 
 def write_tum(path: Path, poses: PoseSeries) -> Path:
-    """Write planar poses as a TUM file, 9 decimals each; the stamps are exact.
+    """Write poses as a TUM file, 9 decimals each; the stamps are exact.
 
     Args:
         path: the file.
@@ -31,21 +30,17 @@ def write_tum(path: Path, poses: PoseSeries) -> Path:
     Raises:
         ReplayError: the file exists, or cannot be written.
     """
-    quaternions = yaw_to_quaternion(poses.poses[:, 2])
+    rows = zip(map(int, poses.stamps), poses.positions, poses.quaternions, strict=True)
     with new_file(path) as new, new.open("w", encoding="ascii", newline="\n") as file:
         # One row at a time: lists of all rows would take three times the memory of the poses.
-        for stamp, (x, y, _), (_, _, qz, qw) in zip(
-            map(int, poses.stamps), poses.poses, quaternions, strict=True
-        ):
-            file.write(
-                f"{_seconds(stamp)} {x:.9f} {y:.9f} 0.000000000 "
-                f"0.000000000 0.000000000 {qz:.9f} {qw:.9f}\n"
-            )
+        for stamp, place, quaternion in rows:
+            numbers = " ".join(f"{value + 0.0:.9f}" for value in (*place, *quaternion))
+            file.write(f"{_seconds(stamp)} {numbers}\n")
     return path
 
 
 def write_kitti(path: Path, poses: PoseSeries) -> Path:
-    """Write planar poses as a KITTI file, 9 decimals each, and a file of their times.
+    """Write poses as a KITTI file, 9 decimals each, and a file of their times.
 
     The axes are those of the poses (x forward, y left, z up), not those of KITTI's cameras. KITTI files
     have no times. They go to the same path with the suffix `.times`, one a line, in seconds with 9
@@ -61,10 +56,10 @@ def write_kitti(path: Path, poses: PoseSeries) -> Path:
     Raises:
         ReplayError: a file exists, or cannot be written.
     """
-    x, y, yaw = poses.poses.T
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    none, one = np.zeros_like(x), np.ones_like(x)
-    rows = np.column_stack([cos, -sin, none, x, sin, cos, none, y, none, none, one, none])
+    from scipy.spatial.transform import Rotation
+
+    turns = Rotation.from_quat(poses.quaternions).as_matrix()
+    rows = np.concatenate([turns, poses.positions[:, :, None]], axis=2).reshape(-1, 12)
     matrices = (" ".join(f"{value + 0.0:.9f}" for value in row) for row in rows.tolist())
     times = (_seconds(stamp) for stamp in poses.stamps.tolist())
     for place, lines in ((path, matrices), (path.with_suffix(TIMES_SUFFIX), times)):

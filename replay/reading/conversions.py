@@ -74,7 +74,7 @@ def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Flo
             yaw_to_quaternion(yaw),
             variance,
             np.where(np.isnan(variance), np.nan, yaw_variance),
-            *([unknown] * 3),
+            *([unknown] * 4),
         ]
     )
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import quaternion_to_yaw
+from icreckon.estimator.base.frames import quaternion_to_rpy, quaternion_to_yaw
 from icreckon.replay.bags.decoding import stamp_of
 from icreckon.replay.bags.message_types import (
     IMU,
@@ -145,11 +145,12 @@ def _variances(covariance: Any) -> Row:
 
 
 def _pose_stamped_row(message: Any) -> Row:
-    return (*_pose(message.pose), NAN, NAN, NAN, NAN, NAN)
+    return (*_pose(message.pose), NAN, NAN, NAN, NAN, NAN, message.pose.position.z)
 
 
 def _pose_with_covariance_row(message: Any) -> Row:
-    return (*_pose(message.pose.pose), *_variances(message.pose.covariance), NAN, NAN, NAN)
+    pose, variances = message.pose.pose, _variances(message.pose.covariance)
+    return (*_pose(pose), *variances, NAN, NAN, NAN, pose.position.z)
 
 
 def _odometry_row(message: Any) -> Row:
@@ -160,6 +161,7 @@ def _odometry_row(message: Any) -> Row:
         twist.linear.x,
         twist.linear.y,
         twist.angular.z,
+        message.pose.pose.position.z,
     )
 
 
@@ -168,16 +170,32 @@ POSE_READERS: dict[str, RowReader] = {
     POSE_WITH_COVARIANCE: _pose_with_covariance_row,
     ODOMETRY: _odometry_row,
 }
-"""Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w; NaN for none."""
+POSE_WIDTH = 12
+"""Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w, z; NaN for none."""
+
+# Truths with a smaller range of z [m], roll and pitch [rad] are planar.
+PLANAR = 1e-6
 
 
 def planar_poses(rows: Floats) -> Floats:
     """Convert `POSE_READERS` rows to (n, 3) x, y, yaw; yaw NaN for a zero quaternion."""
+    return np.column_stack([rows[:, :2], quaternion_to_yaw(_unit_quaternions(rows))])
+
+
+def spatial_part(rows: Floats) -> Floats | None:
+    """Convert `POSE_READERS` rows to (n, 3) z, roll, pitch; None if planar."""
+    found = np.column_stack([rows[:, 11], quaternion_to_rpy(_unit_quaternions(rows))[:, :2]])
+    if not len(found) or not np.isfinite(found).all() or np.ptp(found, axis=0).max() < PLANAR:
+        return None
+    return found
+
+
+def _unit_quaternions(rows: Floats) -> Floats:
     quaternions = rows[:, 2:6]
     with np.errstate(over="ignore"):
         norms = np.linalg.norm(quaternions, axis=1, keepdims=True)
     norms[~((norms > 1e-6) & np.isfinite(norms))] = np.nan
-    return np.column_stack([rows[:, :2], quaternion_to_yaw(quaternions / norms)])
+    return np.asarray(quaternions / norms)
 
 
 STATUS_NO_FIX, COVARIANCE_UNKNOWN = -1, 0

@@ -70,7 +70,7 @@ class TransformStream(Stream):
                 mine.rows.extend(found.rows)
 
     def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
-        """Stamps (n,) [ns] and rows (n, 11) as of `message_rows.POSE_READERS`.
+        """Stamps (n,) [ns] and rows (n, 12) as of `message_rows.POSE_READERS`.
 
         Raises:
             ReplayError: no chain of transforms connects the frames, or all of it is static.
@@ -222,4 +222,4 @@ def _rows(pose: Poses) -> Floats:
 
     quaternions = Rotation.from_matrix(pose[1]).as_quat()
     unknown = np.full((len(quaternions), 5), NAN)
-    return np.column_stack([pose[0][:, :2], quaternions, unknown])
+    return np.column_stack([pose[0][:, :2], quaternions, unknown, pose[0][:, 2]])

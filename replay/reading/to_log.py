@@ -37,7 +37,12 @@ from icreckon.replay.reading.conversions import (
 )
 from icreckon.replay.reading.gather import Gathered
 from icreckon.replay.reading.held_speeds import without_holding
-from icreckon.replay.reading.message_rows import JointReader, planar_poses
+from icreckon.replay.reading.message_rows import (
+    POSE_WIDTH,
+    JointReader,
+    planar_poses,
+    spatial_part,
+)
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
 from icreckon.replay.reading.wheels import of_sides
@@ -254,7 +259,7 @@ class _Assembly:
         if stream.msgtype == NAVSATFIX or spec.latitude:
             stamps, poses, variances = self._geodetic(stream, spec.origin)
         else:
-            stamps, rows = self._arrays(stream, 11)
+            stamps, rows = self._arrays(stream, POSE_WIDTH)
             poses, variances = planar_poses(rows), rows[:, 6:8].copy()
         unknown = fill_variances(variances, spec)
         where = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
@@ -329,18 +334,22 @@ class _Assembly:
         spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX:
             stamps, poses, _ = self._geodetic(stream, spec.origin if spec is not None else None)
-            twists = np.full_like(poses, NAN)
+            twists, rows = np.full_like(poses, NAN), np.empty((0, POSE_WIDTH))
         else:
-            stamps, rows = self._arrays(stream, 11)
-            poses, twists = planar_poses(rows), rows[:, 8:]
+            stamps, rows = self._arrays(stream, POSE_WIDTH)
+            poses, twists = planar_poses(rows), rows[:, 8:11]
         headings = bool(np.isfinite(poses[:, 2]).any())
         keep = self._screened(stream, stamps, poses if headings else poses[:, :2])
         if not keep.any():
             return None
+        spatial = spatial_part(rows[keep] if len(rows) else rows)
+        if spatial is not None:
+            # As that of the filters, the height begins at zero.
+            spatial[:, 0] -= spatial[0, 0]
         own_twist = bool(np.isfinite(twists[keep]).all())
         twist_stream = streams.get("truth twist")
         return Truth(
-            poses=PoseSeries(stamps[keep], poses[keep]),
+            poses=PoseSeries(stamps[keep], poses[keep], spatial),
             twists=(
                 self._twists(twist_stream)
                 if twist_stream is not None

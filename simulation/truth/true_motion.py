@@ -92,6 +92,13 @@ class TrueMotion:
             )
         return np.column_stack([roll_pitch, poses[:, 2]])
 
+    def spatial_at(self, times: Floats) -> Floats | None:
+        """Height [m], roll and pitch [rad] (n, 3) at times (n,) [s] on terrain; else None."""
+        if self.heights is None:
+            return None
+        heights = self._linear(self.heights[:, None], times)
+        return np.column_stack([heights, self.attitudes_at(times)[:, :2]])
+
     def turns_at(self, times: Floats) -> Floats:
         """Integral (n,) of the yaw rate about base_link's z axis [rad] at times (n,) [s]."""
         if self.turns is None:

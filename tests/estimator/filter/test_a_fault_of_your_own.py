@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from icreckon import (
+    STATE_NAMES,
     BatchError,
     EstimatorError,
     Exclude,
@@ -94,7 +95,8 @@ def test_it_is_found_and_has_its_effect() -> None:
     found = ill.health.finding("clipped")
     assert (found.sensor, found.since) == ("tracks", 1 + 180 * STEP)
     assert found.effect == Clipped.effect
-    assert ill.covariance[3, 3] > 4.0 * well.covariance[3, 3]
+    slip = STATE_NAMES.index("slip_x")
+    assert ill.covariance[slip, slip] > 4.0 * well.covariance[slip, slip]
 
 
 def test_late_measurements_saved_files_and_clocks_follow(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ VEHICLE = motion_model(ALPHA, INERTIA).vehicle
 NO_NOISE = ProcessNoise(np.zeros(3), (1.0, 1.0, 0.5), np.zeros(s.SIZE))
 # Standard deviations that a filter may have in the states, in their own units.
 SCALES = np.zeros(s.SIZE)
-SCALES[s.POSE] = 0.1, 0.1, 0.05
+SCALES[s.MOVED] = 0.1, 0.1, 0.05, 0.1
 SCALES[s.SLIP] = SCALES[s.FAST_SLIP] = 0.02, 0.02, 0.05
 SCALES[s.PARAMETERS] = 0.0, 0.01, 5e-5, 0.02, 2e-4, 0.2, 4e-4, 2e-6, 0.2
 SCALES[s.BIASES] = 0.01, 0.1, 0.1, 0.01, 0.01, 0.02, 0.01, 0.01
@@ -387,7 +387,7 @@ def test_projection_moves_neither_the_pose_nor_what_the_measurement_does_not_sho
     before = ekf.x.copy()
     ekf.keep_inside_bounds(by_imu=by_imu)
     assert ekf.x[s.ETA0] >= 1.0 - ROUNDING
-    still = {s.X, s.Y, s.YAW}
+    still = {s.X, s.Y, s.YAW, s.Z}
     if by_imu:
         # Of the parameters, the IMU shows eta0 alone, and its gyro neither slopes nor what is known
         # together with them.

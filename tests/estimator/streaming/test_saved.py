@@ -182,10 +182,10 @@ NONSENSE = {
             lambda c: (
                 c["state"].update(wander_x=0.0, wander_y=0.0),
                 [row.extend([0.0, 0.0]) for row in c["covariance"]],
-                c["covariance"].extend([[0.0] * 30, [0.0] * 30]),
+                c["covariance"].extend([[0.0] * 31, [0.0] * 31]),
             )
         ),
-        "the filter has 28 states, found 30",
+        "the filter has 29 states, found 31",
     ),
     "a slip factor": (
         of_record("slip_factor", value=0.5),

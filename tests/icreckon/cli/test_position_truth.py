@@ -105,9 +105,9 @@ def on_a_map(path: Path, log: Log) -> None:
     east, north = east_north(log)[1][0]
     latitude, longitude, _ = enu2geodetic(east, north, 0.0, *ORIGIN)
     for name in (VARIANT, "ground_truth"):
-        off = (np.array(lines[name][0]) - [longitude, latitude]) * [68_600.0, 111_300.0]
+        off = (np.array(lines[name][0][:2]) - [longitude, latitude]) * [68_600.0, 111_300.0]
         assert np.hypot(*off) < 0.6
-    apart = np.array(lines[VARIANT][-1]) - np.array(lines["ground_truth"][-1])
+    apart = np.array(lines[VARIANT][-1][:2]) - np.array(lines["ground_truth"][-1])
     assert np.hypot(*apart * [68_600.0, 111_300.0]) < 5.0
 
 

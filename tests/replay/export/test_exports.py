@@ -23,7 +23,6 @@ from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import Outbox, write_bag
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.export.attitude import attitude_of
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.replay_bag import _odometry, _poses, write_replay_bag
 from icreckon.replay.export.tables import icr_series, write_run
@@ -182,8 +181,8 @@ def test_icrs_are_those_that_the_estimator_says(comparison: Comparison, robot: R
 @pytest.mark.parametrize("ros1", [True, False])
 def test_packed_messages_are_those_that_rosbags_serialises(one: Run, ros1: bool) -> None:
     messages = Messages(ros1=ros1)
-    attitude = attitude_of(one)
-    box = _odometry("/odom", one.trajectory, attitude, "a_frame/base_link")
+    path, places = one.trajectory, one.trajectory.pose_series
+    box = _odometry("/odom", path, "a_frame/base_link")
     sent = list(box.serialised(messages))
     assert len(sent) == len(one.stamps)
     deserialize = messages.store.deserialize_ros1 if ros1 else messages.store.deserialize_cdr
@@ -193,10 +192,10 @@ def test_packed_messages_are_those_that_rosbags_serialises(one: Run, ros1: bool)
         stamp = found.header.stamp.sec * 10**9 + found.header.stamp.nanosec
         assert stamp == one.stamps[row]
         assert found.child_frame_id == "a_frame/base_link"
-        x, y, yaw = one.trajectory.poses[row]
-        assert (found.pose.pose.position.x, found.pose.pose.position.y) == (x, y)
+        yaw, at = path.poses[row, 2], found.pose.pose.position
+        assert (at.x, at.y, at.z) == tuple(places.positions[row])
         q = found.pose.pose.orientation
-        assert (q.x, q.y, q.z, q.w) == tuple(attitude.quaternions[row])
+        assert (q.x, q.y, q.z, q.w) == tuple(places.quaternions[row])
         assert np.cos(quaternion_to_yaw([q.x, q.y, q.z, q.w]) - yaw) == pytest.approx(1.0)
         for told, expected in (
             (found.pose.covariance, one.trajectory.pose_covariances[row]),
@@ -204,11 +203,11 @@ def test_packed_messages_are_those_that_rosbags_serialises(one: Run, ros1: bool)
         ):
             matrix = np.reshape(told, (6, 6))
             np.testing.assert_array_equal(matrix[np.ix_([0, 1, 5], [0, 1, 5])], expected)
-            assert matrix[2, 2] == 1e6
-        tilts = np.diag(np.reshape(found.pose.covariance, (6, 6)))[3:5]
-        np.testing.assert_array_equal(tilts, attitude.variances[row])
-        assert (tilts > 0.0).all()
-        assert (tilts < 1.0).all()
+        spatial = np.diag(np.reshape(found.pose.covariance, (6, 6)))[2:5]
+        assert path.spatial_sigmas is not None
+        np.testing.assert_allclose(spatial, path.spatial_sigmas[row].astype(float) ** 2)
+        assert (spatial[1:] > 0.0).all()
+        assert (spatial < 1.0).all()
         np.testing.assert_array_equal(np.diag(np.reshape(found.twist.covariance, (6, 6)))[2:5], 1e6)
         assert found.twist.twist.angular.z == one.trajectory.twists[row, 2]
 

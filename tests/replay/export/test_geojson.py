@@ -54,9 +54,11 @@ def test_each_path_is_a_line_in_its_colour(on_globe: Comparison, tmp_path: Path)
     for name, run in on_globe.runs.items():
         line = features[name]
         assert line["geometry"]["type"] == "LineString"
-        longitude, latitude = np.array(line["geometry"]["coordinates"]).T
-        altitude = np.full(len(latitude), ORIGIN[2])
-        places = east_north(np.column_stack([latitude, longitude, altitude]), ORIGIN)
+        longitude, latitude, altitude = np.array(line["geometry"]["coordinates"]).T
+        level = np.full(len(latitude), ORIGIN[2])
+        places = east_north(np.column_stack([latitude, longitude, level]), ORIGIN)
+        assert run.trajectory.spatial is not None
+        assert altitude[-1] == pytest.approx(ORIGIN[2] + run.trajectory.spatial[-1, 0], abs=0.1)
         # Five points a second of a drive of ten seconds.
         assert len(places) == pytest.approx(50, abs=1)
         np.testing.assert_allclose(places[0], run.trajectory.poses[0, :2], atol=2e-3)
@@ -89,7 +91,9 @@ def test_a_bag_has_the_paths_as_fixes_of_a_receiver(on_globe: Comparison, tmp_pa
         )
         covariance = np.reshape(message.position_covariance, (3, 3))
         np.testing.assert_array_equal(covariance[:2, :2], trajectory.pose_covariances[row, :2, :2])
-        assert covariance[2, 2] == 1e6
+        height, sigma = trajectory.spatial[row, 0], trajectory.spatial_sigmas[row, 0]
+        assert message.altitude == pytest.approx(ORIGIN[2] + height)
+        assert covariance[2, 2] == pytest.approx(sigma**2, rel=1e-6)
         assert message.position_covariance_type == 3
         assert message.header.frame_id == "constant_online/base_link"
 

@@ -250,7 +250,7 @@ def _truncated(content: bytes) -> bytes:
         _truncated,
         lambda _: b"",
         lambda _: b"\x00\xff{]",
-        lambda content: content.replace(b'"version": 11', b'"version": 10'),
+        lambda content: content.replace(b'"version": 12', b'"version": 11'),
         lambda content: content.replace(b"constant-online", b"inertia-online"),
         lambda content: content.replace(b"[", b"[" * 10_000),
     ],

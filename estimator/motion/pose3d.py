@@ -1,0 +1,109 @@
+"""Pose and twist in three dimensions: height, and roll and pitch by gravity."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.frames import rpy_to_quaternion
+from icreckon.estimator.motion.icr import GRAVITY
+
+# Order of the states among position and angles: x, y, z, yaw of the pose; gravity is roll and pitch.
+MOVED = (0, 1, 5, 2)
+
+
+class Pose3d(NamedTuple):
+    """Pose of base_link in odom, which is gravity-aligned (REP-103, REP-105).
+
+    Attributes:
+        position: (3,) x, y, z [m].
+        rpy: (3,) fixed-axis roll, pitch, yaw [rad]; yaw counts full turns.
+        covariance: (6, 6) covariance of position and `rpy`, in the order of geometry_msgs.
+    """
+
+    position: Floats
+    rpy: Floats
+    covariance: Floats
+
+    @property
+    def quaternion(self) -> Floats:
+        """(4,) the attitude, in ROS order x, y, z, w."""
+        return rpy_to_quaternion(*self.rpy)
+
+
+class Twist3d(NamedTuple):
+    """Velocity of base_link in its own axes.
+
+    Attributes:
+        linear: (3,) forward, left, up [m/s]; up is zero.
+        angular: (3,) about these axes [rad/s]; NaN about the first two without gyros for them.
+        covariance: (6, 6) covariance of both, in the order of geometry_msgs; NaN likewise.
+    """
+
+    linear: Floats
+    angular: Floats
+    covariance: Floats
+
+
+def roll_pitch(gravity: ArrayLike) -> Floats:
+    """Roll and pitch (..., 2) [rad] by gravity along the ground (..., 2) [m/s²]."""
+    shares = np.clip(np.asarray(gravity, dtype=float) / GRAVITY, -0.99, 0.99)
+    pitch = np.arcsin(shares[..., 0])
+    roll = np.arcsin(np.clip(-shares[..., 1] / np.cos(pitch), -0.99, 0.99))
+    return np.stack([roll, pitch], axis=-1)
+
+
+def spatial_of(states: Floats, sigmas: Floats) -> tuple[Floats, Floats]:
+    """Height, roll and pitch (n, 3) [m, rad, rad] of states, and their sigmas.
+
+    Args:
+        states: (n, SIZE) the states.
+        sigmas: (n, SIZE) their standard deviations; those of roll and pitch are for small angles.
+    """
+    of_gravity = sigmas[:, [s.GRAVITY_Y, s.GRAVITY_X]] / GRAVITY
+    return (
+        np.column_stack([states[:, s.Z], roll_pitch(states[:, s.GRAVITY])]),
+        np.column_stack([sigmas[:, s.Z], of_gravity]),
+    )
+
+
+def pose3d_of(x: Floats, P: Floats) -> Pose3d:
+    """Pose of a state.
+
+    Args:
+        x: (SIZE,) the state.
+        P: (SIZE, SIZE) its covariance.
+    """
+    roll, pitch = roll_pitch(x[s.GRAVITY]).tolist()
+    by_state = np.zeros((6, len(x)))
+    by_state[MOVED, range(s.MOVED.start, s.MOVED.stop)] = 1.0
+    # pitch = asin(forward / g), sin(roll) cos(pitch) = -left / g.
+    per_pitch = 1.0 / (GRAVITY * math.cos(pitch))
+    by_state[3, s.GRAVITY] = (
+        math.tan(roll) * math.tan(pitch) * per_pitch,
+        -per_pitch / math.cos(roll),
+    )
+    by_state[4, s.GRAVITY_X] = per_pitch
+    position, rpy = x[[s.X, s.Y, s.Z]], np.array([roll, pitch, x.item(s.YAW)])
+    return Pose3d(position, rpy, by_state @ P @ by_state.T)
+
+
+def twist3d_of(twist: Floats, of_twist: Floats, tilt_rates: Floats, of_rates: Floats) -> Twist3d:
+    """Velocity of a planar twist, and of the rates of roll and pitch.
+
+    Args:
+        twist: (3,) v_x, v_y [m/s], w [rad/s].
+        of_twist: (3, 3) its covariance.
+        tilt_rates: (2,) turning about the axes forward and left [rad/s].
+        of_rates: (2, 2) its covariance.
+    """
+    covariance, planar = np.zeros((6, 6)), [0, 1, 5]
+    covariance[np.ix_(planar, planar)] = of_twist
+    covariance[3:5, 3:5] = of_rates
+    linear, angular = np.append(twist[:2], 0.0), np.append(tilt_rates, twist[2])
+    return Twist3d(linear, angular, covariance)
