@@ -55,8 +55,11 @@ BY_TRACKS_ALONE = (
     "run, with the gyro, icreckon replay shows on a log that was not calibrated with"
 )
 """Note on the verdict."""
-TURN, PLACE = "rotation_rpy_deg", "position"
-"""Keys of the IMU's mounting."""
+OF_MOUNTING = {
+    **dict.fromkeys(("roll", "pitch", "yaw"), "rotation_rpy_deg"),
+    **dict.fromkeys(("forward", "left"), "position"),
+}
+"""Keys of the IMU's mounting, by the names of their parts in the results."""
 
 
 def assembled(
@@ -114,8 +117,10 @@ def assembled(
     parameters = tuple(
         replace(
             with_other_logs(one, len(main.problem.recording.motions)),
-            note=_joined(one.note, KEPT if one.name in stays and one.sigma else ""),
-            is_default=one.before is not None and is_default(robot, one.name),
+            note="; ".join(
+                filter(None, [one.note, KEPT if one.sigma and one.name in stays else ""])
+            ),
+            is_default=one.before is not None and _is_default(robot, one.name),
         )
         for one in parameters
     )
@@ -133,35 +138,19 @@ def assembled(
     )
 
 
-def _in_file(robot: Robot, name: str) -> float | None:
-    """Value in the robot file, by the name in the results; None for none."""
-    table, key = _home(robot, name)
-    value = None if table is None else getattr(table, key)
-    if isinstance(value, tuple):
-        value = value[("forward", "left", "up").index(name.rpartition(".")[2])]
-    return None if value is None else float(value)
-
-
-def is_default(robot: Robot, name: str) -> bool:
+def _is_default(robot: Robot, name: str) -> bool:
     """True if the robot file need not state a parameter, by its name in the results."""
-    table, key = _home(robot, name)
-    if table is None or not hasattr(table, key):
-        return False
-    field = next(one for one in msgspec.structs.fields(type(table)) if one.name == key)
-    return not field.required and getattr(table, key) == field.default
-
-
-def _home(robot: Robot, name: str) -> tuple[msgspec.Struct | None, str]:
-    """Table of a robot that has a parameter of the results, and its key there."""
-    table, _, key = name.rpartition(".")
-    if table == "centre_of_mass":
-        return robot.vehicle, table
-    if table == "imu":
-        key = {"roll": TURN, "pitch": TURN, "yaw": TURN, "forward": PLACE, "left": PLACE}.get(
-            key, key
-        )
-    tables = {"": robot.vehicle, "imu": robot.imu, "tracks": robot.tracks, "soil": robot.soil}
-    return (tables | {"indices": robot.indices}).get(table), key
+    table_name, _, key = name.rpartition(".")
+    tables: dict[str, msgspec.Struct] = {
+        "": robot.vehicle, "imu": robot.imu, "tracks": robot.tracks, "indices": robot.indices,
+    }  # fmt: skip
+    table = tables.get(table_name)
+    fields = () if table is None else msgspec.structs.fields(table)
+    key = OF_MOUNTING.get(key, key)
+    return any(
+        one.name == key and not one.required and getattr(table, key) == one.default
+        for one in fields
+    )
 
 
 def _rows_of(model: str, names: frozenset[str]) -> set[str]:
@@ -173,10 +162,6 @@ def _rows_of(model: str, names: frozenset[str]) -> set[str]:
     if {"epsilon0", "eta0"} <= names:
         rows |= {"constant_icr.x_ICRl", "constant_icr.x_ICRr"}
     return rows
-
-
-def _joined(*notes: str) -> str:
-    return "; ".join(filter(None, notes))
 
 
 def with_difference(
@@ -375,7 +360,7 @@ def _inertia(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
                 parameter.name,
                 f"indices.{parameter.name}",
                 parameter.unit,
-                before=_in_file(robot, f"indices.{parameter.name}"),
+                before=getattr(indices, parameter.name),
                 sigmas=free,
             )
             for parameter in free.problem.model.parameters

@@ -19,14 +19,12 @@ SHARES = {
     "constant_icr.x_ICRl": 0.02,
     "constant_icr.x_ICRr": 0.02,
     "indices.eta0": 0.02,
-    "half_contact_length": 0.02,
     "indices.zeta1": 0.1,
 }
 """Standard deviation between logs, as a share of the value [-]."""
 SIZES = {
     "tracks.difference": 0.003,
     "track_latency": 0.012,
-    "soil.rolling_resistance": 0.015,
     "imu.roll": 0.5,
     "imu.pitch": 0.5,
     "imu.yaw": 4.0,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.soil import Soil
+from icreckon.estimator.robot.robot_file import Robot, Soil
 
 # Distance of a track from its ICR, as a share of half the contact's length: beyond this range it shows
 # ground that is not Coulomb's.
