@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -147,8 +146,6 @@ def _finite(value: Any) -> Any:
 
 
 def _version(name: str) -> str:
-    if name == "python":
-        return platform.python_version()
     try:
         return version(name)
     except PackageNotFoundError:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.engines import choose_engine, why_slow
 from icreckon.simulation.running.manifest import as_json, manifest
-from icreckon.simulation.running.runner import Report, run_blocks
+from icreckon.simulation.running.runner import Report, Runner
 from icreckon.simulation.running.store import (
     RESULTS,
     BlockStore,
@@ -22,8 +23,8 @@ from icreckon.simulation.running.store import (
     open_store,
     write_files,
 )
+from icreckon.simulation.running.workers import OpenWorkplace, given, here
 from icreckon.simulation.running.workers import cluster as on_cluster
-from icreckon.simulation.running.workers import given, here
 from icreckon.simulation.study.cells import Plan, expand
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
@@ -74,13 +75,12 @@ def run_study(
     store = open_store(Path(folder), identity, shape, overwrite=overwrite)
     jobs = jobs_of(plan, chosen.block_runs)
     count = workers or os.cpu_count() or 1
+    open_workplace: OpenWorkplace = partial(here, count, threads=chosen.threads)
     if cluster is not None:
-        workplace = on_cluster(cluster)
+        open_workplace = partial(on_cluster, cluster)
     elif executor is not None:
-        workplace = given(executor, count)
-    else:
-        workplace = here(count, threads=chosen.threads)
-    run_blocks(plan, chosen, jobs, store, workplace, report)
+        open_workplace = partial(given, executor, count)
+    Runner(plan, chosen, jobs, store, report).run(open_workplace)
     return _write_results(_gathered(plan, jobs, store), identity, store)
 
 

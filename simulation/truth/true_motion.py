@@ -237,12 +237,12 @@ def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) 
     Returns:
         (count, 3).
     """
-    from icreckon.simulation.base.noise_kernel import gauss_markov_entry
+    from scipy.signal import lfilter
 
     noise = rng.standard_normal((count, 3))
     decay = step / time_constant
-    gauss_markov_entry(noise, float(np.exp(-decay)), float(np.sqrt(-np.expm1(-2.0 * decay))))
-    return noise
+    noise[1:] *= np.sqrt(-np.expm1(-2.0 * decay))
+    return np.asarray(lfilter([1.0], [1.0, -np.exp(-decay)], noise, axis=0))
 
 
 def displacements(twists: Floats, step: float) -> Floats:
