@@ -199,13 +199,13 @@ def _put(found: Fit, robot: Robot) -> Robot:
 
 def _supported_fits(fits: Mapping[str, Fit], comparison: ModelComparison) -> list[Fit]:
     """Fits of the models that may be right, the supported one included."""
-    may_be_right = []
-    for name, one in fits.items():
-        pair = {name, comparison.supported}
-        known = [one for one in comparison.differences if {one.model, one.than} == pair]
-        if all(one.drift_low <= 0.0 <= one.drift_high for one in known):
-            may_be_right.append(one)
-    return may_be_right
+    chosen = comparison.supported
+
+    def may_be_right(name: str) -> bool:
+        pair = comparison.difference(chosen, name)
+        return pair.drift_low <= 0.0 <= pair.drift_high
+
+    return [one for name, one in fits.items() if name == chosen or may_be_right(name)]
 
 
 def _parameters(
@@ -427,9 +427,7 @@ def _verdict(comparison: ModelComparison) -> str:
         name = other.model
         if name == chosen:
             continue
-        pair = next(
-            one for one in comparison.differences if {one.model, one.than} == {chosen, name}
-        )
+        pair = comparison.difference(chosen, name)
         low, high = pair.drift_low, pair.drift_high
         if pair.model == chosen:
             low, high = -high, -low

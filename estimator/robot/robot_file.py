@@ -246,15 +246,6 @@ class Slip(Bounded, frozen=True):
     time_constant: Positive = 1.0
     white_time: NotNegative = 0.1
 
-    def scaled(self, factor: float) -> Slip:
-        """Scale all standard deviations by a factor."""
-        sizes = {
-            name: factor * getattr(self, name)
-            for name in self.__struct_fields__
-            if name.startswith(("turning", "driving"))
-        }
-        return msgspec.structs.replace(self, **sizes)
-
 
 class Soil(Bounded, frozen=True):
     """Friction and rolling resistance of the ground under a track.

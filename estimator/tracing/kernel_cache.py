@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
-import platform
 import sys
 import warnings
 from functools import cache
@@ -27,6 +26,7 @@ from numba.core import config
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
+from numba.misc.appdirs import AppDirs
 
 from icreckon.estimator.base.atomic_write import remove_abandoned, write_whole
 
@@ -111,28 +111,15 @@ def cache_folder() -> Path:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
         return Path(chosen) / "icreckon"
-    match platform.system():
-        case "Windows":
-            base = Path(os.environ.get("LOCALAPPDATA", _home() / "AppData" / "Local"))
-        case "Darwin":
-            base = _home() / "Library" / "Caches"
-        case _:
-            base = Path(os.environ.get("XDG_CACHE_HOME") or _home() / ".cache")
-    return base / "icreckon" / "kernels"
+    folder = Path(AppDirs("icreckon", appauthor=False).user_cache_dir)  # type: ignore[no-untyped-call]
+    # A user without a home gets a place that cannot be written.
+    return (folder if folder.is_absolute() else Path(os.devnull)) / "kernels"
 
 
 def kernel_files() -> list[Path]:
     """Compiled functions of this version of the code and of the compiler."""
     folders = {cache_folder() / environment_digest(package) for package in PACKAGES}
     return [path for folder in folders for path in folder.glob("*.kernel") if path.is_file()]
-
-
-def _home() -> Path:
-    """Home folder of the user; a place that cannot be written if there is none."""
-    try:
-        return Path.home()
-    except RuntimeError:
-        return Path(os.devnull)
 
 
 def why_not_kept() -> str:
