@@ -223,7 +223,7 @@ class Recording:
 
 
 def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
-    """Values (t, k) at times (t,), interpolated linearly: (..., k) at wanted times (...)."""
+    """Values (t, k) of times (t,) interpolated linearly at times (...): (..., k)."""
     return np.stack([np.interp(wanted, times, column) for column in values.T], axis=-1)
 
 
