@@ -12,7 +12,7 @@ import numpy as np
 
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.running.engines import choose_engine, why_slow
+from icreckon.simulation.running.engines import ENGINES, choose_engine
 from icreckon.simulation.running.manifest import as_json, manifest
 from icreckon.simulation.running.runner import Report, Runner
 from icreckon.simulation.running.store import (
@@ -63,8 +63,9 @@ def run_study(
     for cell in plan.cells:
         check_terrain(cell.scenario.terrain, 2.0 * cell.robot.vehicle.half_contact_length)
     chosen = choose_engine(plan, engine)
-    slow = why_slow(plan, chosen)
     if remark is not None:
+        fastest = next(iter(ENGINES.values()))
+        slow = None if chosen is fastest else fastest.why_not(plan)
         if slow is not None:
             remark(f"runs are computed one after the other, which is slow: {slow}")
         first = plan.cells[0]

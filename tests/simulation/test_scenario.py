@@ -4,8 +4,8 @@ import pytest
 
 from icreckon.estimator.log.log import screen
 from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.coulomb_gains import coulomb_gains
 from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.variants import coulomb_gains
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
