@@ -312,53 +312,40 @@ def _log(
     track_latency: list[str],
     wander: list[str],
 ) -> list[str]:
-    def time(purpose: str) -> list[str]:
+    def table(purpose: str, topic: str, *lines: str, late: Sequence[str] = ()) -> list[str]:
         choice = clocks.get(purpose)
-        if choice is None or choice.clock == "header":
-            return []
-        return [f'time = "recording"    # {choice.reason}']
+        time = []
+        if choice is not None and choice.clock == "recording":
+            time = [f'time = "recording"    # {choice.reason}']
+        return ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *lines, *time, *late]
 
     lines: list[str] = []
-    if mapping.tracks:
-        lines += ["[log.tracks]", f"topic = {toml_value(mapping.tracks.topic)}"]
-        if mapping.tracks.left:
-            lines += [
-                f"left = {toml_value(mapping.tracks.left)}",
-                f"right = {toml_value(mapping.tracks.right)}",
-            ]
-        else:
-            lines.append(f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)")
-        lines += [*time("tracks"), *track_latency, ""]
+    if tracks := mapping.tracks:
+        sides = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
+        if not tracks.left:
+            sides = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
+        lines += table("tracks", tracks.topic, *sides, late=track_latency)
     if mapping.imu:
-        lines += ["[log.imu]", f"topic = {toml_value(mapping.imu.topic)}", *time("imu"), ""]
-    if mapping.fixes:
-        lines += ["[log.fixes]", f"topic = {toml_value(mapping.fixes.topic)}"]
-        lines += wander
-        if mapping.fixes.position_sigma is not None and not wander:
-            lines.append(f"position_sigma = {mapping.fixes.position_sigma}    {FILL_IN} (m)")
-        lines += [*time("fixes"), ""]
-    if mapping.heading:
-        lines += ["[log.heading]", f"topic = {toml_value(mapping.heading.topic)}"]
-        if mapping.heading.sigma is not None:
-            lines.append(f"sigma = {mapping.heading.sigma}    {FILL_IN} (rad)")
-        lines += [
-            f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
-            if heading_offset is None
-            else f"offset_deg = {_round(heading_offset)}    # course over ground less heading, if it"
-            " drives forward",
-            *time("heading"),
-            "",
-        ]
-    if mapping.truth:
-        lines += ["[log.truth]", f"topic = {toml_value(mapping.truth.topic)}"]
-        if mapping.truth.twist:
-            lines.append(f"twist = {toml_value(mapping.truth.twist)}")
-        if mapping.truth.tracks:
-            lines.append(f"tracks = {toml_value(mapping.truth.tracks)}")
-        if mapping.truth.source_topic:
-            lines.append(f"source_topic = {toml_value(mapping.truth.source_topic)}")
-        lines += [*time("truth"), ""]
-    return lines[:-1]
+        lines += table("imu", mapping.imu.topic)
+    if fixes := mapping.fixes:
+        errors = wander
+        if fixes.position_sigma is not None and not wander:
+            errors = [f"position_sigma = {fixes.position_sigma}    {FILL_IN} (m)"]
+        lines += table("fixes", fixes.topic, *errors)
+    if heading := mapping.heading:
+        sigma = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
+        offset = f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
+        if heading_offset is not None:
+            offset = (
+                f"offset_deg = {_round(heading_offset)}    # course over ground less heading, if it "
+                "drives forward"
+            )
+        lines += table("heading", heading.topic, *sigma, offset)
+    if truth := mapping.truth:
+        others = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
+        named = [f"{name} = {toml_value(topic)}" for name, topic in others.items() if topic]
+        lines += table("truth", truth.topic, *named)
+    return lines[1:]
 
 
 def _wander_lines(wander: FixWanderEstimate | None) -> list[str]:
