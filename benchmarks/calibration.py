@@ -77,7 +77,7 @@ def make_case(seed: int, drive: str, options: dict[str, float], duration: float)
     )
     run = run_scenario(scenario, mounted)
     log, poses = run.log, run.log.truth.poses if run.log.truth else None
-    if log.imu is None or poses is None or run.true_parameters is None:
+    if log.imu is None or poses is None or run.motion.parameters is None:
         raise ValueError("the scenario has no IMU, truth or parameters")
     radius, gyro_scale = np.exp(0.03 * rng.standard_normal()), 1.0 + 0.01 * rng.standard_normal()
     lag, lever = rng.uniform(0.1, 0.4), rng.uniform(-0.3, 0.3, 2)
@@ -96,7 +96,7 @@ def make_case(seed: int, drive: str, options: dict[str, float], duration: float)
     tracks = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds / radii)
     bias = float(np.mean(run.gyro_bias[:, 2]))
     values = {
-        f"indices.{name}": float(getattr(run.true_parameters, name)) for name in PAPER_PARAMETERS
+        f"indices.{name}": float(getattr(run.motion.parameters, name)) for name in PAPER_PARAMETERS
     }
     values |= {
         "sprocket_radius": file.vehicle.sprocket_radius * float(radius),

@@ -8,7 +8,7 @@ from pathlib import Path
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Indices, Robot
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.random_streams import Streams, random_streams
 from icreckon.simulation.base.sampling import sample_times
@@ -36,11 +36,6 @@ class Simulation:
     motion: TrueMotion
     gyro_bias: Floats
     accelerometer_bias: Floats
-
-    @property
-    def true_parameters(self) -> Indices | None:
-        """True index parameters, or None if the truth has none."""
-        return self.motion.parameters
 
 
 def simulate(

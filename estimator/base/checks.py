@@ -178,9 +178,7 @@ def require_kind(
     raise SettingError(f"{name} must be {kind.__name__}(...){leave_out}, found {found}")
 
 
-def require_wander(
-    of_sigma: str, sigma: float, of_time: str, time: float, error: type[Exception] = SettingError
-) -> None:
+def require_wander(of_sigma: str, sigma: float, of_time: str, time: float) -> None:
     """Reject a wander of fixes of which one of the two values is missing.
 
     Args:
@@ -188,15 +186,16 @@ def require_wander(
         sigma: standard deviation [m].
         of_time: name of the correlation time, for the message.
         time: correlation time [s].
-        error: the error class to raise.
 
     Raises:
         SettingError: there is a standard deviation without a time, or the reverse.
     """
     if sigma > 0.0 and not time > 0.0:
-        raise error(f"{of_sigma} = {sigma!r} needs {of_time}, the correlation time in seconds")
+        message = f"{of_sigma} = {sigma!r} needs {of_time}, the correlation time in seconds"
+        raise SettingError(message)
     if time > 0.0 and not sigma > 0.0:
-        raise error(f"{of_time} = {time!r} needs {of_sigma}, the standard deviation in metres")
+        message = f"{of_time} = {time!r} needs {of_sigma}, the standard deviation in metres"
+        raise SettingError(message)
 
 
 def three_numbers(

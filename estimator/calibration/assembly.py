@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
@@ -9,7 +10,6 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.calibration.between_logs import with_other_logs
 from icreckon.estimator.calibration.common_values import (
     KEPT,
     common_bias,
@@ -55,8 +55,35 @@ BY_TRACKS_ALONE = (
     "run, with the gyro, icreckon replay shows on a log that was not calibrated with"
 )
 """Note on the verdict."""
-TURN, PLACE = "rotation_rpy_deg", "position"
-"""Keys of the IMU's mounting."""
+OF_MOUNTING = {
+    **dict.fromkeys(("roll", "pitch", "yaw"), "rotation_rpy_deg"),
+    **dict.fromkeys(("forward", "left"), "position"),
+}
+"""Keys of the IMU's mounting, by the names of their parts in the results."""
+# Spread of parameters between logs: other ground, load, tyre pressure. One log cannot show it. The
+# figures are those of three robots, measured by `benchmarks/between_logs.py`: four logs of a Warthog on
+# grass and asphalt, four parts of a log each of the tracked Marmotte and of a Husky with deflated tyres.
+SHARES = {
+    "sprocket_radius": 0.01,
+    "track_scale": 0.01,
+    "effective_track": 0.02,
+    "constant_icr.x_ICRl": 0.02,
+    "constant_icr.x_ICRr": 0.02,
+    "indices.eta0": 0.02,
+    "indices.zeta1": 0.1,
+}
+"""Standard deviation between logs, as a share of the value [-]."""
+SIZES = {
+    "tracks.difference": 0.003,
+    "track_latency": 0.012,
+    "imu.roll": 0.5,
+    "imu.pitch": 0.5,
+    "imu.yaw": 4.0,
+    "imu.left": 0.05,
+    "truth.forward": 0.02,
+    "truth.left": 0.015,
+}
+"""Standard deviation between logs, in the parameter's unit."""
 
 
 def assembled(
@@ -113,9 +140,11 @@ def assembled(
         stays -= {"sprocket_radius"}
     parameters = tuple(
         replace(
-            with_other_logs(one, len(main.problem.recording.motions)),
-            note=_joined(one.note, KEPT if one.name in stays and one.sigma else ""),
-            is_default=one.before is not None and is_default(robot, one.name),
+            _with_other_logs(one, len(main.problem.recording.motions)),
+            note="; ".join(
+                filter(None, [one.note, KEPT if one.sigma and one.name in stays else ""])
+            ),
+            is_default=one.before is not None and _is_default(robot, one.name),
         )
         for one in parameters
     )
@@ -133,35 +162,32 @@ def assembled(
     )
 
 
-def _in_file(robot: Robot, name: str) -> float | None:
-    """Value in the robot file, by the name in the results; None for none."""
-    table, key = _home(robot, name)
-    value = None if table is None else getattr(table, key)
-    if isinstance(value, tuple):
-        value = value[("forward", "left", "up").index(name.rpartition(".")[2])]
-    return None if value is None else float(value)
+def _with_other_logs(one: FoundParameter, logs: int) -> FoundParameter:
+    """Add the standard error for other logs of the same robot.
+
+    Args:
+        one: the parameter.
+        logs: number of logs it was found from.
+    """
+    if one.sigma is None:
+        return one
+    between = SHARES.get(one.name, 0.0) * abs(one.value) + SIZES.get(one.name, 0.0)
+    return replace(one, sigma_other_logs=math.hypot(one.sigma, between / math.sqrt(logs)))
 
 
-def is_default(robot: Robot, name: str) -> bool:
+def _is_default(robot: Robot, name: str) -> bool:
     """True if the robot file need not state a parameter, by its name in the results."""
-    table, key = _home(robot, name)
-    if table is None or not hasattr(table, key):
-        return False
-    field = next(one for one in msgspec.structs.fields(type(table)) if one.name == key)
-    return not field.required and getattr(table, key) == field.default
-
-
-def _home(robot: Robot, name: str) -> tuple[msgspec.Struct | None, str]:
-    """Table of a robot that has a parameter of the results, and its key there."""
-    table, _, key = name.rpartition(".")
-    if table == "centre_of_mass":
-        return robot.vehicle, table
-    if table == "imu":
-        key = {"roll": TURN, "pitch": TURN, "yaw": TURN, "forward": PLACE, "left": PLACE}.get(
-            key, key
-        )
-    tables = {"": robot.vehicle, "imu": robot.imu, "tracks": robot.tracks, "soil": robot.soil}
-    return (tables | {"indices": robot.indices}).get(table), key
+    table_name, _, key = name.rpartition(".")
+    tables: dict[str, msgspec.Struct] = {
+        "": robot.vehicle, "imu": robot.imu, "tracks": robot.tracks, "indices": robot.indices,
+    }  # fmt: skip
+    table = tables.get(table_name)
+    fields = () if table is None else msgspec.structs.fields(table)
+    key = OF_MOUNTING.get(key, key)
+    return any(
+        one.name == key and not one.required and getattr(table, key) == one.default
+        for one in fields
+    )
 
 
 def _rows_of(model: str, names: frozenset[str]) -> set[str]:
@@ -173,10 +199,6 @@ def _rows_of(model: str, names: frozenset[str]) -> set[str]:
     if {"epsilon0", "eta0"} <= names:
         rows |= {"constant_icr.x_ICRl", "constant_icr.x_ICRr"}
     return rows
-
-
-def _joined(*notes: str) -> str:
-    return "; ".join(filter(None, notes))
 
 
 def with_difference(
@@ -214,13 +236,13 @@ def _put(found: Fit, robot: Robot) -> Robot:
 
 def _supported_fits(fits: Mapping[str, Fit], comparison: ModelComparison) -> list[Fit]:
     """Fits of the models that may be right, the supported one included."""
-    may_be_right = []
-    for name, one in fits.items():
-        pair = {name, comparison.supported}
-        known = [one for one in comparison.differences if {one.model, one.than} == pair]
-        if all(one.drift_low <= 0.0 <= one.drift_high for one in known):
-            may_be_right.append(one)
-    return may_be_right
+    chosen = comparison.supported
+
+    def may_be_right(name: str) -> bool:
+        pair = comparison.difference(chosen, name)
+        return pair.drift_low <= 0.0 <= pair.drift_high
+
+    return [one for name, one in fits.items() if name == chosen or may_be_right(name)]
 
 
 def _parameters(
@@ -375,7 +397,7 @@ def _inertia(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
                 parameter.name,
                 f"indices.{parameter.name}",
                 parameter.unit,
-                before=_in_file(robot, f"indices.{parameter.name}"),
+                before=getattr(indices, parameter.name),
                 sigmas=free,
             )
             for parameter in free.problem.model.parameters
@@ -442,9 +464,7 @@ def _verdict(comparison: ModelComparison) -> str:
         name = other.model
         if name == chosen:
             continue
-        pair = next(
-            one for one in comparison.differences if {one.model, one.than} == {chosen, name}
-        )
+        pair = comparison.difference(chosen, name)
         low, high = pair.drift_low, pair.drift_high
         if pair.model == chosen:
             low, high = -high, -low

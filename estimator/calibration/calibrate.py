@@ -54,8 +54,8 @@ def calibrate(
     The method is maximum likelihood over segments. The two tracks may have different effective radii.
     The truth may be late, and that of another point of the robot than base_link. If neither this point
     nor the IMU's position is known (an IMU at the robot file's default [0, 0, 0] counts as unknown), the
-    turning centre in the robot is unobservable. Then the parameters that place it (zeta0, epsilon0, the
-    centre of mass forward and left) are held, and the lever arm is relative to them.
+    turning centre in the robot is unobservable. Then the parameters that place it (zeta0, epsilon0) are
+    held, and the lever arm is relative to them.
 
     Args:
         logs: a log or several of one robot, each with track speeds [m/s] made with the robot's sprocket

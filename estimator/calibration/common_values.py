@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,7 +12,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
 from icreckon.estimator.calibration.fit import Fit
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.robot_file import Robot, changed_robot
 
 SURE = 1.96
 """Standard errors from zero at which a value is beyond its error."""
@@ -175,16 +175,10 @@ def _with_latency(robot: Robot, main: Fit) -> Robot:
     latency = main.value("track_latency")
     if not main.is_free("track_latency") or abs(latency) < LEAST_LATENCY:
         return robot
-    for path in (("tracks",), ("columns", "tracks")):
-        table: Any = robot.log
-        for key in path:
-            table = table.get(key) if isinstance(table, dict) else None
-        if not isinstance(table, dict):
-            continue
-        changed = table | {"latency": round(float(table.get("latency", 0.0)) + latency, 4)}
-        for key in reversed(path[1:]):
-            changed = {**robot.log[path[0]], key: changed}
-        return msgspec.structs.replace(robot, log={**robot.log, path[0]: changed})
+    for name, mapping in (("log", robot.log), ("log.columns", robot.log.get("columns", {}))):
+        if "tracks" in mapping:
+            latency += float(mapping["tracks"].get("latency", 0.0))
+            return changed_robot(robot, {f"{name}.tracks.latency": round(latency, 4)})
     return robot
 
 

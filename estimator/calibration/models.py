@@ -145,12 +145,7 @@ def model_of(name: str, robot: Robot) -> Model:
     Args:
         name: one of `MODELS`.
         robot: the robot.
-
-    Raises:
-        EstimatorError: an unknown name.
     """
-    if name not in MODELS:
-        raise EstimatorError(f"no model named {name!r}; there are {', '.join(MODELS)}")
     gauge = robot.vehicle.track_gauge
     if name == "differential":
         return Model(name, (), VehicleConstants(gauge, *NO_MASS), (), 1.0)

@@ -28,7 +28,7 @@ ALONG, ACROSS, SLIP, YAW, FORCE = range(5)
 BINS = 6
 """Number of parts of a segment with mean specific forces; forward ones first."""
 ROWS = FORCE + 2 * BINS
-ORIGIN = ("zeta0", "epsilon0", "forward", "left")
+ORIGIN = ("zeta0", "epsilon0")
 """Parameters of models that place base_link in the robot. If neither the truth's lever arm nor the IMU's
 position does so, they are unobservable beside the lever arm, and are held."""
 OF_TRACKS = ("scale", "difference", "track_latency")
@@ -117,18 +117,12 @@ class Problem:
         jacobian[:, FORCE:, self.place("track_latency")] = 0.0
         jacobian[..., len(values) - own :] = linear[..., len(OF_TRACKS) :]
         twist = at.twist[..., None]
-        shared = [
-            "turning_lag",
-            "gyro_scale",
-            "lever_arm_forward",
-            "lever_arm_left",
-            "mounting_yaw",
-        ]
-        shared += [name for name in ("imu_forward", "imu_left") if name in self.names]
-        for name in shared:
-            other = values.copy()
-            other[self.place(name)] += STEP
-            jacobian[..., self.place(name)] = (self._assemble(other, twist)[0] - rows) / STEP
+        for place, name in enumerate(self.names[: len(values) - own]):
+            # Other parameters of all logs.
+            if name not in OF_TRACKS and "[" not in name:
+                other = values.copy()
+                other[place] += STEP
+                jacobian[..., place] = (self._assemble(other, twist)[0] - rows) / STEP
         for name in ("gyro_bias", "lag", "offset_forward", "offset_left"):
             # Parameters of one log affect only that log's rows.
             places = [self.place(f"{name}[{log}]") for log in range(len(recording.motions))]
@@ -149,7 +143,7 @@ class Problem:
         bias = self._of_log(values, "gyro_bias")
         scale = values[self.place("gyro_scale")]
         turned = (recording.turned - bias[:, None] * recording.edges) / scale
-        _, _, yaw = recording.knots(self._lags(values))
+        _, _, yaw = recording.knots(self._each(values, "lag"))
         at_start, at_end = yaw[recording.starts], yaw[recording.ends]
         apart = wrap_angle(at_end - at_start - (turned[:, -1] - turned[:, 0]))
         offset = at_start - turned[:, 0] + 0.5 * apart
@@ -157,7 +151,7 @@ class Problem:
 
     def body_places(self, values: Floats) -> Floats:
         """Position (k, 2) of base_link at knots: the truth's point less the lever arm [m]."""
-        place, rotation, _ = self.recording.knots(self._lags(values))
+        place, rotation, _ = self.recording.knots(self._each(values, "lag"))
         lever = np.array([values[self.place(f"lever_arm_{one}")] for one in ("forward", "left")])
         return np.asarray(place - np.einsum("kij,j->ki", rotation, lever))
 
@@ -221,15 +215,14 @@ class Problem:
         """Part of values (p,) that is of the model's parameters, a view."""
         return values[len(values) - len(self.model.parameters) :]
 
-    def _lags(self, values: Floats) -> Floats:
+    def _each(self, values: Floats, name: str) -> Floats:
+        """Values (logs,) of a parameter of each log."""
         logs = range(len(self.recording.motions))
-        return np.array([values[self.place(f"lag[{log}]")] for log in logs])
+        return np.array([values[self.place(f"{name}[{log}]")] for log in logs])
 
     def _of_log(self, values: Floats, name: str) -> Floats:
         """Values (n,) of a parameter of each log, by segment."""
-        logs = range(len(self.recording.motions))
-        each = np.array([values[self.place(f"{name}[{log}]")] for log in logs])
-        return np.asarray(each[self.recording.log])
+        return np.asarray(self._each(values, name)[self.recording.log])
 
     def counted_rows(self) -> NDArray[np.bool_]:
         """Mask (n, ROWS) of rows that count.

@@ -144,8 +144,8 @@ class ModelComparison:
         return next(one for one in self.scores if one.model == model)
 
     def difference(self, model: str, than: str) -> Difference:
-        """Difference of two models, the one with more parameters first."""
-        return next(one for one in self.differences if (one.model, one.than) == (model, than))
+        """Difference of two models; listed with the one with more parameters first."""
+        return next(one for one in self.differences if {one.model, one.than} == {model, than})
 
 
 @dataclass(frozen=True)

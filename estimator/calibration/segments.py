@@ -32,6 +32,8 @@ from icreckon.estimator.robot.robot_file import Robot
 
 Indexes = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+Series = tuple[Floats, Floats]
+"""Times (t,) [s] and values (t, k)."""
 
 CELL = 0.05
 """Approximate length of a cell [s]."""
@@ -131,7 +133,7 @@ class Recording:
     knot_times: Floats
     pair_knot: Indexes
     pair_pose: Indexes
-    paths: tuple[tuple[Floats, Floats], ...]
+    paths: tuple[Series, ...]
 
     @property
     def cell(self) -> float:
@@ -140,45 +142,38 @@ class Recording:
 
     def speeds(self, latency: float) -> Floats:
         """Mean track speeds (n, m, 2) of each cell [m/s], corrected for a latency [s]."""
-        result = np.empty((*self.edges[:, 1:].shape, 2))
-        for number, motion in enumerate(self.motions):
-            own = self.log == number
-            times = self.edges[own] + latency
-            for side in range(2):
-                ways = np.interp(times, motion.track_times, motion.track_ways[:, side])
-                result[own, :, side] = np.diff(ways, axis=1) / self.cell
-        return result
+        series = [(motion.track_times, motion.track_ways) for motion in self.motions]
+        return np.asarray(np.diff(self._at(self.edges + latency, series), axis=1) / self.cell)
 
     def ground_forces(self) -> Floats:
         """Forces (n, m, 2) in the middle of each cell: S over the mass [m/s²], P [-].
 
         They are zero if they are not estimated yet.
         """
-        result = np.zeros((*self.edges[:, 1:].shape, 2))
-        for number, motion in enumerate(self.motions):
-            if motion.forces is None:
-                continue
-            own, (at, *forces) = self.log == number, motion.forces
-            middles = 0.5 * (self.edges[own, 1:] + self.edges[own, :-1])
-            for place, values in enumerate(forces):
-                result[own, :, place] = np.interp(middles, at, values)
-        return result
+        found = [motion.forces for motion in self.motions]
+        series = [one and (one.times, np.column_stack([one.lateral, one.along])) for one in found]
+        return self._at(0.5 * (self.edges[:, 1:] + self.edges[:, :-1]), series)
 
     def mean_force(self, marks: Indexes) -> Floats:
         """Mean specific force (n, b, 2), forward and left, between marked cells [m/s²].
 
         It is averaged between the middles of the cells, and zero if there is none.
         """
-        result = np.zeros((len(self.log), len(marks) - 1, 2))
         times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
-        spans = np.diff(times, axis=1)
-        for number, motion in enumerate(self.motions):
-            if motion.pushed is None:
-                continue
-            own = self.log == number
-            for axis in range(2):
-                at = np.interp(times[own], motion.imu_times, motion.pushed[:, axis])
-                result[own, :, axis] = np.diff(at, axis=1) / spans[own]
+        series = [
+            None if motion.pushed is None else (motion.imu_times, motion.pushed)
+            for motion in self.motions
+        ]
+        changes = np.diff(self._at(times, series), axis=1)
+        return np.asarray(changes / np.diff(times, axis=1)[..., None])
+
+    def _at(self, times: Floats, series: Sequence[Series | None]) -> Floats:
+        """Series of each log (n, k, 2) at times of the segments (n, k); zero without one."""
+        result = np.zeros((*times.shape, 2))
+        for number, one in enumerate(series):
+            if one is not None:
+                own = self.log == number
+                result[own] = _interpolated(times[own], *one)
         return result
 
     def knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
@@ -196,14 +191,10 @@ class Recording:
         for number, motion in enumerate(self.motions):
             own = self.knot_log[self.pair_knot] == number
             knot, pose = self.pair_knot[own], self.pair_pose[own]
-            times, path = self.paths[number]
-
-            def at(when: Floats, times: Floats = times, path: Floats = path) -> Floats:
-                return np.stack([np.interp(when, times, column) for column in path.T], axis=-1)
-
-            here = at(self.knot_times[knot])
+            path = self.paths[number]
             body_times = motion.truth_times[pose] - lags[number]
-            step = relative(at(body_times), here)
+            here = _interpolated(self.knot_times[knot], *path)
+            step = relative(_interpolated(body_times, *path), here)
             # Knots with poses on both sides have a line; which, must not depend on the lag to estimate.
             first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
             many, mean, variance = _moments(knot, first, count)
@@ -229,6 +220,11 @@ class Recording:
                 np.add.at(total, knot, share * values)
         c, s = turn.T
         return place, np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1), yaw
+
+
+def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
+    """Values (t, k) of times (t,) interpolated linearly at times (...): (..., k)."""
+    return np.stack([np.interp(wanted, times, column) for column in values.T], axis=-1)
 
 
 def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, Floats]:
@@ -338,9 +334,7 @@ def record(
     for number, motion in enumerate(motions):
         own = log == number
         turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
-        ways = np.stack(
-            [np.interp(edges[own], motion.track_times, side) for side in motion.track_ways.T], -1
-        )
+        ways = _interpolated(edges[own], motion.track_times, motion.track_ways)
         speed = np.abs(np.diff(ways, axis=1)).max(axis=2) * count / length
         moving[own] = speed.max(axis=1, initial=0.0) > STILL * fastest
     moved = int(moving.sum())
@@ -450,10 +444,10 @@ def _pieces(motion: Motion) -> list[tuple[float, float]]:
     return pieces
 
 
-def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> tuple[Floats, Floats]:
+def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Series:
     """Times [s] and poses of dead reckoning by gyro and the robot's constant ICRs."""
     times = even_grid(motion.track_times[0], motion.track_times[-1], 0.02, motion.track_times)
-    ways = np.stack([np.interp(times, motion.track_times, way) for way in motion.track_ways.T], -1)
+    ways = _interpolated(times, motion.track_times, motion.track_ways)
     rate = (np.interp(times, motion.imu_times, motion.turned) - motion.bias * times) / (
         robot.imu.gyro_scale
     )
@@ -487,7 +481,7 @@ def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
     if there.sum() < 0.9 * len(there):
         return None
     levelled = read[there] @ robot.imu_rotation[:2].T
-    whole = np.stack([np.interp(times, times[there], axis) for axis in levelled.T], axis=-1)
+    whole = _interpolated(times, times[there], levelled)
     return np.asarray(cumulative_trapezoid(whole, times, axis=0, initial=0.0))
 
 

@@ -123,7 +123,7 @@ def as_plain(measurement: Measurement) -> Measurement:
     ):
         return measurement
     converted = [
-        CONVERTERS[wanted](f"{stream}: {name}", value)
+        _converted(f"{stream}: {name}", wanted, value)
         for (name, wanted), value in zip(fields.items(), values, strict=True)
     ]
     make: Any = kind
@@ -226,46 +226,41 @@ def _float(value: Any) -> float:
         return math.inf if value > 0 else -math.inf  # type: ignore[operator]
 
 
-def _number(name: str, value: Any) -> float:
-    try:
-        return _float(value)
-    except (TypeError, ValueError):
-        raise EstimatorError(f"{name} must be a number, found {_text(value)}") from None
+def _three(values: Any) -> Vector3:
+    first, second, third = values
+    return _float(first), _float(second), _float(third)
 
 
-def _three(name: str, values: Any) -> Vector3:
-    try:
-        first, second, third = values
-        return _float(first), _float(second), _float(third)
-    except (TypeError, ValueError):
-        raise EstimatorError(f"{name} must be three numbers, found {_text(values)}") from None
+def _three_rows(rows: Any) -> Matrix3:
+    first, second, third = rows
+    return _three(first), _three(second), _three(third)
 
 
-def _three_rows(name: str, rows: Any) -> Matrix3:
-    try:
-        first, second, third = rows
-        return _three(name, first), _three(name, second), _three(name, third)
-    except (TypeError, ValueError, EstimatorError):
-        raise EstimatorError(
-            f"{name} must be three rows of three numbers, found {_text(rows)}"
-        ) from None
+def _speeds(values: Any) -> Speeds:
+    return tuple(map(_float, values))
 
 
-def _speeds(name: str, values: Any) -> Speeds:
-    try:
-        return tuple(map(_float, values))
-    except (TypeError, ValueError):
-        raise EstimatorError(f"{name} must be numbers, found {_text(values)}") from None
-
-
-# By type of field.
-CONVERTERS: dict[Any, Callable[[str, Any], Any]] = {
-    float: _number,
-    Vector3: _three,
-    Vector3 | None: lambda name, values: None if values is None else _three(name, values),
-    Matrix3: _three_rows,
-    Speeds: _speeds,
+# Allowed values and their conversion, by type of field.
+CONVERTERS: dict[Any, tuple[str, Callable[[Any], Any]]] = {
+    float: ("a number", _float),
+    Vector3: ("three numbers", _three),
+    Vector3 | None: ("three numbers", lambda values: None if values is None else _three(values)),
+    Matrix3: ("three rows of three numbers", _three_rows),
+    Speeds: ("numbers", _speeds),
 }
+
+
+def _converted(name: str, kind: Any, value: Any) -> Any:
+    """Value of a field of a type as plain floats and tuples.
+
+    Raises:
+        EstimatorError: it has another type.
+    """
+    wanted, convert = CONVERTERS[kind]
+    try:
+        return convert(value)
+    except (TypeError, ValueError):
+        raise EstimatorError(f"{name} must be {wanted}, found {_text(value)}") from None
 
 
 class Admission:

@@ -3,9 +3,9 @@
 It is implicit: indices depend on the force of inertia, inertia on the twist, the twist on the
 indices. One scalar u, the (signed) force of inertia, determines all of them, so the model is
 
-    w   = D / (L eta) + r_w          D = V_r - V_l,  V_m = (V_l + V_r) / 2
-    v_y = V_m - D / (L eta) epsilon + r_y
-    v_x =       D / (L eta) zeta + r_x
+    w   = D / (L eta)                D = V_r - V_l,  V_m = (V_l + V_r) / 2
+    v_y = V_m - w epsilon
+    v_x =       w zeta
     zeta = zeta0 + zeta1 Z    epsilon = epsilon0 + epsilon1 S    eta = eta0 + eta1 S + eta2 u²
     u = g(v_x, v_y, w)
 
@@ -29,7 +29,6 @@ from typing import Any, Literal, NamedTuple
 from icreckon.estimator.base.choices import every, some
 from icreckon.estimator.motion.icr import GRAVITY, IndexValues, Number, PaperTwist
 from icreckon.estimator.motion.motion_model import (
-    NO_SLIP,
     Motion,
     VehicleConstants,
     at_least,
@@ -54,8 +53,6 @@ def solve(
     vehicle: VehicleConstants,
     *,
     form: Form = "smooth",
-    slip: tuple[Number, Number, Number] = NO_SLIP,
-    slip_in_inertia: bool = False,
 ) -> Motion:
     """Body velocity, indices and inertia from track speeds.
 
@@ -66,32 +63,25 @@ def solve(
             broadcasts.
         vehicle: L, M, x_CM, y_CM, as `robot.constants`.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
-        slip: residual (r_x, r_y, r_w) added to the kinematic twist.
-        slip_in_inertia: True for the inertia of the twist with slip ("measured" inertia, if the slip is
-            estimated from an IMU), False for that of the kinematic twist alone (track speeds only).
 
     Returns:
         The motion.
     """
     values = parameters.as_array() if hasattr(parameters, "as_array") else parameters
-    # eta > 0, so the sign of the yaw rate is that of D; with slip in the inertia it may differ for a
-    # moment at w = 0, where Z vanishes anyway.
+    # eta > 0, so the sign of the yaw rate is that of D.
     S_u, Z_u, is_literal = 1.0, -sign(V_r - V_l), form == "literal"
     if is_literal:
         # sign(x_1) and sign(x_2) of (14) and (15).
         Z_u = sign(V_l + values[0] * V_r)
         S_u = sign(V_l - V_r) * Z_u
-    in_inertia = slip if slip_in_inertia else NO_SLIP
-    V_m = 0.5 * (V_l + V_r)
-    problem = _Problem(V_r - V_l, V_m, values, vehicle, is_literal, S_u, Z_u, in_inertia)
+    problem = _Problem(V_r - V_l, 0.5 * (V_l + V_r), values, vehicle, is_literal, S_u, Z_u)
     u = _balance(problem)
     at = _evaluate(u, problem)
-    twist = PaperTwist(*(part + added for part, added in zip(at.kinematic, slip, strict=True)))
-    return Motion(twist, at.indices, u, at.force)
+    return Motion(at.twist, at.indices, u, at.force)
 
 
 class _Problem(NamedTuple):
-    """Inputs of the balance for the force of inertia; the slip is that in the inertia."""
+    """Inputs of the balance for the force of inertia."""
 
     D: Number
     V_m: Number
@@ -100,13 +90,12 @@ class _Problem(NamedTuple):
     is_literal: bool
     S_u: Number
     Z_u: Number
-    slip: tuple[Number, Number, Number]
 
 
 class _Evaluation(NamedTuple):
-    """Evaluation of the model at one u: twist without slip, g and its derivative."""
+    """Evaluation of the model at one u: twist, g and its derivative."""
 
-    kinematic: PaperTwist
+    twist: PaperTwist
     indices: IndexValues
     force: Number
     g: Number
@@ -150,7 +139,7 @@ def _evaluate(u: Number, problem: _Problem) -> _Evaluation:
     """Evaluate indices, twist, g and their derivatives at one value of u."""
     _, zeta0, zeta1, epsilon0, epsilon1, eta0, eta1, eta2 = problem.parameters[:8]
     gauge, mass, x_CM, y_CM, *_ = problem.vehicle
-    S_u, Z_u, slip = problem.S_u, problem.Z_u, problem.slip
+    S_u, Z_u = problem.S_u, problem.Z_u
     weight = mass * GRAVITY
     is_below = 1.0 - at_or_above(abs(u.real), weight)
     force = is_below * u + (1.0 - is_below) * sign(u) * weight
@@ -162,25 +151,24 @@ def _evaluate(u: Number, problem: _Problem) -> _Evaluation:
     epsilon = epsilon0 + epsilon1 * S
     zeta = zeta0 + zeta1 * Z_u * force
     w = problem.D / (gauge * eta)
-    kinematic = PaperTwist(w * zeta, problem.V_m - w * epsilon, w)
-    v_x, v_y, w_all = kinematic.v_x + slip[0], kinematic.v_y + slip[1], w + slip[2]
-    forward = v_y + x_CM * w_all
+    v_x, v_y = w * zeta, problem.V_m - w * epsilon
+    forward = v_y + x_CM * w
     if problem.is_literal:
-        right = v_x - y_CM * w_all
+        right = v_x - y_CM * w
         speed = (right * right + forward * forward) ** 0.5
         per_speed = 1.0 / (speed + is_zero(speed))
-        sign_w = sign(w_all)
-        g = mass * sign_w * w_all * speed
-        scale = mass * sign_w * w_all * per_speed
+        sign_w = sign(w)
+        g = mass * sign_w * w * speed
+        scale = mass * sign_w * w * per_speed
         g_twist = (
             scale * right,
             scale * forward,
             mass * sign_w * speed + scale * (x_CM * forward - y_CM * right),
         )
     else:
-        g = -mass * w_all * forward
-        g_twist = (0.0, -mass * w_all, -mass * (forward + x_CM * w_all))
+        g = -mass * w * forward
+        g_twist = (0.0, -mass * w, -mass * (forward + x_CM * w))
     w_u = -w / eta * is_below * eta_is_free * (eta1 * S_u + 2.0 * eta2 * force)
     g_u = g_twist[0] * (w_u * zeta + is_below * w * zeta1 * Z_u)
     g_u = g_u - g_twist[1] * (w_u * epsilon + is_below * w * epsilon1 * S_u) + g_twist[2] * w_u
-    return _Evaluation(kinematic, IndexValues(zeta, epsilon, eta), force, g, g_u)
+    return _Evaluation(PaperTwist(v_x, v_y, w), IndexValues(zeta, epsilon, eta), force, g, g_u)

@@ -30,9 +30,9 @@ def robot_toml(
         robot: the robot.
         comments: comments by table and key.
     """
-    lines = [f"name = {_value(robot.name)}", f"format = {robot.format}"]
+    lines = [f"name = {toml_value(robot.name)}", f"format = {robot.format}"]
     if robot.note:
-        lines.append(f"note = {_value(robot.note)}")
+        lines.append(f"note = {toml_value(robot.note)}")
     for name in TABLES:
         values = getattr(robot, name)
         if values is not None:
@@ -66,7 +66,7 @@ def _tree_lines(name: str, table: Any) -> list[str]:
 
 
 def _line(key: str, value: Any, comment: str) -> str:
-    line = f"{key} = {_value(value)}"
+    line = f"{key} = {toml_value(value)}"
     return f"{line:{COMMENT_AT}} # {comment}" if comment else line
 
 
@@ -75,7 +75,7 @@ def _key(name: str) -> str:
     return name if name.replace("-", "").replace("_", "").isalnum() else json.dumps(name)
 
 
-def _value(value: Any) -> str:
+def toml_value(value: Any) -> str:
     """Value, with so many significant digits as are worth keeping."""
     if isinstance(value, bool):
         return "true" if value else "false"
@@ -85,6 +85,6 @@ def _value(value: Any) -> str:
     if isinstance(value, int):
         return str(value)
     if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_value, value))}]"
+        return f"[{', '.join(map(toml_value, value))}]"
     # JSON's escapes are a subset of TOML's.
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.robot.robot_file import Slip
 
 
@@ -28,8 +25,3 @@ def slip_components(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> t
         slip.turning_y * turning + slip.driving_y * driving,
         slip.turning_w / effective_gauge * turning + slip.driving_w * driving,
     )
-
-
-def slip_sigma(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> Floats:
-    """Standard deviations of `slip_components` as an array (n, 3) or (3,)."""
-    return np.stack(slip_components(V_l, V_r, slip, effective_gauge), axis=-1)

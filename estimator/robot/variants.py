@@ -26,8 +26,7 @@ from icreckon.estimator.motion.icr import GRAVITY, IndexValues
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.robot.coulomb_gains import coulomb_gains
-from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
+from icreckon.estimator.robot.robot_file import Indices, Robot, Slip, Soil
 
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
 TYPICAL_FORCE = 0.07
@@ -36,6 +35,9 @@ LEAST_CREEP = 0.3
 # Places of the gains among the parameters: zeta1, epsilon1, eta1, eta2; and epsilon_F.
 GAINS = (2, 4, 6, 7)
 EPSILON_F = s.EPSILON_F - s.PARAMETERS.start
+# Distance of a track from its ICR, as a share of half the contact's length: beyond this range it shows
+# ground that is not Coulomb's.
+LEAST_AWAY, MOST_AWAY = 0.5, 1.5
 
 Model = Literal["gyro", "differential", "constant", "linear", "inertia"]
 
@@ -249,6 +251,29 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
                 IndexValues(zeta, epsilon, eta), robot.vehicle.track_gauge
             )
     return np.concatenate([found, np.zeros(s.PARAMETER_COUNT - len(found))])
+
+
+def coulomb_gains(robot: Robot) -> tuple[float, float]:
+    """Gains zeta1 [m/N] and epsilon_F [m] of Coulomb friction at the contact points.
+
+    In a turn a contact point at y along a track, whose ICR is a away from it, slides in proportion to
+    (a, y). All points together push with the shares mean(a / r) and mean(y / r) of their friction along
+    and across the track, r² = a² + y². A force along the tracks, as a share of the weight, shifts a by
+    1 / (mu mean(y² / r³)); one across them, in N, shifts y_ICR by 1 / (mu M g mean(a² / r³)).
+
+    Both are zero if nothing is known of the robot's slip: eta0 is 1 then.
+    """
+    if robot.constant_indices.eta0 <= 1.0:
+        return 0.0, 0.0
+    vehicle, soil = robot.vehicle, robot.soil
+    friction = Soil().friction if soil is None else soil.friction
+    half = vehicle.half_contact_length
+    y = np.linspace(-half, half, vehicle.contact_points)
+    away = 0.5 * (robot.constant_indices.eta0 - 1.0) * vehicle.track_gauge
+    a = min(max(away, LEAST_AWAY * half), MOST_AWAY * half)
+    cube = (a * a + y * y) ** 1.5
+    across, along = float(np.mean(a * a / cube)), float(np.mean(y * y / cube))
+    return 1.0 / (friction * vehicle.mass * GRAVITY * across), 1.0 / (friction * along)
 
 
 def motion_model(robot: Robot, variant: Variant) -> MotionModel:

@@ -82,20 +82,13 @@ def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
     )
 
 
-def _sine(angle: Any) -> Any:
-    return sine_and_cosine(angle)[0]
-
-
-def _cosine(angle: Any) -> Any:
-    return sine_and_cosine(angle)[1]
-
-
-def _square_root(value: Any) -> Any:
-    return value**0.5
-
-
 _FUNCTIONS = SimpleNamespace(
-    sin=_sine, cos=_cosine, sqrt=_square_root, exp=exponential, expm1=math.expm1, pi=math.pi
+    sin=lambda angle: sine_and_cosine(angle)[0],
+    cos=lambda angle: sine_and_cosine(angle)[1],
+    sqrt=lambda value: value**0.5,
+    exp=exponential,
+    expm1=math.expm1,
+    pi=math.pi,
 )
 # Names in functions of plain numbers, and their values for traced ones.
 PLAIN: dict[str, Any] = {

@@ -7,7 +7,8 @@ the machine's registers.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from operator import attrgetter
 from typing import Any
 
 import llvmlite.binding as llvm
@@ -81,7 +82,7 @@ class _Emitter:
         for store in kernel.stores:
             waiting.setdefault(store.value, []).append(store)
         loads = {node.extra: node for node in nodes if node.op == "load"}
-        for node in sorted(nodes, key=_number):
+        for node in sorted(nodes, key=IN_ORDER):
             if node.op != "load" or node in waiting:
                 self._compute(node)
             for store in waiting.get(node, ()):
@@ -134,38 +135,22 @@ class _Emitter:
                 return self._loop(node)
             case "result":
                 return self._compute(node.args[0])[node.extra]
-        wide = not node.uniform
-        args = [self._widened(arg) if wide else self._compute(arg) for arg in node.args]
-        return self._operation(node, args)
-
-    def _operation(self, node: Traced, args: list[Any]) -> Any:
-        b = self.builder
+        args = [self._compute(arg) if node.uniform else self._widened(arg) for arg in node.args]
         match node.op:
-            case "add":
-                return b.fadd(*args, flags=LOOSE)
-            case "sub":
-                return b.fsub(*args, flags=LOOSE)
-            case "mul":
-                return b.fmul(*args, flags=LOOSE)
-            case "negate":
-                return b.fneg(*args, flags=LOOSE)
-            case "reciprocal":
-                return b.fdiv(self._one(args[0].type), args[0])
+            case "add" | "sub" | "mul" | "neg":
+                return getattr(b, f"f{node.op}")(*args, flags=LOOSE)
             case "select":
                 return b.select(*args)
+            case "and" | "or" | "not":
+                return getattr(b, f"{node.op}_")(*args)
             case "compare":
                 return b.fcmp_ordered(node.extra, *args)
-            case "and":
-                return b.and_(*args)
-            case "or":
-                return b.or_(*args)
-            case "not":
-                return b.not_(*args)
-            case "sqrt" | "abs" | "round":
-                return self._call(INTRINSICS[node.op], args)
+            case "reciprocal":
+                one = [1.0] * self.width if args[0].type == self.vector else 1.0
+                return b.fdiv(args[0].type(one), *args)
             case "power_of_two":
-                return self._power_of_two(args[0])
-        raise NotImplementedError(node.op)
+                return self._power_of_two(*args)
+        return self._call(INTRINSICS[node.op], args)
 
     def _call(self, name: str, args: list[Any]) -> Any:
         kind = args[0].type
@@ -191,9 +176,6 @@ class _Emitter:
         b = self.builder
         return b.bitcast(b.shl(b.bitcast(b.fadd(exponent, offset), as_integer), shift), kind)
 
-    def _one(self, kind: Any) -> Any:
-        return self.vector([1.0] * self.width) if kind == self.vector else self.number(1.0)
-
     def _widened(self, node: Traced) -> Any:
         """Vector of a value in all lanes."""
         value = self._compute(node)
@@ -201,12 +183,10 @@ class _Emitter:
             return value
         if node not in self.wide:
             kind = self.truths if node.truth else self.vector
-            if node.constant is not None:
-                self.wide[node] = kind(
-                    [node.extra if not node.truth else int(node.extra)] * self.width
-                )
-            else:
+            if node.constant is None:
                 self.wide[node] = self._broadcast(value, kind)
+            else:
+                self.wide[node] = kind([value.constant] * self.width)
         return self.wide[node]
 
     def _broadcast(self, value: Any, kind: Any) -> Any:
@@ -264,7 +244,7 @@ class _Emitter:
             phi = b.phi(self.vector)
             phi.add_incoming(value, before)
             self.values[carried] = phi
-        for node in sorted(inside, key=_number):
+        for node in sorted(inside, key=IN_ORDER):
             self._compute(node)
         results = [self._widened(result) for result in loop.results]
         again = self._widened(loop.again)
@@ -289,16 +269,13 @@ class _Emitter:
 
     def _compute_loops_of(self, nodes: set[Traced], varying: Sequence[Traced]) -> None:
         """Compute loops without varying numbers, which the optimiser would not move out."""
-        for node in sorted(nodes, key=_number):
-            if node.op in BODIES and reachable([node], with_bodies=True).isdisjoint(varying):
+        for node in sorted(nodes, key=IN_ORDER):
+            if node.op == "loop" and reachable([node], with_bodies=True).isdisjoint(varying):
                 self._compute(node)
 
 
+IN_ORDER = attrgetter("number")
 INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}
-
-
-def _number(node: Traced) -> int:
-    return node.number
 
 
 def reachable(wanted: Iterable[Traced], *, with_bodies: bool = False) -> set[Traced]:
@@ -310,12 +287,7 @@ def reachable(wanted: Iterable[Traced], *, with_bodies: bool = False) -> set[Tra
         if node not in found:
             found.add(node)
             left.extend(node.args)
-            if with_bodies and node.op in BODIES:
-                left.extend(BODIES[node.op](node.extra))
+            if with_bodies and node.op == "loop":
+                loop, _ = node.extra
+                left += [*loop.results, loop.again]
     return found
-
-
-# Results of the body of a loop, by its operation.
-BODIES: dict[str, Callable[[Any], list[Traced]]] = {
-    "loop": lambda extra: [*extra[0].results, extra[0].again],
-}

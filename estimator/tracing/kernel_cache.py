@@ -12,10 +12,8 @@ from __future__ import annotations
 import hashlib
 import os
 import pickle
-import platform
 import sys
 import warnings
-from contextlib import suppress
 from functools import cache
 from multiprocessing import parent_process
 from pathlib import Path
@@ -25,9 +23,10 @@ import llvmlite
 import numba
 import numpy as np
 from numba.core import config
-from numba.core.caching import _Cache
+from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
+from numba.misc.appdirs import AppDirs
 
 from icreckon.estimator.base.atomic_write import remove_abandoned, write_whole
 
@@ -74,10 +73,10 @@ class CodeFiles:
             _warn_once(str(cache_folder()), error.strerror or "no room")
 
     def _path(self, name: str, key: tuple[str, ...]) -> Path:
-        return self.folder / f"{name}-{_short_digest(repr(key).encode())}.kernel"
+        return self.folder / f"{name}-{CHECKSUM(repr(key).encode()).hexdigest()[:DIGITS]}.kernel"
 
 
-class KernelCache(_Cache):
+class KernelCache(NullCache):
     """Disk cache of one compiled function, with the interface of numba's own.
 
     If a file is missing, damaged, or has another key, the function is compiled instead.
@@ -88,31 +87,10 @@ class KernelCache(_Cache):
     """
 
     def __init__(self, name: str, package: str) -> None:
-        self._name, self._files, self._enabled = name, CodeFiles(package), True
-
-    @property
-    def cache_path(self) -> str:
-        """Folder of the cached files."""
-        return str(self._files.folder)
-
-    def enable(self) -> None:
-        """Turn the cache on."""
-        self._enabled = True
-
-    def disable(self) -> None:
-        """Turn the cache off: neither load nor save."""
-        self._enabled = False
-
-    def flush(self) -> None:
-        """Remove the files of this function."""
-        for path in self._files.folder.glob(f"{self._name}-*.kernel"):
-            with suppress(OSError):
-                path.unlink()
+        self._name, self._files = name, CodeFiles(package)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load the machine code of a signature; None if there is none."""
-        if not self._enabled:
-            return None
         target_context.refresh()
         reduced = self._files.load(self._name, self._key(sig, target_context.codegen()))
         if reduced is None:
@@ -121,9 +99,7 @@ class KernelCache(_Cache):
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save the machine code of a signature."""
-        if not self._enabled or any(not lifted.can_cache for lifted in data.lifted):
-            return
-        if not data.library.has_dynamic_globals:
+        if all(lifted.can_cache for lifted in data.lifted) and not data.library.has_dynamic_globals:
             self._files.save(self._name, self._key(sig, data.codegen), data._reduce())
 
     def _key(self, sig: Any, codegen: Any) -> tuple[str, str, str]:
@@ -135,14 +111,9 @@ def cache_folder() -> Path:
     chosen = os.environ.get("NUMBA_CACHE_DIR")
     if chosen:
         return Path(chosen) / "icreckon"
-    match platform.system():
-        case "Windows":
-            base = Path(os.environ.get("LOCALAPPDATA", _home() / "AppData" / "Local"))
-        case "Darwin":
-            base = _home() / "Library" / "Caches"
-        case _:
-            base = Path(os.environ.get("XDG_CACHE_HOME") or _home() / ".cache")
-    return base / "icreckon" / "kernels"
+    folder = Path(AppDirs("icreckon", appauthor=False).user_cache_dir)  # type: ignore[no-untyped-call]
+    # A user without a home gets a place that cannot be written.
+    return (folder if folder.is_absolute() else Path(os.devnull)) / "kernels"
 
 
 def kernel_files() -> list[Path]:
@@ -151,34 +122,20 @@ def kernel_files() -> list[Path]:
     return [path for folder in folders for path in folder.glob("*.kernel") if path.is_file()]
 
 
-def _home() -> Path:
-    """Home folder of the user; a place that cannot be written if there is none."""
+def why_not_kept() -> str:
+    """Try to write to the cache folder; return why that fails, empty if it works."""
     try:
-        return Path.home()
-    except RuntimeError:
-        return Path(os.devnull)
-
-
-def keeps_kernels() -> bool:
-    """Try to write to the cache folder; return True if that works."""
-    try:
-        _try_folder()
-    except OSError:
-        return False
-    return True
+        cache_folder().mkdir(parents=True, exist_ok=True)
+        write_whole(cache_folder() / "writable", b"")
+    except OSError as error:
+        return error.strerror or "no room"
+    return ""
 
 
 def warn_unless_kept() -> None:
     """Warn once if the cache folder cannot be written; workers do not warn."""
-    try:
-        _try_folder()
-    except OSError as error:
-        _warn_once(str(cache_folder()), error.strerror or "no room")
-
-
-def _try_folder() -> None:
-    cache_folder().mkdir(parents=True, exist_ok=True)
-    write_whole(cache_folder() / "writable", b"")
+    if reason := why_not_kept():
+        _warn_once(str(cache_folder()), reason)
 
 
 @cache
@@ -189,12 +146,7 @@ def environment_digest(package: str) -> str:
     numba, llvmlite and NumPy.
     """
     digest = hashlib.sha256()
-    versions = (
-        sys.implementation.cache_tag,
-        numba.__version__,
-        llvmlite.__version__,
-        np.__version__,
-    )
+    versions = sys.implementation.cache_tag, *(one.__version__ for one in (numba, llvmlite, np))
     options = [getattr(config, name) for name in OPTIONS]
     digest.update(repr((versions, options)).encode())
     for folder in sorted({"estimator", package}):
@@ -208,10 +160,6 @@ def environment_digest(package: str) -> str:
 def _tidy_once(folder: Path) -> None:
     """Remove what killed processes left in a folder."""
     remove_abandoned(folder)
-
-
-def _short_digest(text: bytes) -> str:
-    return hashlib.sha256(text).hexdigest()[:DIGITS]
 
 
 @cache

@@ -14,8 +14,9 @@ from __future__ import annotations
 
 import builtins
 import math
+import operator
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
@@ -159,9 +160,7 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
     if not isinstance(condition, Traced):
         return yes if condition else no
     yes, no = lift(yes), lift(no)
-    if yes is no:
-        return yes
-    return _make("select", (condition, yes, no), uniform=_all_uniform(condition, yes, no))
+    return yes if yes is no else _make("select", (condition, yes, no))
 
 
 def minimum(first: Any, second: Any) -> Any:
@@ -200,7 +199,7 @@ def is_zero(value: Any) -> bool:
     return type(value) is float and value == 0.0
 
 
-class Loop:
+class Loop(NamedTuple):
     """Loop of rounds while any lane needs one.
 
     Attributes:
@@ -209,8 +208,9 @@ class Loop:
         again: truth value of each lane: it needs another round.
     """
 
-    def __init__(self, carried: list[Traced], results: list[Traced], again: Traced) -> None:
-        self.carried, self.results, self.again = carried, results, again
+    carried: list[Traced]
+    results: list[Traced]
+    again: Traced
 
 
 def repeat(
@@ -294,18 +294,19 @@ def _make(
     uniform: bool = False,
     truth: bool = False,
 ) -> Traced:
-    key = (op, tuple(arg.number for arg in args), extra, truth)
-    if op in COMMUTATIVE:
-        key = (op, tuple(sorted(arg.number for arg in args)), extra, truth)
+    """Make a number, uniform by itself or because its arguments are, if it is new."""
+    numbers = [arg.number for arg in args]
+    key = (op, tuple(sorted(numbers) if op in COMMUTATIVE else numbers), extra, truth)
     found = Traced._nodes.get(key)
     if found is None:
+        uniform = uniform or (bool(args) and all(arg.uniform for arg in args))
         found = Traced._nodes[key] = _new(op, args, extra, uniform, truth)
     return found
 
 
-def _fresh(op: str, extra: Any, args: tuple[Traced, ...] = (), *, uniform: bool = False) -> Traced:
+def _fresh(op: str, extra: Any, args: tuple[Traced, ...] = ()) -> Traced:
     """Make a number that is equal to no other."""
-    node = _new(op, args, extra, uniform, False)
+    node = _new(op, args, extra, False, False)
     Traced._nodes["fresh", node.number] = node
     return node
 
@@ -316,10 +317,6 @@ def _new(op: str, args: tuple[Traced, ...], extra: Any, uniform: bool, truth: bo
     node.uniform, node.truth = uniform, truth
     node.number = len(Traced._nodes)
     return node
-
-
-def _all_uniform(*args: Traced) -> bool:
-    return all(arg.uniform for arg in args)
 
 
 def _plain(*values: Any) -> bool:
@@ -333,11 +330,11 @@ def _add(a: Traced, b: Traced) -> Traced:
         return b
     if b.constant == 0.0:
         return a
-    if b.op == "negate":
+    if b.op == "neg":
         return _subtract(a, b.args[0])
-    if a.op == "negate":
+    if a.op == "neg":
         return _subtract(b, a.args[0])
-    return _make("add", (a, b), uniform=_all_uniform(a, b))
+    return _make("add", (a, b))
 
 
 def _subtract(a: Traced, b: Traced) -> Traced:
@@ -349,19 +346,19 @@ def _subtract(a: Traced, b: Traced) -> Traced:
         return _negate(b)
     if a is b:
         return lift(0.0)
-    if b.op == "negate":
+    if b.op == "neg":
         return _add(a, b.args[0])
-    return _make("sub", (a, b), uniform=_all_uniform(a, b))
+    return _make("sub", (a, b))
 
 
 def _negate(a: Traced) -> Traced:
     if a.constant is not None:
         return lift(-a.constant)
-    if a.op == "negate":
+    if a.op == "neg":
         return a.args[0]
     if a.op == "sub":
-        return _make("sub", (a.args[1], a.args[0]), uniform=a.uniform)
-    return _make("negate", (a,), uniform=a.uniform)
+        return _make("sub", (a.args[1], a.args[0]))
+    return _make("neg", (a,))
 
 
 def _multiply(a: Traced, b: Traced) -> Traced:
@@ -382,38 +379,38 @@ def _multiply(a: Traced, b: Traced) -> Traced:
             return _negate(b)
         if a.constant < 0.0:
             return _negate(_multiply(lift(-a.constant), b))
-    if a.op == "negate":
+    if a.op == "neg":
         return _negate(_multiply(a.args[0], b))
-    if b.op == "negate":
+    if b.op == "neg":
         return _negate(_multiply(a, b.args[0]))
     for flag, other in ((a, b), (b, a)):
         if flag.op == "select" and {flag.args[1].constant, flag.args[2].constant} == {0.0, 1.0}:
             condition, yes, _ = flag.args
             chosen = (other, 0.0) if yes.constant == 1.0 else (0.0, other)
             return cast(Traced, select(condition, *chosen))
-    return _make("mul", (a, b), uniform=_all_uniform(a, b))
+    return _make("mul", (a, b))
 
 
 def _reciprocal(a: Traced) -> Traced:
     if a.constant is not None:
         return lift(1.0 / a.constant)
-    if a.op == "negate":
+    if a.op == "neg":
         return _negate(_reciprocal(a.args[0]))
-    return _make("reciprocal", (a,), uniform=a.uniform)
+    return _make("reciprocal", (a,))
 
 
 def _unary(op: str, a: Traced, of_plain: Callable[[float], float]) -> Traced:
     if a.constant is not None:
         return lift(of_plain(a.constant))
-    if op == "abs" and a.op == "negate":
+    if op == "abs" and a.op == "neg":
         a = a.args[0]
-    return _make(op, (a,), uniform=a.uniform)
+    return _make(op, (a,))
 
 
 def _compare(relation: str, a: Traced, b: Traced) -> Traced:
     if a.constant is not None and b.constant is not None:
         return lift_truth(RELATIONS[relation](a.constant, b.constant))
-    return _make("compare", (a, b), relation, uniform=_all_uniform(a, b), truth=True)
+    return _make("compare", (a, b), relation, truth=True)
 
 
 def _logical(op: str, a: Any, b: Any) -> Traced:
@@ -422,13 +419,13 @@ def _logical(op: str, a: Any, b: Any) -> Traced:
         if one.constant is not None:
             absorbs = (one.constant == 0.0) == (op == "and")
             return cast(Traced, one if absorbs else other)
-    return _make(op, (a, b), uniform=_all_uniform(a, b), truth=True)
+    return _make(op, (a, b), truth=True)
 
 
 RELATIONS: dict[str, Callable[[float, float], bool]] = {
-    ">": lambda a, b: a > b,
-    ">=": lambda a, b: a >= b,
-    "<": lambda a, b: a < b,
-    "<=": lambda a, b: a <= b,
-    "==": lambda a, b: a == b,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "<": operator.lt,
+    "<=": operator.le,
+    "==": operator.eq,
 }

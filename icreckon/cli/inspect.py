@@ -23,8 +23,7 @@ from icreckon.cli.common.console import (
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.outputs import written_beside
-from icreckon.replay.checking.proposed_settings import proposed_ros_settings
-from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS
+from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, proposed_ros_settings
 from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
 from icreckon.replay.inspection.robot_file import FIRST_WORDS, has_tracks

@@ -16,11 +16,7 @@ from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.tracing.kernel_cache import (
-    cache_folder,
-    keeps_kernels,
-    kernel_files,
-)
+from icreckon.estimator.tracing.kernel_cache import cache_folder, kernel_files, why_not_kept
 from icreckon.simulation.running import batch_engine
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -45,7 +41,7 @@ def command(
     What is compiled is kept for all later processes of this version, in $NUMBA_CACHE_DIR/icreckon or
     the user's cache folder.
     """
-    if not keeps_kernels():
+    if why_not_kept():
         raise EstimatorError(
             f"{cache_folder()} cannot be written, so nothing that is compiled would be kept; set "
             "NUMBA_CACHE_DIR to a folder that can"

@@ -130,7 +130,7 @@ class _Reporter:
         self._task = self._bar.add_task(name, total=1.0, text="")
 
     def remark(self, words: str) -> None:
-        """Print a remark once."""
+        """Print a line of text."""
         self._bar.console.print(words, soft_wrap=True)
 
     def __enter__(self) -> None:
@@ -142,7 +142,7 @@ class _Reporter:
     def show(self, done: Done) -> None:
         """Show the progress."""
         if self.done is None and done.found_blocks:
-            self._print(f"going on: {done.found_blocks} of {done.all_blocks} blocks are there")
+            self.remark(f"going on: {done.found_blocks} of {done.all_blocks} blocks are there")
         self.done = done
         elapsed = self._bar.tasks[0].elapsed or 0.0
         text = f"{done.blocks} of {done.all_blocks} blocks"
@@ -155,10 +155,7 @@ class _Reporter:
         self._bar.update(self._task, completed=share, text=text)
         if not self._bar.console.is_terminal and elapsed - self._shown_at > LINE_EVERY:
             self._shown_at = elapsed
-            self._print(text)
-
-    def _print(self, text: str) -> None:
-        self._bar.console.print(text, soft_wrap=True)
+            self.remark(text)
 
 
 def duration(seconds: float) -> str:

@@ -28,6 +28,8 @@ ENOUGH = 20
 """Rows of a table one of which may be damaged, as the last one where a logger was stopped."""
 SHOWN = 60
 """Characters of a damaged row that a message shows."""
+TEXTS = ("string", "binary")
+"""Types of columns that are read as dictionaries; with large ones of these."""
 CELL = 8
 """Size of a number in memory [bytes]."""
 
@@ -207,7 +209,7 @@ def _read_parquet(path: Path) -> Read:
         groups = [file.metadata.row_group(k) for k in range(file.metadata.num_row_groups)]
         schema = file.schema_arrow
     _check_columns(len(schema.names))
-    texts = [field.name for field in schema if _is_text(field.type)]
+    texts = [field.name for field in schema if str(field.type).removeprefix("large_") in TEXTS]
     read = [field.name for field in schema if _is_flat(field.type) or field.name in texts]
     # Equal numbers take no place in a file.
     cells = sum(group.num_rows for group in groups) * len(read)
@@ -230,14 +232,3 @@ def _is_flat(kind: Any) -> bool:
     from pyarrow import types
 
     return bool(types.is_primitive(kind) or types.is_null(kind))
-
-
-def _is_text(kind: Any) -> bool:
-    from pyarrow import types
-
-    return bool(
-        types.is_string(kind)
-        or types.is_binary(kind)
-        or types.is_large_string(kind)
-        or types.is_large_binary(kind)
-    )

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 
 from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.calibration.result import FoundParameter
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.robot_toml import robot_toml
 
 FIRST_WORDS = "# Calibrated by icreckon"
@@ -26,7 +25,6 @@ def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str)
         sources: names of the logs.
         robot_name: robot with which the calibration started, a name or a file.
     """
-    robot = found.robot
     header = [
         f"from {', '.join(sources)}, starting from {robot_name}.",
         found.verdict,
@@ -38,15 +36,14 @@ def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str)
     first, *more = (" ".join(line.split()) for line in header)
     comments = {one.name: _comment(one) for one in found.parameters}
     of_tables = {
-        "vehicle": _vehicle_comments(robot, comments),
+        "vehicle": comments,
         "indices": _under("indices", comments),
         "constant_icr": _under("constant_icr", comments),
         "imu": _imu_comments(found, comments),
         "tracks": _under("tracks", comments) | SIGMAS,
-        "soil": _under("soil", comments),
     }
     lines = [f"{FIRST_WORDS} {first}", *(f"# {line}" for line in more)]
-    return "\n".join(lines) + "\n" + robot_toml(robot, of_tables)
+    return "\n".join(lines) + "\n" + robot_toml(found.robot, of_tables)
 
 
 def _of_logs(found: Calibration) -> list[str]:
@@ -77,25 +74,15 @@ def _under(table: str, comments: Mapping[str, str]) -> dict[str, str]:
     }
 
 
-def _vehicle_comments(robot: Robot, comments: Mapping[str, str]) -> dict[str, str]:
-    return {
-        name: comments[name]
-        for name in ("sprocket_radius", "half_contact_length")
-        if name in comments and (name != "half_contact_length" or robot.soil is not None)
-    }
-
-
 def _imu_comments(found: Calibration, comments: Mapping[str, str]) -> dict[str, str]:
     errors = {one.name: one.sigma for one in found.parameters}
     own = _under("imu", comments) | SIGMAS
-    turns = [errors.get(f"imu.{name}") for name in ("roll", "pitch", "yaw")]
-    if any(turns):
-        own["rotation_rpy_deg"] = "± " + ", ".join(
-            "held" if sigma is None else f"{sigma:.2g}" for sigma in turns
-        )
-    places = [errors.get(f"imu.{name}") for name in ("forward", "left")]
-    if any(places):
-        own["position"] = "± " + ", ".join(
-            "held" if sigma is None else f"{sigma:.2g}" for sigma in places
-        )
+    for key, names in (
+        ("rotation_rpy_deg", ("roll", "pitch", "yaw")),
+        ("position", ("forward", "left")),
+    ):
+        sigmas = [errors.get(f"imu.{name}") for name in names]
+        if any(sigmas):
+            texts = ("held" if sigma is None else f"{sigma:.2g}" for sigma in sigmas)
+            own[key] = f"± {', '.join(texts)}"
     return own

@@ -7,8 +7,10 @@ mounting of the IMU as a static transform.
 from __future__ import annotations
 
 import math
+import tomllib
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +18,9 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.robot_file import Robot, make_robot
+from icreckon.replay.bags.decoding import Definitions
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import from_twist, in_base, in_rates_of, tracks_usable
 from icreckon.replay.checking.measured import (
     effective_track,
@@ -25,7 +29,9 @@ from icreckon.replay.checking.measured import (
     true_motion,
 )
 from icreckon.replay.checking.track_checks import is_other_track
+from icreckon.replay.inspection.filled_in import has_stand_in_gauge
 from icreckon.replay.inspection.latency import truth_lag, without_lag
+from icreckon.replay.reading.read_log import read_log
 
 ROS_FIRST_WORDS = "# Settings for ROS"
 # Variance of motion that the wheels do not measure [m²/s², rad²/s²].
@@ -34,6 +40,8 @@ UNMEASURED = 1e3
 WINDOW = 1.0
 # Error of v_x and w without anything to compare with, as a share of their usual size [-].
 SHARE_FORWARD, SHARE_TURNING = 0.03, 0.2
+# Mass that a robot file must have, and these settings do not use [kg].
+ANY_MASS = 50.0
 
 Estimate = tuple[float, float | None]
 """Estimate and its standard error, None if unknown."""
@@ -87,6 +95,37 @@ def ros_settings(
     if with_imu is not None:
         lines += _imu_lines(with_imu, robot)
     return "\n".join(lines) + "\n"
+
+
+def proposed_ros_settings(
+    proposed: str, paths: Sequence[Path], definitions: Definitions = ()
+) -> str:
+    """Format settings for ROS by a log and the robot file proposed for it.
+
+    Args:
+        proposed: text of the proposed robot file; mass and gauge may be missing.
+        paths: files of the log.
+        definitions: message types that bags lack, as for `read_log`.
+
+    Raises:
+        ReplayError: no track speeds in metres, since the effective radius is not known.
+    """
+    tables = tomllib.loads(proposed)
+    vehicle, name = tables["vehicle"], tables.pop("name")
+    tables.pop("format", None)
+    if math.isnan(vehicle["sprocket_radius"]):
+        raise ReplayError(
+            "settings for ROS need the effective radius, which this log does not show: fill in "
+            "sprocket_radius in the proposed robot file, then icreckon check --ros"
+        )
+    without_gauge = math.isnan(vehicle["track_gauge"])
+    of_controller = tables.get("log", {}).get("tracks", {}).get("gauge", 1.0)
+    for key, value in (("mass", ANY_MASS), ("track_gauge", of_controller)):
+        if math.isnan(vehicle[key]):
+            vehicle[key] = value
+    robot = make_robot(name, **tables)
+    log = read_log(list(paths), robot, definitions=definitions)
+    return ros_settings([log], robot, proposed=without_gauge or has_stand_in_gauge(proposed))
 
 
 def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:

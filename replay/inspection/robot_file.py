@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import numpy as np
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_toml import toml_value
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
@@ -66,8 +66,8 @@ def robot_file_text(
     if held:
         late = [*late, f'held = "auto"    # {held}']
     lines = [
-        f"{FIRST_WORDS} {_text(path.name)[1:-1]}: check every line.",
-        f"name = {_text(path.stem)}",
+        f"{FIRST_WORDS} {toml_value(path.name)[1:-1]}: check every line.",
+        f"name = {toml_value(path.stem)}",
         "format = 1",
         "",
         *_vehicle(mapping, log, estimates, gauge),
@@ -312,53 +312,40 @@ def _log(
     track_latency: list[str],
     wander: list[str],
 ) -> list[str]:
-    def time(purpose: str) -> list[str]:
+    def table(purpose: str, topic: str, *lines: str, late: Sequence[str] = ()) -> list[str]:
         choice = clocks.get(purpose)
-        if choice is None or choice.clock == "header":
-            return []
-        return [f'time = "recording"    # {choice.reason}']
+        time = []
+        if choice is not None and choice.clock == "recording":
+            time = [f'time = "recording"    # {choice.reason}']
+        return ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *lines, *time, *late]
 
     lines: list[str] = []
-    if mapping.tracks:
-        lines += ["[log.tracks]", f"topic = {_text(mapping.tracks.topic)}"]
-        if mapping.tracks.left:
-            lines += [
-                f"left = {_texts(mapping.tracks.left)}",
-                f"right = {_texts(mapping.tracks.right)}",
-            ]
-        else:
-            lines.append(f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)")
-        lines += [*time("tracks"), *track_latency, ""]
+    if tracks := mapping.tracks:
+        sides = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
+        if not tracks.left:
+            sides = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
+        lines += table("tracks", tracks.topic, *sides, late=track_latency)
     if mapping.imu:
-        lines += ["[log.imu]", f"topic = {_text(mapping.imu.topic)}", *time("imu"), ""]
-    if mapping.fixes:
-        lines += ["[log.fixes]", f"topic = {_text(mapping.fixes.topic)}"]
-        lines += wander
-        if mapping.fixes.position_sigma is not None and not wander:
-            lines.append(f"position_sigma = {mapping.fixes.position_sigma}    {FILL_IN} (m)")
-        lines += [*time("fixes"), ""]
-    if mapping.heading:
-        lines += ["[log.heading]", f"topic = {_text(mapping.heading.topic)}"]
-        if mapping.heading.sigma is not None:
-            lines.append(f"sigma = {mapping.heading.sigma}    {FILL_IN} (rad)")
-        lines += [
-            f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
-            if heading_offset is None
-            else f"offset_deg = {_round(heading_offset)}    # course over ground less heading, if it"
-            " drives forward",
-            *time("heading"),
-            "",
-        ]
-    if mapping.truth:
-        lines += ["[log.truth]", f"topic = {_text(mapping.truth.topic)}"]
-        if mapping.truth.twist:
-            lines.append(f"twist = {_text(mapping.truth.twist)}")
-        if mapping.truth.tracks:
-            lines.append(f"tracks = {_text(mapping.truth.tracks)}")
-        if mapping.truth.source_topic:
-            lines.append(f"source_topic = {_text(mapping.truth.source_topic)}")
-        lines += [*time("truth"), ""]
-    return lines[:-1]
+        lines += table("imu", mapping.imu.topic)
+    if fixes := mapping.fixes:
+        errors = wander
+        if fixes.position_sigma is not None and not wander:
+            errors = [f"position_sigma = {fixes.position_sigma}    {FILL_IN} (m)"]
+        lines += table("fixes", fixes.topic, *errors)
+    if heading := mapping.heading:
+        sigma = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
+        offset = f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
+        if heading_offset is not None:
+            offset = (
+                f"offset_deg = {_round(heading_offset)}    # course over ground less heading, if it "
+                "drives forward"
+            )
+        lines += table("heading", heading.topic, *sigma, offset)
+    if truth := mapping.truth:
+        others = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
+        named = [f"{name} = {toml_value(topic)}" for name, topic in others.items() if topic]
+        lines += table("truth", truth.topic, *named)
+    return lines[1:]
 
 
 def _wander_lines(wander: FixWanderEstimate | None) -> list[str]:
@@ -379,8 +366,8 @@ def columns_text(
     columns: ColumnMap, track_latency: Sequence[str] = (), wander: Sequence[str] = ()
 ) -> list[str]:
     """Format a column map, with lines on the tracks' latency and the fixes' error."""
-    lines = ["[log.columns]", f"time = {_text(columns.time)}"]
-    lines.append(f"time_unit = {_text(columns.time_unit)}    # check it")
+    lines = ["[log.columns]", f"time = {toml_value(columns.time)}"]
+    lines.append(f"time_unit = {toml_value(columns.time_unit)}    # check it")
     for purpose in ("tracks", "imu", "fixes", "truth"):
         spec = getattr(columns, purpose)
         if spec is None:
@@ -394,9 +381,7 @@ def columns_text(
                 name == "position_sigma" and purpose == "fixes" and wander
             ):
                 continue
-            text = _texts(value) if isinstance(value, tuple) else _text(value)
-            if name == "counts_per_turn":
-                text = "nan"
+            text = "nan" if name == "counts_per_turn" else toml_value(value)
             guessed = {"unit": "# check it", "rate_unit": "# check it"}
             filled = {"position_sigma": FILL_IN, "counts_per_turn": FILL_IN}
             remark = {**guessed, "acceleration_unit": "# check it", **filled}.get(name)
@@ -404,15 +389,6 @@ def columns_text(
         lines += track_latency if purpose == "tracks" else []
         lines += wander if purpose == "fixes" else []
     return lines
-
-
-def _text(value: object) -> str:
-    """A TOML basic string or number; JSON's escapes are a subset of TOML's."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _texts(values: tuple[str, ...]) -> str:
-    return f"[{', '.join(map(_text, values))}]"
 
 
 def _round(degrees: float) -> float:

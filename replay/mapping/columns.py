@@ -11,6 +11,7 @@ import msgspec
 
 from icreckon.estimator.base.checks import (
     Bound,
+    Bounded,
     Latency,
     OnRobot,
     Positive,
@@ -164,7 +165,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_origin(self.origin)
 
 
-class HeadingColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class HeadingColumns(Bounded, frozen=True):
     """Columns of a heading without a position.
 
     Attributes:
@@ -184,9 +185,6 @@ class HeadingColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset_deg: Annotated[float, Bound("a number")] = 0.0
     time: str | None = None
     latency: Latency = 0.0
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
 
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -60,35 +60,23 @@ def _fields_of(value: Any) -> str:
 
 
 class FieldReader:
-    """Reader of a message: the fields of the left side, then those of the right one.
+    """Reader of a message: a row made of some of its fields.
 
     The paths are read with the first message: of a topic of JointState they are names of joints, which
     may have any characters.
-    """
-
-    def __init__(self, left: Sequence[str], right: Sequence[str]) -> None:
-        self._paths = (*left, *right)
-
-    @cached_property
-    def _getters(self) -> list[Callable[[Any], float]]:
-        return [field_getter(path) for path in self._paths]
-
-    def __call__(self, message: Any) -> tuple[float, ...]:  # noqa: D102
-        return tuple(get(message) for get in self._getters)
-
-
-class FieldRowReader:
-    """Reader of a message: a row made of some of its fields.
 
     Args:
         names: paths of the fields.
-        make: function from the values (1, k) to the rows (1, m).
+        make: function from the values (1, k) to the rows (1, m); None for the values themselves.
     """
 
-    def __init__(self, names: Sequence[str], make: Callable[[Floats], Floats]) -> None:
-        self._getters = [field_getter(name) for name in names]
-        self._make = make
+    def __init__(self, names: Sequence[str], make: Callable[[Floats], Floats] | None) -> None:
+        self._names, self._make = names, make
+
+    @cached_property
+    def _getters(self) -> list[Callable[[Any], float]]:
+        return [field_getter(name) for name in self._names]
 
     def __call__(self, message: Any) -> tuple[float, ...]:  # noqa: D102
-        values = np.array([[get(message) for get in self._getters]])
-        return tuple(self._make(values)[0].tolist())
+        values = [get(message) for get in self._getters]
+        return tuple(values if self._make is None else self._make(np.array([values]))[0].tolist())

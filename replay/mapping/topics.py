@@ -12,6 +12,7 @@ import msgspec
 
 from icreckon.estimator.base.checks import (
     Bound,
+    Bounded,
     Latency,
     OnRobot,
     Positive,
@@ -173,7 +174,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             check_place(plane, globe, "fields")
 
 
-class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class HeadingTopic(Bounded, frozen=True):
     """The topic of a heading without a position: two antennas, a compass.
 
     Attributes:
@@ -190,9 +191,6 @@ class HeadingTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     offset_deg: Annotated[float, Bound("a number")] = 0.0
     time: Clock = "auto"
     latency: Latency = 0.0
-
-    def __post_init__(self) -> None:
-        check_bounds(self)
 
 
 class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -16,7 +16,7 @@ from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.field_paths import FieldReader, FieldRowReader
+from icreckon.replay.mapping.field_paths import FieldReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
 from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
@@ -250,13 +250,13 @@ def wanted_streams(
         readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
         speeds = stream("tracks", tracks.topic, tracks.time, readers)
         if tracks.left and types.get(tracks.topic) not in readers:
-            speeds.any_reader = FieldReader(tracks.left, tracks.right)
+            speeds.any_reader = FieldReader((*tracks.left, *tracks.right), None)
         yield speeds
     if imu := mapping.imu:
         if imu.angular_velocity:
             by_field = stream("imu", imu.topic, imu.time, {})
             names = (*imu.angular_velocity, *imu.linear_acceleration)
-            by_field.any_reader = FieldRowReader(names, partial(imu_rows, imu))
+            by_field.any_reader = FieldReader(names, partial(imu_rows, imu))
             yield by_field
         else:
             yield stream("imu", imu.topic, imu.time, {IMU: imu_row})
@@ -290,7 +290,7 @@ def _poses(
     names = pose_names(mapped) if isinstance(mapped, FixTopic) else []
     if names and isinstance(mapped, FixTopic):
         by_field = Stream(purpose, mapped.topic, source, mapped.time, {}, definitions=definitions)
-        by_field.any_reader = FieldRowReader(names, partial(_pose_row, mapped, names))
+        by_field.any_reader = FieldReader(names, partial(_pose_row, mapped, names))
         return by_field
     readers = POSE_READERS | GEODETIC_READERS
     return Stream(purpose, mapped.topic, source, mapped.time, readers, definitions=definitions)
@@ -321,12 +321,12 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
         if purpose in result.streams:
             continue
         if purpose == "tracks":
+            remedy = "Correct the robot file's [log.columns.tracks]"
+            if bags:
+                remedy = "Name the right one in the robot file's [log.tracks]"
             raise ReplayError(
-                f"{result.source}: {' and '.join(texts)}; there is {there}. Name the right one in "
-                "the robot file's [log.tracks], or leave that table out"
-                if bags
-                else f"{result.source}: {' and '.join(texts)}; there is {there}. Correct the robot "
-                "file's [log.columns.tracks], or leave that table out"
+                f"{result.source}: {' and '.join(texts)}; there is {there}. {remedy}, or leave that "
+                "table out"
             )
         result.notes.append(f"{' and '.join(texts)}; there is {there}")
 

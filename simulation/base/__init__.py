@@ -1,4 +1,4 @@
-"""Errors, field types, sample times, random streams, and noise kernels.
+"""Errors, field types, sample times, and random streams.
 
 Below: `estimator`.
 """

@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import Positive, check_bounds
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist, inertial_force
-from icreckon.estimator.robot.soil import Soil
+from icreckon.estimator.robot.robot_file import Soil
 
 if TYPE_CHECKING:
     from icreckon.simulation.contact.contact_forces import Ground
@@ -160,18 +160,6 @@ class Loads(NamedTuple):
     tipping: NDArray[np.bool_]
 
 
-class Wrench(NamedTuple):
-    """Planar force and moment, with derivatives.
-
-    Attributes:
-        values: (3, n) force right, forward [N], moment about the origin [N m].
-        jacobian: (3, 3, n) derivatives, rows by component, columns by v_x, v_y [N s/m], w [N s/rad].
-    """
-
-    values: Any
-    jacobian: Any
-
-
 class ContactPoints(NamedTuple):
     """Contact points: coordinates (right, forward) [m], weights [-]; left track first."""
 
@@ -210,9 +198,7 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
     return points
 
 
-def vertical_loads(
-    contact: Contact, right: Any = 0.0, forward: Any = 0.0, *, weight: float | None = None
-) -> Loads:
+def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Loads:
     """Loads of the contact points under the weight and a force at the centre of mass.
 
     Loads are planar over the points that touch and zero at those that lift off:
@@ -226,17 +212,16 @@ def vertical_loads(
         right: (n,) force at the centre of mass to the right [N]: inertia, and gravity's part along a
             slope.
         forward: (n,) that force forward [N].
-        weight: force that presses on the ground [N]; the vehicle's weight by default.
     """
-    from icreckon.simulation.contact import contact_forces as contact_kernel
+    from icreckon.simulation.contact.contact_forces import loads_of_many
 
-    packed = ground(contact, weight=weight)
+    packed = ground(contact)
     right, forward = _columns(right, forward).T
     count = len(packed.x)
     loads = np.empty((len(right), count), dtype=right.dtype)
     by_right, by_forward = np.empty((2, len(right), count))
     tipping = np.empty(len(right), dtype=bool)
-    contact_kernel.loads_of_many(packed, right, forward, loads, by_right, by_forward, tipping)
+    loads_of_many(packed, right, forward, loads, by_right, by_forward, tipping)
     return Loads(loads.T, by_right.T, by_forward.T, tipping)
 
 
@@ -254,38 +239,8 @@ def steady_inertia(twist: PaperTwist, body: Body) -> Any:
     return np.stack([right, forward, body.x_CM * forward - body.y_CM * right])
 
 
-def steady_balance(twist: PaperTwist, V_l: Any, V_r: Any, contact: Contact) -> Wrench:
-    """Residual of all forces and moments in steady motion; zero at a stationary twist.
-
-    Friction and rolling resistance at the loads under the force of inertia, plus that force.
-
-    Args:
-        twist: velocity of the origin, (n,) each.
-        V_l: (n,) speed of the left track [m/s].
-        V_r: (n,) speed of the right track [m/s].
-        contact: soil, geometry, body.
-    """
-    from icreckon.simulation.contact import contact_forces as contact_kernel
-
-    motion = _columns(*twist, V_l, V_r)
-    values, jacobian = _zeros(motion)
-    contact_kernel.balances_of_many(
-        ground(contact),
-        np.ascontiguousarray(motion[:, :3]),
-        np.ascontiguousarray(motion[:, 3:]),
-        values,
-        jacobian,
-    )
-    return Wrench(values.T, np.moveaxis(jacobian, 0, -1)[:, :3])
-
-
-def ground(contact: Contact, *, weight: float | None = None) -> Ground:
-    """Convert a contact to the plain numbers of the compiled equations.
-
-    Args:
-        contact: soil, geometry, body.
-        weight: force that presses on the ground [N]; the vehicle's weight by default.
-    """
+def ground(contact: Contact) -> Ground:
+    """Convert a contact to the plain numbers of the compiled equations."""
     from icreckon.simulation.contact.contact_forces import Ground
 
     soil, body = contact.soil, contact.body
@@ -303,7 +258,7 @@ def ground(contact: Contact, *, weight: float | None = None) -> Ground:
         soil.regularising_speed,
         soil.resistance_opposes == "travel",
         body.mass,
-        body.weight if weight is None else float(weight),
+        body.weight,
         (body.x_CM, body.y_CM, body.z_CM),
     )
 
@@ -313,16 +268,6 @@ def _columns(*parts: Any) -> Any:
     columns = np.broadcast_arrays(*(np.atleast_1d(part) for part in parts))
     matrix = np.stack(columns, axis=-1)
     return matrix if np.iscomplexobj(matrix) else matrix.astype(float)
-
-
-def _zeros(motion: Any) -> tuple[Any, Any]:
-    """Zero balances (n, 3) and derivatives (n, 3, COLUMNS) of the motion's type."""
-    from icreckon.simulation.contact.contact_forces import COLUMNS
-
-    return (
-        np.zeros((len(motion), 3), dtype=motion.dtype),
-        np.zeros((len(motion), 3, COLUMNS), dtype=motion.dtype),
-    )
 
 
 @lru_cache(maxsize=64)

@@ -295,23 +295,6 @@ def loads_of_many(
 
 
 @compiled
-def balances_of_many(ground: Ground, twist: Any, V: Any, values: Any, jacobian: Any) -> None:
-    """Apply `add_steady_balance` to n motions.
-
-    Twist (n, 3), V (n, 2), values (n, 3), jacobian (n, 3, 7).
-    """
-    n = len(twist)
-    sizes_fit = twist.shape == values.shape == (n, 3) and V.shape == (n, 2)
-    if not sizes_fit or jacobian.shape != (n, 3, COLUMNS):
-        raise ValueError(WRONG_SIZE)
-    loads = np.empty_like(twist[0, :1] + np.zeros(len(ground.x)))
-    pressing = PointLoads(loads, np.empty(len(ground.x)), np.empty(len(ground.x)))
-    for k in range(len(twist)):
-        of_one, speeds = (twist[k, 0], twist[k, 1], twist[k, 2]), (V[k, 0], V[k, 1])
-        add_steady_balance(ground, of_one, speeds, pressing, values[k], jacobian[k])
-
-
-@compiled
 def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Floats:
     """Mass matrix (3, 3) about the origin of v_x, v_y, w.
 

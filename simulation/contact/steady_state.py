@@ -1,7 +1,7 @@
 """Stationary twist of a tracked vehicle: all forces and moments balance.
 
-The balance (`contact.steady_balance`) is solved for many pairs of track speeds. Each stage is Newton's
-iteration (compiled) with the analytic Jacobian and step halving on the norm of the balance:
+The balance (`contact_forces.add_steady_balance`) is solved for many pairs of track speeds. Each stage is
+Newton's iteration (compiled) with the analytic Jacobian and step halving on the norm of the balance:
 
 1. from a kinematic guess, which solves most pairs in a few steps;
 2. for the others, along a falling sequence of regularising speeds, from nearly viscous ground to the
@@ -105,7 +105,6 @@ def solve_steady(
     V_r: ArrayLike,
     contact: Contact,
     *,
-    guess: PaperTwist | None = None,
     strict: bool = True,
 ) -> SteadyMotion:
     """Solve for the stationary motion of each pair of track speeds.
@@ -114,8 +113,6 @@ def solve_steady(
         V_l: speed of the left track [m/s]; broadcasts with V_r.
         V_r: speed of the right track [m/s].
         contact: soil, contact geometry and body.
-        guess: twists near the solution, broadcastable to that shape; by default the kinematics of a
-            typical vehicle.
         strict: True to raise an error if a pair does not converge.
 
     Raises:
@@ -125,10 +122,7 @@ def solve_steady(
     shape, V = left.shape, np.stack([left.ravel(), right.ravel()])
     if not np.isfinite(V).all():
         raise SimulationError("track speeds must be finite numbers, found NaN or infinity")
-    start = _guess(V, contact)
-    if guess is not None:
-        start = np.stack([np.broadcast_to(part, shape).ravel() for part in guess]).astype(float)
-    twist, residual = _solve(start, V, contact)
+    twist, residual = _solve(_guess(V, contact), V, contact)
     twist += 0.0  # no negative zeros
     v_x, v_y, w = (part.reshape(shape) for part in twist)
     inertia = steady_inertia(PaperTwist(*twist), contact.body)

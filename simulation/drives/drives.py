@@ -15,9 +15,7 @@ import msgspec
 import numpy as np
 from numpy.random import Generator
 
-from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.simulation.drives.recorded import Recorded, recorded_command
 from icreckon.simulation.drives.smooth_speeds import (
     ACCELERATION,
     SHORTEST_BLEND,
@@ -249,19 +247,6 @@ def stop_and_go(
         events.append((start + ramp + drive, 0.0, 0.0))
         start, drives = start + 2.0 * ramp + drive + rest, drives + 1
     return blends(events or [(STANDSTILL, 0.0, 0.0)])
-
-
-def recorded(series: TrackSpeedSeries, *, factor: Positive = 1.0) -> Recorded:
-    """Recorded drive between a standstill with a ramp up, and a ramp down.
-
-    Args:
-        series: the recorded track speeds.
-        factor: factor on its speeds [-].
-
-    Raises:
-        SimulationError: as in `icreckon.simulation.drives.recorded.recorded_command`.
-    """
-    return recorded_command(series, factor)
 
 
 def _random_blends(

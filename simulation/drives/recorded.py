@@ -6,8 +6,9 @@ import csv
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
@@ -54,7 +55,9 @@ class Recorded:
             return PchipInterpolator(self.times, self.speeds)
 
 
-def recorded_command(series: TrackSpeedSeries, factor: float) -> Recorded:
+def recorded(
+    series: TrackSpeedSeries, *, factor: Annotated[float, msgspec.Meta(gt=0.0)] = 1.0
+) -> Recorded:
     """Commands of a recording: standstill, ramp up, the recording, ramp to standstill.
 
     Args:

@@ -28,12 +28,12 @@ from icreckon.simulation.drives.drives import (
     circle,
     figure_eight,
     random_driving,
-    recorded,
     slalom,
     spin,
     stop_and_go,
     straight,
 )
+from icreckon.simulation.drives.recorded import recorded
 
 RECORDED = "recorded"
 # Rounding error by which a speed may exceed max_track_speed, relative to it.
@@ -46,16 +46,12 @@ class Command(Protocol):
     def __call__(self, times: Floats) -> Floats:
         """Track speeds (n, 2) left, right [m/s] at times (n,) [s] since the start."""
 
-
-class BoundedCommand(Command, Protocol):
-    """Commanded track speeds with a known maximum."""
-
     @property
     def top_speed(self) -> float:
         """Highest speed of a track, forward or backward [m/s]."""
 
 
-Maker = Callable[..., BoundedCommand]
+Maker = Callable[..., Command]
 TRAJECTORIES: dict[str, Maker] = {
     "straight": straight,
     "spin": spin,
@@ -154,7 +150,7 @@ def make_trajectory(
             raise SimulationError(
                 f"trajectory {RECORDED!r} needs trajectory_file, a CSV file with columns t, left, right"
             )
-        command: BoundedCommand = recorded(recording, **options)
+        command: Command = recorded(recording, **options)
     else:
         command = TRAJECTORIES[name](duration, robot, rng, **options)
     top = robot.vehicle.max_track_speed

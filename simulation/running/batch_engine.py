@@ -106,7 +106,8 @@ def block(
         worked = work_through_runs(
             made, measured, schedule.steps, start=np.zeros(3), start_sigma=np.zeros(3)
         )
-        truth = _true_ticks(truths)
+        ticks = zip(*(truth.ticks for truth in truths), strict=True)
+        truth = TrueTicks(*(np.stack(parts, axis=1) for parts in ticks))
         for one, lanes, result in zip(filters, made, worked, strict=True):
             path = side_by_side(schedule.truth_stamps, result)
             of_path = path_statistics(path, truth, schedule.segments)
@@ -154,9 +155,7 @@ class _Truth(NamedTuple):
     """Error-free sensor readings of one true motion, and the truth to score against."""
 
     perfect: Perfect
-    poses: Floats
-    twists: Floats
-    lengths: Floats
+    ticks: TrueTicks
 
 
 def _truth(cell: Cell, run: int) -> _Truth:
@@ -186,20 +185,9 @@ def _kept_truth(scenario_data: bytes, robot_data: bytes, truth: int) -> _Truth:
     motion = drive(scenario, robot, random_streams(scenario.seed, truth))
     ticks = score_times(scenario)
     poses = motion.poses_at(ticks)
-    return _Truth(
-        perfect(motion, scenario, robot),
-        poses,
-        motion.twists_at(ticks),
-        path_length(PoseSeries(to_stamps(ticks), poses)),
-    )
-
-
-def _true_ticks(truths: Sequence[_Truth]) -> TrueTicks:
-    return TrueTicks(
-        np.stack([truth.poses for truth in truths], axis=1),
-        np.stack([truth.twists for truth in truths], axis=1),
-        np.stack([truth.lengths for truth in truths], axis=-1),
-    )
+    lengths = path_length(PoseSeries(to_stamps(ticks), poses))
+    of_ticks = TrueTicks(poses, motion.twists_at(ticks), lengths)
+    return _Truth(perfect(motion, scenario, robot), of_ticks)
 
 
 def _log(cell: Cell, run: int, truth: _Truth) -> Log:

@@ -83,12 +83,6 @@ ENGINES = {
 }
 
 
-def why_slow(plan: Plan, chosen: Engine) -> str | None:
-    """Reason why the fastest engine cannot run a study; None if it was chosen or can."""
-    fastest = next(iter(ENGINES.values()))
-    return None if chosen.name == fastest.name else fastest.why_not(plan)
-
-
 def choose_engine(plan: Plan, wanted: str | None = None) -> Engine:
     """Choose the engine for a study.
 

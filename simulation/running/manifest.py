@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import platform
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -61,6 +60,7 @@ def digest(plan: Plan, engine: Engine) -> str:
 
     Their number, names for people, and the baseline of comparisons do not count.
     """
+    files = {Path(file) for cell in plan.cells if (file := cell.scenario.trajectory_file)}
     content = {
         "format": FORMAT,
         "engine": engine.name,
@@ -68,16 +68,7 @@ def digest(plan: Plan, engine: Engine) -> str:
         "statistics": [one.name for one in statistics(plan.study.horizons)],
         "versions": computing_versions(),
         "cells": [_cell_content(cell) for cell in plan.cells],
-        "recordings": {
-            str(file): _file_digest(file)
-            for file in sorted(
-                {
-                    Path(cell.scenario.trajectory_file)
-                    for cell in plan.cells
-                    if cell.scenario.trajectory_file
-                }
-            )
-        },
+        "recordings": {str(file): _file_digest(file) for file in files},
     }
     text = json.dumps(content, sort_keys=True)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()}"
@@ -147,8 +138,6 @@ def _finite(value: Any) -> Any:
 
 
 def _version(name: str) -> str:
-    if name == "python":
-        return platform.python_version()
     try:
         return version(name)
     except PackageNotFoundError:

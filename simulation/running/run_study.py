@@ -5,15 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.running.engines import choose_engine, why_slow
+from icreckon.simulation.running.engines import ENGINES, choose_engine
 from icreckon.simulation.running.manifest import as_json, manifest
-from icreckon.simulation.running.runner import Report, run_blocks
+from icreckon.simulation.running.runner import Report, Runner
 from icreckon.simulation.running.store import (
     RESULTS,
     BlockStore,
@@ -22,8 +23,8 @@ from icreckon.simulation.running.store import (
     open_store,
     write_files,
 )
+from icreckon.simulation.running.workers import OpenWorkplace, given, here
 from icreckon.simulation.running.workers import cluster as on_cluster
-from icreckon.simulation.running.workers import given, here
 from icreckon.simulation.study.cells import Plan, expand
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
@@ -62,8 +63,9 @@ def run_study(
     for cell in plan.cells:
         check_terrain(cell.scenario.terrain, 2.0 * cell.robot.vehicle.half_contact_length)
     chosen = choose_engine(plan, engine)
-    slow = why_slow(plan, chosen)
     if remark is not None:
+        fastest = next(iter(ENGINES.values()))
+        slow = None if chosen is fastest else fastest.why_not(plan)
         if slow is not None:
             remark(f"runs are computed one after the other, which is slow: {slow}")
         first = plan.cells[0]
@@ -74,13 +76,12 @@ def run_study(
     store = open_store(Path(folder), identity, shape, overwrite=overwrite)
     jobs = jobs_of(plan, chosen.block_runs)
     count = workers or os.cpu_count() or 1
+    open_workplace: OpenWorkplace = partial(here, count, threads=chosen.threads)
     if cluster is not None:
-        workplace = on_cluster(cluster)
+        open_workplace = partial(on_cluster, cluster)
     elif executor is not None:
-        workplace = given(executor, count)
-    else:
-        workplace = here(count, threads=chosen.threads)
-    run_blocks(plan, chosen, jobs, store, workplace, report)
+        open_workplace = partial(given, executor, count)
+    Runner(plan, chosen, jobs, store, report).run(open_workplace)
     return _write_results(_gathered(plan, jobs, store), identity, store)
 
 

@@ -84,31 +84,17 @@ def work(module: str, cell: Cell, first_run: int, count: int) -> Worked:
     return np.ascontiguousarray(values, dtype=np.float64), reasons, computing_versions()
 
 
-def run_blocks(
-    plan: Plan,
-    engine: Engine,
-    jobs: Sequence[Job],
-    store: BlockStore,
-    open_workplace: OpenWorkplace,
-    report: Report | None = None,
-) -> None:
-    """Compute all blocks that the store does not have.
+class Runner:
+    """Runner of a study: computes all blocks that the store does not have.
 
     Args:
         plan: the study.
         engine: engine that computes the blocks.
         jobs: all blocks of the study.
         store: store of finished blocks.
-        open_workplace: opens the workers; called again if they have died.
         report: called at the start and after each block.
-
-    Raises:
-        SimulationError: a block fails, or its workers die repeatedly.
     """
-    _Runner(plan, engine, jobs, store, report).run(open_workplace)
 
-
-class _Runner:
     def __init__(
         self,
         plan: Plan,
@@ -126,7 +112,14 @@ class _Runner:
         self._lost: Counter[Job] = Counter()
 
     def run(self, open_workplace: OpenWorkplace) -> None:
-        """Run until all blocks are finished."""
+        """Run until all blocks are finished.
+
+        Args:
+            open_workplace: opens the workers; called again if they have died.
+
+        Raises:
+            SimulationError: a block fails, or its workers die repeatedly.
+        """
         self._report_progress()
         while self._waiting:
             with open_workplace() as workplace:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import zipfile
 from dataclasses import dataclass
@@ -89,7 +88,7 @@ class BlockStore:
         return (values, reasons) if right and digest == self._digest else None
 
     def write(self, job: Job, values: Floats, reasons: Reasons) -> None:
-        """Write a finished block durably: it survives a power failure.
+        """Write a finished block.
 
         Args:
             job: the block.
@@ -104,7 +103,6 @@ class BlockStore:
         np.savez(content, values=values, reasons=reasons, digest=np.array(self._digest))
         try:
             write_whole(path, content.getvalue())
-            _sync_folder(path.parent)
         except OSError as problem:
             raise SimulationError(f"{path}: cannot be written: {problem.strerror}") from None
 
@@ -192,17 +190,3 @@ def _read_manifest(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, RecursionError):
         return None
     return found if isinstance(found, dict) and "digest" in found else None
-
-
-def _sync_folder(folder: Path) -> None:
-    """Flush a new name in a folder to disk, if the system can."""
-    try:
-        handle = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return
-    try:
-        os.fsync(handle)
-    except OSError:
-        pass
-    finally:
-        os.close(handle)

@@ -36,54 +36,53 @@ class Workplace:
 OpenWorkplace = Callable[[], AbstractContextManager[Workplace]]
 
 
-def here(workers: int, *, threads: bool) -> OpenWorkplace:
-    """Workers on this machine: threads or processes."""
-
-    def open_workplace() -> AbstractContextManager[Workplace]:
-        return _threads(workers) if threads else _processes(workers)
-
-    return open_workplace
-
-
-def given(executor: Executor, workers: int) -> OpenWorkplace:
-    """Workers behind an executor that the caller opens and closes."""
-
-    @contextmanager
-    def open_workplace() -> Iterator[Workplace]:
-        yield Workplace(executor, lambda: AHEAD * workers)
-
-    return open_workplace
+@contextmanager
+def here(workers: int, *, threads: bool) -> Iterator[Workplace]:
+    """Open workers on this machine: threads or processes."""
+    if not threads:
+        with worker_processes(workers) as processes:
+            yield Workplace(processes, lambda: AHEAD * workers)
+        return
+    pool = ThreadPoolExecutor(workers, THREADS)
+    try:
+        yield Workplace(pool, lambda: AHEAD * workers)
+    except BaseException:
+        pool.shutdown(wait=False, cancel_futures=True)
+        raise
+    pool.shutdown()
 
 
-def cluster(address: str) -> OpenWorkplace:
-    """Workers of a `dask.distributed` cluster.
+@contextmanager
+def given(executor: Executor, workers: int) -> Iterator[Workplace]:
+    """Use workers behind an executor that the caller opens and closes."""
+    yield Workplace(executor, lambda: AHEAD * workers)
+
+
+@contextmanager
+def cluster(address: str) -> Iterator[Workplace]:
+    """Connect to the workers of a `dask.distributed` cluster.
 
     Args:
         address: address of its scheduler, as tcp://host:8786.
     """
-
-    @contextmanager
-    def open_workplace() -> Iterator[Workplace]:
-        try:
-            import distributed
-        except ImportError:
-            raise SimulationError(
-                "a cluster needs the extra of that name: pip install 'icreckon[cluster]'"
-            ) from None
-        _require_listener(address)
-        connect: Any = distributed.Client
-        try:
-            client = connect(address, timeout=CONNECT_SECONDS, set_as_default=False)
-        except (OSError, ValueError, TypeError) as problem:
-            raise SimulationError(f"no cluster at {address!r}: {problem}") from None
-        try:
-            yield Workplace(
-                client.get_executor(), lambda: AHEAD * max(1, sum(client.nthreads().values()))
-            )
-        finally:
-            client.close()
-
-    return open_workplace
+    try:
+        import distributed
+    except ImportError:
+        raise SimulationError(
+            "a cluster needs the extra of that name: pip install 'icreckon[cluster]'"
+        ) from None
+    _require_listener(address)
+    connect: Any = distributed.Client
+    try:
+        client = connect(address, timeout=CONNECT_SECONDS, set_as_default=False)
+    except (OSError, ValueError, TypeError) as problem:
+        raise SimulationError(f"no cluster at {address!r}: {problem}") from None
+    try:
+        yield Workplace(
+            client.get_executor(), lambda: AHEAD * max(1, sum(client.nthreads().values()))
+        )
+    finally:
+        client.close()
 
 
 def _require_listener(address: str) -> None:
@@ -101,20 +100,3 @@ def _require_listener(address: str) -> None:
         socket.create_connection((place[0], place[1]), CONNECT_SECONDS).close()
     except OSError as problem:
         raise SimulationError(f"no cluster at {address!r}: {problem}") from None
-
-
-@contextmanager
-def _threads(workers: int) -> Iterator[Workplace]:
-    pool = ThreadPoolExecutor(workers, THREADS)
-    try:
-        yield Workplace(pool, lambda: AHEAD * workers)
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    pool.shutdown()
-
-
-@contextmanager
-def _processes(workers: int) -> Iterator[Workplace]:
-    with worker_processes(workers) as pool:
-        yield Workplace(pool, lambda: AHEAD * workers)

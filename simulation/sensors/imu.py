@@ -37,7 +37,6 @@ from icreckon.simulation.truth.true_motion import TrueMotion, gauss_markov
 INSTABILITY_FLOOR = float(np.sqrt(2.0 * np.log(2.0) / np.pi))
 # Peak of a Gauss-Markov process' Allan deviation over its standard deviation.
 MARKOV_PEAK = 0.617364
-MARKOV_PEAK_AT = 1.8926
 
 
 class InertialErrors(msgspec.Struct, frozen=True, kw_only=True):
@@ -212,8 +211,6 @@ def _read(
     true: Floats, rate: float, errors: InertialErrors, rng: Generator
 ) -> tuple[Floats, Floats]:
     """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias [unit]."""
-    from icreckon.simulation.base.noise_kernel import TriadErrors, add_inertial_errors_entry
-
     constants, instabilities = rng.spawn(2)
     count = len(true)
     start = errors.bias_sigma * rng.standard_normal(3)
@@ -225,8 +222,9 @@ def _read(
     scale = 1.0 + errors.scale_sigma * constants.standard_normal(3)
     lean = errors.misalignment_sigma * constants.standard_normal((3, 3))
     triad = np.where(np.eye(3, dtype=bool), np.diag(scale), lean)
-    reading = np.empty((count, 3))
     white, walk = errors.noise_density * np.sqrt(rate), errors.bias_walk / np.sqrt(rate)
-    of_axes = TriadErrors(triad, start, white, walk, float(errors.range))
-    add_inertial_errors_entry(true, draws, of_axes, reading, bias)
-    return reading, bias
+    bias += np.cumsum(np.vstack([start, walk * draws[1:, 1]]), axis=0)
+    reading = white * draws[:, 0] + bias
+    for column, of_axis in zip(triad.T, true.T, strict=True):
+        reading += of_axis[:, None] * column
+    return np.clip(reading, -errors.range, errors.range), bias

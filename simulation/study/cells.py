@@ -98,12 +98,8 @@ class Plan:
         return tuple(one.label for one in self.study.filters())
 
 
-@dataclass(frozen=True)
-class _Point:
-    """Point of an axis or a Latin hypercube: its values, and changes by dotted key."""
-
-    values: dict[str, Value]
-    changes: dict[str, Any]
+# Point of an axis or a Latin hypercube: its values, and changes by dotted key.
+_Point = tuple[dict[str, Value], dict[str, Any]]
 
 
 def expand(study: Study) -> Plan:
@@ -123,8 +119,8 @@ def expand(study: Study) -> Plan:
         )
     cells = []
     for index, points in enumerate(itertools.product(*dimensions)):
-        values = {name: value for point in points for name, value in point.values.items()}
-        changes = {key: value for point in points for key, value in point.changes.items()}
+        values = {name: value for shown, _ in points for name, value in shown.items()}
+        changes = {key: value for _, changed in points for key, value in changed.items()}
         cells.append(_cell(study, robot, index, values, changes))
     terrain, level = study.scenario.terrain, Terrain()
     given = [name for name in NEEDS if getattr(terrain, name) != getattr(level, name)]
@@ -143,18 +139,18 @@ def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
         values = tuple(_shown(value) for value in given)
         axes.append(Axis(key, _scale_of(values), values))
         dimensions.append(
-            [_Point({key: shown}, {key: raw}) for shown, raw in zip(values, given, strict=True)]
+            [({key: shown}, {key: raw}) for shown, raw in zip(values, given, strict=True)]
         )
     for axis, named in sweep.cases.items():
         axes.append(Axis(axis, "names", tuple(named)))
-        dimensions.append([_Point({axis: name}, changes) for name, changes in named.items()])
+        dimensions.append([({axis: name}, changes) for name, changes in named.items()])
     if sweep.latin is not None:
         points = latin_points(sweep.latin, study.seed)
         for key, found in sweep.latin.ranges.items():
             scale = cast(Scale, found[2] if len(found) == 3 else "linear")
             rising = tuple(sorted(point[key] for point in points))
             axes.append(Axis(key, scale, rising, sampled=True))
-        dimensions.append([_Point(dict(point), dict(point)) for point in points])
+        dimensions.append([(dict(point), dict(point)) for point in points])
     return tuple(axes), dimensions
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,25 +43,6 @@ class RunScores(NamedTuple):
 
     values: Floats
     reasons: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Failures:
-    """Failed runs of a filter in a cell.
-
-    Attributes:
-        cell: index of the cell.
-        variant: label of the filter.
-        runs: number of failed runs.
-        of: number of all runs.
-        reasons: reasons, the most frequent first, each with its number of runs and its first run.
-    """
-
-    cell: int
-    variant: str
-    runs: int
-    of: int
-    reasons: tuple[dict[str, Any], ...]
 
 
 def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:
@@ -112,8 +92,13 @@ def run_by_run(
     return found
 
 
-def failures_of(reasons: Any, labels: Sequence[str]) -> list[Failures]:
-    """Failed runs by cell and filter, from reasons (filters, cells, runs)."""
+def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:
+    """Failed runs by cell and filter, from reasons (filters, cells, runs).
+
+    Returns:
+        Index of the cell, label of the filter, numbers of failed and of all runs, and the reasons, the
+        most frequent first, each with its number of runs and its first run.
+    """
     found = []
     for cell in range(reasons.shape[1]):
         for label, of_cell in zip(labels, reasons[:, cell], strict=True):
@@ -122,11 +107,18 @@ def failures_of(reasons: Any, labels: Sequence[str]) -> list[Failures]:
                 failed = [(str(of_cell[run]), int(run)) for run in at]
                 counts = Counter(reason for reason, _ in failed)
                 first = dict(reversed(failed))
-                most_common = tuple(
-                    {"reason": reason, "runs": count, "first_run": first[reason]}
-                    for reason, count in counts.most_common()
+                found.append(
+                    {
+                        "cell": cell,
+                        "variant": label,
+                        "runs": len(failed),
+                        "of": len(of_cell),
+                        "reasons": [
+                            {"reason": reason, "runs": count, "first_run": first[reason]}
+                            for reason, count in counts.most_common()
+                        ],
+                    }
                 )
-                found.append(Failures(cell, label, len(failed), len(of_cell), most_common))
     return found
 
 

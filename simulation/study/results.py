@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.simulation.study.alike import alike
 from icreckon.simulation.study.cells import Axis, Plan, Value
-from icreckon.simulation.study.failures import Failures, failures_of
+from icreckon.simulation.study.failures import failures_of
 from icreckon.simulation.study.statistics import DRIFT, Statistic, statistics
 from icreckon.simulation.study.summary import GROUPS, Summary, over_cells, summarise
 
@@ -30,6 +29,8 @@ POSITIVE = ("nees_", "nis_")
 PERCENTILES = tuple(range(101))
 # Number of stored distributions, of cells that lie far apart.
 MOST_DISTRIBUTIONS = 4
+# Relative difference up to which statistics of a run count as equal.
+ROUNDING = 1e-9
 # Digits of numbers used only in figures.
 SHOWN_DIGITS = 5
 
@@ -52,11 +53,6 @@ class Runs:
     def motions(self) -> Any:
         """Index (runs,) of the true motion of each run."""
         return np.arange(self.values.shape[2]) % self.plan.study.true_motions
-
-    @property
-    def failures(self) -> list[Failures]:
-        """Failed runs by cell and filter."""
-        return [] if self.reasons is None else failures_of(self.reasons, self.plan.labels)
 
     @property
     def statistics(self) -> tuple[Statistic, ...]:
@@ -197,15 +193,12 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
 
 def _failed(runs: Runs) -> dict[str, Any]:
     """Failed runs: their number of all runs, with cells and reasons."""
-    failures, cells = runs.failures, runs.plan.cells
+    found = [] if runs.reasons is None else failures_of(runs.reasons, runs.plan.labels)
     filters, count, of_each = runs.values.shape[:3]
     return {
-        "runs": sum(one.runs for one in failures),
+        "runs": sum(one["runs"] for one in found),
         "of": filters * count * of_each,
-        "cells": [
-            {**asdict(one), "values": cells[one.cell].values, "reasons": list(one.reasons)}
-            for one in failures
-        ],
+        "cells": [one | {"values": runs.plan.cells[one["cell"]].values} for one in found],
     }
 
 
@@ -250,3 +243,34 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
         axis = plan.axes[0].name if plan.axes else ""
         kept.append({"axis": axis, "group": group.name, "percentiles": percentiles})
     return kept
+
+
+def alike(values: Floats, axis: int) -> list[list[int]]:
+    """Group the indices along an axis at which all statistics are equal to rounding.
+
+    Groups have two or more indices.
+
+    Args:
+        values: (filters, cells, runs, statistics); NaN for missing values.
+        axis: 0 for filters, 1 for cells.
+    """
+    places = np.moveaxis(values, axis, 0)
+    known = np.isfinite(places)
+    sums = np.where(known, places, 0.0).reshape(len(places), -1).sum(axis=1)
+    found: list[list[int]] = []
+    previous = None
+    for place in np.argsort(sums, kind="stable").tolist():
+        if not known[place].any():
+            continue
+        if previous is not None and _same(places[previous], places[place]):
+            found[-1].append(place)
+        else:
+            found.append([place])
+            previous = place
+    return sorted(sorted(group) for group in found if len(group) > 1)
+
+
+def _same(one: Any, other: Any) -> bool:
+    larger = np.maximum(np.abs(one), np.abs(other))
+    apart = np.abs(one - other) > ROUNDING * larger
+    return bool(np.array_equal(np.isfinite(one), np.isfinite(other)) and not apart.any())

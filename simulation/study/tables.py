@@ -73,10 +73,7 @@ def _axis_values(plan: Plan, axis: Axis) -> Any:
 
 
 def _parquet(columns: dict[str, Any]) -> bytes:
-    """Encode a Parquet file; NaN becomes null.
-
-    The options are fixed, so that equal tables give equal bytes.
-    """
+    """Encode a Parquet file; NaN becomes null."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -87,15 +84,5 @@ def _parquet(columns: dict[str, Any]) -> bytes:
         for name, values in columns.items()
     }
     sink = io.BytesIO()
-    parquet.write_table(
-        pa.table(arrays),
-        sink,
-        version="2.6",
-        compression="zstd",
-        compression_level=3,
-        use_dictionary=True,
-        row_group_size=1 << 20,
-        data_page_version="1.0",
-        write_statistics=True,
-    )
+    parquet.write_table(pa.table(arrays), sink, compression="zstd", compression_level=3)
     return sink.getvalue()

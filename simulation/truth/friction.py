@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import msgspec
 import numpy as np
@@ -96,6 +96,7 @@ class FrictionTruth:
         tolerance: relative error allowed per integration step.
     """
 
+    name: ClassVar[str] = "friction"
     spread: float = DEFAULT_SPREAD
     track_lag: float = TRACK_LAG
     slip_noise: float = 0.0
@@ -103,11 +104,6 @@ class FrictionTruth:
     patches: tuple[Patch, ...] = ()
     payloads: tuple[Payload, ...] = ()
     tolerance: float = TOLERANCE
-
-    @property
-    def name(self) -> str:
-        """Name of the truth."""
-        return "friction"
 
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float

@@ -7,6 +7,7 @@ effects beyond that model.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -43,14 +44,10 @@ class KinematicTruth:
         slip_noise: factor on its size [-].
     """
 
+    name: ClassVar[str] = "kinematic"
     spread: float = DEFAULT_SPREAD
     slip: Slip = TRUE_SLIP
     slip_noise: float = 1.0
-
-    @property
-    def name(self) -> str:
-        """Name of the truth."""
-        return "kinematic"
 
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float

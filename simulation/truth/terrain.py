@@ -224,19 +224,8 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
             size = -GRAVITY * np.sin(np.radians(patch.slope_deg))
             uphill = np.radians(patch.uphill_deg or 0.0)
             downhill = (float(size * np.cos(uphill)), float(size * np.sin(uphill)))
-        rows.append(
-            (
-                *patch.x,
-                *patch.y,
-                *patch.time,
-                patch.edge,
-                patch.onset,
-                friction,
-                friction,
-                rolling,
-                *downhill,
-            )
-        )
+        where = (*patch.x, *patch.y, *patch.time, patch.edge, patch.onset)
+        rows.append((*where, friction, friction, rolling, *downhill))
     from icreckon.simulation.truth.terrain_kernel import WIDTH
 
     return np.array(rows, dtype=float).reshape(len(rows), WIDTH)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
-from icreckon.estimator.robot.slip import slip_sigma
+from icreckon.estimator.robot.slip import slip_components
 from icreckon.simulation.drives.trajectories import Command
 
 DEFAULT_SPREAD = 0.15
@@ -225,7 +225,8 @@ def slip_residual(
         rng: draws the residual.
     """
     unit = gauss_markov(len(speeds), step, slip.time_constant, rng)
-    return slip_sigma(speeds[:, 0], speeds[:, 1], slip, effective_gauge) * unit
+    sigmas = slip_components(speeds[:, 0], speeds[:, 1], slip, effective_gauge)
+    return np.stack(sigmas, axis=-1) * unit
 
 
 def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) -> Floats:
@@ -243,12 +244,12 @@ def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) 
     Returns:
         (count, 3).
     """
-    from icreckon.simulation.base.noise_kernel import gauss_markov_entry
+    from scipy.signal import lfilter
 
     noise = rng.standard_normal((count, 3))
     decay = step / time_constant
-    gauss_markov_entry(noise, float(np.exp(-decay)), float(np.sqrt(-np.expm1(-2.0 * decay))))
-    return noise
+    noise[1:] *= np.sqrt(-np.expm1(-2.0 * decay))
+    return np.asarray(lfilter([1.0], [1.0, -np.exp(-decay)], noise, axis=0))
 
 
 def displacements(twists: Floats, step: float) -> Floats:

@@ -4,8 +4,8 @@ import pytest
 
 from icreckon.estimator.log.log import screen
 from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.coulomb_gains import coulomb_gains
 from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.variants import coulomb_gains
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
@@ -62,7 +62,7 @@ def test_the_same_seed_gives_the_same_bits():
     first = run_scenario(SHORT, ALPHA)
     again = run_scenario(SHORT, ALPHA)
     assert changed(first.log, again.log) == set()
-    assert first.true_parameters == again.true_parameters
+    assert first.motion.parameters == again.motion.parameters
     assert np.array_equal(first.gyro_bias, again.gyro_bias)
 
 
@@ -130,8 +130,8 @@ def test_spread_zero_is_the_robot_file():
     exact = msgspec.structs.replace(drawn, truth_spread=0.0)
     # The gain that the file leaves out is that of Coulomb friction.
     expected = msgspec.structs.replace(ALPHA.indices, epsilon_F=coulomb_gains(ALPHA)[1])
-    assert run_scenario(exact, ALPHA).true_parameters == expected
-    assert run_scenario(drawn, ALPHA).true_parameters != expected
+    assert run_scenario(exact, ALPHA).motion.parameters == expected
+    assert run_scenario(drawn, ALPHA).motion.parameters != expected
 
 
 def test_outages_take_fixes_away():

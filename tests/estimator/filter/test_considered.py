@@ -95,8 +95,11 @@ def consistency():
     tracks = msgspec.structs.replace(ALPHA.tracks, difference_sigma=0.0)
     level = msgspec.structs.replace(ALPHA.slope, sigma=0.0, walk=0.0)
     robot = msgspec.structs.replace(ALPHA, tracks=tracks, slope=level)
+    usual = msgspec.structs.asdict(slip_of(ALPHA, variant))
+    shares = {name: 0.1 * size for name, size in usual.items() if "time" not in name}
+    little = msgspec.structs.replace(slip_of(ALPHA, variant), **shares)
     settings = Settings(
-        slip=slip_of(ALPHA, variant).scaled(0.1),
+        slip=little,
         adaptation=adaptation,
         considered=("eta0",),
         standstill=standstill,

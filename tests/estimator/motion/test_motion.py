@@ -176,20 +176,9 @@ def test_backward_motion_is_the_forward_one_reversed_but_for_the_sign_of_the_sli
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_slip_is_added_and_does_not_count_in_the_inertia_of_the_tracks(form):
-    slip = (0.03, -0.05, 0.2)
-    without = solve(V_L, V_R, PUBLISHED, VEHICLE, form=form)
-    slipping = solve(V_L, V_R, PUBLISHED, VEHICLE, form=form, slip=slip)
-    assert (slipping.u == without.u).all()
-    for a, b, r in zip(slipping.twist, without.twist, slip, strict=True):
-        assert (a == b + r).all()
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_measured_inertia_is_that_of_the_twist_with_slip(form):
+def test_inertia_is_that_of_the_twist(form):
     V_l, V_r, parameters = perturbed(5000, 8, share=0.2)
-    slip = tuple(np.random.default_rng(9).normal(scale=0.05, size=(3, 5000)))
-    motion = solve(V_l, V_r, parameters, VEHICLE, form=form, slip=slip, slip_in_inertia=True)
+    motion = solve(V_l, V_r, parameters, VEHICLE, form=form)
     _, mass, x_CM, y_CM, *_ = VEHICLE
     if form == "smooth":
         inertia = signed_inertia(motion.twist, mass, x_CM)[0]

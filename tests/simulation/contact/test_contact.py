@@ -6,16 +6,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forces_of_tracks import track_forces
+from forces_of_tracks import steady_balance, track_forces
 from icreckon.estimator.motion.icr import PaperTwist
-from icreckon.estimator.robot.soil import Soil
+from icreckon.estimator.robot.robot_file import Soil
 from icreckon.simulation.contact.contact import (
     Body,
     Contact,
     ContactGeometry,
     contact_points,
     equally_spaced,
-    steady_balance,
     steady_inertia,
     vertical_loads,
 )
@@ -158,11 +157,6 @@ def test_loads_solve_the_complementarity_problem(right, forward):
     np.testing.assert_allclose(plane[touching] @ fitted, pressure[touching], atol=1e-8 * scale)
     if touching.sum() > 3:
         assert (plane[~touching] @ fitted <= 1e-6 * scale).all()
-
-
-def test_weight_can_be_given():
-    loads = vertical_loads(CONTACTS["paper"], 10.0, weight=1000.0)
-    assert loads.values.sum() == pytest.approx(1000.0)
 
 
 def test_a_sliding_track_brakes_with_the_coefficient_of_each_direction():

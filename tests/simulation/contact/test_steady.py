@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
+from forces_of_tracks import steady_balance
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
-from icreckon.estimator.robot.coulomb_gains import coulomb_gains
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.soil import Soil
+from icreckon.estimator.robot.robot_file import Soil, load_robot
+from icreckon.estimator.robot.variants import coulomb_gains
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact import steady_state
 from icreckon.simulation.contact.contact import (
@@ -16,7 +16,6 @@ from icreckon.simulation.contact.contact import (
     Contact,
     ContactGeometry,
     equally_spaced,
-    steady_balance,
     steady_inertia,
     vertical_loads,
 )
@@ -159,15 +158,6 @@ def test_agreement_with_scipy():
             expected = [part[k] for part in ours.twist]
             np.testing.assert_allclose(found.x, expected, atol=1e-9)
     assert agreed > 50
-
-
-def test_the_solution_does_not_hang_on_the_guess():
-    rng = np.random.default_rng(6)
-    V_l, V_r = track_speed_grid()
-    motion = solve_steady(V_l, V_r, PAPER)
-    scattered = PaperTwist(*(part + 0.5 * rng.normal(size=part.shape) for part in motion.twist))
-    again = solve_steady(V_l, V_r, PAPER, guess=scattered)
-    np.testing.assert_allclose(np.stack(motion.twist), np.stack(again.twist), atol=1e-9)
 
 
 def test_rolling_resistance_parts_left_from_right_turns():

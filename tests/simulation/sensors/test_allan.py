@@ -9,7 +9,6 @@ from icreckon.simulation.base.sampling import sample_times
 from icreckon.simulation.sensors.imu import (
     INSTABILITY_FLOOR,
     MARKOV_PEAK,
-    MARKOV_PEAK_AT,
     InertialErrors,
 )
 from icreckon.simulation.sensors.specs import (
@@ -23,6 +22,8 @@ from sensor_readings import read_imu
 
 ALPHA = load_robot("auriga-alpha")
 SILENT = InertialErrors()
+# Time over correlation time at which the Allan deviation of a Gauss-Markov process peaks.
+MARKOV_PEAK_AT = 1.8926
 SENSORS = ("gyro", "accelerometer")
 # Exponents of the noises' spectra, for their degrees of freedom.
 WHITE, RANDOM_WALK = 0, -2

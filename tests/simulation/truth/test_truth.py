@@ -13,7 +13,7 @@ from icreckon.estimator.motion.icr import (
     indices_from_icrs,
 )
 from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
-from icreckon.estimator.robot.slip import slip_sigma
+from icreckon.estimator.robot.slip import slip_components
 from icreckon.estimator.robot.variants import find_variant, initial_parameters
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.trajectories import TRAJECTORIES, make_trajectory
@@ -149,11 +149,12 @@ def test_gauss_markov_is_exact_at_any_step(step):
 
 
 def test_slip_size_is_a_share_of_motion():
-    size = slip_sigma(np.array([0.0, 0.5, -0.5]), np.array([0.0, 0.5, 0.5]), TRUE_SLIP, 1.1)
+    V_l, V_r = np.array([[0.0, 0.5, -0.5], [0.0, 0.5, 0.5]])
+    size = np.stack(slip_components(V_l, V_r, TRUE_SLIP, 1.1), axis=-1)
     assert (size[:2] == 0.0).all()
     assert size[2] == pytest.approx([0.01, 0.005, 0.02 / 1.1])
     driving = msgspec.structs.replace(NO_SLIP, driving_x=0.1, driving_w=0.2)
-    assert slip_sigma(0.2, 0.6, driving, 1.1) == pytest.approx([0.04, 0.0, 0.08])
+    assert slip_components(0.2, 0.6, driving, 1.1) == pytest.approx((0.04, 0.0, 0.08))
 
 
 def test_true_parameters_spread_about_those_of_the_robot_file():
