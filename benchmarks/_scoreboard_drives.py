@@ -20,8 +20,9 @@ from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Imu, Indices, Robot, Soil, Vehicle, load_robot
+from icreckon.estimator.robot.robot_file import Imu, Indices, Robot, Vehicle, load_robot
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.contact.of_robot import contact_of, slow_turns
 from icreckon.simulation.scenario import Scenario

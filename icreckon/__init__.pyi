@@ -66,7 +66,6 @@ from icreckon.estimator.robot.robot_file import Indices as Indices
 from icreckon.estimator.robot.robot_file import Robot as Robot
 from icreckon.estimator.robot.robot_file import Slip as Slip
 from icreckon.estimator.robot.robot_file import Slope as Slope
-from icreckon.estimator.robot.robot_file import Soil as Soil
 from icreckon.estimator.robot.robot_file import Tracks as Tracks
 from icreckon.estimator.robot.robot_file import UndetectedSlip as UndetectedSlip
 from icreckon.estimator.robot.robot_file import Vehicle as Vehicle
@@ -79,6 +78,7 @@ from icreckon.estimator.robot.settings import FixWander as FixWander
 from icreckon.estimator.robot.settings import GateSettings as GateSettings
 from icreckon.estimator.robot.settings import Settings as Settings
 from icreckon.estimator.robot.settings import StandstillSettings as StandstillSettings
+from icreckon.estimator.robot.soil import Soil as Soil
 from icreckon.estimator.robot.variants import VARIANTS as VARIANTS
 from icreckon.estimator.robot.variants import Adaptation as Adaptation
 from icreckon.estimator.robot.variants import default_adaptation as default_adaptation

@@ -42,7 +42,8 @@ class Twist3d(NamedTuple):
     Attributes:
         linear: (3,) forward, left, up [m/s]; up is zero.
         angular: (3,) about these axes [rad/s]; NaN about the first two without gyros for them.
-        covariance: (6, 6) covariance of both, in the order of geometry_msgs; NaN likewise.
+        covariance: (6, 6) covariance of both, in the order of geometry_msgs; NaN likewise, and of the
+            velocity upward, which is not estimated.
     """
 
     linear: Floats
@@ -104,6 +105,6 @@ def twist3d_of(twist: Floats, of_twist: Floats, tilt_rates: Floats, of_rates: Fl
     """
     covariance, planar = np.zeros((6, 6)), [0, 1, 5]
     covariance[np.ix_(planar, planar)] = of_twist
-    covariance[3:5, 3:5] = of_rates
+    covariance[3:5, 3:5], covariance[2, 2] = of_rates, np.nan
     linear, angular = np.append(twist[:2], 0.0), np.append(tilt_rates, twist[2])
     return Twist3d(linear, angular, covariance)

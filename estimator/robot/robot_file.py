@@ -28,6 +28,7 @@ from icreckon.estimator.base.config import convert, read_toml
 from icreckon.estimator.base.errors import EstimatorError, SettingError, nearest_hint
 from icreckon.estimator.base.frames import rep103_to_paper, rpy_to_matrix
 from icreckon.estimator.motion.motion_model import VehicleConstants
+from icreckon.estimator.robot.soil import Soil
 
 ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1
@@ -37,8 +38,6 @@ LEAST_UPRIGHT = 0.1
 _Difference = Annotated[float, Bound("relative (0.02 is 2 %), 0.5 at most in size", -0.5, 0.5)]
 # Rolling resistance of unknown ground [-].
 TYPICAL_ROLLING = 0.05
-# Coefficient of friction; forces by far smaller ones have no precision.
-Friction = Annotated[float, Bound("from 0.001 to 100", 1e-3, 100.0)]
 # Default lag of the load transfer [s].
 LOAD_LAG = 0.2
 # Largest distance of constant ICRs, as a multiple of the gauge.
@@ -245,35 +244,6 @@ class Slip(Bounded, frozen=True):
     driving_w: Share = 0.01
     time_constant: Positive = 1.0
     white_time: NotNegative = 0.1
-
-
-class Soil(Bounded, frozen=True):
-    """Friction and rolling resistance of the ground under a track.
-
-    Attributes:
-        friction: coefficient of friction mu, across the track, and along it unless
-            `longitudinal_friction` is set [-].
-        longitudinal_friction: coefficient along the track; None for isotropic friction [-].
-        rolling_resistance: resistance of a track as a share of its load [-].
-        shear_modulus: shear deformation modulus K; 0 for full friction at any slip [m].
-        regularising_speed: slip and travel below which friction and rolling resistance fade to
-            zero instead of jumping [m/s].
-        resistance_opposes: "travel", the motion of the track's centreline over the ground, or
-            "track", the motion of the track around its rollers.
-    """
-
-    friction: Friction = 0.9
-    longitudinal_friction: Friction | None = None
-    rolling_resistance: NotNegative = 0.0
-    shear_modulus: NotNegative = 0.0
-    regularising_speed: Positive = 1e-4
-    resistance_opposes: Literal["travel", "track"] = "travel"
-
-    @property
-    def coefficients(self) -> tuple[float, float]:
-        """Coefficients of friction (right, forward) [-]."""
-        along = self.longitudinal_friction
-        return self.friction, self.friction if along is None else along
 
 
 class UndetectedSlip(Bounded, frozen=True):

@@ -26,7 +26,8 @@ from icreckon.estimator.motion.icr import GRAVITY, IndexValues
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.robot.robot_file import Indices, Robot, Slip, Soil
+from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
+from icreckon.estimator.robot.soil import Soil
 
 # Shares of the weight: the largest lateral force of inertia in the paper's simulations.
 TYPICAL_FORCE = 0.07

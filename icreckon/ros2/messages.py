@@ -9,19 +9,21 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import compose, quaternion_to_yaw, relative
+from icreckon.estimator.base.frames import quaternion_to_yaw
+from icreckon.estimator.motion.pose3d import Pose3d
 from icreckon.estimator.streaming.outputs import IcrPoints
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import KEY_VALUE, MARKER, POINT, STATUS
-from icreckon.replay.bags.messages import ICR_MARKERS, planar_covariance
+from icreckon.replay.bags.messages import (
+    ICR_MARKERS,
+    PLANAR,
+    planar_covariance,
+    six_rows,
+)
 from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.base_frame import Pose
 from icreckon.replay.live.odometry import LiveEstimate
-
-PLANAR = (0, 1, 5)
-"""Rows and columns of x, y and yaw in a covariance of six axes."""
 
 
 def fill_header(header: Any, stamp: int, frame: str) -> None:
@@ -30,23 +32,40 @@ def fill_header(header: Any, stamp: int, frame: str) -> None:
     header.frame_id = frame
 
 
-def fill_odometry(message: Any, estimate: LiveEstimate, frame: str, child: str) -> Any:
-    """Fill a nav_msgs/Odometry; non-planar axes have a variance of 1e6."""
+def fill_odometry(
+    message: Any, estimate: LiveEstimate, frame: str, child: str, *, planar: bool = True
+) -> Any:
+    """Fill a nav_msgs/Odometry; axes that are not estimated have a variance of 1e6.
+
+    Args:
+        message: the message.
+        estimate: the estimate.
+        frame: frame of odom.
+        child: frame of the robot.
+        planar: leave out height, roll and pitch, as robot_localization does with `two_d_mode`.
+    """
     fill_header(message.header, estimate.stamp, frame)
     message.child_frame_id = child
-    _fill_pose(message.pose.pose.position, message.pose.pose.orientation, estimate.pose)
-    message.pose.covariance = planar_covariance(estimate.pose_covariance)
-    linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    linear.x, linear.y, angular.z = estimate.twist.tolist()
-    message.twist.covariance = planar_covariance(estimate.twist_covariance)
+    pose = estimate.in_odom(planar=planar)
+    _fill_pose(message.pose.pose.position, message.pose.pose.orientation, pose)
+    message.pose.covariance = six_rows(pose.covariance)
+    twist = message.twist.twist
+    if planar:
+        twist.linear.x, twist.linear.y, twist.angular.z = estimate.twist.tolist()
+        message.twist.covariance = planar_covariance(estimate.twist_covariance)
+        return message
+    moved = estimate.twist3d
+    for part, values in ((twist.linear, moved.linear), (twist.angular, moved.angular)):
+        part.x, part.y, part.z = (0.0 if value != value else value for value in values.tolist())
+    message.twist.covariance = six_rows(moved.covariance)
     return message
 
 
-def fill_pose(message: Any, stamp: int, frame: str, pose: Floats, covariance: Floats) -> Any:
+def fill_pose(message: Any, stamp: int, frame: str, pose: Pose3d) -> Any:
     """Fill a geometry_msgs/PoseWithCovarianceStamped."""
     fill_header(message.header, stamp, frame)
     _fill_pose(message.pose.pose.position, message.pose.pose.orientation, pose)
-    message.pose.covariance = planar_covariance(covariance)
+    message.pose.covariance = six_rows(pose.covariance)
     return message
 
 
@@ -68,19 +87,12 @@ def pose_of(message: Any) -> tuple[Pose, list[list[float]]]:
     return (at.x, at.y, yaw), [[entries[6 * row + column] for column in PLANAR] for row in PLANAR]
 
 
-def fill_transform(message: Any, stamp: int, frame: str, child: str, pose: Floats) -> Any:
-    """Fill a geometry_msgs/TransformStamped with a planar pose of `child` in `frame`."""
+def fill_transform(message: Any, stamp: int, frame: str, child: str, pose: Pose3d) -> Any:
+    """Fill a geometry_msgs/TransformStamped with a pose of `child` in `frame`."""
     fill_header(message.header, stamp, frame)
     message.child_frame_id = child
     _fill_pose(message.transform.translation, message.transform.rotation, pose)
     return message
-
-
-def odom_in_map(estimate: LiveEstimate) -> Floats | None:
-    """Pose (3,) of odom in map: x, y [m], yaw [rad]; None before the first fix."""
-    if estimate.map_pose is None:
-        return None
-    return compose(estimate.map_pose, relative(estimate.pose, (0.0, 0.0, 0.0)))
 
 
 def fill_diagnostics(
@@ -143,7 +155,6 @@ def fill_icr_markers(
     return array
 
 
-def _fill_pose(position: Any, rotation: Any, pose: Floats) -> None:
-    x, y, yaw = pose.tolist()
-    position.x, position.y = x, y
-    rotation.z, rotation.w = math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+def _fill_pose(position: Any, rotation: Any, pose: Pose3d) -> None:
+    position.x, position.y, position.z = pose.position.tolist()
+    rotation.x, rotation.y, rotation.z, rotation.w = pose.quaternion.tolist()

@@ -38,7 +38,6 @@ from icreckon.ros2.messages import (
     fill_odometry,
     fill_pose,
     fill_transform,
-    odom_in_map,
     pose_of,
 )
 from icreckon.ros2.parameters import (
@@ -392,20 +391,16 @@ class OdometryNode:
         options = self.options
         for one in estimates:
             odometry = self._new(ODOMETRY)
-            fill_odometry(odometry, one, options.odom_frame, options.base_frame)
+            planar = options.two_d_mode
+            fill_odometry(odometry, one, options.odom_frame, options.base_frame, planar=planar)
             self._odometry.publish(odometry)
             if self._tf is not None and (transforms := self._transforms(one)):
                 message = self._new(TF)
                 message.transforms = transforms
                 self._tf.publish(message)
-            if (
-                self._map_pose is not None
-                and one.map_pose is not None
-                and one.map_covariance is not None
-            ):
+            if self._map_pose is not None and (placed := one.in_map(planar=planar)) is not None:
                 pose = self._new(POSE_WITH_COVARIANCE)
-                fill_pose(pose, one.stamp, options.map_frame, one.map_pose, one.map_covariance)
-                self._map_pose.publish(pose)
+                self._map_pose.publish(fill_pose(pose, one.stamp, options.map_frame, placed))
             if self._markers is not None:
                 self._publish_icrs(one)
 
@@ -414,8 +409,9 @@ class OdometryNode:
         if options.publish_tf:
             frames = options.odom_frame, options.base_frame
             transform = self._new(TRANSFORM)
-            transforms.append(fill_transform(transform, estimate.stamp, *frames, estimate.pose))
-        odom = odom_in_map(estimate)
+            pose = estimate.in_odom(planar=options.two_d_mode)
+            transforms.append(fill_transform(transform, estimate.stamp, *frames, pose))
+        odom = estimate.odom_in_map(planar=options.two_d_mode)
         if options.publish_map_tf and odom is not None:
             frames = options.map_frame, options.odom_frame
             transform = self._new(TRANSFORM)

@@ -29,6 +29,7 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     publish_tf: bool = True
     publish_map_tf: bool = True
     use_fixes: bool = True
+    two_d_mode: bool = True
     highest_rate: Annotated[float, Bound("from 0 to 10000", 0.0, 10_000.0)] = 0.0
     reorder: Annotated[float, Bound("from 0 to 10", 0.0, 10.0)] = 0.0
     diagnostics_rate: Annotated[float, Bound("from 0.01 to 100", 0.01, 100.0)] = 1.0
@@ -96,6 +97,7 @@ DESCRIPTIONS: Mapping[str, str] = {
     "publish_tf": "Publish the transform from odom_frame to base_frame.",
     "publish_map_tf": "Publish the transform from map_frame to odom_frame once there are fixes.",
     "use_fixes": "Use the robot file's [log.fixes] and [log.heading] for the pose in map_frame.",
+    "two_d_mode": "Publish planar poses and twists; false adds height, roll and pitch.",
     "highest_rate": "Highest rate of the odometry [Hz]; 0 for one at each IMU sample.",
     "reorder": "Time for which measurements are held to be put in order [s]; 0 for none.",
     "diagnostics_rate": "Rate of /diagnostics [Hz].",

@@ -12,7 +12,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import interpolate_poses, path_length
+from icreckon.estimator.log.scores import interpolate, interpolate_poses, path_length
 from icreckon.estimator.log.series import Truth
 from icreckon.estimator.motion.icr import Icrs, PaperTwist, icrs_from_twist, indices_from_icrs
 from icreckon.estimator.robot.robot_file import Robot
@@ -53,6 +53,9 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
     if log.truth is not None:
         true_poses = true_poses_at(log.truth, stamps)
         series["truth"] = _pose_columns(true_poses)
+        if log.truth.poses.spatial is not None:
+            levels = log.truth.poses.spatial
+            series["truth"] |= _spatial_columns(interpolate(log.truth.poses.stamps, levels, stamps))
         if log.truth.twists is not None:
             twists = log.truth.twists
             series["truth"] |= _twist_columns(_nearest(twists.stamps, twists.twists, stamps))
@@ -79,6 +82,10 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
             "epsilon_m": _rounded(one.indices[rows, 1]),
             "eta": _rounded(one.indices[rows, 2]),
         }
+        path = one.trajectory
+        if path.spatial is not None and path.spatial_sigmas is not None:
+            columns |= _spatial_columns(path.spatial[rows])
+            columns |= _spatial_columns(path.spatial_sigmas[rows], "_sigma")
         if true_poses is not None:
             apart = poses - true_poses
             columns["position_error_m"] = _rounded(np.hypot(apart[:, 0], apart[:, 1]))
@@ -219,6 +226,12 @@ def _pose_columns(poses: Floats) -> Results:
         "y_m": _rounded(poses[:, 1], DECIMALS),
         "yaw_rad": _rounded(poses[:, 2], DECIMALS),
     }
+
+
+def _spatial_columns(values: Floats, of: str = "") -> Results:
+    """Columns of height, roll and pitch (n, 3)."""
+    names = (f"z{of}_m", f"roll{of}_rad", f"pitch{of}_rad")
+    return {name: _rounded(one) for name, one in zip(names, values.T, strict=True)}
 
 
 def _twist_columns(twists: Floats) -> Results:

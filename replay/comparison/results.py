@@ -266,6 +266,7 @@ def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Res
         "lag_s": 0.0 if alignment is None else alignment.lag,
         "lag_sigma_s": None if alignment is None else alignment.lag_sigma,
         "lever_arm_m": [0.0, 0.0] if alignment is None else list(alignment.lever_arm),
+        "tilt_deg": 0.0 if alignment is None else math.degrees(alignment.tilt),
         "scored_s": [[(a - start) * NANOSECOND, (b - start) * NANOSECOND] for a, b in scored],
     }
 

@@ -23,6 +23,7 @@ from icreckon.replay.comparison.drift_table import horizon_labels
 from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.plot_series import largest_sigma
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_place
+from icreckon.replay.comparison.truth_level import spatial_scores
 
 Results = dict[str, Any]
 
@@ -42,7 +43,7 @@ def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
     for name, one in comparison.runs.items():
         own = align_place(truth, one.trajectory)
         x, y = (a + b for a, b in zip(alignment.lever_arm, own.lever_arm, strict=True))
-        found[name] = TruthAlignment(alignment.lag, (x, y), own.truth)
+        found[name] = TruthAlignment(alignment.lag, (x, y), own.truth, tilt=own.tilt)
     return found
 
 
@@ -82,6 +83,7 @@ def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> 
     found["final_position_error_m"] = float(np.hypot(*last[0, :2]))
     turned = float(np.degrees(wrap_angle(last[0, 2])))
     found["final_yaw_error_deg"] = turned if truth.headings else math.nan
+    found |= spatial_scores(estimate, truth.poses, scored)
     return found | _consistency(one)
 
 

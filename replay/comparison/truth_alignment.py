@@ -27,6 +27,7 @@ from icreckon.estimator.log.path_heading import PathHeadings, headings_by_path
 from icreckon.estimator.log.scores import even_grid, interpolate_poses, pieces
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.replay.comparison.truth_level import levelled
 
 GRID_STEP = 0.1
 LEVER_WINDOW = 2.0
@@ -54,6 +55,7 @@ class TruthAlignment:
         lag_sigma: standard error of the lag [s]; None if it was not found, or not searched.
         no_lag: reason why the lag was not found, empty if it was.
         headings: headings that were found from the path, None if the truth has its own.
+        tilt: angle by which the vertical of the truth was off [rad].
     """
 
     lag: float | None
@@ -62,6 +64,7 @@ class TruthAlignment:
     lag_sigma: float | None = None
     no_lag: str = ""
     headings: PathHeadings | None = None
+    tilt: float = 0.0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -123,7 +126,7 @@ def align_truth(
 
 
 def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
-    """Estimate and remove only the lever arm of a truth without lag.
+    """Estimate and remove lever arm and tilt of a truth without lag.
 
     A filter's base_link is its mean turning centre, which depends on its model and parameters. The same
     truth therefore has another lever arm for each filter.
@@ -144,8 +147,9 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
         poses = known.poses.copy()
         poses[:, :2] -= rotate(more, poses[:, 2])
         lever, known = lever + more, replace(known, poses=poses)
-    moved = replace(truth, poses=known)
-    return TruthAlignment(0.0, (float(lever[0]), float(lever[1])), moved, headings=headings)
+    known, tilt = levelled(known, reckoned)
+    arm, moved = (float(lever[0]), float(lever[1])), replace(truth, poses=known)
+    return TruthAlignment(0.0, arm, moved, headings=headings, tilt=tilt)
 
 
 def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import compose, relative, rotate
+from icreckon.estimator.base.frames import (
+    compose,
+    matrix_to_rpy,
+    relative,
+    rotate,
+    rpy_to_matrix,
+)
+from icreckon.estimator.motion.pose3d import Pose3d, Twist3d
+from icreckon.replay.bags.messages import PLANAR
 
 CENTRE = (0.0, 0.0, 0.0)
 Pose = tuple[float, float, float]
@@ -63,6 +71,40 @@ class BaseFrame:
         x, y, _ = self._offset.tolist()
         jacobian = self._turn() @ np.array([[1.0, 0.0, -y], [0.0, 1.0, x], [0.0, 0.0, 1.0]])
         return jacobian @ twist, jacobian @ covariance @ jacobian.T
+
+    def pose3d(self, pose: Pose3d, planar: Floats, covariance: Floats) -> Pose3d:
+        """Pose of the base frame in three dimensions.
+
+        Args:
+            pose: that of the centre.
+            planar: (3,) the same of the base frame, seen from above.
+            covariance: (3, 3) its covariance.
+        """
+        if not self._moves:
+            return pose
+        x, y, yaw = self._offset.tolist()
+        roll, pitch, _ = pose.rpy.tolist()
+        tilt = rpy_to_matrix(roll, pitch, 0.0)
+        roll, pitch, _ = matrix_to_rpy(tilt @ rpy_to_matrix(0.0, 0.0, yaw))
+        position = np.array([*planar[:2], pose.position[2] + tilt[2] @ (x, y, 0.0)])
+        full = self._with_turned_tilt(pose.covariance, covariance)
+        return Pose3d(position, np.array([roll, pitch, planar[2]]), full)
+
+    def twist3d(self, twist: Twist3d, planar: Floats, covariance: Floats) -> Twist3d:
+        """Twist of the base frame with rates of roll and pitch; arguments as of `pose3d`."""
+        if not self._moves:
+            return twist
+        linear = np.array([*planar[:2], 0.0])
+        angular = np.array([*(self._turn()[:2, :2] @ twist.angular[:2]), planar[2]])
+        return Twist3d(linear, angular, self._with_turned_tilt(twist.covariance, covariance))
+
+    def _with_turned_tilt(self, full: Floats, planar: Floats) -> Floats:
+        """Covariance (6, 6) with the planar part (3, 3) of the base frame."""
+        turn, turned = self._turn()[:2, :2], full.copy()
+        turned[3:5] = turn @ turned[3:5]
+        turned[:, 3:5] = turned[:, 3:5] @ turn.T
+        turned[np.ix_(PLANAR, PLANAR)] = planar
+        return turned
 
     def centre(self, pose: Pose) -> Pose:
         """Pose of the centre if the base frame has this one: x, y [m], yaw [rad]."""

@@ -34,6 +34,7 @@ from icreckon.replay.reading.clocks import (
 )
 from icreckon.replay.reading.conversions import (
     fill_variances,
+    fix_heights,
     headings,
     track_values,
     without_unknown_headings,
@@ -424,8 +425,9 @@ class LiveInputs:
             poses = np.full((1, 3), np.nan)
             poses[:, :2] = east_north(rows[:, :3], self.origin)
             variances = np.array([[rows[0, 3], np.nan]])
+            heights = rows[:, 2] - self.origin[2]
         else:
-            poses, variances = planar_poses(rows), rows[:, 6:8].copy()
+            poses, variances, heights = planar_poses(rows), rows[:, 6:8].copy(), rows[:, 11]
         if fill_variances(variances, mapped).any():
             self._lose("fixes", "no covariance, and no position_sigma given")
             return
@@ -434,6 +436,7 @@ class LiveInputs:
         yield PositionFix(stamp, x, y, variance, *mapped.position)
         if np.isfinite(yaw):
             yield HeadingFix(stamp, yaw, yaw_variance)
+        yield from fix_heights(np.array([stamp]), heights, mapped)
 
     def _heading(self, stamp: int, rows: Any, mapped: HeadingTopic) -> Iterator[Measurement]:
         yaw, variances = headings(rows, mapped)

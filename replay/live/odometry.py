@@ -15,19 +15,22 @@ from numpy.typing import ArrayLike
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.measurements import HeadingFix, Measurement, PositionFix
+from icreckon.estimator.base.frames import compose, relative
+from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement, PositionFix
 from icreckon.estimator.motion.icr import IndexValues
+from icreckon.estimator.motion.pose3d import Pose3d, Twist3d
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.replay.bags.messages import planar_covariance
 from icreckon.replay.live.base_frame import CENTRE, BaseFrame, Pose
 from icreckon.replay.live.inputs import LiveInputs, Subscription
 from icreckon.replay.live.map_frame import MapFrame, Placed
 from icreckon.replay.live.reorder import ReorderBuffer
 from icreckon.replay.mapping.topics import TopicMap, topic_map, writable_topics
 
-FIXES = (PositionFix, HeadingFix)
+FIXES = (PositionFix, HeadingFix, HeightFix)
 START_SIGMA = (0.5, 0.5, math.pi / 12.0)
 """Standard deviations of a start whose own are unknown [m, m, rad], those of AMCL."""
 
@@ -47,6 +50,9 @@ class LiveEstimate(NamedTuple):
         indices: sliding and eccentricity [m] and steering efficiency [-] of the motion.
         map_pose: (3,) pose of the base frame in map, or None before the first fix.
         map_covariance: (3, 3) its covariance, or None.
+        pose3d: pose of the base frame in odom with height, roll and pitch.
+        twist3d: its twist with the rates of roll and pitch.
+        map_pose3d: its pose in map, or None.
     """
 
     stamp: int
@@ -57,6 +63,27 @@ class LiveEstimate(NamedTuple):
     indices: IndexValues
     map_pose: Floats | None
     map_covariance: Floats | None
+    pose3d: Pose3d
+    twist3d: Twist3d
+    map_pose3d: Pose3d | None = None
+
+    def in_odom(self, *, planar: bool) -> Pose3d:
+        """Pose of the base frame in odom; a planar one is level."""
+        return _level(self.pose, self.pose_covariance) if planar else self.pose3d
+
+    def in_map(self, *, planar: bool) -> Pose3d | None:
+        """Pose of the base frame in map; None before the first fix."""
+        if self.map_pose is None or self.map_covariance is None or not planar:
+            return self.map_pose3d
+        return _level(self.map_pose, self.map_covariance)
+
+    def odom_in_map(self, *, planar: bool) -> Pose3d | None:
+        """Pose of odom in map, which are both level; None before the first fix."""
+        if self.map_pose is None or self.map_pose3d is None:
+            return None
+        pose = compose(self.map_pose, relative(self.pose, CENTRE))
+        height = 0.0 if planar else self.map_pose3d.position[2] - self.pose3d.position[2]
+        return _level(pose, np.zeros((3, 3)), height)
 
 
 class LiveOdometry:
@@ -280,15 +307,28 @@ class LiveOdometry:
         odom, fixed = self.odom.snapshot(), self.map.estimator if self.map is not None else None
         pose, covariance = odom.state[s.POSE].copy(), odom.covariance[s.POSE, s.POSE].copy()
         in_map: tuple[Floats | None, Floats | None] = (None, None)
+        in_map3d = None
         if fixed is not None and fixed.stamp is not None:
             in_map = self.base.pose_in_map(fixed.pose, fixed.pose_covariance)
+            in_map3d = self.base.pose3d(fixed.pose3d, *in_map)
+        in_odom = self.base.pose_in_odom(pose, covariance)
+        twist = self.base.twist(odom.twist, odom.twist_covariance)
         return LiveEstimate(
             odom.stamp,
-            *self.base.pose_in_odom(pose, covariance),
-            *self.base.twist(odom.twist, odom.twist_covariance),
+            *in_odom,
+            *twist,
             odom.indices,
             *in_map,
+            self.base.pose3d(odom.pose3d, *in_odom),
+            self.base.twist3d(odom.twist3d, *twist),
+            in_map3d,
         )
+
+
+def _level(pose: Floats, covariance: Floats, height: float = 0.0) -> Pose3d:
+    """Pose on level ground, of a planar one (3,)."""
+    position, rpy = np.array([*pose[:2], height]), np.array([0.0, 0.0, pose[2]])
+    return Pose3d(position, rpy, planar_covariance(covariance).reshape(6, 6))
 
 
 def live_topics(robot: Robot) -> TopicMap:

@@ -131,6 +131,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             `wander_sigma` in its place, too.
         heading_sigma: standard deviation of yaw [rad]; without it, fixes have no heading.
         least_sigma: lower bound of the standard deviations of the rows [m].
+        height_sigma: standard deviation of the height of fixes [m], which is used with it alone.
         wander_sigma: standard deviation of the part of the error that wanders [m]; of fixes only.
         wander_time: its correlation time [s].
         origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
@@ -150,6 +151,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position_sigma: Positive | None = None
     heading_sigma: Positive | None = None
     least_sigma: Positive | None = None
+    height_sigma: Positive | None = None
     wander_sigma: WanderSigma = 0.0
     wander_time: WanderTime = 0.0
     origin: tuple[float, float, float] | None = None

@@ -135,6 +135,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             a message has no heading.
         least_sigma: lower bound of the messages' standard deviations [m]: errors of GPS are
             correlated over time, but a filter assumes independent fixes.
+        height_sigma: standard deviation of the height of fixes [m], which is used with it alone.
         wander_sigma: standard deviation of the part of the error that wanders [m], see `FixWander`.
         wander_time: its correlation time [s].
         frames: for tf, the frame of the fixes and that of the robot, ["map", "base_link"].
@@ -156,6 +157,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     position_sigma: Positive | None = None
     heading_sigma: Positive | None = None
     least_sigma: Positive | None = None
+    height_sigma: Positive | None = None
     wander_sigma: WanderSigma = 0.0
     wander_time: WanderTime = 0.0
     frames: tuple[str, str] | None = None

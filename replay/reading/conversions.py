@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import wrap_angle, yaw_to_quaternion
+from icreckon.estimator.log.measurements import HeightFix
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.bags.message_types import ODOMETRY, TWIST
 from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
@@ -77,6 +78,23 @@ def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Flo
             *([unknown] * 4),
         ]
     )
+
+
+def fix_heights(
+    stamps: Stamps, heights: Floats, spec: FixTopic | PoseColumns
+) -> tuple[HeightFix, ...]:
+    """Fixes of the height; none without `height_sigma`.
+
+    Args:
+        stamps: (n,) their stamps [ns].
+        heights: (n,) z of the fixes, or altitude above the origin [m]; NaN for unknown.
+        spec: topic or columns of the fixes.
+    """
+    if spec.height_sigma is None:
+        return ()
+    known, variance = np.isfinite(heights), spec.height_sigma**2
+    rows = zip(stamps[known].tolist(), heights[known].tolist(), strict=True)
+    return tuple(HeightFix(stamp, z, variance) for stamp, z in rows)
 
 
 class TrackValues(NamedTuple):

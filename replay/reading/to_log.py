@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.log import Log, screen
-from icreckon.estimator.log.measurements import HeadingFix
+from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement
 from icreckon.estimator.log.series import (
     FixSeries,
     ImuSeries,
@@ -30,6 +30,7 @@ from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.conversions import (
     TrackValues,
     fill_variances,
+    fix_heights,
     headings,
     track_values,
     track_width,
@@ -83,6 +84,7 @@ class _Assembly:
     _part: tuple[int, int] = (0, 0)
     # Origin of the fixes, if they are geodetic.
     _origin: Origin | None = None
+    _heights: tuple[HeightFix, ...] = ()
 
     def log(self, name: str) -> Log:
         streams = self.gathered.streams
@@ -98,7 +100,7 @@ class _Assembly:
             tracks = TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
         imu = self._imu(streams.get("imu"))
         fixes = self._fixes(streams.get("fixes"))
-        headings = self._headings(streams.get("heading"))
+        headings: tuple[Measurement, ...] = self._headings(streams.get("heading"))
         truth = self._truth(streams)
         for stream in streams.values():
             for reason, count in stream.lost.items():
@@ -112,7 +114,7 @@ class _Assembly:
             truth=truth,
             dropped=self.dropped,
             notes=tuple(self.notes),
-            others=headings,
+            others=tuple(sorted((*headings, *self._heights), key=lambda one: one.stamp)),
             origin=self._origin_of(truth, streams.get("truth")),
         )
         return without_holding(log, self._held(streams.get("tracks")))
@@ -257,10 +259,10 @@ class _Assembly:
         if spec is None:
             return None
         if stream.msgtype == NAVSATFIX or spec.latitude:
-            stamps, poses, variances = self._geodetic(stream, spec.origin)
+            stamps, poses, variances, heights = self._geodetic(stream, spec.origin)
         else:
             stamps, rows = self._arrays(stream, POSE_WIDTH)
-            poses, variances = planar_poses(rows), rows[:, 6:8].copy()
+            poses, variances, heights = planar_poses(rows), rows[:, 6:8].copy(), rows[:, 11]
         unknown = fill_variances(variances, spec)
         where = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
         if len(stamps) and unknown.all():
@@ -272,19 +274,21 @@ class _Assembly:
         if unknown.any():
             stream.lose("no covariance, and no position_sigma given", int(unknown.sum()))
             stamps, poses, variances = stamps[~unknown], poses[~unknown], variances[~unknown]
+            heights = heights[~unknown]
         poses = without_unknown_headings(poses, variances)
         no_heading = np.isnan(poses[:, 2])
         needed = np.where(no_heading[:, None], variances[:, :1], variances)
         keep = self._screened(stream, stamps, poses[:, :2], positive=needed)
         if not keep.any():
             return None
+        self._heights = fix_heights(stamps[keep], heights[keep], spec)
         antennas = np.tile(spec.position, (int(keep.sum()), 1)) if any(spec.position) else None
         return FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
 
     def _geodetic(
         self, stream: Stream, origin: tuple[float, float, float] | None
-    ) -> tuple[Stamps, Floats, Floats]:
-        """Convert a geodetic stream to stamps, poses and variances; note the origin used.
+    ) -> tuple[Stamps, Floats, Floats, Floats]:
+        """Convert a geodetic stream to stamps, poses, variances, heights; note the origin.
 
         A truth without an origin of its own has that of the fixes, so that both share a frame.
         """
@@ -306,7 +310,8 @@ class _Assembly:
         poses = np.full((len(stamps), 3), NAN)
         if origin is not None:
             poses[finite, :2] = east_north(rows[finite, :3], origin)
-        return stamps, poses, np.column_stack([rows[:, 3], np.full(len(rows), NAN)])
+        heights = rows[:, 2] - (0.0 if origin is None else origin[2])
+        return stamps, poses, np.column_stack([rows[:, 3], np.full(len(rows), NAN)]), heights
 
     def _headings(self, stream: Stream | None) -> tuple[HeadingFix, ...]:
         if stream is None:
@@ -333,7 +338,7 @@ class _Assembly:
             return None
         spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX:
-            stamps, poses, _ = self._geodetic(stream, spec.origin if spec is not None else None)
+            stamps, poses, _, _ = self._geodetic(stream, spec.origin if spec is not None else None)
             twists, rows = np.full_like(poses, NAN), np.empty((0, POSE_WIDTH))
         else:
             stamps, rows = self._arrays(stream, POSE_WIDTH)

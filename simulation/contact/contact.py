@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import Positive, check_bounds
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist, inertial_force
-from icreckon.estimator.robot.robot_file import Soil
+from icreckon.estimator.robot.soil import Soil
 
 if TYPE_CHECKING:
     from icreckon.simulation.contact.contact_forces import Ground

@@ -6,7 +6,8 @@ import numpy as np
 
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.motion.icr import IndexValues
-from icreckon.estimator.robot.robot_file import Robot, Soil
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import solve_steady
 

@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 
 from icreckon.estimator.base.config import convert, read_toml
-from icreckon.estimator.robot.robot_file import Soil
+from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.contact import Body, Contact, ContactGeometry, equally_spaced
 from icreckon.simulation.paper.published import AURIGA_ALPHA

@@ -19,6 +19,8 @@ from icreckon.report.replay.page_text import (
     has_yaw_errors,
     headline,
     horizon_text,
+    is_spatial,
+    level_text,
     lowest,
     notes,
     number,
@@ -42,6 +44,14 @@ SCORES = (
 POSITION_SCORES = (
     ("position NEES, ideal 2", "nees_position_mean", 1.0),
     ("error at end, m", "final_position_error_m", 1.0),
+)
+# Of a truth in three dimensions.
+SPATIAL_SCORES = (
+    ("roll error, RMS deg", "rms_roll_deg", 1.0),
+    ("pitch error, RMS deg", "rms_pitch_deg", 1.0),
+    ("height drift 30 s, % of distance", "height_drift_percent_30s_mean", 1.0),
+    ("height error at end, m", "final_height_error_m", 1.0),
+    ("own σ of the height at end, m", "final_height_sigma_m", 1.0),
 )
 DIFFERENCES = (
     ("distance, m", "distance_m", 1.0),
@@ -121,10 +131,14 @@ def _scored(results: Results) -> list[Section]:
             Section("Ends", "", [_score_table(results, DIFFERENCES)]),
         ]
     of_truth = SCORES if has_yaw_errors(results) else POSITION_SCORES
-    return [
+    sections = [
         Section("Drift per horizon", scored_text(results), drift_tables(results)),
         Section("Other scores", "", [_score_table(results, of_truth)]),
     ]
+    if is_spatial(results):
+        table = _score_table(results, SPATIAL_SCORES)
+        sections.append(Section("Height, roll and pitch", level_text(results), [table]))
+    return sections
 
 
 def drift_tables(results: Results) -> list[Table]:

@@ -201,16 +201,28 @@ def _motion(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         ("Forward speed", "v_x_m_s", "v_x [m/s]", 1.0),
         ("Sideways speed, to the left", "v_y_m_s", "v_y [m/s]", 1.0),
         ("Yaw rate", "w_rad_s", "w [rad/s]", 1.0),
+        ("Height above the start", "z_m", "z [m]", 1.0),
+        ("Roll", "roll_rad", "roll [deg]", DEGREES),
+        ("Pitch, nose down", "pitch_rad", "pitch [deg]", DEGREES),
     ):
-        lines = [_line(name, key, scale=scale) for name in series["variants"]]
+        lines = [
+            _line(name, key, scale=scale) for name, one in series["variants"].items() if key in one
+        ]
+        sigma = key.replace("_", "_sigma_")
+        bands = [
+            _band(name, f"{name}/{sigma}", 2.0, scale=scale) | {"middle": f"{name}/{key}"}
+            for name, one in series["variants"].items()
+            if sigma in one and key != "yaw_rad"
+        ]
         if key in series.get("truth", {}):
             lines.insert(0, _line(TRUTH, key, scale=scale) | {"width": 3})
         if key == "yaw_rad":
             lines = [line | {"y": yaw.get(line["series"], line["y"])} for line in lines]
-        charts.append(
-            {"place": "motion", "title": title, "y_label": label, "least": 1e-3, "lines": lines}
-        )
-    return charts
+        chart: Chart = {"place": "motion", "title": title, "y_label": label, "least": 1e-3}
+        if bands:
+            chart |= {"bands": bands, "note": "Bands: ±2σ of the filter."}
+        charts.append(chart | {"lines": lines})
+    return [chart for chart in charts if chart["lines"]]
 
 
 def _one_turn(results: Results, columns: dict[str, Numbers]) -> dict[str, str]:

@@ -194,6 +194,22 @@ def scored_text(results: Results) -> str:
     return f"{what}; segments without fixes: {parts or 'none that is long enough'}."
 
 
+def is_spatial(results: Results) -> bool:
+    """Return True if height, roll and pitch of a run are scored."""
+    return any("rms_roll_deg" in one for one in results["variants"].values())
+
+
+def level_text(results: Results) -> str:
+    """Correction of the vertical of the truth before it is scored."""
+    tilt = results["truth"].get("tilt_deg", 0.0)
+    if not tilt:
+        return "Height above the start; roll and pitch against those of the truth."
+    return (
+        f"The vertical of the truth was off by {tilt:.1f}°. It is levelled before scoring, for each "
+        "variant by its own mean direction of gravity."
+    )
+
+
 def lag_text(truth: Results) -> str:
     """Lag that was removed from a truth, or that none was found."""
     if truth["lag_s"] is None:

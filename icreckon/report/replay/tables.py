@@ -17,7 +17,9 @@ from icreckon.report.replay.page_text import (
     filtered,
     has_yaw_errors,
     headline,
+    is_spatial,
     lag_text,
+    level_text,
     lowest,
     rejections_text,
 )
@@ -49,6 +51,14 @@ DIFFERENCE_COLUMNS = (
     ("apart 30 s\n% of distance", "apart_percent_30s_mean", 2),
     ("end yaw\napart, deg", "end_yaw_apart_deg", 1),
 )
+# Of a truth in three dimensions.
+SPATIAL_COLUMNS = (
+    ("roll\nRMS deg", "rms_roll_deg", 2),
+    ("pitch\nRMS deg", "rms_pitch_deg", 2),
+    ("height drift\n30 s, %", "height_drift_percent_30s_mean", 2),
+    ("height error\nat end, m", "final_height_error_m", 2),
+    ("own sigma\nat end, m", "final_height_sigma_m", 2),
+)
 THOUSANDTHS = ("rmse_",)
 # Columns of a terminal that is too narrow for all of them, and its width [characters].
 NARROW = (
@@ -78,22 +88,12 @@ def results_table(results: Results, *, narrow: bool = False) -> Group:
         columns = POSITION_COLUMNS
     if narrow:
         columns = [column for column in columns if column[1] in NARROW]
-    table = Table(title=_title(results), title_justify="left")
-    table.add_column("variant", no_wrap=True)
-    for heading, _, _ in columns:
-        table.add_column(heading, justify="right")
     # NEES has an ideal, and no lowest that is best.
     compared = [key for _, key, _ in columns if truth and not key.startswith("nees")]
-    best = {key: lowest(results["variants"], key) for key in compared}
-    for name, scores in results["variants"].items():
-        cells = [
-            _cell(scores.get(key), key, digits, is_best=best.get(key) == name)
-            for _, key, digits in columns
-        ]
-        table.add_row(name, *cells)
-    for name in results["failed"]:
-        error = Text("ERROR", style="bold red")
-        table.add_row(name, *(error for _ in columns))
+    tables = [_table(results, _title(results), columns, compared)]
+    if is_spatial(results):
+        compared = [key for _, key, _ in SPATIAL_COLUMNS[:3]]
+        tables.append(_table(results, "Height, roll and pitch", SPATIAL_COLUMNS, compared))
     doubtful = [f"- {one}" for one in doubts(results)]
     if doubtful:
         doubtful = [
@@ -106,9 +106,33 @@ def results_table(results: Results, *, narrow: bool = False) -> Group:
         *(Text(line, style="bold yellow") for line in doubtful),
         Text(headline(results)),
         Text(),
-        table,
+        *tables,
         *(Text(line) for line in _footnotes(results)),
     )
+
+
+def _table(
+    results: Results,
+    title: str,
+    columns: Sequence[tuple[str, str, int]],
+    compared: Sequence[str],
+) -> Table:
+    """Table of scores; the lowest of the compared ones are bold."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("variant", no_wrap=True)
+    for heading, _, _ in columns:
+        table.add_column(heading, justify="right")
+    best = {key: lowest(results["variants"], key) for key in compared}
+    for name, scores in results["variants"].items():
+        cells = [
+            _cell(scores.get(key), key, digits, is_best=best.get(key) == name)
+            for _, key, digits in columns
+        ]
+        table.add_row(name, *cells)
+    for name in results["failed"]:
+        error = Text("ERROR", style="bold red")
+        table.add_row(name, *(error for _ in columns))
+    return table
 
 
 def _title(results: Results) -> str:
@@ -134,6 +158,8 @@ def _footnotes(results: Results) -> list[str]:
                 f"Taken out of the truth: {lag_text(truth)}, "
                 f"a lever arm of {x:.2f} m forward and {y:.2f} m left (scores: each variant's own)."
             )
+        if is_spatial(results):
+            lines.append(level_text(results))
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
     lines += [f"Note: {note}" for note in log["notes"] if not note.startswith(OF_ROBOT_FILE)]
     for name, one in filtered(results).items():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from forces_of_tracks import steady_balance, track_forces
 from icreckon.estimator.motion.icr import PaperTwist
-from icreckon.estimator.robot.robot_file import Soil
+from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.contact.contact import (
     Body,
     Contact,

@@ -7,7 +7,8 @@ from scipy.optimize import root
 
 from forces_of_tracks import steady_balance
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
-from icreckon.estimator.robot.robot_file import Soil, load_robot
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.robot.variants import coulomb_gains
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact import steady_state

@@ -5,7 +5,8 @@ import pytest
 
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.index_model import VehicleConstants, solve
-from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, Soil, load_robot
+from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, load_robot
+from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from forces_of_tracks import track_forces
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
-from icreckon.estimator.robot.robot_file import LOAD_LAG, Soil, load_robot
+from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
+from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.contact import (
     Body,

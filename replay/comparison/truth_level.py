@@ -1,0 +1,87 @@
+"""Levelling of a truth: its vertical by the gravity that a filter estimates.
+
+The map of a lidar is level in the axes in which it began, on a slope or with a tilted sensor by degrees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.log.scores import drift, interpolate, shared_stamps
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.log.trajectory import Trajectory
+
+# Length of the segments over which the drift of the height is scored [s].
+HORIZON = 30.0
+
+
+def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float]:
+    """Turn height, roll and pitch of a truth to the mean vertical of a run.
+
+    Position and yaw stay. The rest is as it was if either is planar.
+
+    Args:
+        truth: true poses.
+        reckoned: run of a filter over the same time.
+
+    Returns:
+        The poses, and the angle by which their vertical was off [rad].
+    """
+    stamps = shared_stamps(reckoned, truth)
+    if truth.spatial is None or reckoned.spatial is None or not len(stamps):
+        return truth, 0.0
+    from scipy.spatial.transform import Rotation
+
+    inside = np.isin(truth.stamps, stamps)
+    roll, pitch = interpolate(reckoned.stamps, reckoned.spatial, stamps)[:, 1:].T
+    turns = Rotation.from_quat(truth.quaternions)
+    by_run = Rotation.from_euler("xyz", np.column_stack([roll, pitch, np.zeros(len(stamps))]))
+    up = np.median(turns[inside].apply(by_run.inv().apply([0.0, 0.0, 1.0])), axis=0)
+    axis = np.cross(up, [0.0, 0.0, 1.0])
+    sine = float(np.linalg.norm(axis))
+    angle = float(np.arctan2(sine, up[2]))
+    level = Rotation.from_rotvec(axis * (angle / sine if sine else 0.0))
+    heights = level.apply(truth.positions)[:, 2]
+    tilts = (level * turns).as_euler("xyz")[:, :2]
+    spatial = np.column_stack([heights - heights[0], tilts])
+    return PoseSeries(truth.stamps, truth.poses, spatial), angle
+
+
+def spatial_scores(
+    estimate: Trajectory, truth: PoseSeries, scored: list[tuple[int, int]]
+) -> dict[str, float]:
+    """Scores of height, roll and pitch; empty if either is planar.
+
+    Args:
+        estimate: the run.
+        truth: true poses, level as the run is.
+        scored: intervals of stamps [ns] in which drift is scored.
+    """
+    stamps = shared_stamps(estimate, truth)
+    series, sigmas = estimate.pose_series, estimate.spatial_sigmas
+    if truth.spatial is None or series.spatial is None or sigmas is None or len(stamps) < 2:
+        return {}
+    off = _difference(series, truth, stamps)
+    segments = drift(series, truth, HORIZON, within=scored)
+    ends = segments.starts + np.round(segments.durations * 1e9).astype(np.int64)
+    climbs = _difference(series, truth, ends) - _difference(series, truth, segments.starts)
+    distance = segments.distances.sum()
+    end = interpolate(estimate.stamps, sigmas, stamps[-1:])[0, 0]
+    roll, pitch = np.degrees(np.sqrt(np.mean(off[:, 1:] ** 2, axis=0))).tolist()
+    found = 100.0 * np.abs(climbs[:, 0]).sum() / distance if distance else np.nan
+    return {
+        "rms_roll_deg": roll,
+        "rms_pitch_deg": pitch,
+        "height_drift_percent_30s_mean": float(found),
+        "final_height_error_m": float(off[-1, 0] - off[0, 0]),
+        "final_height_sigma_m": float(end),
+    }
+
+
+def _difference(estimate: PoseSeries, truth: PoseSeries, stamps: Stamps) -> Floats:
+    """Height [m], roll and pitch [rad] (n, 3) of an estimate, less those of the truth."""
+    assert estimate.spatial is not None  # noqa: S101 - checked by the caller
+    assert truth.spatial is not None  # noqa: S101 - checked by the caller
+    mine = interpolate(estimate.stamps, estimate.spatial, stamps)
+    return mine - interpolate(truth.stamps, truth.spatial, stamps)
