@@ -33,7 +33,7 @@ def planar_covariance(covariance: Floats) -> Floats:
 
 
 def six_rows(covariance: Floats) -> Floats:
-    """Row-major covariance (36,) of a (6, 6) one; NaN is an axis that is not estimated."""
+    """Row-major covariance (36,) of a (6, 6) one; NaN is not estimated."""
     full, unknown = np.nan_to_num(covariance), np.isnan(covariance.diagonal())
     full[unknown, unknown] = UNUSED_VARIANCE
     return full.ravel()

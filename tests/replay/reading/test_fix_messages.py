@@ -19,6 +19,7 @@ from bag_messages import (
 )
 from conftest import sample_log
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.measurements import HeightFix
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
@@ -88,6 +89,22 @@ def test_gps(tmp_path: Path) -> None:
     }
     assert "[52.00000000, 13.00000000, 100.00]" in log.notes[0]
     assert log.origin == (52.0, 13.0, 100.0) == log.part(1.0, 2.0).origin
+
+
+def test_heights_are_used_with_a_sigma_alone(tmp_path: Path) -> None:
+    altitudes = (100.0, 103.5, float("nan"), 101.0)
+    fixes = [
+        ("/fix", navsatfix((k + 1) * SECOND, 52.0, 13.0, altitude))
+        for k, altitude in enumerate(altitudes)
+    ]
+    mapped = {"topic": "/fix", "height_sigma": 2.0}
+    log = read(tmp_path / "bag", fixes, fixes=mapped)
+    assert log.others == (
+        HeightFix(1 * SECOND, 0.0, 4.0),
+        HeightFix(2 * SECOND, 3.5, 4.0),
+        HeightFix(4 * SECOND, 1.0, 4.0),
+    )
+    assert read(tmp_path / "other", fixes, fixes={"topic": "/fix"}).others == ()
 
 
 def test_gps_about_a_given_origin(tmp_path: Path) -> None:
