@@ -24,6 +24,8 @@ WITHOUT_FAULTS, WITH_FAULTS = (
     f"{ESTIMATES}#faults,healthy,real,study",
 )
 """Those of the runs without faults, and with them, by the first words of their names."""
+HEIGHTS = f"{ESTIMATES}#height"
+"""Those of heights, roll and pitch."""
 ESTIMATED_LATENCY = ": late"
 """End of the names of runs that estimate the latency of the tracks, which no table does."""
 KINDS = (".py", ".toml")

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from _digests import ROOT, WITH_FAULTS, WITHOUT_FAULTS, digest
+from _digests import HEIGHTS, ROOT, WITH_FAULTS, WITHOUT_FAULTS, digest
 
 DOCS = ROOT / "docs" / "explanation"
 PAGES = (ROOT / "README.md", DOCS / "proof.md", *sorted((DOCS / "proof").glob("*.md")))
@@ -23,6 +23,8 @@ SCRIPT = re.compile(r"benchmarks/\w+\.py")
 SCOREBOARD = "benchmarks/scoreboard.py"
 OF_FAULTS = ("broken_input.py", "long_run.py", "peers.py", "wander.py")
 """Scripts of tables with faults: the other ones depend on the estimates of runs without faults."""
+OF_HEIGHTS = ("three_dimensions.py",)
+"""Those of tables with heights."""
 RULE = re.compile(r"^\|( ?:?-+:? ?\|)+$")
 Rows = list[tuple[str, ...]]
 
@@ -67,8 +69,10 @@ def current(command: str) -> str:
         from _scoreboard_cells import depends_on
 
         return digest(*depends_on(command.split()[-1]))
-    of_faults = script[0].split("/")[-1] in OF_FAULTS
-    return digest(WITH_FAULTS if of_faults else WITHOUT_FAULTS, script[0])
+    name = script[0].split("/")[-1]
+    if name in OF_HEIGHTS:
+        return digest(HEIGHTS, script[0])
+    return digest(WITH_FAULTS if name in OF_FAULTS else WITHOUT_FAULTS, script[0])
 
 
 def cells(line: str) -> tuple[str, ...]:

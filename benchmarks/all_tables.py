@@ -34,6 +34,7 @@ CHEAPEST_FIRST = (
     "long_run",
     "drift_ratios",
     "accuracy",
+    "three_dimensions",
     "peers",
     "scoreboard",
 )

@@ -34,6 +34,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
+    HeightFix,
     Measurement,
     PoseFix,
     PositionFix,
@@ -50,8 +51,11 @@ from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import smooth
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.running.engines import ENGINES
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import load_study
+from icreckon.simulation.truth.terrain import Terrain
 
 RESULTS = ROOT / "benchmarks" / "estimates.json"
 SECOND = 1_000_000_000
@@ -71,6 +75,7 @@ REAL = {
     "jackal_test2.bag": "jackal",
 }
 STUDIES = ("driving-style", "imu-grades", "outage-length", "slopes")
+HILLS = ("rolling", "plane")
 BOTH = ("gyro", "inertia-online")
 Figures = dict[str, list[float]]
 
@@ -195,15 +200,33 @@ def of_case(case: tuple[str, Any]) -> Figures:
         "faults": of_faults,
         "real": of_real,
         "study": of_study,
+        "height": of_height,
     }
     name = " | ".join((kind, *([key] if isinstance(key, str) else key)))
     return {f"{name}: {part}": rounded(one, 7) for part, one in makers[kind](key).items()}
 
 
+def of_height(ground: str) -> Figures:
+    """Height, roll and pitch over a hill: in lanes, and with fixes of the height."""
+    terrain = Terrain(rolling_deg=8.0) if ground == "rolling" else Terrain(slope_deg=8.0)
+    robot = load_robot("warthog")
+    log = simulate(Scenario(duration=60.0, seed=3, terrain=terrain), robot)
+    found = run_side_by_side(log, robot, BOTH)
+    stamps = log.tracks.stamps[100::200].tolist()
+    heights = tuple(HeightFix(stamp, 0.1 * k, 0.04) for k, stamp in enumerate(stamps))
+    found["fixes"] = run(replace(log, others=heights), robot, "inertia-online")
+    figures: Figures = {}
+    for name, one in found.items():
+        parts = one.trajectory.spatial, one.trajectory.spatial_sigmas
+        rows = [part[at] for part in parts if part is not None for at in (len(part) // 2, -1)]
+        figures[name] = [float(value) for row in rows for value in row]
+    return figures
+
+
 def cases() -> list[tuple[str, Any]]:
     """All cases; those on real logs only if there are any."""
     real = REAL if data_folder() else {}
-    parts = {"healthy": CELLS, "study": STUDIES, "real": real, "faults": groups()}
+    parts = {"healthy": CELLS, "study": STUDIES, "real": real, "faults": groups(), "height": HILLS}
     return [(kind, key) for kind, keys in parts.items() for key in keys]
 
 
