@@ -82,6 +82,13 @@ class Bound(NamedTuple):
 Finite = Annotated[float, Bound("finite")]
 Positive = Annotated[float, Bound("a positive number", 0.0, beyond=True)]
 NotNegative = Annotated[float, Bound("zero or a positive number", 0.0)]
+# Size of a robot, and radius of its wheels [m].
+RobotSize = Annotated[
+    float, Bound("metres, more than 0 and 30 at most (not millimetres)", 0.0, 30.0, beyond=True)
+]
+Radius = Annotated[
+    float, Bound("metres, more than 0 and 5 at most (not millimetres)", 0.0, 5.0, beyond=True)
+]
 # Part of another quantity; the standard deviation of a factor [-].
 Share = Annotated[float, Bound("zero or a positive number, 100 at most", 0.0, 100.0)]
 # Coordinate of a place on the robot [m].

@@ -22,6 +22,8 @@ from icreckon.estimator.base.checks import (
     NotNegative,
     OnRobot,
     Positive,
+    Radius,
+    RobotSize,
     Share,
 )
 from icreckon.estimator.base.config import convert, read_toml
@@ -66,10 +68,10 @@ class Vehicle(Bounded, frozen=True):
     """
 
     mass: Positive
-    track_gauge: Positive
-    sprocket_radius: Positive
+    track_gauge: RobotSize
+    sprocket_radius: Radius
     centre_of_mass: tuple[Finite, Finite, Finite] = (0.0, 0.0, 0.0)
-    half_contact_length: Positive = 0.3
+    half_contact_length: RobotSize = 0.3
     contact_points: Annotated[int, Bound(f"from 2 to {MOST_POINTS}", 2, MOST_POINTS)] = 5
     yaw_inertia: Positive | None = None
     max_track_speed: Positive = 1.0

@@ -19,7 +19,7 @@ GUIDES = (
     "how-to/which-gyro.md",
     "tutorials/simulate-and-study.md",
 )
-ELSEWHERE = {"check.md", "embedding.md", "from-robot-localization.md"}
+ELSEWHERE = {"check.md", "embedding.md", "from-robot-localization.md", "three-dimensions.md"}
 """Guides whose commands other tests run."""
 
 
