@@ -16,9 +16,9 @@ from icreckon.estimator.base.frames import matrix_to_rpy
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Imu, Robot
-from icreckon.replay.inspection.imu_mounting import ABSURD, ENOUGH_STILL, standstill
+from icreckon.replay.inspection.imu_mounting import ENOUGH_STILL, are_usable, rate_about, standstill
 from icreckon.replay.inspection.robot_file import in_rates
-from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.mapping.topics import TrackTopic, topic_map
 
 # Standard errors from which a difference is one.
 SIGMAS = 3.0
@@ -93,16 +93,9 @@ def mended(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]
 def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
     """Yaw rate (n,) and specific force (n, 3) in base_link, by the robot file."""
     rotation = robot.imu_rotation
-    rates = imu.angular_velocity
-    z_alone = robot.imu.gyro_axes == "z"
-    vertical = rates[:, 2] / rotation[2, 2] if z_alone else rates @ rotation[2]
+    vertical = rate_about(rotation[2], imu.angular_velocity, robot.imu.gyro_axes)
     force = imu.linear_acceleration
-    return np.asarray(vertical), None if force is None else np.asarray(force @ rotation.T)
-
-
-def tracks_usable(log: Log) -> bool:
-    """True if track speeds are there, and none is absurd."""
-    return len(log.tracks.stamps) > 1 and bool(np.abs(log.tracks.speeds).max() <= ABSURD)
+    return vertical, None if force is None else np.asarray(force @ rotation.T)
 
 
 def in_rates_of(robot: Robot) -> bool:
@@ -112,13 +105,18 @@ def in_rates_of(robot: Robot) -> bool:
 
 def from_twist(robot: Robot) -> bool:
     """True if the track speeds of a robot's logs are computed from speed and yaw rate."""
-    tracks = topic_map(robot, robot.name).tracks if robot.log else None
+    tracks = mapped_tracks(robot)
     return tracks is not None and not tracks.left
+
+
+def mapped_tracks(robot: Robot) -> TrackTopic | None:
+    """Map of the track speeds of a robot's logs; None if there is none."""
+    return topic_map(robot, robot.name).tracks if robot.log else None
 
 
 def still_samples(log: Log) -> NDArray[np.bool_] | None:
     """IMU samples (n,) at standstill, None if there are too few."""
-    if log.imu is None or len(log.imu.stamps) < 2 or not tracks_usable(log):
+    if log.imu is None or len(log.imu.stamps) < 2 or not are_usable(log.tracks):
         return None
     still = standstill(log.tracks, log.imu.stamps)
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND

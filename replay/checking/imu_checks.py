@@ -22,10 +22,15 @@ from icreckon.replay.checking.check import (
     in_base,
     rounded_angles,
     still_samples,
-    tracks_usable,
     with_imu,
 )
-from icreckon.replay.inspection.imu_mounting import ABSURD, density, estimate_mounting, forward_yaw
+from icreckon.replay.inspection.imu_mounting import (
+    ABSURD,
+    are_usable,
+    density,
+    estimate_mounting,
+    forward_yaw,
+)
 from icreckon.replay.inspection.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
 
 # Smallest tilt of a mounting that is reported [deg], and that from which a mounting is another one.
@@ -145,7 +150,7 @@ def _tilt_by_turning(log: Log, robot: Robot) -> float:
     rate = in_base(log.imu, robot)[0]
     forward, left, _ = robot.imu.position
     force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
-    if tracks_usable(log):
+    if are_usable(log.tracks):
         speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
         force += abs(float(np.mean(speed * rate)))
     return math.degrees(math.atan(force / GRAVITY))
@@ -162,7 +167,7 @@ def _turn_upright(up: Floats) -> Floats:
 
 def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
     """Yaw of the IMU's mounting, to the next 90 degrees, by accelerations."""
-    if log.imu is None or len(log.imu.stamps) < 2 or not tracks_usable(log):
+    if log.imu is None or len(log.imu.stamps) < 2 or not are_usable(log.tracks):
         return
     vertical, force = in_base(log.imu, robot)
     speeds = log.tracks.speeds

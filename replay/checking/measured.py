@@ -10,8 +10,8 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import Truth
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.checking.check import in_base, tracks_usable
-from icreckon.replay.inspection.imu_mounting import turning_correlation
+from icreckon.replay.checking.check import in_base
+from icreckon.replay.inspection.imu_mounting import are_usable, turning_correlation
 from icreckon.replay.inspection.wheels import STRAIGHT as BENDS
 from icreckon.replay.inspection.wheels import wheel_estimates
 
@@ -55,7 +55,7 @@ def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
 
     None if they turn too little.
     """
-    if log.imu is None or not tracks_usable(log):
+    if log.imu is None or not are_usable(log.tracks):
         return None
     vertical = in_base(log.imu, robot)[0]
     correlation = turning_correlation(log.tracks, log.imu, vertical)
@@ -71,7 +71,7 @@ def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | No
         robot: the robot.
         bends: whether windows with bends count, too, in which tracks slip.
     """
-    if log.imu is None or not tracks_usable(log):
+    if log.imu is None or not are_usable(log.tracks):
         return None
     vertical = in_base(log.imu, robot)[0]
     found = wheel_estimates(log, vertical, None, BENDS if bends else STRAIGHT)

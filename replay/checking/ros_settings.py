@@ -21,7 +21,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, make_robot
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import from_twist, in_base, in_rates_of, tracks_usable
+from icreckon.replay.checking.check import from_twist, in_base, in_rates_of
 from icreckon.replay.checking.measured import (
     effective_track,
     measured_scale,
@@ -30,6 +30,7 @@ from icreckon.replay.checking.measured import (
 )
 from icreckon.replay.checking.track_checks import is_other_track
 from icreckon.replay.inspection.filled_in import has_stand_in_gauge
+from icreckon.replay.inspection.imu_mounting import are_usable
 from icreckon.replay.inspection.latency import truth_lag, without_lag
 from icreckon.replay.reading.read_log import read_log
 
@@ -152,7 +153,7 @@ def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
 
 def _turning_errors(log: Log, robot: Robot) -> Floats:
     """Errors (n,) of the yaw rate about their mean while tracks move, by the gyro."""
-    if log.imu is None or not tracks_usable(log):
+    if log.imu is None or not are_usable(log.tracks):
         return np.zeros(0)
     left, right = (np.interp(log.imu.stamps, log.tracks.stamps, one) for one in log.tracks.speeds.T)
     size = np.abs(log.tracks.speeds).max(axis=1)
@@ -164,7 +165,7 @@ def _turning_errors(log: Log, robot: Robot) -> Floats:
 def _forward_errors(log: Log, robot: Robot) -> Floats:
     """Errors (n,) of the mean forward speed in windows, against a truth [m/s]."""
     truth = log.truth
-    if truth is None or not truth.headings or log.imu is None or not tracks_usable(log):
+    if truth is None or not truth.headings or log.imu is None or not are_usable(log.tracks):
         return np.zeros(0)
     late = truth_lag(truth, log.tracks, log.imu, in_base(log.imu, robot)[0])
     if isinstance(late, Lag) and truth.twists is None:

@@ -24,7 +24,7 @@ from icreckon.replay.checking.check import (
     Measured,
     in_base,
     in_rates_of,
-    tracks_usable,
+    mapped_tracks,
     with_speeds,
 )
 from icreckon.replay.checking.measured import (
@@ -36,12 +36,12 @@ from icreckon.replay.checking.measured import (
 from icreckon.replay.inspection.imu_mounting import (
     CLEAR_TURNING,
     SMOOTHING,
+    are_usable,
     forward_yaw,
     turning_correlation,
 )
 from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.inspection.wheels import DEGREES, turning_suspicion
-from icreckon.replay.mapping.topics import topic_map
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
 # the distance by as much.
@@ -74,13 +74,11 @@ USUAL_ERROR = 0.05
 PLAUSIBLE = (3e-4, 3e3)
 # Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
 FEWEST, CLEARLY_TURNS = 20, 0.05
-# Track gauge that no robot has [m].
-TOO_WIDE = 20.0
 
 
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
-    if log.imu is None or not tracks_usable(log):
+    if log.imu is None or not are_usable(log.tracks):
         return
     vertical = in_base(log.imu, robot)[0]
     turning = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
@@ -98,8 +96,10 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         shown = (
             "nothing turns" if correlation is None else f"correlation {correlation:.2f}: unclear"
         )
-        gauge = _gauge_of_twist(robot)
-        off = [] if gauge is None else turning_suspicion(log, vertical, gauge)
+        off = []
+        if (tracks := mapped_tracks(robot)) is not None and not tracks.left:
+            gauge = tracks.gauge or robot.vehicle.track_gauge
+            off = turning_suspicion(log, vertical, gauge)
         yield Check(
             "sense of turning",
             "left is positive",
@@ -155,14 +155,6 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     )
 
 
-def _gauge_of_twist(robot: Robot) -> float | None:
-    """Gauge [m] of track speeds that are made from a twist; None if they are not."""
-    tracks = topic_map(robot, robot.name).tracks if robot.log else None
-    if tracks is None or tracks.left:
-        return None
-    return tracks.gauge or robot.vehicle.track_gauge
-
-
 def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:
     """True if the IMU accelerates backward where the tracks speed up."""
     assert log.imu is not None  # noqa: S101 - checked by the caller
@@ -200,13 +192,13 @@ def _in_radians(log: Log, robot: Robot) -> tuple[Log, Robot]:
 
 def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     """Latency of the track speeds against the gyro, beyond that of the file."""
-    if log.imu is None or not tracks_usable(log):
+    if log.imu is None or not are_usable(log.tracks):
         return
     late = track_latency(log.tracks, log.imu, in_base(log.imu, robot)[0])
     if not isinstance(late, Lag):
         yield Check("latency of the tracks", "", f"not seen: {late.reason}")
         return
-    mapped = topic_map(robot, robot.name).tracks if robot.log else None
+    mapped = mapped_tracks(robot)
     of_file = 0.0 if mapped is None else mapped.latency
     stated = f"{of_file:g} s"
     measured = Measured(of_file + late.seconds, "s", of_file, late.sigma)
@@ -234,7 +226,7 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
 
 def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     """Scale of the track speeds, by truth, fixes or the accelerometer."""
-    if log.imu is None or not tracks_usable(log):
+    if log.imu is None or not are_usable(log.tracks):
         return
     least, found = LEAST_SCALE, measured_scale(log, robot)
     if found is None:
@@ -350,7 +342,7 @@ def is_other_track(ratio: float) -> bool:
 
 def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     """Effective track, by gyro and tracks."""
-    if log.imu is None or not tracks_usable(log):
+    if log.imu is None or not are_usable(log.tracks):
         return
     found = measured_track(log, robot)
     in_file = effective_track(robot)
@@ -367,15 +359,6 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     gauge = robot.vehicle.track_gauge
     if not is_other_track(ratio) and track > 0.9 * gauge:
         yield check
-        return
-    if gauge > TOO_WIDE:
-        in_metres = structs.replace(robot.vehicle, track_gauge=gauge / 1000.0)
-        yield replace(check, in_file=f"{in_file:.4g} m").contradicted(
-            f"track_gauge is {gauge:g} m, the effective track {track:.3g} m by the gyro: is it in mm?",
-            f"track_gauge = {gauge / 1000.0:g} in [vehicle]",
-            lambda log, robot: (log, structs.replace(robot, vehicle=in_metres)),
-            {"vehicle.track_gauge": gauge / 1000.0},
-        )
         return
     eta0 = track / gauge
     if eta0 < 1.0:

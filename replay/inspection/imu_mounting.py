@@ -84,10 +84,12 @@ def estimate_mounting(log: Log) -> Mounting | None:
     if up is None or not up.any():
         up = turning_axis(log.tracks, imu)
         up, shown_by = (np.array([0.0, 0.0, 1.0]), "") if up is None else (up, "turning")
-    roll, pitch, _ = level(up)
+    x, y, z = up
+    tilt = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
+    roll, pitch = (float(np.degrees(angle)) for angle in tilt)
     levelled = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
     gyro_axes = "xyz" if rates[:, :2].any() else "z"
-    vertical = rates @ levelled[2] if gyro_axes == "xyz" else rates[:, 2] / levelled[2, 2]
+    vertical = rate_about(levelled[2], rates, gyro_axes)
     still = standstill(log.tracks, imu.stamps)
     step = float(np.median(np.diff(imu.stamps))) * NANOSECOND
     yaw = accelerometer_noise = None
@@ -110,6 +112,11 @@ def estimate_mounting(log: Log) -> Mounting | None:
         gyro_noise_density=density(vertical, still, step) if stood else None,
         accelerometer_noise_density=accelerometer_noise,
     )
+
+
+def are_usable(tracks: TrackSpeedSeries) -> bool:
+    """True if track speeds are there, and none is absurd."""
+    return len(tracks.stamps) > 1 and bool(np.abs(tracks.speeds).max() <= ABSURD)
 
 
 def turning_axis(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
@@ -145,7 +152,7 @@ def forward_yaw(
         horizontal: (n, 2) specific force in the levelled axes [m/s²].
         vertical: (n,) rate about the vertical [rad/s].
     """
-    if len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+    if not are_usable(tracks):
         return None
     seconds = (stamps - stamps[0]) * NANOSECOND
     width = max(1, round(SMOOTHING / float(np.median(np.diff(seconds)))))
@@ -171,18 +178,12 @@ def forward_yaw(
 def vertical_rate(imu: ImuSeries, mounting: Mounting) -> Floats:
     """Rate about the vertical (n,) [rad/s] of an IMU with a mounting."""
     roll, pitch, _ = np.radians(mounting.rotation_rpy_deg)
-    upward = rpy_to_matrix(roll, pitch, 0.0)[2]
-    rates = imu.angular_velocity
-    if mounting.gyro_axes == "xyz":
-        return np.asarray(rates @ upward)
-    return np.asarray(rates[:, 2] / upward[2])
+    return rate_about(rpy_to_matrix(roll, pitch, 0.0)[2], imu.angular_velocity, mounting.gyro_axes)
 
 
-def level(specific_force: Floats) -> tuple[float, float, float]:
-    """Roll, pitch and yaw = 0 [deg] of a mount, from the mean specific force (3,)."""
-    x, y, z = specific_force
-    roll, pitch = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
-    return float(np.degrees(roll)), float(np.degrees(pitch)), 0.0
+def rate_about(upward: Floats, rates: Floats, gyro_axes: str) -> Floats:
+    """Rate (n,) about a vertical (3,) by gyros (n, 3) of axes "xyz", or "z" alone."""
+    return np.asarray(rates @ upward if gyro_axes == "xyz" else rates[:, 2] / upward[2])
 
 
 def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -220,7 +221,7 @@ def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floa
 
 def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
     """V_r - V_l (n,) at the stamps of an IMU; None if speeds lack or are absurd."""
-    if len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+    if not are_usable(tracks):
         return None
     return np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
 
@@ -244,7 +245,7 @@ def _density_while_driving(
     fast = max(density(axis, driving, step) for axis in horizontal.T)
     width = max(1, round(SMOOTHING / step))
     count = (len(stamps) - 1) // width
-    if count < 20 or len(tracks.stamps) < 2 or np.abs(tracks.speeds).max() > ABSURD:
+    if count < 20 or not are_usable(tracks):
         return fast
 
     def means(values: Floats) -> Floats:

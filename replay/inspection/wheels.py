@@ -14,10 +14,10 @@ from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import ImuSeries
 from icreckon.replay.inspection.imu_mounting import (
-    ABSURD,
     CLEAR_TURNING,
     STILL_MARGIN,
     Mounting,
+    are_usable,
     standstill,
 )
 
@@ -75,7 +75,7 @@ def wheel_estimates(
     """
     track_ratio = track_sigma = None
     speeds = log.tracks.speeds
-    usable = len(speeds) > 1 and np.abs(speeds).max() <= ABSURD
+    usable = are_usable(log.tracks)
     if (
         usable
         and log.imu is not None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import matplotlib as mpl
@@ -44,7 +45,8 @@ def write_calibration_figure(path: Path, results: Results) -> None:
         _draw_scores(figure.add_subplot(grid[0, 1]), results)
         _draw_errors_by_turning(figure.add_subplot(grid[1, 1]), results)
         _draw_certainty(figure.add_subplot(grid[2, 1]), results)
-        figure.suptitle(printable(_wrapped(results["verdict"])), fontsize=11)
+        verdict = fill(results["verdict"], LINE, break_long_words=False, break_on_hyphens=False)
+        figure.suptitle(printable(verdict), fontsize=11)
         figure.savefig(path, dpi=110)
 
 
@@ -97,16 +99,6 @@ def _drawn(size: tuple[float, float], draw: Callable[[Figure], None]) -> bytes:
     draw(figure)
     figure.savefig(sink, dpi=DOTS_PER_INCH)
     return sink.getvalue()
-
-
-def _wrapped(text: str) -> str:
-    lines, line = [], ""
-    for word in text.split():
-        if len(line) + len(word) >= LINE:
-            lines.append(line)
-            line = ""
-        line = f"{line} {word}".strip()
-    return "\n".join([*lines, line])
 
 
 def _draw_errors(axes: list[Axes], results: Results) -> None:

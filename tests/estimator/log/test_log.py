@@ -18,6 +18,7 @@ from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
+    HeightFix,
     ImuSample,
     PoseFix,
     PositionFix,
@@ -190,6 +191,7 @@ def all_kinds():
         PoseFix(at + 1, 0.1, 0.2, 0.3, COVARIANCE),
         ZeroVelocity(at, (0.1, 0.2, 0.3)),
         HeadingFix(at + 1, 0.3, 0.4),
+        HeightFix(at + 1, 12.0, 0.5),
         ImuSample(at + 1, (0.0, 0.0, 0.1)),
         ZeroVelocity(at + 2),
     ]

@@ -378,7 +378,7 @@ def test_another_version_of_the_format_is_refused(saved):
     for version in (1, 5, 6, 99):
         document["version"] = version
         saved.write_text(json.dumps(document))
-        message = rf"version {version} .* is not known; this icreckon reads 11"
+        message = rf"version {version} .* is not known; this icreckon reads 12"
         with pytest.raises(EstimatorError, match=message):
             PoseEstimator.restore(saved, ALPHA)
 

@@ -102,13 +102,6 @@ ERRORS = {
         None,
         {SCALE: "are the rates in rpm?"},
     ),
-    "gauge in mm": (
-        None,
-        lambda robot: with_vehicle(
-            with_values(robot, constant_icr=None), track_gauge=1e3 * robot.vehicle.track_gauge
-        ),
-        {TRACK: "is it in mm?"},
-    ),
     "left and right": (
         lambda log: speeds(log, lambda v: v[:, ::-1].copy()),
         None,
