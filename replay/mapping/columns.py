@@ -131,7 +131,7 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             `wander_sigma` in its place, too.
         heading_sigma: standard deviation of yaw [rad]; without it, fixes have no heading.
         least_sigma: lower bound of the standard deviations of the rows [m].
-        height_sigma: standard deviation of the height of fixes [m], which is used with it alone.
+        height_sigma: standard deviation of the height of fixes [m]; without it their height is not used.
         wander_sigma: standard deviation of the part of the error that wanders [m]; of fixes only.
         wander_time: its correlation time [s].
         origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.

@@ -135,7 +135,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             a message has no heading.
         least_sigma: lower bound of the messages' standard deviations [m]: errors of GPS are
             correlated over time, but a filter assumes independent fixes.
-        height_sigma: standard deviation of the height of fixes [m], which is used with it alone.
+        height_sigma: standard deviation of the height of fixes [m]; without it their height is not used.
         wander_sigma: standard deviation of the part of the error that wanders [m], see `FixWander`.
         wander_time: its correlation time [s].
         frames: for tf, the frame of the fixes and that of the robot, ["map", "base_link"].

@@ -203,10 +203,11 @@ def level_text(results: Results) -> str:
     """Correction of the vertical of the truth before it is scored."""
     tilt = results["truth"].get("tilt_deg", 0.0)
     if not tilt:
-        return "Height above the start; roll and pitch against those of the truth."
+        return "Height error at end: estimate less truth."
     return (
         f"The vertical of the truth was off by {tilt:.1f}°. It is levelled before scoring, for each "
-        "variant by its own mean direction of gravity."
+        "variant to its own mean vertical: constant errors of roll and pitch do not show. Height error "
+        "at end: estimate less truth."
     )
 
 
