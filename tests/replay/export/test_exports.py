@@ -385,7 +385,7 @@ def run_evo(evo: Path, home: Path, *words: str | Path) -> str:
 def test_evo_reads_the_trajectories(evo: Path, tmp_path: Path, comparison: Comparison) -> None:
     one, truth = comparison.runs["inertia-online"], comparison.log.truth.poses
     poses = one.trajectory.pose_series
-    length = np.hypot(*np.diff(poses.poses[:, :2], axis=0).T).sum()
+    length = np.linalg.norm(np.diff(poses.positions, axis=0), axis=1).sum()
     files = {}
     for form, write in (("tum", write_tum), ("kitti", write_kitti)):
         files[form] = write(tmp_path / f"a.{form}", poses)
