@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import (
-    compose,
-    matrix_to_rpy,
-    relative,
-    rotate,
-    rpy_to_matrix,
-)
+from icreckon.estimator.base.frames import compose, matrix_to_rpy, relative, rotate, rpy_to_matrix
 from icreckon.estimator.motion.pose3d import Pose3d, Twist3d
 from icreckon.replay.bags.messages import PLANAR
 

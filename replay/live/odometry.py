@@ -18,10 +18,11 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose, relative
 from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement, PositionFix
 from icreckon.estimator.motion.icr import IndexValues
-from icreckon.estimator.motion.pose3d import Pose3d, Twist3d
+from icreckon.estimator.motion.pose3d import Pose3d, Twist3d, pose3d_of
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.latencies import Latencies
+from icreckon.estimator.streaming.outputs import Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.bags.messages import planar_covariance
 from icreckon.replay.live.base_frame import CENTRE, BaseFrame, Pose
@@ -50,9 +51,9 @@ class LiveEstimate(NamedTuple):
         indices: sliding and eccentricity [m] and steering efficiency [-] of the motion.
         map_pose: (3,) pose of the base frame in map, or None before the first fix.
         map_covariance: (3, 3) its covariance, or None.
-        pose3d: pose of the base frame in odom with height, roll and pitch.
-        twist3d: its twist with the rates of roll and pitch.
-        map_pose3d: its pose in map, or None.
+        base: the base frame.
+        odom: estimate in odom of the centre of the tracks' contact area.
+        fixed: state of the estimator in map and its covariance, or None.
     """
 
     stamp: int
@@ -63,9 +64,19 @@ class LiveEstimate(NamedTuple):
     indices: IndexValues
     map_pose: Floats | None
     map_covariance: Floats | None
-    pose3d: Pose3d
-    twist3d: Twist3d
-    map_pose3d: Pose3d | None = None
+    base: BaseFrame
+    odom: Snapshot
+    fixed: tuple[Floats, Floats] | None = None
+
+    @property
+    def pose3d(self) -> Pose3d:
+        """Pose of the base frame in odom with height, roll and pitch."""
+        return self.base.pose3d(self.odom.pose3d, self.pose, self.pose_covariance)
+
+    @property
+    def twist3d(self) -> Twist3d:
+        """Twist of the base frame with the rates of roll and pitch."""
+        return self.base.twist3d(self.odom.twist3d, self.twist, self.twist_covariance)
 
     def in_odom(self, *, planar: bool) -> Pose3d:
         """Pose of the base frame in odom; a planar one is level."""
@@ -73,17 +84,18 @@ class LiveEstimate(NamedTuple):
 
     def in_map(self, *, planar: bool) -> Pose3d | None:
         """Pose of the base frame in map; None before the first fix."""
-        if self.map_pose is None or self.map_covariance is None or not planar:
-            return self.map_pose3d
-        return _level(self.map_pose, self.map_covariance)
+        if self.fixed is None or self.map_pose is None or self.map_covariance is None:
+            return None
+        placed = self.map_pose, self.map_covariance
+        return _level(*placed) if planar else self.base.pose3d(pose3d_of(*self.fixed), *placed)
 
     def odom_in_map(self, *, planar: bool) -> Pose3d | None:
         """Pose of odom in map, which are both level; None before the first fix."""
-        if self.map_pose is None or self.map_pose3d is None:
+        placed, reckoned = self.in_map(planar=planar), self.in_odom(planar=planar)
+        if placed is None or self.map_pose is None:
             return None
         pose = compose(self.map_pose, relative(self.pose, CENTRE))
-        height = 0.0 if planar else self.map_pose3d.position[2] - self.pose3d.position[2]
-        return _level(pose, np.zeros((3, 3)), height)
+        return _level(pose, np.zeros((3, 3)), placed.position[2] - reckoned.position[2])
 
 
 class LiveOdometry:
@@ -307,21 +319,19 @@ class LiveOdometry:
         odom, fixed = self.odom.snapshot(), self.map.estimator if self.map is not None else None
         pose, covariance = odom.state[s.POSE].copy(), odom.covariance[s.POSE, s.POSE].copy()
         in_map: tuple[Floats | None, Floats | None] = (None, None)
-        in_map3d = None
+        of_map = None
         if fixed is not None and fixed.stamp is not None:
             in_map = self.base.pose_in_map(fixed.pose, fixed.pose_covariance)
-            in_map3d = self.base.pose3d(fixed.pose3d, *in_map)
-        in_odom = self.base.pose_in_odom(pose, covariance)
-        twist = self.base.twist(odom.twist, odom.twist_covariance)
+            of_map = fixed.state, fixed.covariance
         return LiveEstimate(
             odom.stamp,
-            *in_odom,
-            *twist,
+            *self.base.pose_in_odom(pose, covariance),
+            *self.base.twist(odom.twist, odom.twist_covariance),
             odom.indices,
             *in_map,
-            self.base.pose3d(odom.pose3d, *in_odom),
-            self.base.twist3d(odom.twist3d, *twist),
-            in_map3d,
+            self.base,
+            odom,
+            of_map,
         )
 
 

@@ -38,12 +38,7 @@ from icreckon.replay.reading.conversions import (
 )
 from icreckon.replay.reading.gather import Gathered
 from icreckon.replay.reading.held_speeds import without_holding
-from icreckon.replay.reading.message_rows import (
-    POSE_WIDTH,
-    JointReader,
-    planar_poses,
-    spatial_part,
-)
+from icreckon.replay.reading.message_rows import POSE_WIDTH, JointReader, planar_poses, spatial_part
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
 from icreckon.replay.reading.wheels import of_sides

@@ -53,14 +53,15 @@ def test_odometry_has_height_roll_and_pitch_if_asked() -> None:
 
 def test_the_map_has_the_height_of_its_fixes() -> None:
     one = on_a_slope()
-    assert one.map_pose3d is not None
+    in_map = one.in_map(planar=False)
+    assert in_map is not None
     placed = one.odom_in_map(planar=False)
     assert placed is not None
-    assert one.map_pose3d.position[2] == pytest.approx(40.0, abs=2.0)
+    assert in_map.position[2] == pytest.approx(40.0, abs=2.0)
     message = fill_transform(MESSAGES.blank(TRANSFORM), 0, "map", "odom", placed)
     # Base frame in map by way of odom.
     height = message.transform.translation.z + one.pose3d.position[2]
-    assert height == pytest.approx(one.map_pose3d.position[2])
+    assert height == pytest.approx(in_map.position[2])
     planar = one.odom_in_map(planar=True)
     assert planar is not None
     assert planar.position[2] == 0.0
@@ -68,7 +69,7 @@ def test_the_map_has_the_height_of_its_fixes() -> None:
 
 
 def replace_map(one: LiveEstimate) -> LiveEstimate:
-    return one._replace(map_pose=None, map_covariance=None, map_pose3d=None)
+    return one._replace(map_pose=None, map_covariance=None, fixed=None)
 
 
 @pytest.mark.parametrize("offset", [(0.3, -0.1, 0.0), (0.0, 0.0, np.pi / 2), (0.2, 0.4, -0.6)])
