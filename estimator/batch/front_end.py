@@ -49,8 +49,7 @@ class Measured(NamedTuple):
         left_wheels: (runs, n, k) speeds of the left wheels [m/s]; k is 0 if they are not known.
         right_wheels: (runs, n, m) speeds of the right wheels [m/s].
         imu_stamps: (m,) [ns].
-        rates: (runs, m) yaw rates of the gyros, see `SensorModels.yaw_rates` [rad/s].
-        tilts: (runs, m, 2) rates of roll and pitch, see `SensorModels.tilt_rates` [rad/s].
+        rates: (runs, m, 4) rates by the gyros, see `SensorModels.rates` [rad/s].
         forces: (runs, m, 2) specific force forward and to the left [m/s²]; NaN without accelerometers.
         fix_stamps: (k,) [ns].
         fixes: (runs, k, 7) x, y [m], yaw [rad], variance of position [m²] and of yaw [rad²], place of
@@ -63,7 +62,6 @@ class Measured(NamedTuple):
     right_wheels: Floats
     imu_stamps: Stamps
     rates: Floats
-    tilts: Floats
     forces: Floats
     fix_stamps: Stamps
     fixes: Floats
@@ -214,9 +212,8 @@ def fill_lane(
             added += 1
         given, end, sample = inputs[k], steps.ends[k], steps.samples[k]
         if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
-            rate, tilt = measured.rates[lane, sample], measured.tilts[lane, sample]
             force = measured.forces[lane, sample]
-            of_imu = (end, rate, (tilt[0], tilt[1]), force[0], force[1], True)
+            of_imu = (end, measured.rates[lane, sample], force[0], force[1], True)
             sample_inputs(record, stamps, rates, given, lane, *of_imu)
         else:
             move_inputs(record, given, lane, end)
@@ -287,7 +284,7 @@ def check_sizes(
         sizes_fit &= wheels.shape[:2] == (count, tracks)
     sizes_fit &= len(measured.rates) == count == len(measured.forces)
     sizes_fit &= measured.forces.shape[1:] == (measured.rates.shape[1], 2)
-    sizes_fit &= measured.tilts.shape == measured.forces.shape
+    sizes_fit &= measured.rates.shape[2] == 4
     sizes_fit &= measured.fixes.shape[0] == count and measured.fixes.shape[2] == FIX_VALUES
     sizes_fit &= measured.fixes.shape[1] == len(measured.fix_stamps)
     sizes_fit &= n == len(steps.ends) == len(steps.kinds) == len(steps.extras) == len(steps.tracks)

@@ -65,15 +65,14 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
                 raise BatchError(f"{log.name!r} has the speeds of other wheels than the first log")
             values[row, at] = one
     sensors = SensorModels(robot)
-    rates = np.stack([sensors.yaw_rates(imu.angular_velocity) for imu in imus])
-    tilts = np.stack([sensors.tilt_rates(imu.angular_velocity) for imu in imus])
+    rates = np.stack([sensors.rates(imu.angular_velocity) for imu in imus])
     forces = np.stack([sensors.along_ground_of(_forces(imu)) for imu in imus])
     fixes = np.zeros((len(logs), len(fix_stamps), FIX_VALUES))
     for row, log in enumerate(logs):
         if log.fixes is not None and len(fix_stamps):
             fixes[row] = fix_rows(log.fixes)
     of_tracks = track_stamps, tracks, left, right
-    return Measured(*of_tracks, imu_stamps, rates, tilts, forces, fix_stamps, fixes)
+    return Measured(*of_tracks, imu_stamps, rates, forces, fix_stamps, fixes)
 
 
 def wheels_of(tracks: TrackSpeedSeries) -> tuple[Floats, Floats]:

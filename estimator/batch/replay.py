@@ -218,7 +218,7 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
         raise BatchError(f"the log {log.name!r} holds fixes that are no numbers")
     sensors, force = SensorModels(robot), imu.linear_acceleration
     left, right = wheels_of(log.tracks)
-    rates = sensors.yaw_rates(imu.angular_velocity)
+    rates = sensors.rates(imu.angular_velocity)
     forces = np.full((len(rates), 2), np.nan) if force is None else sensors.along_ground_of(force)
     measured = Measured(
         log.tracks.stamps,
@@ -227,7 +227,6 @@ def measured_alone(log: Log, robot: Robot) -> tuple[Measured, Bytes, bool]:
         np.ascontiguousarray(right)[None],
         imu.stamps,
         rates[None],
-        sensors.tilt_rates(imu.angular_velocity)[None],
         forces[None],
         fix_stamps,
         values[None],

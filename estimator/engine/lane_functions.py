@@ -121,8 +121,7 @@ def sample_inputs(
     inputs: Floats,
     lane: int,
     stamp: int,
-    rate: float,
-    tilt: Any,
+    gyro: Any,
     force_x: float,
     force_y: float,
     uses_force: bool,
@@ -136,17 +135,17 @@ def sample_inputs(
         inputs: (n, lanes) inputs of the step, written to.
         lane: lane of the filter.
         stamp: stamp of the sample [ns].
-        rate: yaw rate [rad/s].
-        tilt: roll rate and pitch rate [rad/s], NaN if they are not known.
+        gyro: yaw rate, roll rate and pitch rate, and a reading, see `SensorModels.rates` [rad/s].
         force_x: specific force forward [m/s²], NaN if there is none.
         force_y: specific force to the left [m/s²], likewise.
         uses_force: the step is to use the specific force. Without it, and while the gyro fails, it does
             not use the rates of roll and pitch: slopes would depend on them alone.
     """
     settings = record.settings
-    rate = take_motion(record.tracks, stamp, rate, force_x, force_y, settings)
+    roll, pitch = gyro[1], gyro[2]
+    rate = take_motion(record.tracks, stamp, gyro[0], gyro[3], force_x, force_y, settings)
     take_stamp(record.imu, stamp, settings.hold)
-    density = add_rates(record.tilt, record.imu.interval, rate, tilt[0], tilt[1])
+    density = add_rates(record.tilt, record.imu.interval, rate, roll, pitch)
     slow = 1.0 if may_be_pushed(record) else 0.0
     measure_noise(record.noise, stamp, rate, force_x, force_y, settings.hold)
     spread = measured_noise(record.noise.gyro)
@@ -155,8 +154,8 @@ def sample_inputs(
     fill_tracks(record, inputs, lane, stamp)
     inputs[SLOW, lane], inputs[QUIET_MEAN, lane], inputs[RATE, lane] = slow, mean, rate
     tilts = uses_force and rate == rate and force_x == force_x
-    inputs[ROLL_RATE, lane] = tilt[0] if tilts else math.nan
-    inputs[PITCH_RATE, lane] = tilt[1] if tilts else math.nan
+    inputs[ROLL_RATE, lane] = roll if tilts else math.nan
+    inputs[PITCH_RATE, lane] = pitch if tilts else math.nan
     inputs[TILT_DENSITY, lane] = density
     inputs[FORCE_X, lane] = force_x if uses_force else math.nan
     inputs[FORCE_Y, lane] = force_y if uses_force else math.nan
@@ -242,15 +241,16 @@ def take_sample(
         return REFUSED
     if is_full(record.still, stamps):
         return FULL
-    if inputs.shape != (ROWS, 1) or mounting.shape != (5, 3):
+    if inputs.shape != (ROWS, 1) or mounting.shape != (6, 3):
         raise ValueError(WRONG_SIZE)
     rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
     roll = float(mounting[1, 0] * w_x + mounting[1, 1] * w_y + mounting[1, 2] * w_z)
     pitch = float(mounting[2, 0] * w_x + mounting[2, 1] * w_y + mounting[2, 2] * w_z)
-    forward = float(mounting[3, 0] * f_x + mounting[3, 1] * f_y + mounting[3, 2] * f_z)
-    left = float(mounting[4, 0] * f_x + mounting[4, 1] * f_y + mounting[4, 2] * f_z)
+    reading = float(mounting[3, 0] * w_x + mounting[3, 1] * w_y + mounting[3, 2] * w_z)
+    forward = float(mounting[4, 0] * f_x + mounting[4, 1] * f_y + mounting[4, 2] * f_z)
+    left = float(mounting[5, 0] * f_x + mounting[5, 1] * f_y + mounting[5, 2] * f_z)
     add_rate(record.yaw_rates, stamp, rate)
-    given = (stamp, rate, (roll, pitch), forward, left, uses_force)
+    given = (stamp, (rate, roll, pitch, reading), forward, left, uses_force)
     sample_inputs(record, stamps, rates, inputs, 0, *given)
     arrays = (x, P, regressors, memory, lane, inputs, constants)
     return take_step(places, which, records, *arrays, is_first, stamp, 0.0)

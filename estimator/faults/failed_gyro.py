@@ -2,10 +2,11 @@
 
 A vehicle's yaw rate does not jump further between two samples than friction can turn it. After such a
 jump readings are not used until they jump back, or agree with the turning of the tracks. A gyro that is
-clipped or frozen repeats its reading to the last digit. Coarse gyros and slow sensors repeat theirs, too;
-so repetition counts only if the turning of the tracks changes meanwhile, and much longer than in the
-gyro's own earlier repetitions. A gyro that contradicts the tracks without any of these signs is used:
-tracks slip every day.
+clipped or frozen repeats its reading to the last digit. (The yaw rate does not: hardly an IMU is mounted
+square, and the noise of its other axes is in that rate.) Coarse gyros and slow sensors repeat their
+readings, too; so repetition counts only if the turning of the tracks changes meanwhile, and much longer
+than in the gyro's own earlier repetitions. A gyro that contradicts the tracks without any of these signs
+is used: tracks slip every day.
 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
@@ -44,6 +45,7 @@ class GyroRecord(msgspec.Struct):
     Attributes:
         stamp: stamp of the newest sample [ns], or NEVER.
         rate: its yaw rate [rad/s].
+        reading: its reading about the most upright axis of the IMU [rad/s].
         size: mean size of the changes between samples [rad/s].
         turning: difference of the track speeds at it [m/s].
         changes: number of changes of the reading while the tracks' turning changed, at most `LEARNT`.
@@ -61,6 +63,7 @@ class GyroRecord(msgspec.Struct):
 
     stamp: Stamp = NEVER
     rate: float = 0.0
+    reading: float = 0.0
     size: Size = AT_START
     turning: float = 0.0
     changes: Count = 0
@@ -80,6 +83,7 @@ def watch_gyro(
     gyro: GyroRecord,
     stamp: int,
     rate: float,
+    reading: float,
     turning: float,
     width: float,
     before: float,
@@ -92,6 +96,7 @@ def watch_gyro(
         gyro: record, changed in place.
         stamp: stamp of the sample [ns].
         rate: yaw rate [rad/s].
+        reading: reading about the most upright axis of the IMU [rad/s].
         turning: speed of the right track less that of the left [m/s].
         width: effective track width, which turns that into a yaw rate [m].
         before: `turning` a moment before, smoothed [m/s].
@@ -101,14 +106,14 @@ def watch_gyro(
     dt = (stamp - gyro.stamp) * NANOSECOND if gyro.stamp != NEVER else 0.0
     change = rate - gyro.rate
     is_gap = not 0.0 < dt < LONGEST_INTERVAL
-    gyro.stamp, gyro.rate = stamp, rate
-    count_repeats(gyro, turning, change == 0.0 and not is_gap)
+    count_repeats(gyro, turning, reading == gyro.reading and not is_gap)
+    gyro.stamp, gyro.rate, gyro.reading = stamp, rate, reading
     was, fault = gyro.fault, WORKS
     if was == WORKS and not is_gap and abs(change) > least_jump(gyro, dt, acceleration):
         gyro.jump, gyro.agreed = change, 0.0
     if gyro.jump != 0.0 and is_over(gyro, dt, change, turning / width, before / width):
         gyro.jump = 0.0
-    if 0.0 < most * FULL_SCALE <= abs(rate):
+    if 0.0 < most * FULL_SCALE <= abs(reading):
         fault = BEYOND
     elif gyro.jump != 0.0:
         fault = JUMPED

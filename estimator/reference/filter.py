@@ -110,8 +110,8 @@ class ReferenceFilter:
             # The motion is unknown, not at rest.
             record.imu.stamp = m.stamp
             return
-        rate = float(self._sensors.yaw_rates(np.array(m.angular_velocity)))
-        tilt_rates = self._sensors.tilt_rates(np.array(m.angular_velocity))
+        rates = self._sensors.rates(np.array(m.angular_velocity))
+        rate, tilt_rates = rates.item(0), rates[1:3]
         if not self._uses_force or m.linear_acceleration is None:
             # Slopes would depend on the gyros alone.
             tilt_rates *= math.nan
@@ -154,8 +154,8 @@ class ReferenceFilter:
             speeds, sigma = (inputs.smooth_left, inputs.smooth_right), self._slip_sigma()
             tilt = down_of(ekf.x[s.GRAVITY].tolist()) * math.sqrt(tilt_density)
             noise_of = process_noise(self._disturbances, speeds, sigma, inputs.turn_density, tilt)
-            rates = (tilt_rates.item(0), tilt_rates.item(1))
-            ekf.predict_motion(dt, left + missing, right + missing, noise_of, rates)
+            tilting = (tilt_rates.item(0), tilt_rates.item(1))
+            ekf.predict_motion(dt, left + missing, right + missing, noise_of, tilting)
             record.stamp = m.stamp
 
     def _take_position(self, m: PositionFix) -> None:

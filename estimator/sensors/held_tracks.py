@@ -171,6 +171,7 @@ def take_motion(
     held: TrackRecord,
     stamp: int,
     rate: float,
+    reading: float,
     force_x: float,
     force_y: float,
     settings: InputSettings,
@@ -183,6 +184,7 @@ def take_motion(
         held: record of the track speeds, changed in place.
         stamp: stamp of the IMU sample [ns].
         rate: yaw rate by the gyro [rad/s].
+        reading: its reading about the most upright axis of the IMU [rad/s].
         force_x: specific force forward [m/s²], or NaN.
         force_y: specific force to the left [m/s²], or NaN.
         settings: settings of the filter.
@@ -198,7 +200,7 @@ def take_motion(
         width = settings.track_width
     turning, before = spin.right - spin.left, held.smooth_right - held.smooth_left
     most, acceleration = settings.gyro_range, settings.yaw_acceleration
-    rate = watch_gyro(held.gyro, stamp, rate, turning, width, before, most, acceleration)
+    rate = watch_gyro(held.gyro, stamp, rate, reading, turning, width, before, most, acceleration)
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
     mean = 0.5 * (held.left + held.right)

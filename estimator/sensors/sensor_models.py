@@ -74,8 +74,9 @@ class SensorModels:
 
     Attributes:
         constants: constants of its IMU.
-        mounting: (5, 3) rates of base_link by the gyros: yaw, roll and pitch, these NaN with a gyro of
-            one axis or on level ground; specific force forward and left by the accelerometers.
+        mounting: (6, 3) rates of base_link by the gyros: yaw, roll and pitch, these NaN with a gyro of
+            one axis or on level ground; the reading of the gyro that shows most of the yaw; specific
+            force forward and left by the accelerometers.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -87,7 +88,8 @@ class SensorModels:
             of_rates[0] = 0.0, 0.0, 1.0 / upward[2]
         if imu.gyro_axes == "z" or robot.slope.sigma == 0.0:
             of_rates[1:] = np.nan
-        self.mounting = np.vstack([of_rates / imu.gyro_scale, forward, leftward])
+        most_upright = np.eye(3)[np.argmax(np.abs(upward))]
+        self.mounting = np.vstack([of_rates / imu.gyro_scale, most_upright, forward, leftward])
 
     def yaw_rates(self, angular_velocities: Floats) -> Floats:
         """Rates (...) about base_link's z axis of gyro samples (..., 3) [rad/s]."""
@@ -95,11 +97,11 @@ class SensorModels:
 
     def along_ground_of(self, forces: Floats) -> Floats:
         """Components (..., 2) forward and left of specific forces (..., 3) [m/s²]."""
-        return np.stack([_dot(row, forces.T) for row in self.mounting[3:]], axis=-1)
+        return np.stack([_dot(row, forces.T) for row in self.mounting[4:]], axis=-1)
 
-    def tilt_rates(self, angular_velocities: Floats) -> Floats:
-        """Roll and pitch rates (..., 2) of gyro samples (..., 3) [rad/s]; or NaN."""
-        return np.stack([_dot(row, angular_velocities.T) for row in self.mounting[1:3]], axis=-1)
+    def rates(self, angular_velocities: Floats) -> Floats:
+        """Rates (..., 4) of gyro samples (..., 3), see the first rows of `mounting` [rad/s]."""
+        return np.stack([_dot(row, angular_velocities.T) for row in self.mounting[:4]], axis=-1)
 
 
 def gyro_variance(density: float, interval: float, by_turning: Any, change: TrackChange) -> float:

@@ -12,9 +12,10 @@ from hypothesis import strategies as st
 import faulty_drives
 from faulty_drives import imu_of, motion_over, with_rates
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.frames import rpy_to_matrix, wrap_angle
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.faults.failed_gyro import LEARNT, LEAST_REPEATS, GyroRecord, watch_gyro
+from icreckon.estimator.filter.fault_table import REPEATED
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
@@ -49,9 +50,9 @@ def watched(
     smooth = smoothed(turning, step)
     used = [
         watch_gyro(
-            gyro, k * step, float(rate), float(turning[k]), width, smooth[k], most, acceleration
+            gyro, k * step, rate, rate, float(turning[k]), width, smooth[k], most, acceleration
         )
-        for k, rate in enumerate(rates)
+        for k, rate in enumerate(rates.tolist())
     ]
     return np.array(used), gyro
 
@@ -159,7 +160,7 @@ def test_a_world_without_noise_is_no_fault() -> None:
     smooth, gyro = smoothed(WIDTH * rates, STEP), GyroRecord()
     for k, rate in enumerate(rates.tolist()):
         turning = WIDTH * rate
-        assert watch_gyro(gyro, k * STEP, rate, turning, WIDTH, smooth[k], 0.0, 60.0) == rate
+        assert watch_gyro(gyro, k * STEP, rate, rate, turning, WIDTH, smooth[k], 0.0, 60.0) == rate
     assert gyro.times == 0
 
 
@@ -175,7 +176,7 @@ def test_readings_beyond_the_range_are_not_used() -> None:
 def test_after_a_gap_nothing_is_a_jump() -> None:
     gyro = GyroRecord()
     for stamp, rate in ((0, 0.0), (SECOND, 2.0), (2 * SECOND, -2.0)):
-        assert watch_gyro(gyro, stamp, rate, 0.0, WIDTH, 0.0, 0.0, 60.0) == rate
+        assert watch_gyro(gyro, stamp, rate, rate, 0.0, WIDTH, 0.0, 0.0, 60.0) == rate
     assert gyro.times == 0
     assert shifted(gyro, SECOND).stamp == 3 * SECOND
     assert shifted(GyroRecord(), SECOND) == GyroRecord()
@@ -259,6 +260,26 @@ def test_the_uncertainty_covers_a_gyro_that_lies(faulty, lasts, variant, robot, 
     assert found.error < 3.0 * found.sigma
     # Without a gyro, the variant `gyro` has no idea of the turning.
     assert found.yaw_sigma < math.radians(45.0) or variant == "gyro"
+
+
+def test_a_clipped_gyro_is_found_however_the_imu_is_mounted(robot: Robot, healthy: Log) -> None:
+    """The rate about the vertical does not repeat: the other axes are noisy and have a part in it."""
+    angles = (2.0, -1.0, 30.0)
+    imu = msgspec.structs.replace(robot.imu, rotation_rpy_deg=angles)
+    R = rpy_to_matrix(*np.radians(angles)) @ robot.imu_rotation.T
+    imus, found = imu_of(healthy), []
+    turned = replace(
+        imus,
+        angular_velocity=imus.angular_velocity @ R,
+        linear_acceleration=imus.linear_acceleration @ R,
+    )
+    for log, one in (
+        (healthy, robot),
+        (replace(healthy, imu=turned), msgspec.structs.replace(robot, imu=imu)),
+    ):
+        health = run(clipped(log), one, "gyro").health
+        found.append(health.sensors["gyro"].rejected[REPEATED])
+    assert found[1] == pytest.approx(found[0], rel=0.05)
 
 
 def test_a_robot_file_gives_the_range(robot: Robot, healthy: Log) -> None:
