@@ -75,3 +75,17 @@ def test_the_yaw_follows_the_gyro_however_far_the_tracks_turn(variant: str) -> N
         turned, before = wrap_angle(yaw - before), yaw
         measured = (rate - x[s.GYRO_BIAS]) / (1.0 + x[s.GYRO_SCALE])
         assert k < 40 or turned == pytest.approx(0.05 * measured, rel=1e-3)
+
+
+def test_tracks_say_nothing_of_the_scale_of_the_gyro() -> None:
+    """Gentle bends in which the tracks turn 1.7 times as far: that is slip, and no scale."""
+    imu = Imu(gyro_scale_sigma=0.01)
+    estimator = PoseEstimator(msgspec.structs.replace(ROBOT, imu=imu), "inertia-online")
+    width = ROBOT.vehicle.track_gauge * ROBOT.constant_indices.eta0
+    for k in range(2000):
+        rate = 0.1 * np.sin(0.01 * k)
+        more, stamp = 1.7 * 0.5 * width * rate, k * SECOND // 50
+        estimator.feed(TrackSpeeds(stamp=stamp, left=0.4 - more, right=0.4 + more))
+        force = (0.0, 0.4 * rate, 9.81)
+        estimator.feed(ImuSample(stamp + 1, (0.0, 0.0, rate), force))
+    assert estimator.biases["gyro_scale"] == 0.0
