@@ -198,7 +198,7 @@ class _Limited(RawIOBase):
         data: bytes = self._stream.read(size if size >= 0 else None)
         self._read += len(data)
         if self._read > self._limit:
-            raise too_large("the table", self._read, self._limit)
+            raise too_large("the table", self._limit)
         return data
 
 
@@ -215,7 +215,7 @@ def _read_parquet(path: Path) -> Read:
     cells = sum(group.num_rows for group in groups) * len(read)
     size = max(sum(group.total_byte_size for group in groups), cells * CELL)
     if size > max(limit(), path.stat().st_size):
-        raise too_large("the table", size)
+        raise too_large("the table", limit())
     with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
         table = file.read(columns=read, use_threads=False)
     others = {field.name: str(field.type) for field in schema if field.name not in read}
