@@ -18,7 +18,7 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
 from icreckon.replay.bags.readers import Ros2Reader
 from icreckon.replay.bags.records import LATEST, Channel, Record
-from icreckon.replay.bags.recovery import MCAP_MAGIC, NO_DEFINITION, ROS1_MAGIC, RecordWalk
+from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
 from icreckon.replay.bags.unpacking import limit, unpack_file
 from icreckon.replay.base.errors import ReplayError
 
@@ -310,16 +310,7 @@ def _channel(connection: Connection) -> Channel:
     encoding = "ros1"
     if isinstance(connection.ext, ConnectionExtRosbag2):
         encoding = connection.ext.serialization_format
-    # SQLite holds values of any type in any column.
-    texts: tuple[object, ...] = (connection.topic, connection.msgtype, encoding)
-    for text in texts:
-        if not isinstance(text, str):
-            raise rosbag2.ReaderError(
-                f"the name or type of a topic is no text but {str(text)[:40]}"
-            )
-    data: object = connection.msgdef.data
-    definition = connection.msgdef if isinstance(data, str) else NO_DEFINITION
-    return Channel(connection.topic, connection.msgtype, definition, encoding)
+    return Channel(connection.topic, connection.msgtype, connection.msgdef, encoding)
 
 
 def _unread_sqlite_journals(files: list[Path]) -> list[str]:

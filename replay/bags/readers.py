@@ -1,4 +1,4 @@
-"""Readers of rosbags that unpack chunks and messages up to the limit, see `unpacking`."""
+"""Readers of rosbags that unpack up to the limit, see `unpacking`."""
 
 from __future__ import annotations
 

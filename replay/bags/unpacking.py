@@ -125,7 +125,7 @@ def unpack(data: bytes, compression: str) -> bytes:
 
 
 def unpack_beginning(data: bytes, compression: str) -> bytes:
-    """Decompress a chunk up to its damage or its end; arguments and errors as `unpack`."""
+    """Decompress a chunk up to its damage; arguments and errors as `unpack`."""
     unpacked = bytearray()
     with suppress(*DAMAGE):
         for part in _within_limit(data, compression):

@@ -11,7 +11,7 @@ from icreckon.simulation.base.sampling import EPOCH
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec
 from icreckon.simulation.simulate import run_scenario, simulate
-from icreckon.simulation.truth.terrain import Patch, Payload, Terrain
+from icreckon.simulation.truth.terrain import Patch, Payload
 
 ALPHA = load_robot("auriga-alpha")
 SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fixes=FixSpec(heading_sigma=0.02))
@@ -170,28 +170,6 @@ def test_bad_scenarios_are_refused_in_one_line(values, message):
     assert "\n" not in str(caught.value)
 
 
-def test_plain_data_takes_the_types_of_its_fields(tmp_path):
-    given = Scenario(
-        trajectory="recorded",
-        trajectory_file=tmp_path / "drive.csv",
-        duration=np.int64(20),
-        seed=np.int64(7),
-        outages=[[1, np.float64(2.5)]],
-        patches=[Patch(x=np.array([0, 1]), friction=np.float32(0.5))],
-    )
-    assert given == Scenario(
-        trajectory="recorded",
-        trajectory_file=str(tmp_path / "drive.csv"),
-        duration=20.0,
-        seed=7,
-        outages=((1.0, 2.5),),
-        patches=(Patch(x=(0.0, 1.0), friction=0.5),),
-    )
-    assert change_scenario(given, {}, "test") == given
-    with pytest.raises(SimulationError, match=r"sigma of a FixSpec: Expected `float \| null`"):
-        FixSpec(sigma="a")
-
-
 def test_what_is_no_robot_or_no_run_is_refused():
     with pytest.raises(SimulationError, match=r"load it with load_robot\('auriga-alpha'\)"):
         simulate(SHORT, "auriga-alpha")
@@ -266,18 +244,6 @@ def test_a_bad_file_is_refused_in_one_line_that_names_it(text, message, tmp_path
     assert str(caught.value).startswith(f"{path}: ")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_terrain_that_is_written_as_zero_is_there_to_be_changed(tmp_path):
-    path = written(tmp_path, "[terrain]\nrolling_deg = 0\nwavelength = 5\nuphill_deg = 40")
-    assert load_scenario(path).terrain == Terrain(wavelength=5.0, uphill_deg=40.0)
-    rolling = written(tmp_path, "[terrain]\nrolling_deg = 3\nwavelength = 5")
-    assert load_scenario(rolling).terrain.wavelength == 5.0
-
-
-def test_a_file_that_is_not_there(tmp_path):
-    with pytest.raises(SimulationError, match="no such file"):
-        load_scenario(tmp_path / "run.toml")
 
 
 def test_changes_go_over_a_scenario_key_by_key():

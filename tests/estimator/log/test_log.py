@@ -218,23 +218,6 @@ def test_the_order_that_measurements_are_given_in_does_not_matter():
     assert log.dropped == {}
 
 
-def test_numbers_of_any_kind_make_a_log_of_plain_numbers():
-    covariance = np.array(COVARIANCE)
-    log = Log.from_measurements(
-        [
-            TrackSpeeds(np.int64(3), 1, np.float32(0.5)),
-            ImuSample(4, np.zeros(3), [0, 0, 10]),
-            PoseFix(5, 1, 2, 3, covariance),
-        ]
-    )
-    covariance[:] = 0.0
-    assert list(log.measurements()) == [
-        TrackSpeeds(3, 1.0, 0.5),
-        ImuSample(4, (0.0, 0.0, 0.0), (0.0, 0.0, 10.0)),
-        PoseFix(5, 1.0, 2.0, 3.0, COVARIANCE),
-    ]
-
-
 def test_what_cannot_be_right_is_dropped_and_counted():
     good = all_kinds()
     bad = [
@@ -253,17 +236,6 @@ def test_what_cannot_be_right_is_dropped_and_counted():
         "pose: covariance not positive definite": 1,
         "zero velocity: sigma not positive": 1,
     }
-
-
-def test_measurements_made_some_at_a_time_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    log = replace(make_log(), others=(HeadingFix(make_log().start, 0.1, 0.2),))
-    at_once = list(log.measurements())
-    streams = (log.tracks.stamps, log.imu.stamps, log.fixes.stamps)
-    with_heading = int(np.isfinite(log.fixes.poses[:, 2]).sum())
-    assert len(at_once) == sum(map(len, streams)) + with_heading + 1
-    for size in (1, 7, len(at_once) - 1):
-        monkeypatch.setattr("icreckon.estimator.log.log.AT_A_TIME", size)
-        assert list(log.measurements()) == at_once
 
 
 def test_a_part_of_a_log_has_what_lies_between():
@@ -302,12 +274,6 @@ def test_it_is_the_trapezoidal_rule_at_uneven_stamps(shape: tuple[int, ...], kin
     assert running_integral(stamps, values) == pytest.approx(expected, abs=1e-12)
 
 
-def test_whole_numbers_have_fractions_and_no_sample_has_no_integral() -> None:
-    found = running_integral(np.array([0, 500_000_000]), np.array([0, 1]))
-    assert found.tolist() == [0.0, 0.25]
-    assert running_integral(np.zeros(0, np.int64), np.zeros(0)).shape == (0,)
-
-
 # --- kinds ----------------------------------------------------------------------------------------
 
 
@@ -341,11 +307,3 @@ def test_it_is_named(make: Any, words: str) -> None:
     with pytest.raises(icreckon.IcreckonError, match=words) as found:
         make()
     assert len(str(found.value)) < 300
-
-
-def test_one_log_is_as_good_as_a_list_of_one() -> None:
-    with pytest.raises(icreckon.EstimatorError, match="truth") as alone:
-        icreckon.calibrate(LOG, ROBOT)
-    with pytest.raises(icreckon.EstimatorError, match="truth") as listed:
-        icreckon.calibrate([LOG], ROBOT)
-    assert str(alone.value) == str(listed.value)

@@ -4,7 +4,6 @@ import bz2
 import gzip
 from pathlib import Path
 
-import lz4.frame
 import numpy as np
 import pyarrow as pa
 import pytest
@@ -15,14 +14,12 @@ from rosbags.typesys import Stores, get_typestore
 
 from bag_messages import SECOND
 from command_line import fails, icreckon
-from icreckon.replay.bags import unpacking
 from icreckon.replay.bags.table_files import MOST_COLUMNS
 
 SIZE = 6_000_000
 """Size of the message that does not fit [B]; it takes less than a thousandth of that in the file."""
 LIMIT_GB = 0.002
 KIND = "std_msgs/msg/String"
-COMPRESSORS = {"bz2": bz2.compress, "lz4": lz4.frame.compress, "zstd": unpacking.zstd.compress}
 
 
 def ros1_bag(path: Path, form: str) -> Path:

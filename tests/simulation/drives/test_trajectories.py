@@ -10,7 +10,7 @@ from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.drives import arcs, figure_eight, spin
-from icreckon.simulation.drives.recorded import Recorded, read_recording
+from icreckon.simulation.drives.recorded import read_recording
 from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, blend_length
 from icreckon.simulation.drives.trajectories import (
     RECORDED,
@@ -232,11 +232,6 @@ def test_a_recording_is_driven_through_its_samples_without_a_jump(steps, data):
         assert (inside <= high + 1e-6).all()
 
 
-def test_a_recorded_curve_is_level_beyond_its_ends():
-    curve = Recorded(np.array([1.0, 2.0, 3.0]), np.array([[0.1, 0.2], [0.3, 0.5], [0.9, 0.6]]))
-    assert np.allclose(curve(np.array([0.0, 9.0])), [[0.1, 0.2], [0.9, 0.6]])
-
-
 def test_the_factor_of_a_recording_scales_it():
     drive = series([0.0, 1.0, 2.0], [[1.0, 2.0], [1.5, 2.0], [0.0, 0.0]])
     with pytest.raises(SimulationError, match=r"reaches 2 m/s, more than .* lower factor"):
@@ -280,24 +275,3 @@ def test_bad_recordings_are_refused_in_one_line(text, message, tmp_path):
     assert message in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_recordings_that_are_no_text_or_not_there(tmp_path):
-    path = tmp_path / "drive.csv"
-    with pytest.raises(SimulationError, match="no such file"):
-        read_recording(path)
-    path.write_bytes(b"t,left,right\n\xff\xfe,0,0\n")
-    with pytest.raises(SimulationError, match="cannot be read as CSV"):
-        read_recording(path)
-    with pytest.raises(SimulationError, match="is a folder; give the CSV file itself"):
-        read_recording(tmp_path)
-
-
-def test_bad_recordings_in_memory_and_in_the_wrong_place():
-    backward = series([0.0, 2.0, 1.0], np.zeros((3, 2)))
-    with pytest.raises(SimulationError, match="the recorded track speeds: t must rise"):
-        make_trajectory(RECORDED, 10.0, ALPHA, None, {}, backward)
-    with pytest.raises(SimulationError, match="'recorded' needs trajectory_file"):
-        make_trajectory(RECORDED, 10.0, ALPHA, None)
-    with pytest.raises(SimulationError, match="set trajectory = 'recorded'"):
-        make_trajectory("circle", 10.0, ALPHA, None, {}, series([0.0, 1.0], np.zeros((2, 2))))

@@ -9,7 +9,6 @@ from icreckon.simulation.paper.published import (
     AURIGA_ALPHA,
     PUBLISHED,
     READ_OFF,
-    PublishedNumber,
     published,
     published_errors,
     published_mean_icrs,
@@ -70,16 +69,3 @@ def test_published_digits(name: str, decimals: int) -> None:
 def test_what_rounds_to_the_published_digits(name, inside, outside):
     assert all(published(name).rounds_from(value) for value in inside)
     assert not any(published(name).rounds_from(value) for value in outside)
-
-
-def test_differences_are_shares_of_the_size() -> None:
-    left = published("mean_x_ICRl")
-    assert left.difference_percent(-0.458) == 0.0
-    assert left.difference_percent(-0.5038) == pytest.approx(-10.0)
-    assert published("eta0").difference_percent(2.882) == pytest.approx(10.0)
-
-
-def test_whole_numbers_and_unknown_names() -> None:
-    assert PublishedNumber("x", "", "12", "").decimals == 0
-    with pytest.raises(KeyError):
-        published("eta3")
