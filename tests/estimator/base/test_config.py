@@ -54,15 +54,6 @@ def test_misspelt_key_is_refused_with_the_nearest_right_one(data, found, table, 
     assert table is None or f"[{table}]" in message
 
 
-def test_key_like_no_other_lists_what_there_is():
-    assert "there is 'name', 'speed'" in refused({"title": "t", "inner": {"zzz": 1}})
-
-
-def test_free_tables_take_any_key():
-    data = {"title": "t", "anything": {"whatever": {"deep": 1}}}
-    assert convert(data, Outer, "f", EstimatorError).anything == {"whatever": {"deep": 1}}
-
-
 def test_wrong_type_names_the_place():
     speed = refused({"title": "t", "inner": {"speed": "fast"}})
     assert speed.endswith("[inner] speed: expected a number, found text")

@@ -1,4 +1,3 @@
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -6,9 +5,9 @@ import pytest
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
-from conftest import make_log, sample_log
+from conftest import make_log
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.recovery import RecordWalk
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import write_log
@@ -151,29 +150,3 @@ def test_a_cut_file_inside_a_ros2_folder(robot: Robot, made: Log, tmp_path: Path
     assert "bag.mcap" in log.notes[0]
     (folder / "metadata.yaml").unlink()
     assert len(read_log(folder, robot).tracks.stamps) == len(log.tracks.stamps)
-
-
-def test_zeros_at_the_end_are_no_records(bags, robot: Robot, tmp_path: Path) -> None:
-    data = bags["mcap"].read_bytes()
-    file = tmp_path / "zeros.mcap"
-    file.write_bytes(data[: len(data) // 2] + bytes(10_000))
-    log = read_log(file, robot)
-    assert len(log.tracks.stamps) > 1000
-
-
-def test_a_sample_log_that_is_cut(data_dir: Path, tmp_path: Path) -> None:
-    name, robot = "marmotte_part1", load_robot("marmotte")
-    source = sample_log(data_dir, name)
-    whole = read_log(source, robot)
-    shutil.copytree(source, tmp_path / name, copy_function=shutil.copyfile)
-    (tmp_path / name).chmod(0o755)
-    file = tmp_path / name / f"{name}.mcap"
-    data = file.read_bytes()
-    for share in (0.3, 0.9):
-        file.write_bytes(data[: int(len(data) * share)])
-        log = read_log(tmp_path / name, robot)
-        count = len(log.tracks.stamps)
-        assert share - 0.15 < count / len(whole.tracks.stamps) <= share + 0.1
-        np.testing.assert_array_equal(log.tracks.stamps, whole.tracks.stamps[:count])
-        np.testing.assert_array_equal(log.tracks.speeds, whole.tracks.speeds[:count])
-        assert "cut short" in log.notes[0]

@@ -1,7 +1,5 @@
 """The paper's numbers from friction: rows, readings, Table II, and the contradiction."""
 
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
@@ -15,7 +13,7 @@ from icreckon.simulation.paper.contact import (
     make_contact,
 )
 from icreckon.simulation.paper.published import PUBLISHED, published_parameters
-from icreckon.simulation.paper.readings import Reading, read_errors, read_means, read_parameters
+from icreckon.simulation.paper.readings import Reading, read_means, read_parameters
 from icreckon.simulation.paper.reproduction import (
     Reproduction,
     check_intercepts,
@@ -90,13 +88,6 @@ def test_least_absolute_deviations_are_no_more_than_any_other_fit_leaves(plain):
     assert left("absolute") < min(left("plain"), left("velocity"))
 
 
-def test_straight_motions_only_dilute_table_2(plain: Reproduction) -> None:
-    mapped = plain.mapped
-    without = read_errors(mapped, plain.parameters, plain.icrs, Reading(straight=False))
-    for less, more in zip(plain.errors.constant, without.constant, strict=True):
-        assert more == pytest.approx(less * np.sqrt(441 / 420), rel=1e-5)
-
-
 def test_table_2_with_the_published_parameters(plain: Reproduction) -> None:
     errors = table_2_with_published_parameters(plain.mapped, Reading())
     assert list(errors) == ["measured", "literal", "smooth"]
@@ -131,14 +122,6 @@ def test_least_squares_ties_means_to_fits(plain: Reproduction) -> None:
     mean = float((mapped.magnitude * signs)[at].mean())
     epsilon = 0.5 * (plain.icrs.x_ICRl + plain.icrs.x_ICRr)
     assert epsilon == pytest.approx(fitted.epsilon0 + fitted.epsilon1 * mean, rel=1e-9)
-
-
-def test_a_misspelt_key_of_a_contact_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "contact.toml"
-    text = BEST_FILE.read_text(encoding="utf-8").replace("friction =", "fricton =")
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(SimulationError, match="did you mean 'friction'"):
-        load_paper_contact(path)
 
 
 def test_the_file_that_ships_says_how_it_was_found() -> None:

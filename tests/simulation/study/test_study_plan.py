@@ -222,14 +222,6 @@ def test_a_study_that_is_not_there_is_refused_with_the_nearest():
         load_study("nowhere.toml")
 
 
-def test_engines_are_chosen_by_name():
-    plan = expanded()
-    assert choose_engine(plan).name == choose_engine(plan, "auto").name
-    assert choose_engine(plan, "streaming").name == "streaming"
-    with pytest.raises(SimulationError, match="did you mean 'streaming'"):
-        choose_engine(plan, "steaming")
-
-
 def test_the_first_runs_are_those_of_simulate_and_later_ones_share_their_motion():
     study = Study(name="a", scenario=SHORT, seed=5, runs=6, truths=2, variants=("differential",))
     cell = expand(study).cells[0]
@@ -264,18 +256,6 @@ def test_shipped_studies_load_and_their_first_block_runs(name):
         assert values.shape == (1, len(names))
         known = dict(zip(names, np.isfinite(values[0]).tolist(), strict=True))
         assert [key for key, is_known in known.items() if not is_known] == ["yaw_drift_deg_per_m"]
-
-
-def test_there_are_the_studies_that_were_promised():
-    promised = [
-        "driving-style",
-        "imu-grades",
-        "mis-calibration",
-        "outage-length",
-        "slopes",
-        "ten-thousand",
-    ]
-    assert study_names() == promised
 
 
 def test_the_study_file_in_the_docs_loads_and_shows_every_key(tmp_path):
