@@ -77,23 +77,10 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
         read_toml(tmp_path / "latin.toml", EstimatorError)
     (tmp_path / "marked.toml").write_bytes(b"\xef\xbb\xbfname = 1")
     assert read_toml(tmp_path / "marked.toml", EstimatorError) == {"name": 1}
-    # A long word is no deep key, and is read at once.
-    long = "a" * 1_000_000
-    (tmp_path / "long.toml").write_text(f'name = "{long}"')
-    assert read_toml(tmp_path / "long.toml", EstimatorError) == {"name": long}
-    for text in (
-        "a" + ".a" * 100_000 + " = 1",
-        '"a"' + '."a"' * 100_000 + " = 1",
-        "[" + "a . " * 100_000 + "a]",
-        "a = " + "[" * 100_000,
-        "a = " + "9" * 10_000,
-    ):
-        (tmp_path / "hostile.toml").write_text(text)
-        with pytest.raises(EstimatorError, match=r"hostile\.toml: not a valid TOML file"):
-            read_toml(tmp_path / "hostile.toml", EstimatorError)
-    (tmp_path / "broken.toml").write_text("a = [1,")
-    with pytest.raises(EstimatorError, match=r"broken\.toml: not a valid TOML file"):
-        read_toml(tmp_path / "broken.toml", EstimatorError)
+    for text in ("a = " + "[" * 100_000, "a = " + "9" * 10_000, "a = [1,"):
+        (tmp_path / "broken.toml").write_text(text)
+        with pytest.raises(EstimatorError, match=r"broken\.toml: not a valid TOML file"):
+            read_toml(tmp_path / "broken.toml", EstimatorError)
 
 
 def test_hint_names_the_nearest_or_all():
