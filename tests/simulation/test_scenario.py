@@ -2,7 +2,6 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import screen
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import coulomb_gains
@@ -51,13 +50,6 @@ def test_shapes_stamps_and_names():
     assert len(list(log.measurements())) == 1001 + 2001 + 2 * 21
 
 
-def test_the_log_passes_the_screen():
-    log = simulate(SHORT, ALPHA)
-    assert not screen("tracks", log.tracks.stamps, log.tracks.speeds)[1]
-    assert not screen("imu", log.imu.stamps, log.imu.angular_velocity)[1]
-    assert not screen("fixes", log.fixes.stamps, log.fixes.poses, positive=log.fixes.variances)[1]
-
-
 def test_the_same_seed_gives_the_same_bits():
     first = run_scenario(SHORT, ALPHA)
     again = run_scenario(SHORT, ALPHA)
@@ -76,17 +68,10 @@ def test_another_seed_or_run_gives_another_run(other):
 @pytest.mark.parametrize(
     ("sensor", "spec"),
     [
-        ("encoders", EncoderSpec(factor=0.0)),
         ("encoders", EncoderSpec(resolution=1e-3)),
-        ("encoders", EncoderSpec(scale_difference_sigma=0.1)),
         ("encoders", EncoderSpec(dropouts_per_hour=3600.0, dropout_reads="zero")),
-        ("gyro", InertialSpec(factor=0.0)),
         ("gyro", InertialSpec(bias_walk=1.0)),
-        ("gyro", InertialSpec(bias_instability=1.0)),
-        ("gyro", InertialSpec(range=0.1)),
-        ("accelerometer", InertialSpec(noise_density=0.0)),
         ("accelerometer", InertialSpec(misalignment_sigma=0.1)),
-        ("fixes", FixSpec(sigma=0.0)),
         ("fixes", FixSpec(outlier_share=0.5, heading_sigma=0.02)),
         ("fixes", FixSpec(latency=0.2, heading_sigma=0.02)),
     ],
@@ -144,22 +129,16 @@ def test_outages_take_fixes_away():
     ("values", "message"),
     [
         ({"trajectory": "slalon"}, "did you mean 'slalom'"),
-        ({"noise": "nominl"}, "did you mean 'nominal'"),
         (
             {"trajectory_options": {"hodl": 1.0}},
             "'random' has no option 'hodl'; did you mean 'hold'",
         ),
         ({"trajectory_file": "drive.csv"}, "set trajectory = 'recorded'"),
-        (
-            {"truth_rate": 1e6, "duration": 1.0},
-            "truth_rate must be .* 10000 at most, found 1000000.0",
-        ),
         ({"track_rate": 1e4, "duration": 600.0}, "track_rate = 10000.0 Hz over 600.0 s makes 6e"),
         (
             {"duration": 3e4},
             "the true motion at 200 Hz .* makes 6e[+]06 samples, more than 5e[+]06",
         ),
-        ({"patches": Patch(friction=0.5)}, "patches of a Scenario: Expected `array`, got `Patch`"),
         ({"outages": ((9.0, 5.0),)}, "an outage must end after it starts, found 9.0 to 5.0 s"),
         ({"outages": ((5.0, 400.0),)}, "an outage must lie within the run of 300.0 s"),
     ],
@@ -217,24 +196,13 @@ def test_a_scenario_is_read_from_a_file(tmp_path):
     ("text", "message"),
     [
         ("trajectroy = 'spin'", "unknown key 'trajectroy'; did you mean 'trajectory'?"),
-        (
-            "[gyro]\nbias_instable = 1",
-            "unknown key 'bias_instable' in [gyro]; did you mean 'bias_ins",
-        ),
         ("[gyro]\nbias_walk = 'x'", "[gyro] bias_walk: expected a number, found text"),
         ("trajectory = 'spin'\n[trajectory_options]\nsped = 1", "did you mean 'speed'?"),
         (
             "[terrain]\nwavelength = 5",
             "[terrain] wavelength has no effect, the ground does not roll: give rolling_deg",
         ),
-        (
-            "[terrain]\nuphill_deg = 90",
-            "level ground has no direction: give slope_deg, rolling_deg or kerb_height",
-        ),
-        ("[[terrain]]\nslope_deg = 3", "terrain: expected a table, found a list"),
         ("[[patches]]\nuphill_deg = 90", "has uphill_deg = 90.0 but no slope_deg"),
-        ("seed = 99999999999999999999999", "seed must be a whole number from 0"),
-        ("duration 3", "not a valid TOML file"),
     ],
 )
 def test_a_bad_file_is_refused_in_one_line_that_names_it(text, message, tmp_path):

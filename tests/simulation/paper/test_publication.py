@@ -10,7 +10,6 @@ from icreckon.simulation.paper.published import (
     PUBLISHED,
     READ_OFF,
     published,
-    published_errors,
     published_mean_icrs,
     published_parameters,
 )
@@ -34,27 +33,6 @@ def test_they_are_those_of_the_robot_file() -> None:
     vehicle = robot.vehicle
     table_1 = (vehicle.track_gauge, vehicle.mass, x_CM, y_CM)
     assert tuple(AURIGA_ALPHA)[:4] == pytest.approx(table_1)
-
-
-def test_table_2() -> None:
-    assert published_errors("inertia") == (0.0044424, 0.0383464, 0.0637394)
-    assert published_errors("constant") == (0.015962, 0.0821718, 0.143285)
-
-
-@pytest.mark.parametrize(
-    ("name", "decimals"),
-    [
-        ("mean_x_ICRl", 3),
-        ("mean_x_ICRr", 3),
-        ("mean_y_ICR", 4),
-        ("H", 5),
-        ("zeta1", 7),
-        ("eta2", 5),
-        ("rmse_inertia_w", 7),
-    ],
-)
-def test_published_digits(name: str, decimals: int) -> None:
-    assert published(name).decimals == decimals
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,6 @@ import pytest
 
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.paper.contact import (
-    BEST_FILE,
     ContactParameters,
     PaperContact,
     load_paper_contact,
@@ -112,20 +111,6 @@ def test_published_means_and_fits_contradict_each_other(plain: Reproduction) -> 
     assert check.of_map > 10.0
     assert check.mean_eta == pytest.approx(2.5905, abs=1e-4)
     assert check.mean_eta_by_fit > check.mean_eta + 0.1
-
-
-def test_least_squares_ties_means_to_fits(plain: Reproduction) -> None:
-    """The identity that the contradiction rests on, on motions where everything is known."""
-    mapped, fitted = plain.mapped, plain.parameters
-    at, motion = mapped.turning, mapped.motion
-    signs = np.sign(motion.V_l - motion.V_r) * np.sign(motion.V_l + fitted.H * motion.V_r)
-    mean = float((mapped.magnitude * signs)[at].mean())
-    epsilon = 0.5 * (plain.icrs.x_ICRl + plain.icrs.x_ICRr)
-    assert epsilon == pytest.approx(fitted.epsilon0 + fitted.epsilon1 * mean, rel=1e-9)
-
-
-def test_the_file_that_ships_says_how_it_was_found() -> None:
-    assert "python examples/paper/identify.py --seed 0" in BEST_FILE.read_text(encoding="utf-8")
 
 
 def test_contacts_are_what_their_parameters_say() -> None:

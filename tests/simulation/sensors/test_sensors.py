@@ -341,29 +341,6 @@ def test_a_sensor_saturates_at_its_range_in_its_own_axes():
     assert forces.linear_acceleration[:, 2] == pytest.approx(-5.0)
 
 
-def test_a_longer_run_begins_as_the_shorter():
-    for duration in (30.0, 60.0):
-        times = sample_times(duration, 50.0)
-        errors = EncoderErrors(
-            speed_noise_density=1e-3,
-            scale_sigma=0.01,
-            scale_difference_sigma=0.01,
-            resolution=1e-3,
-            dropouts_per_hour=600.0,
-            dropout_reads="zero",
-        )
-        tracks = read_tracks(DRIVEN, times, 50.0, errors, rng(7)).speeds
-        industrial = gyro_errors(ALPHA, InertialSpec(), noise_preset("industrial"))
-        gyro = imu(DRIVEN, ALPHA, duration, 50.0, gyro=industrial).series.angular_velocity
-        fixing = FixErrors(outlier_share=0.3, latency=0.1)
-        fixes = read_fixes(DRIVEN, sample_times(duration, 1.0), fixing, (), rng(8)).poses[:, :2]
-        if duration == 30.0:
-            shorter = tracks, gyro, fixes
-    for short, long in zip(shorter, (tracks, gyro, fixes), strict=True):
-        # An average over the last interval of a motion is another one where the motion goes on.
-        assert np.allclose(short, long[: len(short)], atol=1e-9)
-
-
 # Fixes that are late or wrong.
 
 

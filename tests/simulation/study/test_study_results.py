@@ -242,11 +242,9 @@ def test_the_headline_compares_along_the_axis_and_marks_what_is_not_clear(result
     assert "no clear difference" not in headline(changed)
 
 
-def test_figures_are_png_and_the_same_each_time(results, figures):
-    first, again = figures, study_figures(results)
-    assert [figure.png for figure in first] == [figure.png for figure in again]
-    assert all(figure.png.startswith(b"\x89PNG") for figure in first)
-    assert [figure.name for figure in first] == [
+def test_figures_are_png(figures):
+    assert all(figure.png.startswith(b"\x89PNG") for figure in figures)
+    assert [figure.name for figure in figures] == [
         "drift-gyro-factor",
         "final-error-gyro-factor",
         "ratio-gyro-factor",
@@ -263,12 +261,10 @@ def test_figures_are_png_and_the_same_each_time(results, figures):
     [
         ({"sweep": None}, False),
         ({"sweep": None, "runs": 1}, True),
-        ({"variants": ("differential",)}, True),
         ({"sweep": Sweep(latin=LatinHypercube(points=30, ranges={"fix_rate": [1.0, 2.0]}))}, True),
-        ({"sweep": Sweep(cases={"a": {"x": {}, "y": {"fix_rate": 2.0}}})}, False),
         ({"sweep": Sweep(grid={"fix_rate": [float(n) for n in range(1, 30)]})}, True),
     ],
-    ids=["one cell", "one run", "one variant", "latin", "cases", "many cells"],
+    ids=["one cell", "one run", "latin", "many cells"],
 )
 def test_every_shape_of_study_has_tables_figures_and_a_page(changes, known, monkeypatch):
     if known:

@@ -206,14 +206,6 @@ def test_the_truth_stands_still_at_first_and_then_drives():
     assert np.abs(ahead).max() < 0.3
 
 
-def test_the_truth_depends_on_its_spread_and_seed_only():
-    a, b, other = (run(FrictionTruth(), seed=seed) for seed in (3, 3, 4))
-    np.testing.assert_array_equal(a.poses, b.poses)
-    assert np.abs(a.poses[-1] - other.poses[-1]).max() > 0.1
-    exact = run(FrictionTruth(spread=0.0))
-    assert np.abs(a.poses[-1] - exact.poses[-1]).max() > 0.01
-
-
 def test_a_slope_shows_in_the_gravity_of_the_motion():
     truth = FrictionTruth(spread=0.0, patches=(Patch(slope_deg=5.0, uphill_deg=90.0),))
     motion = run(truth)
@@ -243,13 +235,8 @@ def test_a_drawn_contact_differs_from_the_file_by_its_spread():
     ("make", "message"),
     [
         (lambda: Patch(x=(1.0, 0.0)), "x of a patch must rise"),
-        (lambda: Patch(time=(2.0, 2.0)), "time of a patch must rise"),
         (lambda: Patch(slope_deg=70.0), "slope_deg of a patch must be between 0 and 60"),
-        (lambda: Patch(uphill_deg=90.0), "has uphill_deg = 90.0 but no slope_deg"),
         (lambda: Patch(x=(1.0, 3.0)), "a patch changes nothing; give it friction, rolling"),
-        (lambda: Patch(x=(0, 1, 2)), "x of a Patch: Expected `array` of length 2"),
-        (lambda: Patch(friction="ice"), "friction of a Patch: Expected `float | null`, got `str`"),
-        (lambda: Payload(time=(0.0, 1.0), mass=None), "mass of a Payload: Expected `float`"),
         (lambda: Payload(time=(1.0, 0.0), mass=1.0), "time of a payload must rise"),
         (
             lambda: Payload(time=(0.0, 1.0), mass=1.0, position=(0.0, 0.0, -1.0)),

@@ -127,12 +127,6 @@ def test_true_parameters_spread_about_those_of_the_robot_file():
     assert draw_parameters(ALPHA, 0.0, rng).as_array() == pytest.approx(own)
 
 
-def test_true_eta0_stays_at_or_above_one():
-    robot = with_indices(eta0=1.0)
-    rng = np.random.default_rng(3)
-    assert min(draw_parameters(robot, 0.5, rng).eta0 for _ in range(50)) == 1.0
-
-
 def test_mean_track_speeds_add_up_to_the_distance():
     command = make_trajectory("aggressive", 30.0, ALPHA, np.random.default_rng(0))
     motion = run(KinematicTruth(), command, 30.0)
