@@ -56,10 +56,6 @@ def test_yaw_comes_back_from_its_quaternion(yaw):
     assert quaternion_to_yaw(yaw_to_quaternion(yaw)) == pytest.approx(yaw, abs=1e-14)
 
 
-def test_quaternion_of_a_quarter_turn_is_in_ros_order():
-    assert yaw_to_quaternion(np.pi / 2) == pytest.approx([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
-
-
 def test_yaw_of_tilted_quaternions_is_the_yaw_of_roll_pitch_yaw():
     rng = np.random.default_rng(2)
     rpy = rng.uniform([-3.0, -1.5, -3.1], [3.0, 1.5, 3.1], (200, 3))

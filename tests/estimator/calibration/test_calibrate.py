@@ -90,14 +90,6 @@ def test_the_model_that_is_true_is_supported(found: Calibration) -> None:
     )
 
 
-def test_H_is_never_shown(found: Calibration) -> None:
-    known = found.parameter("indices.H")
-    assert known.status == "held"
-    assert known.sigma is None
-    assert known.interval is None
-    assert "literal" in known.note
-
-
 def test_other_logs_add_what_ground_and_day_change(found: Calibration) -> None:
     for one in found.parameters:
         if one.sigma is None:

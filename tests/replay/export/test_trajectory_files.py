@@ -5,7 +5,6 @@ import pytest
 
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.series import PoseSeries
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.export.trajectories import write_tum
 from tum import read_tum
@@ -32,18 +31,6 @@ def test_the_text(tmp_path: Path) -> None:
         "1700000000.000000007 1.500000000 -2.000000000 0.000000000 "
         "0.000000000 0.000000000 0.000000000 1.000000000\n"
     )
-
-
-def test_an_empty_trajectory(tmp_path: Path) -> None:
-    none = PoseSeries(np.empty(0, np.int64), np.empty((0, 3)))
-    assert read_tum(write_tum(tmp_path / "t.tum", none)).poses.shape == (0, 3)
-
-
-def test_no_overwriting_unasked(tmp_path: Path) -> None:
-    path = write_tum(tmp_path / "t.tum", poses())
-    with pytest.raises(ReplayError, match="--overwrite"):
-        write_tum(path, poses(STAMPS[:1]))
-    assert len(read_tum(path).stamps) == len(STAMPS)
 
 
 def _write_and_fail(path: Path, **options: bool) -> None:
