@@ -2,9 +2,7 @@
 
 What a filter believes of its errors can only be tested where all it assumes is true. Here it is: slip
 and fast slip, random walks, parameters, biases, scales and sensors are drawn from the very distributions
-that the filter goes by, around track speeds that are given. Each of the filter's careful terms, which
-allow for what is wrong with real track speeds and no model of slip explains, can be left out of the
-truth to see how careful it is.
+that the filter goes by, around track speeds that are given.
 
 This is no robot: nothing is in it that the filter does not expect. See `simulation.truth.by_name` for
 robots.
@@ -13,8 +11,8 @@ robots.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -25,8 +23,6 @@ from icreckon.estimator.base.frames import compose
 from icreckon.estimator.filter.initial_state import assumptions
 from icreckon.estimator.filter.process_noise import change_density
 from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
     ImuSample,
     Measurement,
     PositionFix,
@@ -52,40 +48,11 @@ from icreckon.simulation.truth.true_motion import exponential
 DRAWS = 100
 
 
-@dataclass(frozen=True)
-class Terms:
-    """Shares of the filter's careful terms that are in the truth: 1 as the filter has it, 0 not at all.
-
-    Attributes:
-        white_slip: white part of the slip of w.
-        lateness: error of gyro and accelerometer's predictions from track speeds that come late.
-        slip_change: change of the slip within a sample of the accelerometers.
-        track_noise: error of the track speeds.
-    """
-
-    white_slip: float = 1.0
-    lateness: float = 1.0
-    slip_change: float = 1.0
-    track_noise: float = 1.0
-
-
-@dataclass(frozen=True)
-class Fixes:
-    """Fixes and body velocities; None for none.
-
-    Attributes:
-        interval: between fixes [s].
-        position_sigma: of each coordinate [m].
-        heading_sigma: [rad].
-        velocity_interval: between body velocities [s].
-        velocity_sigma: of each component [m/s].
-    """
+class Fixes(NamedTuple):
+    """Position fixes: time between them [s], standard deviation of each coordinate [m]."""
 
     interval: float = 1.0
-    position_sigma: float | None = 0.05
-    heading_sigma: float | None = None
-    velocity_interval: float = 1.0
-    velocity_sigma: float | None = None
+    position_sigma: float = 0.05
 
 
 @dataclass(frozen=True)
@@ -116,11 +83,7 @@ class ModelSampler:
         robot: the robot.
         variant: the filter variant.
         settings: of the pose estimator.
-        fixes: fixes and body velocities.
-        terms: which of the careful terms are true.
-        start_sigma: standard deviations of the pose at the start [m, m, rad].
-        share: of the initial standard deviations of parameters, biases and scales that the truth is
-            drawn with [-].
+        fixes: position fixes.
     """
 
     def __init__(
@@ -129,17 +92,13 @@ class ModelSampler:
         variant: Variant,
         settings: Settings,
         fixes: Fixes | None = None,
-        terms: Terms | None = None,
-        start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0),
-        share: float = 1.0,
     ) -> None:
         self._robot, self._variant = robot, variant
         self._inputs = input_settings(robot, settings)
-        self._fixes, self._terms = fixes or Fixes(), terms or Terms()
-        model, self._mean, sigmas, self._disturbances = assumptions(robot, variant, settings)
+        self._fixes = fixes or Fixes()
+        model, self._mean, self._spread, self._disturbances = assumptions(robot, variant, settings)
         self._slip = self._disturbances.slip
-        self._spread = share * sigmas
-        self._spread[s.POSE] = start_sigma
+        self._spread[s.POSE] = 0.0
         self._ekf = IcrEkf(model)
         self._imu_constants = SensorModels(robot).constants
 
@@ -184,7 +143,10 @@ class ModelSampler:
             smooth = tracks.smooth_left, tracks.smooth_right
             walk = process_noise(self._disturbances, smooth, sigma).walk
             x = self._stepped(begin, left, right, sigma, walk, dt, rng)
-            measurements += self._after(x, stamp, left, right, k, dt, rng)
+            if k % max(1, round(self._fixes.interval / dt)) == 0:
+                fix_sigma = self._fixes.position_sigma
+                place = x[s.POSITION] + fix_sigma * rng.standard_normal(2)
+                measurements.append(PositionFix(stamp, *place.tolist(), fix_sigma**2))
             begins[k], states[k] = begin, x
             twists[k] = self._twist(x, left, right)
         return SampledRun(stamps, speeds, states, begins, twists, measurements)
@@ -208,8 +170,8 @@ class ModelSampler:
     ) -> Floats:
         self._ekf.x = x
         by_speeds = self._ekf.twist_model(left, right).by_speeds
-        error = self._terms.track_noise * self._robot.tracks.speed_noise_density
-        white = self._terms.white_slip * math.sqrt(2.0 * self._slip.white_time) * sigma_w
+        error = self._robot.tracks.speed_noise_density
+        white = math.sqrt(2.0 * self._slip.white_time) * sigma_w
         drawn = rng.standard_normal(3) / math.sqrt(dt)
         fast = error * by_speeds @ drawn[:2]
         fast[2] += white * drawn[2]
@@ -254,44 +216,18 @@ class ModelSampler:
         self._ekf.x = x
         model = self._ekf.twist_model(tracks.left, tracks.right)
         density = self._robot.tracks.speed_noise_density
-        late = self._terms.lateness
         change = track_change(step_inputs(tracks, StandstillRecord(), begun, begun, self._inputs))
         change = change._replace(speed_variance=density**2 / dt)
-        calm = change._replace(speed_variance=0.0)._replace(acceleration=(0.0, 0.0))
-        noise = noise_of_file(self._inputs)
-        at = StepTwist(model, x, dt, change, noise)
-        calmly = StepTwist(model, x, dt, calm, noise)
+        at = StepTwist(model, x, dt, change, noise_of_file(self._inputs))
         z, _, R = gyro(0.0, at)
-        least = gyro(0.0, calmly).R.item()
-        rate = -z.item() + rng.standard_normal() * math.sqrt(least + late * (R.item() - least))
+        rate = -z.item() + rng.standard_normal() * math.sqrt(R.item())
         along = []
         imu = self._imu_constants
         for axis in range(2):
             density = change_density(sigma[axis], self._disturbances.slip.time_constant)
             force = accelerometer(imu, axis, 0.0, at, x, density)
-            least = accelerometer(imu, axis, 0.0, calmly, x, 0.0).R.item()
-            slipped = density / dt
-            variance = least + self._terms.slip_change * slipped
-            variance += late * (force.R.item() - least - slipped)
-            along.append(-force.z.item() + rng.standard_normal() * math.sqrt(variance))
+            along.append(-force.z.item() + rng.standard_normal() * math.sqrt(force.R.item()))
         rotation, scale = self._robot.imu_rotation, self._robot.imu.gyro_scale
         rates = (np.array([0.0, 0.0, scale * rate]) @ rotation).tolist()
         forces = (np.array([*along, 0.0]) @ rotation).tolist()
         return ImuSample(stamp, (rates[0], rates[1], rates[2]), (forces[0], forces[1], forces[2]))
-
-    def _after(
-        self, x: Floats, stamp: int, left: float, right: float, k: int, dt: float, rng: Generator
-    ) -> Iterator[Measurement]:
-        fixes = self._fixes
-        if k % max(1, round(fixes.interval / dt)) == 0:
-            if fixes.position_sigma is not None:
-                x_y = x[s.POSITION] + fixes.position_sigma * rng.standard_normal(2)
-                yield PositionFix(stamp, float(x_y[0]), float(x_y[1]), fixes.position_sigma**2)
-            if fixes.heading_sigma is not None:
-                yaw = x[s.YAW] + fixes.heading_sigma * rng.standard_normal()
-                yield HeadingFix(stamp, float(yaw), fixes.heading_sigma**2)
-        sigma = fixes.velocity_sigma
-        if sigma is not None and k % max(1, round(fixes.velocity_interval / dt)) == 0:
-            twist = self._twist(x, left, right)
-            v_x, v_y = (twist[:2] + sigma * rng.standard_normal(2)).tolist()
-            yield BodyVelocity(stamp, v_x, v_y, sigma**2)

@@ -1,4 +1,4 @@
-"""Calibrations of the sample logs, one by one and together: two tables in Markdown.
+"""Calibrations of the sample logs, one by one and together, as a table in Markdown.
 
     python benchmarks/calibrated_logs.py DATA
 
@@ -30,33 +30,20 @@ LOGS = {
 
 
 def found_row(name: str, found: Calibration) -> list[str]:
-    """Radii, track, lags and the truth's point."""
+    """Radii, track and gain."""
 
     def told(parameter: str, digits: int) -> str:
         one = found.parameter(parameter)
         sigma = "" if one.sigma is None else f" ± {one.sigma:.{digits}f}"
         return f"{one.value:.{digits}f}{sigma}"
 
-    lags = [log.lag[0] for log in found.logs if log.lag is not None]
-    low, high = min(lags), max(lags)
     return [
         name,
         told("sprocket_radius", 4),
         told("tracks.difference", 4),
         told("effective_track", 3),
-        f"{low:.2f}" if high - low < 0.005 else f"{low:.2f} to {high:.2f}",
-        f"{told('truth.forward', 3)}, {told('truth.left', 3)}",
-        f"{told('indices.zeta1', 5)}",
+        told("indices.zeta1", 5),
     ]
-
-
-def model_row(name: str, found: Calibration) -> list[str]:
-    """Held-out drift of each model, and how the others differ from the one that is supported."""
-    comparison = found.comparison
-    scores = [
-        f"{one.drift_percent:.1f} ({one.drift_with_gyro_percent:.2f})" for one in comparison.scores
-    ]
-    return [name, *scores, found.verdict.split(".")[0].removeprefix("The data support ")]
 
 
 def main() -> None:
@@ -68,13 +55,8 @@ def main() -> None:
     for name, (robot_name, logs) in LOGS.items():
         robot = as_made(robot_name)
         every[name] = calibrate([read_log(data / log, robot) for log in logs], robot)
-    head = ["log", "effective radius, m", "right less left", "effective track, m", "truth late, s"]
-    rows = [found_row(name, found) for name, found in every.items()]
-    table([*head, "its point forward, left, m", "zeta1, m/N"], rows)
-    print()
-    models = [f"`{one.model}`" for one in next(iter(every.values())).comparison.scores]
-    rows = [model_row(name, found) for name, found in every.items()]
-    table(["held-out drift, %", *models, "the data support"], rows)
+    head = ["log", "effective radius, m", "right less left", "effective track, m", "zeta1, m/N"]
+    table(head, [found_row(name, found) for name, found in every.items()])
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import IO, Any
 
 if sys.platform != "win32":
     import fcntl
@@ -25,7 +24,8 @@ def owned(mark: Path) -> Iterator[None]:
         return
     unheld = mark.with_name(f"{mark.name}-")
     with unheld.open("wb") as file:
-        hold(file)
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         unheld.rename(mark)
         yield
 
@@ -43,13 +43,6 @@ def alone_in(folder: Path) -> Iterator[None]:
         yield
     finally:
         os.close(handle)
-
-
-def hold(file: IO[Any]) -> None:
-    """Lock an open file until it is closed, or the process ends."""
-    if sys.platform != "win32":
-        with suppress(OSError):
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def is_held(path: Path) -> bool | None:

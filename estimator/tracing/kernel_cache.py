@@ -28,7 +28,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
-from icreckon.estimator.base.atomic_write import remove_abandoned, write_whole
+from icreckon.estimator.base.atomic_write import write_whole
 
 CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size
@@ -67,7 +67,6 @@ class CodeFiles:
         payload: bytes = dumps((key, data))  # type: ignore[no-untyped-call]
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            _tidy_once(self.folder)
             write_whole(self._path(name, key), CHECKSUM(payload).digest() + payload)
         except OSError as error:
             _warn_once(str(cache_folder()), error.strerror or "no room")
@@ -154,12 +153,6 @@ def environment_digest(package: str) -> str:
         for path in sorted(root.rglob("*.py")):
             digest.update(str(path.relative_to(root)).encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()[:DIGITS]
-
-
-@cache
-def _tidy_once(folder: Path) -> None:
-    """Remove what killed processes left in a folder."""
-    remove_abandoned(folder)
 
 
 @cache

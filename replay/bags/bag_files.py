@@ -16,9 +16,9 @@ from typing import Protocol, Self, TypeVar
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 
-from icreckon.replay.bags.readers import Ros1Reader, Ros2Reader, check_count
+from icreckon.replay.bags.readers import Ros2Reader
 from icreckon.replay.bags.records import LATEST, Channel, Record
-from icreckon.replay.bags.recovery import MCAP_MAGIC, NO_DEFINITION, ROS1_MAGIC, RecordWalk
+from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
 from icreckon.replay.bags.unpacking import limit, unpack_file
 from icreckon.replay.base.errors import ReplayError
 
@@ -111,7 +111,7 @@ class _IndexedBag:
         try:
             for file in self.files:
                 ros1 = file.is_file() and _magic(file) == ROS1_MAGIC
-                reader = Ros1Reader(file) if ros1 else Ros2Reader(file)
+                reader = rosbag1.Reader(file) if ros1 else Ros2Reader(file)
                 self._stack.enter_context(reader)
                 self._sources.append((file, reader, list(reader.connections)))
             self._count()
@@ -145,13 +145,11 @@ class _IndexedBag:
                 continue
             channels = {connection.id: _channel(connection) for connection in wanted}
             listed, found = sum(connection.msgcount for connection in wanted), 0
-            size = _size(file)
             try:
                 for connection, time, data in reader.messages(wanted):
                     if not 0 <= time < LATEST:
                         break
                     found += 1
-                    check_count(found, size)
                     yield Record(channels[connection.id], time, data)
             except ReplayError as problem:
                 raise ReplayError(f"{file}: {problem}") from None
@@ -176,12 +174,11 @@ class _RecoveredBag:
                     "`sqlite3 broken.db3 .recover | sqlite3 saved.db3` may save what is left"
                 )
             walk = RecordWalk(file)
-            count, size = 0, _size(file)
+            count = 0
             try:
                 for record in walk.records():
                     self.counts[record.channel] = self.counts.get(record.channel, 0) + 1
                     count += 1
-                    check_count(count, size)
             except OSError as problem:
                 raise ReplayError(f"{file}: cannot be read: {problem.strerror}") from None
             except ReplayError as problem:
@@ -221,12 +218,6 @@ def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
         f"{walk.path.name}: {reason}; the file is cut short or damaged at byte {walk.position} of "
         f"{size}, {count} messages before that were read"
     )
-
-
-def _size(path: Path) -> int:
-    """Size of a bag, a file or the files of a folder [bytes]."""
-    files = [path] if path.is_file() else _storage_files(path)
-    return sum(file.stat().st_size for file in files)
 
 
 def _packed_files(path: Path) -> list[Path]:
@@ -319,16 +310,7 @@ def _channel(connection: Connection) -> Channel:
     encoding = "ros1"
     if isinstance(connection.ext, ConnectionExtRosbag2):
         encoding = connection.ext.serialization_format
-    # SQLite holds values of any type in any column.
-    texts: tuple[object, ...] = (connection.topic, connection.msgtype, encoding)
-    for text in texts:
-        if not isinstance(text, str):
-            raise rosbag2.ReaderError(
-                f"the name or type of a topic is no text but {str(text)[:40]}"
-            )
-    data: object = connection.msgdef.data
-    definition = connection.msgdef if isinstance(data, str) else NO_DEFINITION
-    return Channel(connection.topic, connection.msgtype, definition, encoding)
+    return Channel(connection.topic, connection.msgtype, connection.msgdef, encoding)
 
 
 def _unread_sqlite_journals(files: list[Path]) -> list[str]:

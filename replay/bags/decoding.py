@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,10 +20,6 @@ NANOSECONDS = 1_000_000_000
 Definitions = tuple[tuple[str, str], ...]
 """Definitions of message types that a bag may lack: (name, as `our_msgs/msg/Rate`, definition)."""
 IDL_RULE = "=" * 80 + "\n"
-LONGEST_DEFINITION = 500_000
-"""Most characters of a type's definition."""
-MOST_FIELDS, DEEPEST = 10_000, 50
-"""Most fields of a message, those of the types in it included, and most types within one another."""
 LONGEST_REASON = 200
 """Most characters of an error of rosbags, which may hold a whole definition."""
 
@@ -76,62 +72,19 @@ def _undefined(store: Typestore, msgtype: str) -> str | None:
             return name
         if name not in seen:
             seen.add(name)
-            waiting += [inner for inner, _ in reversed(_parts(store.fielddefs[name][1])) if inner]
+            waiting += reversed(_inner_types(store.fielddefs[name][1]))
     return None
 
 
-def _parts(fields: Any) -> list[tuple[str, int]]:
-    """Message type of each field, "" for numbers and texts, and its count."""
+def _inner_types(fields: Any) -> list[str]:
+    """Names of the message types in some fields, in their order."""
     found = []
     for _, (node, inner) in fields:
-        count = 1
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            fixed = node == Nodetype.ARRAY
-            (node, inner), length = inner
-            if fixed and (node == Nodetype.NAME or inner[0] == "string"):
-                count = length
-        found.append((str(inner) if node == Nodetype.NAME else "", count))
+            node, inner = inner[0]
+        if node == Nodetype.NAME:
+            found.append(str(inner))
     return found
-
-
-def _check_extent(types: Mapping[str, Any]) -> None:
-    """Refuse types that are too large or too deep to be decoded.
-
-    Raises:
-        ValueError: a message has more than `MOST_FIELDS` fields, or more than `DEEPEST` types within one
-            another; a type holds itself.
-    """
-    extents: dict[str, tuple[int, int]] = {}
-
-    def extent(name: str, depth: int) -> tuple[int, int]:
-        """Number of fields, and of types within one another."""
-        if name not in extents:
-            parts = _parts(types[name][1]) if name in types else []
-            inner = [
-                extent(part, depth + 1) if part and depth <= DEEPEST else (1, 0)
-                for part, _ in parts
-            ]
-            fields = sum(count * size for (_, count), (size, _) in zip(parts, inner, strict=True))
-            extents[name] = fields, 1 + max((deep for _, deep in inner), default=0)
-        fields, deepest = extents[name]
-        if max(deepest, depth) > DEEPEST:
-            raise ValueError(f"more than {DEEPEST} types are within one another")
-        if fields > MOST_FIELDS:
-            raise ValueError(f"{name!r} has {fields} fields, at most {MOST_FIELDS} are read")
-        return extents[name]
-
-    for name in types:
-        extent(name, 0)
-
-
-def message_types(channel: Channel) -> Mapping[str, Any]:
-    """Constants and fields of a channel's type and its nested types, as in the bag."""
-    return _typestore(channel.msgtype, channel.definition).fielddefs
-
-
-def standard_types(*, ros1: bool) -> Mapping[str, Any]:
-    """Return the standard message types in the format of `message_types`."""
-    return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE).fielddefs
 
 
 class Header(NamedTuple):
@@ -177,22 +130,16 @@ def _typestore(
         known: dict[str, Any] = {}
         for name, text in definitions:
             known.update(get_types_from_msg(text, name))
-        added = {name: kind for name, kind in known.items() if name not in store.fielddefs}
-        _check_extent({**store.fielddefs, **added})
-        store.register(added)
+        store.register({name: kind for name, kind in known.items() if name not in store.fielddefs})
         return store
-    types = _types(msgtype, definition)
-    _check_extent(types)
     store = get_typestore(Stores.EMPTY)
-    store.register(types)
+    store.register(_types(msgtype, definition))
     return store
 
 
 def _types(msgtype: str, definition: MessageDefinition) -> dict[str, Any]:
     """Parse the definition of a type, with those of the types in it."""
     text = definition.data
-    if len(text) > LONGEST_DEFINITION:
-        raise ValueError(f"it has {len(text)} characters, at most {LONGEST_DEFINITION} are read")
     types: dict[str, Any] = {}
     if definition.format == MessageDefinitionFormat.MSG:
         types.update(get_types_from_msg(text, msgtype))
@@ -220,7 +167,7 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
         name = f"{package}/msg/{file.stem}"
         try:
             text = file.read_text(encoding="utf-8")
-            _check_extent(get_types_from_msg(text, name))
+            get_types_from_msg(text, name)
         except (OSError, UnicodeDecodeError) as problem:
             raise ReplayError(f"{file}: cannot be read: {problem}") from None
         except Exception as problem:

@@ -18,6 +18,10 @@ UNUSED_VARIANCE = 1e6
 ODOM, BASE_LINK, IMU_LINK = "odom", "base_link", "imu_link"
 PLANAR = (0, 1, 5)
 """x, y and yaw among the rows and columns of a 6x6 covariance."""
+PLANAR_BLOCK = np.ix_(PLANAR, PLANAR)
+"""The part of a 6x6 covariance that is that of x, y and yaw."""
+NOT_ESTIMATED = np.diag(np.full(6, UNUSED_VARIANCE))
+"""6x6 covariance of a pose of which nothing is estimated."""
 ICR_MARKERS = ((7, 0.08), (4, 0.015))
 """Marker types and sizes [m] of the ICRs: SPHERE_LIST of both, LINE_STRIP between them."""
 
@@ -27,8 +31,8 @@ TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 
 def planar_covariance(covariance: Floats) -> Floats:
     """Expand a (3, 3) covariance of x, y, yaw to a row-major 6x6 one (36,)."""
-    full = np.diag(np.full(6, UNUSED_VARIANCE))
-    full[np.ix_(PLANAR, PLANAR)] = covariance
+    full = NOT_ESTIMATED.copy()
+    full[PLANAR_BLOCK] = covariance
     return full.ravel()
 
 
@@ -86,12 +90,12 @@ class Messages:
             orientation=self.quaternion(quaternion),
         )
 
-    def pose_with_covariance(self, pose: Any, quaternion: Any, covariance: Floats) -> Any:
-        """geometry_msgs/PoseWithCovariance of a (3, 3) covariance of x, y, yaw."""
+    def pose_with_covariance(self, place: Any, quaternion: Any, covariance: Floats) -> Any:
+        """geometry_msgs/PoseWithCovariance of a row-major covariance (36,)."""
         return self.new(
             "geometry_msgs/msg/PoseWithCovariance",
-            pose=self.pose((pose[0], pose[1], 0.0), quaternion),
-            covariance=planar_covariance(covariance),
+            pose=self.pose(place, quaternion),
+            covariance=covariance,
         )
 
     def twist(self, twist: Any) -> Any:
@@ -101,6 +105,14 @@ class Messages:
             "geometry_msgs/msg/Twist",
             linear=self.vector((v_x, v_y, 0.0)),
             angular=self.vector((0.0, 0.0, w)),
+        )
+
+    def twist_with_covariance(self, twist: Any, covariance: Floats) -> Any:
+        """geometry_msgs/TwistWithCovariance of v_x, v_y, w."""
+        return self.new(
+            "geometry_msgs/msg/TwistWithCovariance",
+            twist=self.twist(twist),
+            covariance=covariance,
         )
 
     def blank(self, msgtype: str, **fields: Any) -> Any:

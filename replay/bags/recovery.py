@@ -17,7 +17,7 @@ from typing import BinaryIO, NamedTuple
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from icreckon.replay.bags.records import LATEST, Channel, Record, ros2_type_name
-from icreckon.replay.bags.unpacking import STREAM_DECOMPRESSORS, inflate
+from icreckon.replay.bags.unpacking import DECOMPRESSORS, unpack_beginning
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
@@ -108,7 +108,7 @@ class RecordWalk:
         compression, position = _text(content, 28)
         (compressed,) = struct.unpack_from("<Q", content, position)
         start = position + 8
-        data = _unpacked(content[start : start + compressed], compression, size)
+        data = _unpacked(content[start : start + compressed], compression)
         if len(data) == size and checksum and crc32(data) != checksum:
             raise BreakError
         records = BytesIO(data)
@@ -166,7 +166,7 @@ class RecordWalk:
                 yield from self._ros1_record(operation, fields, content)
 
     def _ros1_chunk(self, content: bytes, compression: str, size: int) -> Iterator[Record]:
-        data = _unpacked(content, compression, size)
+        data = _unpacked(content, compression)
         records = BytesIO(data)
         while _rest(records):
             fields = _ros1_fields(_sized(records))
@@ -206,13 +206,13 @@ class _Schema(NamedTuple):
     text: str
 
 
-def _unpacked(data: bytes, compression: str, size: int) -> bytes:
-    """Decompress the readable beginning of a chunk that declares a size [bytes]."""
+def _unpacked(data: bytes, compression: str) -> bytes:
+    """Decompress the readable beginning of a chunk."""
     if compression in ("", "none"):
         return data
-    if compression not in STREAM_DECOMPRESSORS:
+    if compression not in DECOMPRESSORS:
         raise BreakError
-    return inflate(data, compression, size)
+    return unpack_beginning(data, compression)
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import re
-from codecs import getincrementaldecoder
 from collections.abc import Callable
-from io import RawIOBase
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -88,11 +86,10 @@ def read_table(path: Path) -> Read:
 
 
 def _read_csv(path: Path) -> Read:
-    from pyarrow import ArrowInvalid, csv, input_stream
+    from pyarrow import ArrowInvalid, BufferReader, csv
 
-    packed = path.name.lower().endswith(PACKED_CSV_SUFFIXES)
-    with input_stream(path, compression="detect") as stream:
-        begin = stream.read(FIRST_BYTES)
+    text = _text_of(path)
+    begin = bytes(text[:FIRST_BYTES])
     if begin.startswith(UTF_16_MARKS):
         raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` mends that")
     lines = [*begin.decode("utf-8", "replace").splitlines(), ""]
@@ -103,36 +100,43 @@ def _read_csv(path: Path) -> Read:
 
     def read(handler: Callable[[Any], str] | None) -> Any:
         options = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=handler)
-        if not packed:
-            return csv.read_csv(path, parse_options=options, convert_options=numbers)
-        with input_stream(path, compression="detect") as stream:
-            limited = _Limited(stream)
-            return csv.read_csv(limited, parse_options=options, convert_options=numbers)
+        return csv.read_csv(BufferReader(text), parse_options=options, convert_options=numbers)
 
     try:
         return Read(read(None), {}, [])
     except ArrowInvalid:
         # A handler of rows that are no UTF-8 writes a traceback.
-        if not _is_utf_8(path, packed=packed):
+        if not _is_utf_8(text):
             raise
     damaged = _DamagedRows()
     table = read(damaged.take)
     return Read(table, {}, damaged.notes(int(table.num_rows)))
 
 
-def _is_utf_8(path: Path, *, packed: bool) -> bool:
-    """Test the bytes of a file; unpacked ones beyond the limit count as none."""
-    from pyarrow import input_stream
+def _text_of(path: Path) -> Any:
+    """Bytes of a CSV file (a pyarrow.Buffer), unpacked up to the limit.
 
-    decoder = getincrementaldecoder("utf-8")()
+    Raises:
+        ReplayError: it unpacks to more than the limit.
+    """
+    from pyarrow import input_stream, memory_map, py_buffer
+
+    if not path.name.lower().endswith(PACKED_CSV_SUFFIXES):
+        return memory_map(str(path)).read_buffer()
+    text = bytearray()
     with input_stream(path, compression="detect") as stream:
-        source = _Limited(stream) if packed else stream
-        try:
-            while data := source.read(FIRST_BYTES):
-                decoder.decode(data)
-            decoder.decode(b"", final=True)
-        except (UnicodeDecodeError, ReplayError):
-            return False
+        while part := stream.read(FIRST_BYTES):
+            text += part
+            if len(text) > limit():
+                raise too_large("the table", limit())
+    return py_buffer(text)
+
+
+def _is_utf_8(text: Any) -> bool:
+    try:
+        str(memoryview(text), "utf-8")
+    except UnicodeDecodeError:
+        return False
     return True
 
 
@@ -176,32 +180,6 @@ def _decimal_point(rows: list[str], delimiter: str) -> str:
     return "," if 2 * marks.count(",") > len(marks) else "."
 
 
-class _Limited(RawIOBase):
-    """Stream of unpacked bytes that ends in an error at the limit."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-        # pyarrow reads in a thread of its own, which has no limit.
-        self._limit = limit()
-        self._read = 0
-
-    def readable(self) -> bool:
-        """Return True."""
-        return True
-
-    def read(self, size: int = -1) -> bytes:
-        """Read some bytes.
-
-        Raises:
-            ReplayError: there are more than the limit.
-        """
-        data: bytes = self._stream.read(size if size >= 0 else None)
-        self._read += len(data)
-        if self._read > self._limit:
-            raise too_large("the table", self._read, self._limit)
-        return data
-
-
 def _read_parquet(path: Path) -> Read:
     from pyarrow import parquet
 
@@ -215,7 +193,7 @@ def _read_parquet(path: Path) -> Read:
     cells = sum(group.num_rows for group in groups) * len(read)
     size = max(sum(group.total_byte_size for group in groups), cells * CELL)
     if size > max(limit(), path.stat().st_size):
-        raise too_large("the table", size)
+        raise too_large("the table", limit())
     with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
         table = file.read(columns=read, use_threads=False)
     others = {field.name: str(field.type) for field in schema if field.name not in read}

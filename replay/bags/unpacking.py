@@ -1,15 +1,16 @@
 """Decompression within limits: a small file cannot fill the memory.
 
-Nothing is unpacked beyond the size that it declares, nor beyond the limit, see `unpacked_limit`.
+Nothing is unpacked beyond the limit, see `unpacked_limit`.
 """
 
 from __future__ import annotations
 
 import bz2
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,9 @@ else:
 GIGABYTE = 10**9
 LARGEST_LIMIT = 1e6
 """Largest limit [GB]."""
-PIECE = 1 << 16
-PART = 1 << 20
-"""Most bytes that are unpacked at once."""
-MOST_FRAMES = 1000
-"""Most frames of a chunk, one after the other; recorders write one."""
-STREAM_DECOMPRESSORS: dict[str, Callable[[], Any]] = {
+PIECE, PART = 1 << 16, 1 << 20
+"""Bytes that are read, and most bytes that are unpacked at once."""
+DECOMPRESSORS: dict[str, Callable[[], Any]] = {
     "zstd": zstd.ZstdDecompressor,
     "lz4": LZ4FrameDecompressor,
     "bz2": bz2.BZ2Decompressor,
@@ -71,78 +69,68 @@ def limit() -> int:
     return _limit.get()
 
 
-def too_large(what: str, size: int, most: int | None = None) -> ReplayError:
+def too_large(what: str, most: int) -> ReplayError:
     """Error of something that unpacks to more than the limit.
 
     Args:
         what: what it is, such as "a part of the bag".
-        size: unpacked size, or the least that it can be [bytes].
-        most: the limit [bytes]; that of this thread by default.
+        most: the limit [bytes].
     """
-    most = limit() if most is None else most
     return ReplayError(
-        f"{what} unpacks to {size / GIGABYTE:.3g} GB, and the limit is {most / GIGABYTE:.3g} GB, "
-        "so that no small file can fill the memory; --unpacked-limit raises it"
+        f"{what} unpacks to more than the limit of {most / GIGABYTE:.3g} GB; --unpacked-limit raises it"
     )
 
 
-def inflate(data: bytes, compression: str, size: int) -> bytes:
-    """Decompress the readable beginning of a chunk.
+def _parts(pieces: Iterable[bytes], compression: str) -> Iterator[bytes]:
+    """Decompress pieces of one or several frames to parts of at most `PART` bytes.
+
+    Raises:
+        EOFError: the last frame is cut short; damage raises the other exceptions of `DAMAGE`.
+    """
+    decompressor, is_whole = DECOMPRESSORS[compression](), True
+    for piece in pieces:
+        rest = piece
+        while rest or not decompressor.needs_input:
+            yield decompressor.decompress(rest, max_length=PART)
+            rest, is_whole = b"", decompressor.eof
+            if is_whole:
+                rest = decompressor.unused_data or b""
+                decompressor = DECOMPRESSORS[compression]()
+    if not is_whole:
+        raise EOFError
+
+
+def _within_limit(data: bytes, compression: str) -> Iterator[bytes]:
+    """Decompress a chunk or a message to parts, up to the limit."""
+    pieces = (data[start : start + PIECE] for start in range(0, len(data), PIECE))
+    size = 0
+    for part in _parts(pieces, compression):
+        size += len(part)
+        if size > limit():
+            raise too_large("a part of the bag", limit())
+        yield part
+
+
+def unpack(data: bytes, compression: str) -> bytes:
+    """Decompress a chunk or a message of a bag.
 
     Args:
-        data: the compressed bytes, possibly cut short.
+        data: the compressed bytes.
         compression: "zstd", "lz4" or "bz2".
-        size: size that the chunk declares [bytes].
-
-    Returns:
-        The decompressed bytes up to the break; one more than `size` if there are more.
 
     Raises:
-        ReplayError: the chunk declares more than the limit, and there is more.
+        ReplayError: it unpacks to more than the limit; damage raises one of `DAMAGE`.
     """
-    most = min(size, limit())
+    return b"".join(_within_limit(data, compression))
+
+
+def unpack_beginning(data: bytes, compression: str) -> bytes:
+    """Decompress a chunk up to its damage; arguments and errors as `unpack`."""
     unpacked = bytearray()
-    at = 0
-    try:
-        for _ in range(MOST_FRAMES):
-            if at == len(data) or len(unpacked) > most:
-                break
-            at = _inflate_frame(data, at, STREAM_DECOMPRESSORS[compression](), most, unpacked)
-    except DAMAGE:
-        pass
-    if most < size and len(unpacked) > most:
-        raise too_large("a part of the bag", size)
+    with suppress(*DAMAGE):
+        for part in _within_limit(data, compression):
+            unpacked += part
     return bytes(unpacked)
-
-
-def _inflate_frame(data: bytes, at: int, decompressor: Any, most: int, unpacked: bytearray) -> int:
-    """Append a frame, to one byte more than `most` in all; return the place behind it."""
-    for start in range(at, len(data), PIECE):
-        piece = data[start : start + PIECE]
-        end = start + len(piece)
-        while len(unpacked) <= most:
-            unpacked += decompressor.decompress(
-                piece, max_length=min(PART, most + 1 - len(unpacked))
-            )
-            piece = b""
-            if decompressor.eof:
-                return end - len(decompressor.unused_data or b"")
-            if decompressor.needs_input:
-                break
-    return len(data)
-
-
-def inflate_message(data: bytes) -> bytes:
-    """Decompress a message of a bag with compressed messages (zstd).
-
-    Raises:
-        ReplayError: it unpacks to more than the limit.
-    """
-    declared = zstd.get_frame_info(data).decompressed_size
-    unpacked = inflate(data, "zstd", limit() if declared is None else declared)
-    if len(unpacked) > limit():
-        raise too_large("a part of the bag", len(unpacked))
-    return unpacked
 
 
 def unpack_file(packed: Path, target: Path, most: int) -> bool:
@@ -160,24 +148,14 @@ def unpack_file(packed: Path, target: Path, most: int) -> bool:
         ReplayError: it unpacks to more than `most`.
         OSError: a file cannot be read or written.
     """
-    decompressor, piece, size = zstd.ZstdDecompressor(), b"", 0
+    size = 0
     with packed.open("rb") as source, target.open("wb") as sink:
-        while True:
-            if decompressor.eof:
-                piece = decompressor.unused_data or source.read(PIECE)
-                if not piece:
-                    return True
-                decompressor = zstd.ZstdDecompressor()
-            elif decompressor.needs_input:
-                piece = source.read(PIECE)
-                if not piece:
-                    return False
-            try:
-                part = decompressor.decompress(piece, max_length=PART)
-            except zstd.ZstdError:
-                return False
-            piece = b""
-            size += len(part)
-            if size > most:
-                raise too_large("the bag", size)
-            sink.write(part)
+        try:
+            for part in _parts(iter(partial(source.read, PIECE), b""), "zstd"):
+                size += len(part)
+                if size > most:
+                    raise too_large("the bag", most)
+                sink.write(part)
+        except (zstd.ZstdError, EOFError):
+            return False
+    return True

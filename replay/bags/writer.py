@@ -22,7 +22,6 @@ from rosbags.interfaces import (
 from rosbags.rosbag2 import StoragePlugin
 
 from icreckon.estimator.base.array_types import Stamps
-from icreckon.replay.bags.bulk_encoding import Packing
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.base.errors import ReplayError
@@ -61,25 +60,20 @@ class Outbox(NamedTuple):
         topic: the topic.
         msgtype: their type.
         stamps: (n,) their stamps [ns].
-        make: function that makes the i-th message, if there is no `packing`.
-        packing: function that makes all at once, if they differ in numbers only.
+        make: function that makes the i-th message.
         latched: whether who subscribes later gets the newest message, too.
     """
 
     topic: str
     msgtype: str
     stamps: Stamps
-    make: Callable[[Messages, int], Any] | None = None
-    packing: Callable[[Messages], Packing] | None = None
+    make: Callable[[Messages, int], Any]
     latched: bool = False
 
     def serialised(self, messages: Messages) -> Iterator[bytes]:
         """Yield the serialised messages in order."""
-        if self.packing is not None:
-            yield from self.packing(messages).serialised(messages)
-        elif self.make is not None:
-            for i in range(len(self.stamps)):
-                yield bytes(messages.serialize(self.make(messages, i), self.msgtype))
+        for i in range(len(self.stamps)):
+            yield bytes(messages.serialize(self.make(messages, i), self.msgtype))
 
 
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:

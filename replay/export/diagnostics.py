@@ -48,28 +48,25 @@ class _Sensor(NamedTuple):
 
 
 def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
-    """Make the diagnostics of all filtered runs, one message per second.
+    """Make the diagnostics of filtered runs, one message per second.
 
     Args:
         runs: the runs by name of the variant.
         hardware: name of the robot.
     """
-    filtered = {name: one for name, one in runs.items() if one.innovation_names}
-    if not filtered:
-        return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, np.zeros(0, np.int64))
-    begin = min(int(one.stamps[0]) for one in filtered.values())
-    end = max(int(one.stamps[-1]) for one in filtered.values())
-    known = np.unique(np.concatenate([one.stamps for one in filtered.values()]))
+    begin = min(int(one.stamps[0]) for one in runs.values())
+    end = max(int(one.stamps[-1]) for one in runs.values())
+    known = np.unique(np.concatenate([one.stamps for one in runs.values()]))
     stamps = np.append(even_grid(begin, end, int(INTERVAL * NANOSECONDS), known), end)
-    sensors = {name: _sensors(one, stamps) for name, one in filtered.items()}
+    sensors = {name: _sensors(one, stamps) for name, one in runs.items()}
     rows = {
         name: np.maximum(np.searchsorted(one.stamps, stamps, side="right") - 1, 0)
-        for name, one in filtered.items()
+        for name, one in runs.items()
     }
 
     def make(messages: Messages, i: int) -> Any:
         statuses = []
-        for name, one in filtered.items():
+        for name, one in runs.items():
             statuses.append(_estimate(name, one, int(rows[name][i])))
             statuses += [_innovation(name, sensor, i) for sensor in sensors[name]]
             if i == len(stamps) - 1:

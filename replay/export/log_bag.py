@@ -27,7 +27,14 @@ from icreckon.replay.bags.message_types import (
     STRING,
     TWIST,
 )
-from icreckon.replay.bags.messages import BASE_LINK, IMU_LINK, ODOM, UNUSED_VARIANCE, Messages
+from icreckon.replay.bags.messages import (
+    BASE_LINK,
+    IMU_LINK,
+    ODOM,
+    UNUSED_VARIANCE,
+    Messages,
+    planar_covariance,
+)
 from icreckon.replay.bags.writer import MARK, Outbox, bag_path, write_bag
 from icreckon.replay.bags.writer import Format as Format
 from icreckon.replay.base.errors import ReplayError
@@ -204,11 +211,14 @@ def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         position_variance = fixes.variances[i, 0]
-        covariance = np.diag([position_variance, position_variance, yaw_variances[i]])
+        variances = [position_variance, position_variance, yaw_variances[i]]
+        place = (*fixes.poses[i, :2], 0.0)
         return messages.new(
             POSE_WITH_COVARIANCE,
             header=messages.header(fixes.stamps[i], ODOM),
-            pose=messages.pose_with_covariance(fixes.poses[i], quaternions[i], covariance),
+            pose=messages.pose_with_covariance(
+                place, quaternions[i], planar_covariance(np.diag(variances))
+            ),
         )
 
     return Outbox(topic, POSE_WITH_COVARIANCE, fixes.stamps, make)

@@ -7,7 +7,6 @@ requested, and `ground_truth/base_link` the truth.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,12 @@ from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.bags.bulk_encoding import Numbers, Packing
 from icreckon.replay.bags.message_types import (
     MARKER,
     MARKERS,
     NAVSATFIX,
     ODOMETRY,
     PATH,
-    POSE,
     TF,
     TRANSFORM,
 )
@@ -33,16 +30,16 @@ from icreckon.replay.bags.messages import (
     BASE_LINK,
     ICR_MARKERS,
     ODOM,
-    PLANAR,
     UNUSED_VARIANCE,
     Messages,
+    planar_covariance,
 )
 from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.export.diagnostics import diagnostics
-from icreckon.replay.export.log_bag import fix_messages
+from icreckon.replay.export.log_bag import fix_messages, pose_messages
 from icreckon.replay.export.sampling import thinned
 from icreckon.replay.export.tables import icr_series
 from icreckon.replay.mapping.geodesy import Origin, degrees
@@ -58,7 +55,7 @@ COVARIANCE_KNOWN = 3
 # Most poses of a path, which is one message.
 PATH_POSES = 1000
 # Variances of z, roll and pitch in a row-major 6x6 covariance.
-SPATIAL = (14, 21, 28)
+SPATIAL = [14, 21, 28]
 
 
 def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Robot) -> Path:
@@ -91,7 +88,7 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
         poses = one.trajectory.pose_series
         outboxes += [
             _odometry(f"/{topic}/odom", one.trajectory, frame),
-            _poses(f"/{topic}/pose", poses, rate=POSE_RATE),
+            pose_messages(f"/{topic}/pose", poses.rows(thinned(poses.stamps, POSE_RATE))),
             _path(f"/{topic}/path", poses),
             _transforms(poses, frame),
             _icrs(f"/{topic}/icrs", one.stamps, one.indices, robot, frame, colour_of(name)),
@@ -103,13 +100,14 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     if log.truth is not None:
         truth = log.truth.poses
         outboxes += [
-            _poses(f"/{TRUTH}/pose", truth),
+            pose_messages(f"/{TRUTH}/pose", truth),
             _path(f"/{TRUTH}/path", truth),
             _transforms(truth, f"{TRUTH}/{BASE_LINK}"),
         ]
     if log.fixes is not None and len(log.fixes.stamps):
         outboxes.append(fix_messages(FIXES_TOPIC, log.fixes))
-    outboxes.append(diagnostics(comparison.runs, robot.name))
+    if filtered := {name: one for name, one in comparison.runs.items() if one.innovation_names}:
+        outboxes.append(diagnostics(filtered, robot.name))
     return write_bag(path, form, [one for one in outboxes if len(one.stamps)])
 
 
@@ -119,104 +117,60 @@ def frame_of(variant: str) -> str:
 
 
 def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
-    """nav_msgs/Odometry from odom to a frame; other axes have a variance of 1e6."""
+    """nav_msgs/Odometry from odom to a frame."""
+    series, sigmas = trajectory.pose_series, trajectory.spatial_sigmas
+    places, quaternions = series.positions, series.quaternions
+    spatial = sigmas.astype(float) ** 2 if sigmas is not None and sigmas.any() else None
 
-    def packing(messages: Messages) -> Packing:
-        nothing = np.diag(np.full(3, UNUSED_VARIANCE))
-        twist = messages.new(
-            "geometry_msgs/msg/TwistWithCovariance",
-            twist=messages.twist((0.0, 0.0, 0.0)),
-            covariance=np.zeros(36),
-        )
-        pattern = messages.new(
+    def make(messages: Messages, i: int) -> Any:
+        covariance = planar_covariance(trajectory.pose_covariances[i])
+        if spatial is not None:
+            covariance[SPATIAL] = spatial[i]
+        return messages.new(
             ODOMETRY,
-            header=messages.header(0, ODOM),
+            header=messages.header(trajectory.stamps[i], ODOM),
             child_frame_id=frame,
-            pose=messages.pose_with_covariance((0.0, 0.0), (0.0, 0.0, 0.0, 1.0), nothing),
-            twist=twist,
+            pose=messages.pose_with_covariance(places[i], quaternions[i], covariance),
+            twist=messages.twist_with_covariance(
+                trajectory.twists[i], planar_covariance(trajectory.twist_covariances[i])
+            ),
         )
-        numbers: dict[str, Numbers] = {
-            "header.stamp": trajectory.stamps,
-            **_pose_numbers("pose.pose", "position", trajectory.pose_series),
-            "pose.covariance": _spatial(trajectory),
-            "twist.twist.linear.x": trajectory.twists[:, 0],
-            "twist.twist.linear.y": trajectory.twists[:, 1],
-            "twist.twist.angular.z": trajectory.twists[:, 2],
-            "twist.covariance": _planar(trajectory.twist_covariances),
-        }
-        return Packing(ODOMETRY, pattern, trajectory.stamps, numbers)
 
-    return Outbox(topic, ODOMETRY, trajectory.stamps, packing=packing)
-
-
-def _poses(topic: str, series: PoseSeries, *, rate: float | None = None) -> Outbox:
-    """geometry_msgs/PoseStamped in odom.
-
-    Args:
-        topic: the topic.
-        series: the poses.
-        rate: highest rate of the messages [Hz]; None for all poses.
-    """
-    if rate is not None:
-        series = series.rows(thinned(series.stamps, rate))
-
-    def packing(messages: Messages) -> Packing:
-        pose = messages.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-        pattern = messages.new(POSE, header=messages.header(0, ODOM), pose=pose)
-        numbers = {
-            "header.stamp": series.stamps,
-            **_pose_numbers("pose", "position", series),
-        }
-        return Packing(POSE, pattern, series.stamps, numbers)
-
-    return Outbox(topic, POSE, series.stamps, packing=packing)
+    return Outbox(topic, ODOMETRY, trajectory.stamps, make)
 
 
 def _transforms(series: PoseSeries, frame: str) -> Outbox:
     """Transforms from odom to a frame, on /tf."""
     series = series.rows(thinned(series.stamps, TF_RATE))
+    places, quaternions = series.positions, series.quaternions
 
-    def packing(messages: Messages) -> Packing:
+    def make(messages: Messages, i: int) -> Any:
         transform = messages.new(
             TRANSFORM,
-            header=messages.header(0, ODOM),
+            header=messages.header(series.stamps[i], ODOM),
             child_frame_id=frame,
             transform=messages.new(
                 "geometry_msgs/msg/Transform",
-                translation=messages.vector((0.0, 0.0, 0.0)),
-                rotation=messages.quaternion((0.0, 0.0, 0.0, 1.0)),
+                translation=messages.vector(places[i]),
+                rotation=messages.quaternion(quaternions[i]),
             ),
         )
-        numbers = {
-            "transforms.0.header.stamp": series.stamps,
-            **_pose_numbers("transforms.0.transform", "translation", series, "rotation"),
-        }
-        return Packing(TF, messages.new(TF, transforms=[transform]), series.stamps, numbers)
+        return messages.new(TF, transforms=[transform])
 
-    return Outbox(TF_TOPIC, TF, series.stamps, packing=packing)
+    return Outbox(TF_TOPIC, TF, series.stamps, make)
 
 
 def _path(topic: str, series: PoseSeries) -> Outbox:
     """Whole path as one message at its start."""
     count = len(series.stamps)
     rows = np.unique(np.linspace(0, count - 1, min(PATH_POSES, count)).astype(int))
-    series = series.rows(rows)
-    stamps, columns = series.stamps, (series.positions, series.quaternions)
+    poses = pose_messages(topic, series.rows(rows))
 
-    def make(messages: Messages, _: int) -> Any:
-        stamped = [
-            messages.new(
-                POSE,
-                header=messages.header(stamp, ODOM),
-                pose=messages.pose(pose, quaternion),
-            )
-            for stamp, pose, quaternion in zip(
-                stamps.tolist(), *(one.tolist() for one in columns), strict=True
-            )
-        ]
-        return messages.new(PATH, header=messages.header(stamps[0], ODOM), poses=stamped)
+    def make(messages: Messages, i: int) -> Any:
+        stamped = [poses.make(messages, k) for k in range(len(rows))]
+        return messages.new(PATH, header=messages.header(poses.stamps[i], ODOM), poses=stamped)
 
-    return Outbox(topic, PATH, stamps[:1], make, latched=True)
+    return Outbox(topic, PATH, poses.stamps[:1], make, latched=True)
 
 
 def _icrs(
@@ -226,75 +180,31 @@ def _icrs(
     rows = thinned(all_stamps, MARKER_RATE)
     stamps = all_stamps[rows]
     icrs = icr_series(indices[rows], robot.vehicle.track_gauge)
-
-    def packing(messages: Messages) -> Packing:
-        markers = [
-            _marker(messages, frame, number, kind, size, colour)
-            for number, (kind, size) in enumerate(ICR_MARKERS)
-        ]
-        numbers: dict[str, Numbers] = {}
-        for number in range(len(markers)):
-            numbers[f"markers.{number}.header.stamp"] = stamps
-            for point, (x, y) in enumerate(
-                ((icrs.left_x, icrs.left_y), (icrs.right_x, icrs.right_y))
-            ):
-                numbers[f"markers.{number}.points.{point}.x"] = x
-                numbers[f"markers.{number}.points.{point}.y"] = y
-        return Packing(MARKERS, messages.new(MARKERS, markers=markers), stamps, numbers)
-
-    return Outbox(topic, MARKERS, stamps, packing=packing)
-
-
-def _marker(
-    messages: Messages, frame: str, number: int, kind: int, size: float, colour: str
-) -> Any:
     red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
-    return messages.blank(
-        MARKER,
-        header=messages.header(0, frame),
-        ns="icrs",
-        id=number,
-        type=kind,
-        pose=messages.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
-        scale=messages.vector((size, size, size)),
-        color=messages.new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
-        frame_locked=True,
-        points=[messages.point((0.0, 0.0, 0.0)) for _ in range(2)],
+    left, right = (
+        np.column_stack([x, y, np.zeros(len(rows))])
+        for x, y in ((icrs.left_x, icrs.left_y), (icrs.right_x, icrs.right_y))
     )
 
+    def make(messages: Messages, i: int) -> Any:
+        markers = [
+            messages.blank(
+                MARKER,
+                header=messages.header(stamps[i], frame),
+                ns="icrs",
+                id=number,
+                type=kind,
+                pose=messages.pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
+                scale=messages.vector((size, size, size)),
+                color=messages.new("std_msgs/msg/ColorRGBA", r=red, g=green, b=blue, a=1.0),
+                frame_locked=True,
+                points=[messages.point(left[i]), messages.point(right[i])],
+            )
+            for number, (kind, size) in enumerate(ICR_MARKERS)
+        ]
+        return messages.new(MARKERS, markers=markers)
 
-def _pose_numbers(
-    path: str, place: str, series: PoseSeries, turn: str = "orientation"
-) -> dict[str, Numbers]:
-    places = {f"{path}.{place}.{x}": of for x, of in zip("xyz", series.positions.T, strict=True)}
-    turns = zip("xyzw", series.quaternions.T, strict=True)
-    return places | {f"{path}.{turn}.{x}": of for x, of in turns}
-
-
-def _planar(covariances: Floats) -> Callable[[slice], Floats]:
-    """Build a getter of a slice of covariances (n, 3, 3) as row-major 6x6 (m, 36)."""
-    rows = np.array(PLANAR)
-
-    def give(part: slice) -> Floats:
-        some = covariances[part]
-        full = np.tile(np.diag(np.full(6, UNUSED_VARIANCE)), (len(some), 1, 1))
-        full[:, rows[:, None], rows] = some
-        return full.reshape(-1, 36)
-
-    return give
-
-
-def _spatial(trajectory: Trajectory) -> Callable[[slice], Floats]:
-    """`_planar` with the variances of z, roll and pitch, if estimated."""
-    planar, sigmas = _planar(trajectory.pose_covariances), trajectory.spatial_sigmas
-
-    def give(part: slice) -> Floats:
-        full = planar(part)
-        if sigmas is not None and sigmas.any():
-            full[:, SPATIAL] = sigmas[part].astype(float) ** 2
-        return full
-
-    return give
+    return Outbox(topic, MARKERS, stamps, make)
 
 
 def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
@@ -309,20 +219,15 @@ def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> O
         altitudes += trajectory.spatial[rows, 0]
         covariances[:, 2, 2] = trajectory.spatial_sigmas[rows, 0] ** 2
 
-    def packing(messages: Messages) -> Packing:
-        pattern = messages.blank(
+    def make(messages: Messages, i: int) -> Any:
+        return messages.blank(
             NAVSATFIX,
-            header=messages.header(0, frame),
-            position_covariance=np.zeros(9),
+            header=messages.header(stamps[i], frame),
+            latitude=latitude[i],
+            longitude=longitude[i],
+            altitude=altitudes[i],
+            position_covariance=covariances[i].ravel(),
             position_covariance_type=COVARIANCE_KNOWN,
         )
-        numbers: dict[str, Numbers] = {
-            "header.stamp": stamps,
-            "latitude": latitude,
-            "longitude": longitude,
-            "altitude": altitudes,
-            "position_covariance": covariances.reshape(-1, 9),
-        }
-        return Packing(NAVSATFIX, pattern, stamps, numbers)
 
-    return Outbox(topic, NAVSATFIX, stamps, packing=packing)
+    return Outbox(topic, NAVSATFIX, stamps, make)

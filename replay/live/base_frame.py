@@ -7,7 +7,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose, matrix_to_rpy, relative, rotate, rpy_to_matrix
 from icreckon.estimator.motion.pose3d import Pose3d, Twist3d
-from icreckon.replay.bags.messages import PLANAR
+from icreckon.replay.bags.messages import PLANAR_BLOCK
 
 CENTRE = (0.0, 0.0, 0.0)
 Pose = tuple[float, float, float]
@@ -97,7 +97,7 @@ class BaseFrame:
         turn, turned = self._turn()[:2, :2], full.copy()
         turned[3:5] = turn @ turned[3:5]
         turned[:, 3:5] = turned[:, 3:5] @ turn.T
-        turned[np.ix_(PLANAR, PLANAR)] = planar
+        turned[PLANAR_BLOCK] = planar
         return turned
 
     def centre(self, pose: Pose) -> Pose:

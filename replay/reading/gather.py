@@ -20,7 +20,6 @@ from icreckon.replay.mapping.field_paths import FieldReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
 from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
-from icreckon.replay.reading.fast_rows import quick_reader
 from icreckon.replay.reading.message_rows import (
     GEODETIC_READERS,
     HEADING_READERS,
@@ -242,9 +241,7 @@ def wanted_streams(
     """
 
     def stream(purpose: str, topic: str, time: Clock, readers: dict[str, RowReader]) -> Stream:
-        return Stream(
-            purpose, topic, source, time, readers, definitions=definitions, quick=quick_reader
-        )
+        return Stream(purpose, topic, source, time, readers, definitions=definitions)
 
     if tracks := mapping.tracks:
         readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)

@@ -19,7 +19,6 @@ from icreckon.replay.reading.stamps import APART, LATE, arrival_in_order, withou
 
 Row = tuple[float, ...]
 RowReader = Callable[[Any], Row | None]
-Quick = Callable[[bytes], tuple[int, Row | None]]
 
 COLUMNS = "columns"
 """Placeholder for the message type of rows from a table."""
@@ -93,7 +92,6 @@ class Stream:
             None for a message that is not of this stream.
         any_reader: reader of messages of all other types; None to refuse them.
         definitions: definitions of message types that the bag may lack.
-        quick: function that returns a fast reader from bytes to stamp and row, or None, for a channel.
         msgtype: the type that was found, "" before the first message.
         from_table: whether the rows come from a table.
         lost: numbers of unusable messages, by reason.
@@ -111,8 +109,6 @@ class Stream:
     from_table: bool = False
     lost: dict[str, int] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    quick: Callable[[Channel, RowReader], Quick | None] | None = None
-    _quick: dict[Channel, Quick] = field(default_factory=dict)
     _decode: dict[Channel, Callable[[bytes], Any]] = field(default_factory=dict)
     _recorded: array[int] = field(default_factory=lambda: array("q"))
     _stamped: array[int] = field(default_factory=lambda: array("q"))
@@ -138,8 +134,6 @@ class Stream:
             ReplayError: the message type is unsupported for this stream, or has no definition.
         """
         decode = self._decode.get(record.channel) or self._decoder(record.channel)
-        if record.channel in self._quick and self._take_quickly(record):
-            return
         try:
             message = decode(record.data)
             self._take(record, message)
@@ -255,11 +249,6 @@ class Stream:
             )
         self._decode[channel] = decoder(channel, self.source, self.definitions)
         self.msgtype = channel.msgtype
-        reader = self.readers.get(channel.msgtype)
-        if self.quick is not None and reader is not None:
-            quick = self.quick(channel, reader)
-            if quick is not None:
-                self._quick[channel] = quick
         return self._decode[channel]
 
     def _take(self, record: Record, message: Any) -> None:
@@ -275,19 +264,6 @@ class Stream:
             self._headless += 1
         else:
             stamp = stamp_of(header)
-        self._put(record.time, stamp, row)
-
-    def _take_quickly(self, record: Record) -> bool:
-        """Read a message by the fast reader; return False if it must be decoded."""
-        try:
-            stamp, row = self._quick[record.channel](record.data)
-        except Exception:
-            return False
-        if row is not None:
-            self._put(record.time, stamp, row)
-        return True
-
-    def _put(self, recorded: int, stamp: int, row: Row) -> None:
-        self._recorded.append(recorded)
+        self._recorded.append(record.time)
         self._stamped.append(stamp)
         self._rows.extend(row)

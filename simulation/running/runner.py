@@ -128,7 +128,6 @@ class Runner:
                 except BrokenExecutor:
                     # All submitted blocks are queued again; the next workplace is new.
                     continue
-        self._store.tidy()
 
     def _work_through(self, workplace: Workplace) -> None:
         futures: dict[Future[Worked], Job] = {}

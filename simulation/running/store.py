@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.atomic_write import remove_abandoned, write_whole
+from icreckon.estimator.base.atomic_write import write_whole
 from icreckon.estimator.base.owned_files import alone_in
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.manifest import as_json, differences
@@ -105,11 +105,6 @@ class BlockStore:
             write_whole(path, content.getvalue())
         except OSError as problem:
             raise SimulationError(f"{path}: cannot be written: {problem.strerror}") from None
-
-    def tidy(self) -> None:
-        """Remove temporary files of interrupted commands, not those being written now."""
-        for folder in (self.folder, self.folder / BLOCKS):
-            remove_abandoned(folder)
 
 
 def open_store(

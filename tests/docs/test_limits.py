@@ -10,7 +10,7 @@ from conftest import REPOSITORY
 from icreckon.cli.common.console import LONGEST_LINE
 from icreckon.estimator.base import checks
 from icreckon.estimator.robot import robot_file, settings
-from icreckon.replay.bags import decoding, readers, table_files, unpacking
+from icreckon.replay.bags import table_files, unpacking
 from icreckon.replay.inspection import topic_survey
 from icreckon.simulation import scenario
 from icreckon.simulation.drives import recorded
@@ -19,12 +19,6 @@ from icreckon.simulation.study import plan
 NUMBER = re.compile(r"\d+(?: \d{3})*(?:\.\d+)?(?:e-?\d+)?")
 ROWS = {
     "unpacked size of a chunk": (unpacking.limit() / unpacking.GIGABYTE, unpacking.LARGEST_LIMIT),
-    "`metadata.yaml`": (readers.LARGEST_METADATA, readers.DEEPEST_METADATA),
-    "definition of a message type": (
-        decoding.LONGEST_DEFINITION,
-        decoding.MOST_FIELDS,
-        decoding.DEEPEST,
-    ),
     "columns of a table": (table_files.MOST_COLUMNS,),
     "messages of a topic": (topic_survey.SAMPLES, topic_survey.SAMPLE_BYTES),
     "characters of a line": (LONGEST_LINE,),

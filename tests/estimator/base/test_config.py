@@ -54,15 +54,6 @@ def test_misspelt_key_is_refused_with_the_nearest_right_one(data, found, table, 
     assert table is None or f"[{table}]" in message
 
 
-def test_key_like_no_other_lists_what_there_is():
-    assert "there is 'name', 'speed'" in refused({"title": "t", "inner": {"zzz": 1}})
-
-
-def test_free_tables_take_any_key():
-    data = {"title": "t", "anything": {"whatever": {"deep": 1}}}
-    assert convert(data, Outer, "f", EstimatorError).anything == {"whatever": {"deep": 1}}
-
-
 def test_wrong_type_names_the_place():
     speed = refused({"title": "t", "inner": {"speed": "fast"}})
     assert speed.endswith("[inner] speed: expected a number, found text")
@@ -86,23 +77,10 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
         read_toml(tmp_path / "latin.toml", EstimatorError)
     (tmp_path / "marked.toml").write_bytes(b"\xef\xbb\xbfname = 1")
     assert read_toml(tmp_path / "marked.toml", EstimatorError) == {"name": 1}
-    # A long word is no deep key, and is read at once.
-    long = "a" * 1_000_000
-    (tmp_path / "long.toml").write_text(f'name = "{long}"')
-    assert read_toml(tmp_path / "long.toml", EstimatorError) == {"name": long}
-    for text in (
-        "a" + ".a" * 100_000 + " = 1",
-        '"a"' + '."a"' * 100_000 + " = 1",
-        "[" + "a . " * 100_000 + "a]",
-        "a = " + "[" * 100_000,
-        "a = " + "9" * 10_000,
-    ):
-        (tmp_path / "hostile.toml").write_text(text)
-        with pytest.raises(EstimatorError, match=r"hostile\.toml: not a valid TOML file"):
-            read_toml(tmp_path / "hostile.toml", EstimatorError)
-    (tmp_path / "broken.toml").write_text("a = [1,")
-    with pytest.raises(EstimatorError, match=r"broken\.toml: not a valid TOML file"):
-        read_toml(tmp_path / "broken.toml", EstimatorError)
+    for text in ("a = " + "[" * 100_000, "a = " + "9" * 10_000, "a = [1,"):
+        (tmp_path / "broken.toml").write_text(text)
+        with pytest.raises(EstimatorError, match=r"broken\.toml: not a valid TOML file"):
+            read_toml(tmp_path / "broken.toml", EstimatorError)
 
 
 def test_hint_names_the_nearest_or_all():

@@ -1,16 +1,13 @@
-"""Files of killed processes are removed; those of running ones, and others', are not."""
+"""Locks of processes end with them; files are replaced whole."""
 
-import os
 import subprocess
 import sys
-import time
 from pathlib import Path
-from uuid import uuid4
 
 import pytest
 
-from icreckon.estimator.base.atomic_write import ABANDONED, remove_abandoned, write_whole
-from icreckon.estimator.base.owned_files import is_held, owned
+from icreckon.estimator.base.atomic_write import write_whole
+from icreckon.estimator.base.owned_files import is_held
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
 
@@ -29,22 +26,6 @@ def test_a_killed_process_holds_nothing(tmp_path: Path) -> None:
         process.wait()
         assert is_held(mark) is False
     assert is_held(tmp_path / "nothing") is None
-
-
-def test_only_what_a_killed_process_left_is_removed(tmp_path: Path) -> None:
-    write_whole(tmp_path / "there", b"1")
-    left, young, busy = (tmp_path / f"there.{uuid4().hex}.tmp" for _ in range(3))
-    foreign = tmp_path / "notes.tmp"
-    for path in (left, young, foreign):
-        path.write_bytes(b"half")
-    with owned(busy):
-        long_ago = time.time() - 2.0 * ABANDONED
-        for path in (left, busy, foreign):
-            os.utime(path, (long_ago, long_ago))
-        remove_abandoned(tmp_path)
-        assert {one.name for one in tmp_path.iterdir()} == {
-            one.name for one in (tmp_path / "there", young, busy, foreign)
-        }
 
 
 def test_a_file_that_is_replaced_keeps_its_mode_and_its_links(tmp_path: Path) -> None:

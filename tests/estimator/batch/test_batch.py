@@ -62,11 +62,6 @@ def test_a_filter_does_not_depend_on_those_beside_it() -> None:
             assert (np.abs(column - columns[0]) / scale).max() < 1e-7
 
 
-def test_other_precisions_are_refused() -> None:
-    with pytest.raises(BatchError, match="bits = 16"):
-        BatchFilter(ROBOT, VARIANTS["constant-online"], Settings(), 16)
-
-
 def test_runs_of_other_stamps_are_refused() -> None:
     log, other = logs_of(BASE, 1)[0], simulate(msgspec.structs.replace(BASE, imu_rate=50.0), ROBOT)
     with pytest.raises(BatchError, match="other stamps"):

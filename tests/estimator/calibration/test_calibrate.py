@@ -12,7 +12,6 @@ from calibration import Case, compared, make_case
 
 from conftest import sample, thorough
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.frames import compose
 from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.common_values import KEPT
 from icreckon.estimator.log.lag import Lag
@@ -80,29 +79,6 @@ def test_the_robot_has_what_was_found(found: Calibration, case: Case) -> None:
     assert msgspec.convert(msgspec.to_builtins(robot), Robot) == robot
 
 
-def with_radii(log: Log, difference: float) -> Log:
-    """The log of a robot whose right sprocket is larger by so much than the file says."""
-    radii = 1.0 + difference * np.array([-0.5, 0.5])
-    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds / radii))
-
-
-@pytest.mark.parametrize("before", [thorough(0.0), 0.03])
-def test_two_radii_are_told_apart_whatever_the_file_says(case: Case, before: float) -> None:
-    """A difference of -5 % on top of the robot's own."""
-    log = with_radii(case.log, -0.05)
-    tracks = msgspec.structs.replace(case.robot.tracks, difference=before)
-    robot = msgspec.structs.replace(case.robot, tracks=tracks)
-    found = calibrate([log], robot, models=("constant",))
-    one = found.parameter("tracks.difference")
-    assert one.status == "shown"
-    assert one.before == before
-    assert 0.0 < one.sigma < 0.01
-    assert abs(one.value - (case.true["tracks.difference"] - 0.05)) < FAR * one.sigma
-    assert found.robot.tracks.difference == one.value
-    assert one.sigma < found.robot.tracks.difference_sigma < 0.03
-    assert found.logs[0].gyro_bias[0] == pytest.approx(case.true["gyro_bias"], abs=1e-3)
-
-
 def test_the_model_that_is_true_is_supported(found: Calibration) -> None:
     comparison = found.comparison
     assert comparison.supported == "inertia"
@@ -112,14 +88,6 @@ def test_the_model_that_is_true_is_supported(found: Calibration) -> None:
     assert comparison.score("constant").drift_percent < 0.5 * (
         comparison.score("differential").drift_percent
     )
-
-
-def test_H_is_never_shown(found: Calibration) -> None:
-    known = found.parameter("indices.H")
-    assert known.status == "held"
-    assert known.sigma is None
-    assert known.interval is None
-    assert "literal" in known.note
 
 
 def test_other_logs_add_what_ground_and_day_change(found: Calibration) -> None:
@@ -135,14 +103,6 @@ def test_other_logs_add_what_ground_and_day_change(found: Calibration) -> None:
     assert radius.sigma_other_logs == pytest.approx(expected)
     bias = found.parameter("imu.gyro_bias")
     assert bias.sigma_other_logs == bias.sigma  # each log has its own
-
-
-def test_correlations_are_correlations(found: Calibration) -> None:
-    matrix = found.correlations
-    assert matrix.shape == (len(found.correlation_names),) * 2
-    np.testing.assert_allclose(np.diag(matrix), 1.0)
-    np.testing.assert_allclose(matrix, matrix.T, atol=1e-9)
-    assert np.abs(matrix).max() <= 1.0 + 1e-9
 
 
 def test_two_logs_share_the_robot_but_not_bias_and_lag(case: Case) -> None:
@@ -275,29 +235,6 @@ def part(log: Log, begin: float, end: float) -> Log:
 
 
 @pytest.mark.thorough
-def test_outliers_of_the_truth_count_for_little(case: Case, found: Calibration) -> None:
-    """Jumps of half a metre and 10 degrees, five of them."""
-    poses = case.log.truth.poses
-    jumped = poses.poses.copy()
-    for place in np.linspace(300, len(jumped) - 300, 5).astype(int):
-        start = jumped[place].copy()
-        after = compose(compose(start, [0.5, 0.0, 0.17]), relative_to(start, jumped[place:]))
-        jumped[place:] = after
-    log = replace(case.log, truth=Truth(PoseSeries(poses.stamps, jumped)))
-    robust = calibrate([log], case.robot, models=("constant", "inertia"))
-    errors = off_by(robust, case)
-    assert abs(errors["sprocket_radius"]) < FAR
-    assert abs(errors["indices.eta0"]) < FAR
-    assert robust.robot.indices.eta0 == pytest.approx(found.robot.indices.eta0, rel=0.01)
-
-
-def relative_to(start: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    from icreckon.estimator.base.frames import relative
-
-    return relative(start, poses)
-
-
-@pytest.mark.thorough
 def test_without_a_known_place_the_origin_stays(case: Case) -> None:
     """A robot file that does not know where its IMU is: the lever arm is relative to its origin."""
     imu = msgspec.structs.replace(case.robot.imu, position=(0.0, 0.0, 0.0))
@@ -406,11 +343,6 @@ def test_a_gyro_in_another_unit_is_refused(case: Case, factor: float, found: str
     wrong = replace(imu, angular_velocity=imu.angular_velocity * factor)
     with pytest.raises(EstimatorError, match=rf"the gyro turns {found}\S* times as far"):
         calibrate([replace(case.log, imu=wrong)], case.robot, models=("constant",))
-
-
-def test_no_log_is_refused(robot: Robot) -> None:
-    with pytest.raises(EstimatorError, match="no log"):
-        calibrate([], robot)
 
 
 @pytest.mark.parametrize(

@@ -28,10 +28,8 @@ from icreckon.estimator.log.measurements import (
 from icreckon.estimator.log.series import (
     FixSeries,
     ImuSeries,
-    PoseSeries,
     TrackSpeedSeries,
     Truth,
-    TwistSeries,
 )
 
 
@@ -99,26 +97,12 @@ def test_each_sample_is_counted_once_by_its_first_defect():
     assert sum(reasons.values()) == np.count_nonzero(~keep)
 
 
-def test_kept_stamps_ascend_and_every_drop_is_counted():
-    rng = np.random.default_rng(0)
-    for _ in range(50):
-        raw = rng.integers(0, 60, 80)
-        values = np.where(rng.random(80) < 0.1, np.nan, 0.0)
-        keep, reasons = screen("s", raw, values, positive=rng.uniform(-0.1, 1.0, 80))
-        assert (np.diff(raw[keep]) > 0).all()
-        assert sum(reasons.values()) == 80 - keep.sum()
-
-
 @pytest.mark.parametrize(
     ("make", "name"),
     [
         (lambda: TrackSpeedSeries(stamps(1, 2), np.zeros((2, 3))), "speeds"),
-        (lambda: TrackSpeedSeries(stamps(1, 2), np.zeros((3, 2))), "speeds"),
         (lambda: ImuSeries(stamps(1), np.zeros((1, 2))), "angular_velocity"),
         (lambda: ImuSeries(stamps(1), np.zeros((1, 3)), np.zeros(3)), "linear_acceleration"),
-        (lambda: PoseSeries(stamps(1), np.zeros(3)), "poses"),
-        (lambda: TwistSeries(stamps(1), np.zeros((1, 6))), "twists"),
-        (lambda: FixSeries(stamps(1), np.zeros((1, 2)), np.zeros((1, 2))), "poses"),
         (lambda: FixSeries(stamps(1), np.zeros((1, 3)), np.zeros((1, 1))), "variances"),
     ],
 )
@@ -218,23 +202,6 @@ def test_the_order_that_measurements_are_given_in_does_not_matter():
     assert log.dropped == {}
 
 
-def test_numbers_of_any_kind_make_a_log_of_plain_numbers():
-    covariance = np.array(COVARIANCE)
-    log = Log.from_measurements(
-        [
-            TrackSpeeds(np.int64(3), 1, np.float32(0.5)),
-            ImuSample(4, np.zeros(3), [0, 0, 10]),
-            PoseFix(5, 1, 2, 3, covariance),
-        ]
-    )
-    covariance[:] = 0.0
-    assert list(log.measurements()) == [
-        TrackSpeeds(3, 1.0, 0.5),
-        ImuSample(4, (0.0, 0.0, 0.0), (0.0, 0.0, 10.0)),
-        PoseFix(5, 1.0, 2.0, 3.0, COVARIANCE),
-    ]
-
-
 def test_what_cannot_be_right_is_dropped_and_counted():
     good = all_kinds()
     bad = [
@@ -253,17 +220,6 @@ def test_what_cannot_be_right_is_dropped_and_counted():
         "pose: covariance not positive definite": 1,
         "zero velocity: sigma not positive": 1,
     }
-
-
-def test_measurements_made_some_at_a_time_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    log = replace(make_log(), others=(HeadingFix(make_log().start, 0.1, 0.2),))
-    at_once = list(log.measurements())
-    streams = (log.tracks.stamps, log.imu.stamps, log.fixes.stamps)
-    with_heading = int(np.isfinite(log.fixes.poses[:, 2]).sum())
-    assert len(at_once) == sum(map(len, streams)) + with_heading + 1
-    for size in (1, 7, len(at_once) - 1):
-        monkeypatch.setattr("icreckon.estimator.log.log.AT_A_TIME", size)
-        assert list(log.measurements()) == at_once
 
 
 def test_a_part_of_a_log_has_what_lies_between():
@@ -302,12 +258,6 @@ def test_it_is_the_trapezoidal_rule_at_uneven_stamps(shape: tuple[int, ...], kin
     assert running_integral(stamps, values) == pytest.approx(expected, abs=1e-12)
 
 
-def test_whole_numbers_have_fractions_and_no_sample_has_no_integral() -> None:
-    found = running_integral(np.array([0, 500_000_000]), np.array([0, 1]))
-    assert found.tolist() == [0.0, 0.25]
-    assert running_integral(np.zeros(0, np.int64), np.zeros(0)).shape == (0,)
-
-
 # --- kinds ----------------------------------------------------------------------------------------
 
 
@@ -323,17 +273,12 @@ LOG = Log("a", TRACKS, IMU)
     [
         (lambda: TrackSpeedSeries(STAMPS * 1e-9, np.zeros((50, 2))), r"integers \[ns\].*astype"),
         (lambda: TrackSpeedSeries([1, 2], np.zeros((2, 2))), "stamps must be a numpy array"),
-        (lambda: ImuSeries(STAMPS, [[0.0] * 3] * 50), "angular_velocity must be a numpy array"),
         (lambda: Truth(np.zeros((3, 3))), r"poses must be PoseSeries\(\.\.\.\), found ndarray"),
         (lambda: Log("x", IMU), r"tracks must be TrackSpeedSeries\(\.\.\.\), found ImuSeries"),
-        (lambda: Log(TRACKS, IMU), "name must be str"),
         (lambda: Log("x", TRACKS, imu=TRACKS), "imu must be ImuSeries.* or None, found TrackSp"),
-        (lambda: Log("x", TRACKS, truth=PoseSeries(STAMPS, np.zeros((50, 3)))), "truth must be"),
         (lambda: icreckon.compare(ROBOT, LOG), r"log must be Log\(\.\.\.\), found Robot"),
         (lambda: icreckon.compare(LOG, "warthog"), "robot must be a Robot"),
-        (lambda: icreckon.run(ROBOT, LOG, "gyro"), r"log must be Log\(\.\.\.\), found Robot"),
         (lambda: icreckon.calibrate([TRACKS], ROBOT), "each of logs must be Log"),
-        (lambda: icreckon.calibrate("a.mcap", ROBOT), "each of logs must be Log.*found str"),
         (lambda: icreckon.simulate(ROBOT, icreckon.Scenario()), "scenario must be Scenario"),
     ],
 )
@@ -341,11 +286,3 @@ def test_it_is_named(make: Any, words: str) -> None:
     with pytest.raises(icreckon.IcreckonError, match=words) as found:
         make()
     assert len(str(found.value)) < 300
-
-
-def test_one_log_is_as_good_as_a_list_of_one() -> None:
-    with pytest.raises(icreckon.EstimatorError, match="truth") as alone:
-        icreckon.calibrate(LOG, ROBOT)
-    with pytest.raises(icreckon.EstimatorError, match="truth") as listed:
-        icreckon.calibrate([LOG], ROBOT)
-    assert str(alone.value) == str(listed.value)

@@ -1,6 +1,5 @@
 """Compiled functions on disk: processes that share them, in any order and at once, never mix them up."""
 
-import os
 import pickle
 import sys
 import warnings
@@ -16,7 +15,6 @@ from icreckon.estimator.tracing.emit import lanes_of_machine
 from icreckon.estimator.tracing.jit_kernel import compiled, entry
 from icreckon.estimator.tracing.kernel import Kernel, Store
 from icreckon.estimator.tracing.kernel_cache import (
-    DIGITS,
     cache_folder,
 )
 from icreckon.estimator.tracing.machine_code import address_of, compiled_library
@@ -28,14 +26,6 @@ def test_the_cache_is_where_the_user_wants_it(monkeypatch: pytest.MonkeyPatch) -
     assert cache_folder() == Path("/somewhere/icreckon")
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     assert cache_folder().parts[-2:] == ("icreckon", "kernels")
-
-
-def test_a_user_without_a_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("os.path.expanduser", lambda path: path)
-    assert cache_folder() == Path(os.devnull, "kernels")
-    assert kernel_cache.why_not_kept()
 
 
 def doubled(x: np.ndarray) -> None:
@@ -112,15 +102,6 @@ def test_a_folder_that_cannot_be_written_costs_one_warning(own_cache: Path) -> N
 def test_preparing_fails_if_nothing_can_be_kept(own_cache: Path) -> None:
     (own_cache / "icreckon").write_text("a file in the way")
     assert "NUMBA_CACHE_DIR" in fails("prepare", cwd=own_cache, run=icreckon_alone)
-
-
-def test_other_sources_have_another_folder(own_cache, monkeypatch):
-    compiled(doubled)(np.ones(3))
-    monkeypatch.setattr(kernel_cache, "environment_digest", lambda _: "0" * DIGITS)
-    function = compiled(doubled)
-    function(np.ones(3))
-    assert sum(function.stats.cache_misses.values()) == 1
-    assert len({path.parent for path in files_of(own_cache)}) == 2
 
 
 # --- kernels -------------------------------------------------------------------------------------

@@ -304,25 +304,6 @@ def test_a_browser_shows_it_without_complaint(acted, results):
     assert "NaN" not in document.split("<script")[0]
 
 
-def test_complaints_would_be_seen(chromium: str, tmp_path: Path, page: str) -> None:
-    script = "console.warn('so far, so good'); fetch('https://example.org/').catch(() => 0)"
-    _, complaints = opened(chromium, tmp_path, page, script)
-    for told in ("so far, so good", "Content Security Policy"):
-        assert any(told in line for line in complaints)
-
-
-def test_no_truth_and_hostile_names_in_a_browser(chromium, tmp_path, blind):
-    bad = copy.deepcopy(blind)
-    bad["log"]["name"] = bad["log"]["notes"] = HOSTILE
-    bad["log"]["notes"] = [HOSTILE]
-    for variants in (bad["variants"], bad["series"]["variants"]):
-        variants[HOSTILE] = variants.pop("differential")
-    document, complaints = opened(chromium, tmp_path, replay_page(bad))
-    assert complaints == []
-    assert re.search(r'data-drawn="[1-9]', document)
-    assert "<img" not in document
-
-
 ACT = """
 const told = {}, map = document.querySelector("svg.map"), box = map.getBoundingClientRect();
 const ends = () => [...map.querySelectorAll("text")].map((one) => one.textContent).join(" ");
@@ -449,59 +430,6 @@ def test_charts_map_and_robot_show_one_moment(chromium: str, tmp_path: Path, pag
     assert told == dict.fromkeys(
         ("moved", "values", "slider", "zoomed", "reset", "distance", "driver", "gone"), True
     )
-
-
-def test_one_variant_with_a_hole_and_without_imu_in_a_browser(chromium, tmp_path, results):
-    one = copy.deepcopy(results)
-    for part in (one["variants"], one["series"]["variants"]):
-        for name in VARIANTS[1:]:
-            del part[name]
-    del one["series"]["inputs"]["gyro_rad_s"]
-    for column in (one["series"]["truth"]["x_m"], one["series"]["truth"]["y_m"]):
-        column[300:600] = [None] * 300
-    one["verdict"] = None
-    document, complaints = opened(chromium, tmp_path, replay_page(one))
-    assert complaints == []
-    path = re.search(r'<path data-series="ground truth"[^>]* d="([^"]*)"', document)
-    assert path[1].count("M") == 2
-
-
-PHONE = """
-<!DOCTYPE html><html><body><iframe id="phone" style="width:390px;height:800px"></iframe>
-<script type="text/plain" id="page">PAGE</script><script>
-const phone = document.getElementById("phone"), told = {};
-phone.addEventListener("load", () => setTimeout(() => {
-  const inside = phone.contentDocument, root = inside.documentElement;
-  told.width = root.clientWidth;
-  told.sideways = root.scrollWidth > root.clientWidth;
-  told.cut = [...inside.querySelectorAll("svg text")].filter((one) => {
-    const text = one.getBoundingClientRect(), svg = one.closest("svg").getBoundingClientRect();
-    return text.left < svg.left - 2 || text.right > svg.right + 12;
-  }).map((one) => one.textContent);
-  told.verdict = inside.querySelector(".headline").getBoundingClientRect().bottom;
-  const pre = document.createElement("pre");
-  pre.id = "told";
-  pre.textContent = JSON.stringify(told);
-  document.body.append(pre);
-}, 1000));
-phone.srcdoc = new TextDecoder().decode(Uint8Array.from(atob(
-  document.getElementById("page").textContent), (one) => one.charCodeAt(0)));
-</script></body></html>
-"""
-
-
-def test_at_the_width_of_a_phone_nothing_is_cut_off(chromium, tmp_path, page):
-    from base64 import b64encode
-
-    wrapper = PHONE.replace("PAGE", b64encode(page.encode()).decode())
-    document, complaints = opened(chromium, tmp_path, wrapper)
-    assert complaints == []
-    told = told_by(document)
-    assert told["width"] == pytest.approx(390, abs=20)
-    assert not told["sideways"]
-    assert told["cut"] == []
-    # At first glance, above the fold.
-    assert told["verdict"] < 500
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
 from bag_messages import JOINTS, SECOND, STORE, joints, robot_with
-from command_line import fails, icreckon
+from command_line import fails
 from icreckon.replay.bags import unpacking
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.inspect import inspect
@@ -91,16 +91,3 @@ def test_a_bag_that_was_unpacked_beside_is_not_unpacked_again(tmp_path: Path) ->
     packed.with_suffix("").write_bytes(unpacking.zstd.decompress(packed.read_bytes()))
     packed.write_bytes(b"never read")
     assert [one.topic for one in inspect(folder).topics] == ["/js"]
-
-
-def test_no_place_to_unpack_to(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    folder = bag(tmp_path / "bag", StoragePlugin.MCAP, CompressionMode.FILE)
-
-    def full(*_: object) -> bool:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("icreckon.replay.bags.bag_files.unpack_file", full)
-    done = icreckon("inspect", folder, cwd=tmp_path)
-    assert done.returncode == 1
-    last = done.stderr.splitlines()[-1]
-    assert "No space left on device; TMPDIR names another place" in last

@@ -1,4 +1,3 @@
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -6,11 +5,10 @@ import pytest
 from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
-from conftest import make_log, sample_log
+from conftest import make_log
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.recovery import RecordWalk
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.reading.read_log import read_log
 
@@ -78,13 +76,6 @@ def _cut(path: Path, share: float, folder: Path) -> Path:
     return short
 
 
-def _log_or_error(path: Path, robot: Robot) -> Log | ReplayError:
-    try:
-        return read_log(path, robot)
-    except ReplayError as problem:
-        return problem
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_walking_an_intact_file_finds_what_its_index_finds(bags, kind: str) -> None:
     walk = RecordWalk(bags[kind])
@@ -119,28 +110,6 @@ def test_a_cut_file_is_read_up_to_the_break(bags, made, robot, tmp_path, kind, s
         assert "cut short" in note or "without the index" in note
 
 
-def test_every_cut_gives_a_log_or_one_clear_error(robot: Robot, tmp_path: Path) -> None:
-    log = make_log(seconds=0.5)
-    for form in ("mcap", "ros1", "sqlite3"):
-        suffix = {"mcap": ".mcap", "ros1": ".bag", "sqlite3": ".db3"}[form]
-        path = write_log(log, tmp_path / f"{form}{suffix}", form, robot)
-        size = path.stat().st_size
-        counts = []
-        for length in range(0, size, max(1, size // 60)):
-            short = _cut(path, length / size, tmp_path)
-            found = _log_or_error(short, robot)
-            if isinstance(found, ReplayError):
-                assert "\n" not in str(found)
-                assert short.name in str(found)
-            counts.append(len(found.tracks.stamps) if isinstance(found, Log) else 0)
-        assert counts == sorted(counts)
-        if form == "sqlite3":
-            # All or nothing: only pages at the end that hold no messages can be missed.
-            assert set(counts) <= {0, len(log.tracks.stamps)}
-        else:
-            assert max(counts) == len(log.tracks.stamps)
-
-
 def test_a_cut_file_inside_a_ros2_folder(robot: Robot, made: Log, tmp_path: Path) -> None:
     folder = write_log(made, tmp_path / "bag", "mcap", robot)
     file = folder / "bag.mcap"
@@ -151,29 +120,3 @@ def test_a_cut_file_inside_a_ros2_folder(robot: Robot, made: Log, tmp_path: Path
     assert "bag.mcap" in log.notes[0]
     (folder / "metadata.yaml").unlink()
     assert len(read_log(folder, robot).tracks.stamps) == len(log.tracks.stamps)
-
-
-def test_zeros_at_the_end_are_no_records(bags, robot: Robot, tmp_path: Path) -> None:
-    data = bags["mcap"].read_bytes()
-    file = tmp_path / "zeros.mcap"
-    file.write_bytes(data[: len(data) // 2] + bytes(10_000))
-    log = read_log(file, robot)
-    assert len(log.tracks.stamps) > 1000
-
-
-def test_a_sample_log_that_is_cut(data_dir: Path, tmp_path: Path) -> None:
-    name, robot = "marmotte_part1", load_robot("marmotte")
-    source = sample_log(data_dir, name)
-    whole = read_log(source, robot)
-    shutil.copytree(source, tmp_path / name, copy_function=shutil.copyfile)
-    (tmp_path / name).chmod(0o755)
-    file = tmp_path / name / f"{name}.mcap"
-    data = file.read_bytes()
-    for share in (0.3, 0.9):
-        file.write_bytes(data[: int(len(data) * share)])
-        log = read_log(tmp_path / name, robot)
-        count = len(log.tracks.stamps)
-        assert share - 0.15 < count / len(whole.tracks.stamps) <= share + 0.1
-        np.testing.assert_array_equal(log.tracks.stamps, whole.tracks.stamps[:count])
-        np.testing.assert_array_equal(log.tracks.speeds, whole.tracks.speeds[:count])
-        assert "cut short" in log.notes[0]

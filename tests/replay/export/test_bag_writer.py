@@ -193,16 +193,6 @@ def test_what_cannot_be_written_is_refused_beforehand(tmp_path: Path, robot: Rob
         check_place(tmp_path / "other", "mcap", bad)
 
 
-def test_messages_lie_in_the_order_of_their_stamps(tmp_path: Path, robot: Robot) -> None:
-    path = write_log(make_log(), tmp_path / "bag", "mcap", robot)
-    with (path / "bag.mcap").open("rb") as file:
-        times = [
-            message.log_time
-            for _, _, message in make_reader(file).iter_messages(log_time_order=False)
-        ]
-    assert times == sorted(times)
-
-
 def test_the_official_reader_finds_standard_messages(tmp_path: Path, robot: Robot) -> None:
     log = make_log()
     path = write_log(log, tmp_path / "bag", "mcap", robot)

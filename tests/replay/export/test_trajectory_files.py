@@ -5,7 +5,6 @@ import pytest
 
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.series import PoseSeries
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.export.trajectories import write_tum
 from tum import read_tum
@@ -32,49 +31,6 @@ def test_the_text(tmp_path: Path) -> None:
         "1700000000.000000007 1.500000000 -2.000000000 0.000000000 "
         "0.000000000 0.000000000 0.000000000 1.000000000\n"
     )
-
-
-def test_what_other_programs_write(tmp_path: Path) -> None:
-    path = tmp_path / "other.tum"
-    path.write_text("# timestamp tx ty tz qx qy qz qw\n\n1.5e9 1 2 3 0 0 2 0\n")
-    found = read_tum(path)
-    assert found.stamps[0] == 1_500_000_000 * 10**9
-    np.testing.assert_allclose(found.poses, [[1.0, 2.0, np.pi]])
-
-
-def test_an_empty_trajectory(tmp_path: Path) -> None:
-    none = PoseSeries(np.empty(0, np.int64), np.empty((0, 3)))
-    assert read_tum(write_tum(tmp_path / "t.tum", none)).poses.shape == (0, 3)
-
-
-@pytest.mark.parametrize(
-    ("line", "part"),
-    [
-        ("1 2 3 4 5 6 7", "eight finite numbers"),
-        ("x 0 0 0 0 0 0 1", "eight finite numbers"),
-        ("inf 0 0 0 0 0 0 1", "eight finite numbers"),
-        ("9 nan 0 0 0 0 0 1", "eight finite numbers"),
-        ("9 0 0 0 0 0 0 0", "eight finite numbers"),
-        ("1 0 0 0 0 0 0 1", "not after"),
-    ],
-)
-def test_bad_lines(tmp_path: Path, line: str, part: str) -> None:
-    path = tmp_path / "bad.tum"
-    path.write_text(f"1 0 0 0 0 0 0 1\n{line}\n")
-    with pytest.raises(ReplayError, match=f"line 2.*{part}"):
-        read_tum(path)
-
-
-def test_no_file(tmp_path: Path) -> None:
-    with pytest.raises(ReplayError, match="no such file"):
-        read_tum(tmp_path / "none.tum")
-
-
-def test_no_overwriting_unasked(tmp_path: Path) -> None:
-    path = write_tum(tmp_path / "t.tum", poses())
-    with pytest.raises(ReplayError, match="--overwrite"):
-        write_tum(path, poses(STAMPS[:1]))
-    assert len(read_tum(path).stamps) == len(STAMPS)
 
 
 def _write_and_fail(path: Path, **options: bool) -> None:

@@ -199,21 +199,6 @@ def test_fields_are_converted_to_si(tmp_path: Path) -> None:
     assert fixes.variances[3] == pytest.approx((0.09, 0.01))
 
 
-@pytest.mark.parametrize(
-    ("stream", "keys", "match"),
-    [
-        ("imu", {"angular_velocity": ["a", "b"]}, "angular_velocity must name three fields"),
-        ("imu", {"linear_acceleration": ["a", "b", "c"]}, "angular_velocity must name three"),
-        ("fixes", {"x": "a"}, "x and y must name fields"),
-        ("fixes", {"sigma": "a"}, "x and y must name fields"),
-    ],
-)
-def test_fields_that_are_not_all_there_are_refused(stream: str, keys: dict, match: str) -> None:
-    robot = robot_with(tracks=JOINTS, **{stream: {"topic": "/t", **keys}})
-    with pytest.raises(ReplayError, match=match):
-        topic_map(robot, "robot")
-
-
 def test_counters_wrap_and_pause_as_in_a_replay(tmp_path: Path) -> None:
     stream = []
     for k, stamp in enumerate(STAMPS):

@@ -14,7 +14,6 @@ from rosbags.highlevel import AnyReader
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -23,7 +22,6 @@ from icreckon.replay.base.diagnostic_status import ERROR, OK, STALE, WARN
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry, live_topics
-from icreckon.replay.live.reorder import ReorderBuffer
 from icreckon.replay.live.statuses import LiveStatuses
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
@@ -346,16 +344,6 @@ def test_a_pose_that_is_given_starts_the_map_anew(robot: Robot, messages: list[A
     assert live.map.estimator is not None
 
 
-def test_a_pose_needs_a_map_and_finite_numbers(robot: Robot) -> None:
-    without = LiveOdometry(robot, VARIANT, settings=SETTINGS, use_fixes=False)
-    assert not without.place((0.0, 0.0, 0.0), np.zeros((3, 3)))
-    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
-    assert live.place((0.0, 0.0, 0.0), np.zeros((3, 3)))
-    for pose, variance in (((np.nan, 0.0, 0.0), 1.0), ((0.0, 0.0, 0.0), -1.0)):
-        with pytest.raises(EstimatorError, match="must be finite, and variances positive"):
-            live.place(pose, variance * np.eye(3))
-
-
 def test_a_reset_goes_back_to_the_start_pose(robot: Robot, messages: list[Arrived]) -> None:
     live = LiveOdometry(
         robot, VARIANT, settings=SETTINGS, use_fixes=False, start_pose=(3.0, 4.0, 0.0)
@@ -397,29 +385,11 @@ def _nan_rates(message: Any) -> Any:
     return broken
 
 
-def test_invalid_options_are_refused(robot: Robot) -> None:
-    for options in ({"reorder": -1.0}, {"reorder": float("nan")}, {"highest_rate": 1e9}):
-        with pytest.raises(EstimatorError, match="must be from 0 to"):
-            LiveOdometry(robot, VARIANT, settings=SETTINGS, **options)
-
-
 def test_a_robot_without_topics_listens_to_those_of_the_simulator(robot: Robot) -> None:
     bare = msgspec.structs.replace(robot, log={})
     assert LiveOdometry(bare, VARIANT, settings=SETTINGS).assumed_topics
     mapping = live_topics(bare)
     assert mapping.tracks.topic == "/joint_states"
-
-
-def test_the_buffer_gives_way_when_the_clock_jumps() -> None:
-    second = 10**9
-    buffer = ReorderBuffer(0.5)
-    assert buffer.put([TrackSpeeds(10 * second, 0.0, 0.0)]) == []
-    # Years ahead, and back: everything is handed on, nothing stays behind.
-    ahead = buffer.put([TrackSpeeds(10**9 * second, 0.0, 0.0)])
-    assert [one.stamp for group in ahead for one in group] == [10 * second]
-    back = buffer.put([TrackSpeeds(11 * second, 0.0, 0.0)])
-    assert [one.stamp for group in back for one in group] == [10**9 * second]
-    assert [one.stamp for group in buffer.take_all() for one in group] == [11 * second]
 
 
 def test_an_imu_that_never_comes_is_an_error(robot: Robot, messages: list[Arrived]) -> None:

@@ -14,7 +14,6 @@ from icreckon.replay.live.statuses import (
     Counts,
     LiveStatuses,
     findings_status,
-    named_wheels,
     sensor_status,
 )
 from icreckon.replay.mapping.topics import topic_map
@@ -33,18 +32,6 @@ def test_faults_are_sentences_with_values() -> None:
     assert status.values["left wheel 2: wheel off: since_ns"] == "5"
     assert status.values["robot: sliding: size"] == "-1.200"
     assert status.values["robot: sliding: effect"] == "grows"
-
-
-def test_without_a_fault_all_is_well() -> None:
-    status = findings_status([], {"sliding": 2}, 1.0)
-    assert (status.level, status.message) == (OK, "none")
-    assert status.values == {"sliding: times": "2", "slip_factor": "1.00"}
-
-
-def test_a_wheel_has_the_name_of_its_joint() -> None:
-    named = named_wheels(LEFT, ["front_left", "rear_left"], ["front_right", "rear_right"])
-    assert named.text == "the left wheel 2 (rear_left) is 0.80 m/s off"
-    assert named_wheels(SLIDE, ["front_left"], ["front_right"]) == SLIDE
 
 
 @pytest.mark.parametrize(
@@ -89,12 +76,6 @@ def test_a_topic_that_nobody_publishes_comes_with_those_that_fit() -> None:
     assert "for 5 s; name the topic" in silent_topic("imu", "/imu", [], {}, 5.0)
     many = {f"/{k}": [JOINTS] for k in range(MOST_NAMES + 3)}
     assert "/5, /6 and 3 more" in silent_topic("tracks", "/joint_states", [JOINTS], many, 5.0)
-
-
-def test_a_topic_that_is_silent_is_another_matter() -> None:
-    text = silent_topic("imu", "/imu", [IMU], {"/imu": [IMU]}, 5.0)
-    assert text.startswith("imu: /imu has a publisher, and no message has come for 5 s")
-    assert "best_effort" in text
 
 
 def test_a_misspelt_joint_comes_with_the_nearest() -> None:

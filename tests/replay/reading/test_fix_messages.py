@@ -140,15 +140,6 @@ def test_an_antenna_that_is_not_on_the_robot(tmp_path: Path, position) -> None:
         read(tmp_path / "bag", [], fixes={"topic": "/fix", "position": position})
 
 
-def test_gps_without_any_covariance_needs_a_sigma(tmp_path: Path) -> None:
-    with pytest.raises(ReplayError, match="position_sigma"):
-        read(
-            tmp_path / "bag",
-            [("/fix", navsatfix(SECOND, 52.0, 13.0, known=0))],
-            fixes={"topic": "/fix"},
-        )
-
-
 @pytest.mark.parametrize("origin", [[91.0, 0.0, 0.0], [float("nan"), 0.0, 0.0]])
 def test_an_origin_off_the_globe(tmp_path: Path, origin) -> None:
     with pytest.raises(ReplayError, match="origin must be latitude, longitude"):

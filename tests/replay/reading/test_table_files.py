@@ -265,18 +265,6 @@ def test_decimal_commas_are_read(tmp_path: Path, delimiter: str, suffix: str) ->
     np.testing.assert_array_equal(log.tracks.stamps, plain.tracks.stamps)
 
 
-def test_decimal_commas_show_after_a_start_at_rest(tmp_path: Path) -> None:
-    rows = ["t;l;r;note", "0;0;0;start, now", "1;0;0;", "1,5;0,25;-0,5;v1.2"]
-    log = read(write(tmp_path / "run.csv", "\n".join(rows) + "\n"), tracks=SPEEDS)
-    np.testing.assert_array_equal(log.tracks.speeds[-1], [0.25, -0.5])
-
-
-def test_a_comma_in_a_note_is_no_decimal_comma(tmp_path: Path) -> None:
-    rows = ["t;l;r;note", "0;0;0;start, now", "1;0.25;-0.5;2,5"]
-    log = read(write(tmp_path / "run.csv", "\n".join(rows) + "\n"), tracks=SPEEDS)
-    np.testing.assert_array_equal(log.tracks.speeds[-1], [0.25, -0.5])
-
-
 ROWS = [f"{0.1 * k:.1f},0.25,0.5" for k in range(200)]
 
 

@@ -23,7 +23,6 @@ from bag_messages import (
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.field_paths import field_getter
 from icreckon.replay.reading.read_log import read_log
 
 
@@ -76,14 +75,6 @@ def test_fields_that_are_not_there(tmp_path: Path, left: str, part: str) -> None
     with pytest.raises(ReplayError, match=part) as caught:
         read(path, left=[left], right=["wheels[1].rate"])
     assert "\n" not in str(caught.value)
-
-
-def test_paths() -> None:
-    twist = T["geometry_msgs/msg/Twist"](
-        T["geometry_msgs/msg/Vector3"](1.0, 2.0, 3.0), T["geometry_msgs/msg/Vector3"](4.0, 5.0, 6.0)
-    )
-    assert field_getter("linear.y")(twist) == 2.0
-    assert field_getter("angular.z")(twist) == 6.0
 
 
 def test_messages_without_a_header_go_by_the_time_of_recording(tmp_path: Path) -> None:

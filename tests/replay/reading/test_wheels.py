@@ -69,12 +69,6 @@ def test_of_three_the_odd_one_is_named(tmp_path: Path) -> None:
     ]
 
 
-def test_a_moment_is_no_note(tmp_path: Path) -> None:
-    log = read_log(bag_of(tmp_path / "bag", rates(2, 0.5, 0.05), [*LEFT, *RIGHT]), robot_of())
-    assert log.tracks.left_wheels is not None
-    assert not notes_of(log)
-
-
 def test_counters_of_wheels_too(tmp_path: Path) -> None:
     turned = np.cumsum(rates(2, 0.8, 3.0), axis=0) / 20
     messages = [

@@ -66,24 +66,6 @@ def test_the_jacobian_is_exact_while_all_points_touch(contact):
     assert relative_error(found, complex_step(twist, V, contact)).max() < 1e-12
 
 
-@pytest.mark.parametrize("slip", [0.0, 1e-9, 1e-5, 1e-4, 1e-3])
-def test_the_jacobian_is_exact_near_zero_slip(contact, slip):
-    rng = np.random.default_rng(2)
-    speed = rng.uniform(-1.0, 1.0, 50)
-    twist = slip * rng.normal(size=(3, 50)) + np.array([[0.0], [1.0], [0.0]]) * speed
-    V = np.stack([speed, speed])
-    found = steady_balance(PaperTwist(*twist), V[0], V[1], contact).jacobian
-    assert np.isfinite(found).all()
-    assert relative_error(found, complex_step(twist, V, contact)).max() < 1e-10
-
-
-def test_the_jacobian_is_finite_and_exact_where_one_track_rests(contact):
-    twist, V = draw(50, 0.2)
-    V[0] = 0.0
-    found = steady_balance(PaperTwist(*twist), V[0], V[1], contact).jacobian
-    assert relative_error(found, complex_step(twist, V, contact)).max() < 1e-10
-
-
 def test_the_jacobian_is_exact_where_points_lift(contact):
     rng = np.random.default_rng(3)
     V = np.stack([rng.uniform(0.4, 1.0, 400), rng.uniform(-1.0, 1.0, 400)])
@@ -216,31 +198,10 @@ def test_shear_displacement_builds_friction_up_from_the_entry():
     assert backward.values[1, 0] == pytest.approx(-force.values[1, 0], rel=1e-12)
 
 
-def test_a_vanishing_shear_modulus_is_full_friction_behind_the_entry():
-    twist, V = draw(50, 0.3)
-    full, sheared = (
-        Contact(Soil(0.6, shear_modulus=K), GEOMETRY, Body(100.0)) for K in (0.0, 1e-9)
-    )
-    V[:] = 0.0  # a track at rest has no entry
-    a, b = (steady_balance(PaperTwist(*twist), V[0], V[1], one).values for one in (full, sheared))
-    np.testing.assert_allclose(a, b, rtol=1e-12)
-
-
-def test_contact_points_and_weights():
-    points = contact_points(UNEVEN)
-    assert len(points.x) == 12
-    assert points.weight.sum() == pytest.approx(1.0)
-    np.testing.assert_allclose(points.x[:2], [-0.16, -0.26])
-    np.testing.assert_allclose(points.x[6:8], [0.16, 0.26])
-    np.testing.assert_allclose(points.weight[2] / points.weight[0], 2.0)
-
-
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: ContactGeometry(0.4, (0.0,)), "two or more, rising"),
         (lambda: ContactGeometry(0.4, (0.1, -0.1)), "two or more, rising"),
-        (lambda: ContactGeometry(0.4, (-0.1, 0.1), (1.0,)), "as many as positions"),
         (lambda: ContactGeometry(0.4, (-0.1, 0.1), across=(0.3,)), "less than half the gauge"),
         (lambda: Body(1.0, z_CM=-0.1), "not below the ground"),
         (lambda: Contact(Soil(), GEOMETRY, Body(1.0, x_CM=0.3)), "lies outside the contact"),

@@ -5,18 +5,15 @@ import pytest
 
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.index_model import VehicleConstants, solve
-from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, load_robot
+from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
 from icreckon.simulation.paper.dynamic_map import (
     DynamicMap,
-    constant_twist,
-    inertia_based_twist,
     map_of,
     on_spot_line,
-    rmse,
 )
 from icreckon.simulation.paper.readings import Reading, read_errors, read_means, read_parameters
 
@@ -97,31 +94,6 @@ def test_the_fit_recovers_the_parameters_of_its_own_model():
     np.testing.assert_allclose(fitted.as_array(), known.as_array(), rtol=1e-7)
 
 
-def test_the_published_model_explains_itself():
-    known = load_robot("auriga-alpha").indices
-    V_l, V_r = track_speed_grid()
-    twist = solve(V_l, V_r, known.as_array(), VEHICLE, form="literal").twist
-    mapped = made(twist, V_l, V_r)
-    assert max(rmse(inertia_based_twist(mapped, known), twist)) < 1e-12
-    assert max(rmse(inertia_based_twist(mapped, known, "literal"), twist)) < 1e-12
-    icrs = ConstantIcr(-0.458, 0.630, 0.0482)
-    errors = read_errors(mapped, known, icrs, PLAIN)
-    assert max(errors.inertia_based) < 1e-12
-    assert min(errors.constant) > 0.005
-
-
-def test_constant_icrs_come_back_from_constant_icrs():
-    icrs = ConstantIcr(-0.458, 0.630, 0.0482)
-    V_l, V_r = track_speed_grid()
-    zero = np.zeros_like(V_l)
-    mapped = made(constant_twist(made(PaperTwist(zero, zero, zero), V_l, V_r), icrs), V_l, V_r)
-    found = read_means(mapped, PLAIN)
-    assert (found.x_ICRl, found.x_ICRr, found.y_ICR) == pytest.approx((-0.458, 0.630, 0.0482))
-    # With constant ICRs the centre of mass stands where H = -(x_ICRl - x_CM) / (x_ICRr - x_CM).
-    assert on_spot_line(mapped) == pytest.approx(0.443 / 0.645, rel=1e-9)
-    assert max(rmse(constant_twist(mapped, icrs), mapped.motion.twist)) < 1e-15
-
-
 def test_the_reading_chooses_what_enters(mapped):
     apart = Reading(least_difference=0.55)
     assert read_means(mapped, apart) != read_means(mapped, PLAIN)
@@ -146,11 +118,3 @@ def test_what_cannot_be_derived_is_said():
     backward = PaperTwist(0.0 * V_l, 0.5 * (V_l + V_r), (V_l - V_r) / 0.5)
     with pytest.raises(SimulationError, match="mean ICRs"):
         read_means(made(backward, V_l, V_r), PLAIN)
-
-
-def test_errors_are_those_of_the_parameters_and_of_the_force(mapped):
-    fitted, icrs = read_parameters(mapped, PLAIN), read_means(mapped, PLAIN)
-    fit = read_errors(mapped, fitted, icrs, PLAIN).inertia_based.w
-    worse = read_errors(mapped, Indices(H=0.7, eta0=2.0), icrs, PLAIN)
-    assert worse.inertia_based.w > fit
-    assert read_errors(mapped, fitted, icrs, Reading(inertia="literal")).inertia_based.w > fit

@@ -9,9 +9,7 @@ from icreckon.simulation.paper.published import (
     AURIGA_ALPHA,
     PUBLISHED,
     READ_OFF,
-    PublishedNumber,
     published,
-    published_errors,
     published_mean_icrs,
     published_parameters,
 )
@@ -37,27 +35,6 @@ def test_they_are_those_of_the_robot_file() -> None:
     assert tuple(AURIGA_ALPHA)[:4] == pytest.approx(table_1)
 
 
-def test_table_2() -> None:
-    assert published_errors("inertia") == (0.0044424, 0.0383464, 0.0637394)
-    assert published_errors("constant") == (0.015962, 0.0821718, 0.143285)
-
-
-@pytest.mark.parametrize(
-    ("name", "decimals"),
-    [
-        ("mean_x_ICRl", 3),
-        ("mean_x_ICRr", 3),
-        ("mean_y_ICR", 4),
-        ("H", 5),
-        ("zeta1", 7),
-        ("eta2", 5),
-        ("rmse_inertia_w", 7),
-    ],
-)
-def test_published_digits(name: str, decimals: int) -> None:
-    assert published(name).decimals == decimals
-
-
 @pytest.mark.parametrize(
     ("name", "inside", "outside"),
     [
@@ -70,16 +47,3 @@ def test_published_digits(name: str, decimals: int) -> None:
 def test_what_rounds_to_the_published_digits(name, inside, outside):
     assert all(published(name).rounds_from(value) for value in inside)
     assert not any(published(name).rounds_from(value) for value in outside)
-
-
-def test_differences_are_shares_of_the_size() -> None:
-    left = published("mean_x_ICRl")
-    assert left.difference_percent(-0.458) == 0.0
-    assert left.difference_percent(-0.5038) == pytest.approx(-10.0)
-    assert published("eta0").difference_percent(2.882) == pytest.approx(10.0)
-
-
-def test_whole_numbers_and_unknown_names() -> None:
-    assert PublishedNumber("x", "", "12", "").decimals == 0
-    with pytest.raises(KeyError):
-        published("eta3")

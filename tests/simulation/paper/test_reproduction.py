@@ -1,21 +1,18 @@
 """The paper's numbers from friction: rows, readings, Table II, and the contradiction."""
 
-from pathlib import Path
-
 import msgspec
 import numpy as np
 import pytest
 
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.paper.contact import (
-    BEST_FILE,
     ContactParameters,
     PaperContact,
     load_paper_contact,
     make_contact,
 )
 from icreckon.simulation.paper.published import PUBLISHED, published_parameters
-from icreckon.simulation.paper.readings import Reading, read_errors, read_means, read_parameters
+from icreckon.simulation.paper.readings import Reading, read_means, read_parameters
 from icreckon.simulation.paper.reproduction import (
     Reproduction,
     check_intercepts,
@@ -90,13 +87,6 @@ def test_least_absolute_deviations_are_no_more_than_any_other_fit_leaves(plain):
     assert left("absolute") < min(left("plain"), left("velocity"))
 
 
-def test_straight_motions_only_dilute_table_2(plain: Reproduction) -> None:
-    mapped = plain.mapped
-    without = read_errors(mapped, plain.parameters, plain.icrs, Reading(straight=False))
-    for less, more in zip(plain.errors.constant, without.constant, strict=True):
-        assert more == pytest.approx(less * np.sqrt(441 / 420), rel=1e-5)
-
-
 def test_table_2_with_the_published_parameters(plain: Reproduction) -> None:
     errors = table_2_with_published_parameters(plain.mapped, Reading())
     assert list(errors) == ["measured", "literal", "smooth"]
@@ -121,28 +111,6 @@ def test_published_means_and_fits_contradict_each_other(plain: Reproduction) -> 
     assert check.of_map > 10.0
     assert check.mean_eta == pytest.approx(2.5905, abs=1e-4)
     assert check.mean_eta_by_fit > check.mean_eta + 0.1
-
-
-def test_least_squares_ties_means_to_fits(plain: Reproduction) -> None:
-    """The identity that the contradiction rests on, on motions where everything is known."""
-    mapped, fitted = plain.mapped, plain.parameters
-    at, motion = mapped.turning, mapped.motion
-    signs = np.sign(motion.V_l - motion.V_r) * np.sign(motion.V_l + fitted.H * motion.V_r)
-    mean = float((mapped.magnitude * signs)[at].mean())
-    epsilon = 0.5 * (plain.icrs.x_ICRl + plain.icrs.x_ICRr)
-    assert epsilon == pytest.approx(fitted.epsilon0 + fitted.epsilon1 * mean, rel=1e-9)
-
-
-def test_a_misspelt_key_of_a_contact_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "contact.toml"
-    text = BEST_FILE.read_text(encoding="utf-8").replace("friction =", "fricton =")
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(SimulationError, match="did you mean 'friction'"):
-        load_paper_contact(path)
-
-
-def test_the_file_that_ships_says_how_it_was_found() -> None:
-    assert "python examples/paper/identify.py --seed 0" in BEST_FILE.read_text(encoding="utf-8")
 
 
 def test_contacts_are_what_their_parameters_say() -> None:

@@ -13,7 +13,6 @@ from command_line import blank
 from icreckon.report.study.folder import run_study
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running import engines as study_engines
-from icreckon.simulation.running import runner
 from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.running.runner import MOST_TRIES
 from icreckon.simulation.running.store import jobs_of
@@ -81,13 +80,6 @@ class Failing(ThreadPoolExecutor):
             raise self._problem
         self._good -= 1
         return super().submit(*work)
-
-
-def test_ground_that_no_run_can_drive_on_is_refused_before_the_first(tmp_path):
-    swept = Sweep(grid={"terrain.kerb_height": [0.0, 5.0]})
-    with pytest.raises(SimulationError, match="kerb_height of the terrain must be at most"):
-        run_study(msgspec.structs.replace(STUDY, sweep=swept), tmp_path / "out", workers=1)
-    assert not (tmp_path / "out").exists()
 
 
 def test_blocks_cover_all_runs_once_whoever_works():
@@ -255,15 +247,3 @@ class Dying(ThreadPoolExecutor):
 def test_a_block_that_kills_all_its_workers_is_given_up(tmp_path):
     with pytest.raises(SimulationError, match=f"its worker died {MOST_TRIES} times.*gone"):
         run_study(STUDY, tmp_path / "a", executor=Dying(1), workers=1)
-
-
-def test_workers_with_other_versions_are_refused(tmp_path, monkeypatch):
-
-    made = runner.work
-
-    def work(*arguments):
-        return *made(*arguments)[:2], {"numpy": "0.1"}
-
-    monkeypatch.setattr(runner, "work", work)
-    with pytest.raises(SimulationError, match="give all workers the same versions"):
-        run_study(STUDY, tmp_path / "a", workers=1)

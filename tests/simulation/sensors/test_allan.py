@@ -111,14 +111,6 @@ def test_the_floor_of_bias_instability_is_that_of_the_data_sheet(sensor: str) ->
     assert (measured <= peak * (1.0 + 2.0 * sigma)).all()
 
 
-def test_the_peak_of_the_markov_process_is_where_the_derivation_says() -> None:
-    x = np.linspace(0.5, 5.0, 100_001)
-    curve = markov_deviation(x, 1.0, 1.0) * MARKOV_PEAK / INSTABILITY_FLOOR
-    assert curve.max() == pytest.approx(MARKOV_PEAK, abs=1e-6)
-    assert x[curve.argmax()] == pytest.approx(MARKOV_PEAK_AT, abs=1e-3)
-    assert pytest.approx(0.664, abs=1e-3) == INSTABILITY_FLOOR
-
-
 @pytest.mark.parametrize(
     ("grade", "sensor"),
     [("consumer", "gyro"), ("industrial", "accelerometer"), ("tactical", "gyro")],

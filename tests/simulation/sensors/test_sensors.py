@@ -6,7 +6,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH, sample_times, to_stamps
@@ -96,16 +95,6 @@ def test_a_standing_track_reads_exactly_zero():
     assert (series.speeds[~standing] != 0.0).all()
 
 
-def test_track_scale_is_drawn_once_for_both_tracks():
-    motion = circle()
-    speeds = read_tracks(
-        motion, sample_times(10.0, 50.0), 50.0, EncoderErrors(scale_sigma=0.05), rng(3)
-    ).speeds
-    scales = np.array([0.3, 0.6]) / speeds
-    assert np.ptp(scales) < 1e-12
-    assert 0.0 < abs(scales[0, 0] - 1.0) < 0.25
-
-
 def test_sideways_mounting_is_undone_by_the_rotation_of_the_robot_file():
     motion = circle()
     robot = mounted(rotation_rpy_deg=(90.0, 10.0, -30.0), position=(0.2, -0.1, 0.4))
@@ -166,22 +155,6 @@ def test_fixes_noise_heading_and_outages():
     assert np.isnan(whole.poses[:, 2]).all()
     kept = np.isin(whole.stamps, series.stamps)
     assert np.array_equal(whole.poses[kept, :2], series.poses[:, :2])
-
-
-def test_perfect_fixes_state_a_variance_that_a_log_accepts():
-    motion = circle()
-    series = read_fixes(motion, sample_times(10.0, 1.0), FixErrors(sigma=0.0), (), rng())
-    assert np.allclose(series.poses[:, :2], motion.poses_at(sample_times(10.0, 1.0))[:, :2])
-    assert (series.variances > 0.0).all()
-
-
-def test_times_and_stamps():
-    assert sample_times(1.0, 50.0)[-1] == pytest.approx(1.0)
-    assert len(sample_times(0.3, 10.0)) == 4
-    stamps = to_stamps(sample_times(1000.0, 30.0))
-    assert stamps[0] == EPOCH
-    assert stamps.dtype == np.int64
-    assert (np.diff(stamps) > 33_333_000).all()
 
 
 def test_a_figure_left_out_is_the_preset_s_and_then_the_robot_file_s():
@@ -280,33 +253,6 @@ def test_counting_never_adds_up_to_more_than_a_count(resolution, density, rate, 
     assert np.allclose(counts, np.rint(counts), atol=1e-6)
 
 
-def test_a_count_begins_anywhere_so_that_counting_errs_by_nothing_in_the_mean():
-    resolution, rate = 2e-4, 50.0
-    times = sample_times(60.0, rate)
-    remainders = []
-    for seed in range(50):
-        errors = EncoderErrors(resolution=resolution)
-        counted = read_tracks(DRIVEN, times, rate, errors, rng(seed)).speeds
-        lag = np.cumsum(counted, axis=0)[-1] / rate - DRIVEN.distances[-1]
-        remainders.extend(lag / resolution)
-    remainders = np.array(remainders)
-    # Of a travel of n + f counts, n + 1 are counted with probability f: mean zero, variance f (1 - f).
-    assert abs(remainders.mean()) < 5.0 * 0.5 / np.sqrt(len(remainders))
-    assert (np.abs(remainders) < 1.0).all()
-    assert (remainders < 0.0).any()
-    assert (remainders > 0.0).any()
-
-
-def test_a_counting_track_that_stands_reads_exactly_zero():
-    motion = driven("stop-and-go")
-    times = sample_times(60.0, 50.0)
-    errors = EncoderErrors(resolution=1e-3, speed_noise_density=1e-2, scale_sigma=0.1)
-    speeds = read_tracks(motion, times, 50.0, errors, rng()).speeds
-    standing = np.abs(motion.mean_track_speeds(times)) <= STANDING
-    assert standing.sum() > 300
-    assert (speeds[standing] == 0.0).all()
-
-
 def test_the_difference_of_scales_is_left_less_right_and_keeps_the_mean():
     differences, motion = [], circle(0.1)
     for seed in range(300):
@@ -384,17 +330,6 @@ def test_scale_and_misalignment_are_drawn_once_for_each_axis():
     assert np.abs(found.mean(axis=0)).max() < 5.0 * 0.02 / np.sqrt(300)
 
 
-def test_misalignment_shows_gravity_in_the_level_axes():
-    errors, motion = InertialErrors(misalignment_sigma=1e-3), circle(0.1, 0.0, 0.0)
-    forces = [
-        imu(motion, IDEAL, 0.1, accelerometer=errors, seed=seed)
-        .series.linear_acceleration[0, :2]
-        .copy()
-        for seed in range(300)
-    ]
-    assert abs(np.var(forces) / (1e-3 * GRAVITY) ** 2 - 1.0) < sample_band(600)
-
-
 def test_a_sensor_saturates_at_its_range_in_its_own_axes():
     errors = InertialErrors(range=0.5, noise_density=0.05)
     gyro = imu(circle(), IDEAL, gyro=errors).series.angular_velocity
@@ -404,29 +339,6 @@ def test_a_sensor_saturates_at_its_range_in_its_own_axes():
     upside_down = mounted(rotation_rpy_deg=(180.0, 0.0, 0.0))
     forces = imu(circle(), upside_down, accelerometer=InertialErrors(range=5.0)).series
     assert forces.linear_acceleration[:, 2] == pytest.approx(-5.0)
-
-
-def test_a_longer_run_begins_as_the_shorter():
-    for duration in (30.0, 60.0):
-        times = sample_times(duration, 50.0)
-        errors = EncoderErrors(
-            speed_noise_density=1e-3,
-            scale_sigma=0.01,
-            scale_difference_sigma=0.01,
-            resolution=1e-3,
-            dropouts_per_hour=600.0,
-            dropout_reads="zero",
-        )
-        tracks = read_tracks(DRIVEN, times, 50.0, errors, rng(7)).speeds
-        industrial = gyro_errors(ALPHA, InertialSpec(), noise_preset("industrial"))
-        gyro = imu(DRIVEN, ALPHA, duration, 50.0, gyro=industrial).series.angular_velocity
-        fixing = FixErrors(outlier_share=0.3, latency=0.1)
-        fixes = read_fixes(DRIVEN, sample_times(duration, 1.0), fixing, (), rng(8)).poses[:, :2]
-        if duration == 30.0:
-            shorter = tracks, gyro, fixes
-    for short, long in zip(shorter, (tracks, gyro, fixes), strict=True):
-        # An average over the last interval of a motion is another one where the motion goes on.
-        assert np.allclose(short, long[: len(short)], atol=1e-9)
 
 
 # Fixes that are late or wrong.

@@ -1,7 +1,6 @@
 """A study whose runs fail says so, and failed runs enter no sum, table, figure or page."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +13,12 @@ from pyarrow import parquet
 import study_stub
 from command_line import blank
 from icreckon.cli.study import command
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.batch.runs import Worked
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.streaming.outputs import Snapshot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.report.study.folder import run_study
 from icreckon.report.study.text import failures, headline, summary_tables
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running import batch_engine as study_batch
 from icreckon.simulation.running import engines as study_engines
-from icreckon.simulation.running import streaming_engine as study_streaming
 from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.study.cells import Cell, Filter
@@ -69,29 +63,6 @@ def spoil(monkeypatch: pytest.MonkeyPatch, cell: int, label: str, **changes: flo
     monkeypatch.setattr(study_stub, "block", block)
 
 
-def lose_in_streaming(monkeypatch: pytest.MonkeyPatch) -> None:
-    """NaN in the state of constant-online from 7 s on, in run 1."""
-    honest = study_streaming._run
-
-    class Losing(PoseEstimator):
-        def snapshot(self) -> Snapshot:
-            found = super().snapshot()
-            late = self.stamp is not None and (self.stamp - start[0]) * 1e-9 > LOST - 1e-3
-            if losing[0] and late:
-                return found._replace(state=found.state * np.nan)
-            return found
-
-    start, losing = [0], [False]
-
-    def losing_run(log: Log, one: Filter, times: Floats) -> Any:
-        start[0] = log.start
-        losing[0] = log.name.endswith("run 1") and one.variant == "constant-online"
-        return honest(log, one, times)
-
-    monkeypatch.setattr(study_streaming, "PoseEstimator", Losing)
-    monkeypatch.setattr(study_streaming, "_run", losing_run)
-
-
 def lose_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     """NaN in the pose of the first filter from 7 s on, in the lane of run 1."""
     honest = study_batch.work_through_runs
@@ -104,14 +75,9 @@ def lose_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study_batch, "work_through_runs", losing)
 
 
-@pytest.mark.parametrize("engine", ["streaming", "batch"])
-def test_a_lost_filter_is_a_failed_run_in_every_engine(tmp_path, monkeypatch, engine):
-    lose = lose_in_streaming if engine == "streaming" else lose_side_by_side
-    lose(monkeypatch)
-    study = msgspec.structs.replace(STUDY, engine=engine, sweep=None)
-    # A thread of this process, which has the spoilt filter.
-    threads = replace(study_engines.ENGINES["streaming"], threads=True)
-    monkeypatch.setitem(study_engines.ENGINES, "streaming", threads)
+def test_a_lost_filter_is_a_failed_run(tmp_path, monkeypatch):
+    lose_side_by_side(monkeypatch)
+    study = msgspec.structs.replace(STUDY, engine="batch", sweep=None)
     results = run_study(study, tmp_path / "a", workers=1)
     assert results["failed"]["runs"] == 1
     assert results["failed"]["of"] == 8

@@ -57,35 +57,6 @@ def results(runs):
     return study_results(runs, manifest(runs.plan, ENGINES["streaming"]), cell_summaries(runs))
 
 
-def test_with_a_motion_for_each_run_the_interval_is_student_s():
-    values = np.random.default_rng(1).normal(3.0, 1.0, 15)
-    mean, low, high = mean_interval(values, np.arange(15))
-    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
-    assert mean == pytest.approx(values.mean(), rel=1e-14)
-    assert (low, high) == pytest.approx((expected.low, expected.high), rel=1e-12)
-
-
-@pytest.mark.parametrize(("count", "least"), [(12, 0.92), (40, 0.94)])
-def test_intervals_of_nees_hold_the_truth(count, least):
-    rng = np.random.default_rng(6)
-    inside, times = 0, 2000
-    for _ in range(times):
-        values = rng.chisquare(3.0, count)
-        _, low, high = mean_interval(values, np.arange(count), positive=True)
-        inside += low < 3.0 < high
-    # 95 % is meant. Four standard deviations of a share of 95 % over so many times are 2 %.
-    assert least - 0.02 <= inside / times <= 0.97
-
-
-def test_a_study_has_intervals_of_nees_by_the_logarithm(results):
-    for cell in results["cells"]:
-        for one in cell["variants"].values():
-            for name, found in one.items():
-                if name.startswith(("nees_", "nis_")) and found["mean"]:
-                    up, down = found["mean_high"] / found["mean"], found["mean"] / found["mean_low"]
-                    assert up == pytest.approx(down)
-
-
 def test_runs_that_share_their_motion_count_as_one():
     rng = np.random.default_rng(2)
     of_motions = rng.normal(3.0, 1.0, 8)
@@ -271,11 +242,9 @@ def test_the_headline_compares_along_the_axis_and_marks_what_is_not_clear(result
     assert "no clear difference" not in headline(changed)
 
 
-def test_figures_are_png_and_the_same_each_time(results, figures):
-    first, again = figures, study_figures(results)
-    assert [figure.png for figure in first] == [figure.png for figure in again]
-    assert all(figure.png.startswith(b"\x89PNG") for figure in first)
-    assert [figure.name for figure in first] == [
+def test_figures_are_png(figures):
+    assert all(figure.png.startswith(b"\x89PNG") for figure in figures)
+    assert [figure.name for figure in figures] == [
         "drift-gyro-factor",
         "final-error-gyro-factor",
         "ratio-gyro-factor",
@@ -292,12 +261,10 @@ def test_figures_are_png_and_the_same_each_time(results, figures):
     [
         ({"sweep": None}, False),
         ({"sweep": None, "runs": 1}, True),
-        ({"variants": ("differential",)}, True),
         ({"sweep": Sweep(latin=LatinHypercube(points=30, ranges={"fix_rate": [1.0, 2.0]}))}, True),
-        ({"sweep": Sweep(cases={"a": {"x": {}, "y": {"fix_rate": 2.0}}})}, False),
         ({"sweep": Sweep(grid={"fix_rate": [float(n) for n in range(1, 30)]})}, True),
     ],
-    ids=["one cell", "one run", "one variant", "latin", "cases", "many cells"],
+    ids=["one cell", "one run", "latin", "many cells"],
 )
 def test_every_shape_of_study_has_tables_figures_and_a_page(changes, known, monkeypatch):
     if known:

@@ -15,11 +15,10 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import sample_times
-from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.imu import angular_velocities, specific_forces
 from icreckon.simulation.simulate import Simulation, run_scenario
-from icreckon.simulation.truth.friction import drive, on_surface
+from icreckon.simulation.truth.friction import on_surface
 from icreckon.simulation.truth.surface_kernel import Surface, gradient, height
 from icreckon.simulation.truth.terrain import Patch, Terrain, draw_surface
 from icreckon.simulation.truth.true_motion import TrueMotion, true_motion
@@ -197,62 +196,6 @@ def test_a_patch_of_a_slope_lies_over_the_terrain() -> None:
     assert np.abs(half.gravity[-1] - over.gravity[-1]).max() > 0.1
     assert bare.gravity is not None
     np.testing.assert_allclose(np.linalg.norm(half.gravity, axis=1), GRAVITY, rtol=1e-12)
-
-
-def test_level_terrain_is_none() -> None:
-    assert Terrain().is_level
-    none, level = run_scenario(EXACT, ALPHA), run(Terrain(uphill_deg=40.0, wavelength=3.0))
-    assert none.motion.gravity is None
-    assert level.motion.gravity is None
-    assert level.motion.heights is None
-    np.testing.assert_array_equal(level.motion.poses, none.motion.poses)
-    np.testing.assert_array_equal(
-        level.log.imu.linear_acceleration, none.log.imu.linear_acceleration
-    )
-
-
-def test_seeds_and_runs_have_ground_of_their_own() -> None:
-    terrain = Terrain(rolling_deg=5.0)
-    scenario = msgspec.structs.replace(EXACT, duration=4.0, terrain=terrain)
-    other = msgspec.structs.replace(scenario, seed=3)
-    starts = [
-        run_scenario(one, ALPHA, run_index=index).motion.gravity
-        for one, index in ((scenario, 0), (scenario, 0), (scenario, 1), (other, 0))
-    ]
-    first, again, second, third = starts
-    np.testing.assert_array_equal(first, again)
-    assert np.abs(first[0] - second[0]).max() > 0.01
-    assert np.abs(first[0] - third[0]).max() > 0.01
-
-
-def test_terrain_changes_no_other_draw() -> None:
-    noisy = Scenario(duration=5.0, trajectory="straight", seed=6)
-    level = run_scenario(noisy, ALPHA)
-    sloping = run_scenario(msgspec.structs.replace(noisy, terrain=Terrain(slope_deg=3.0)), ALPHA)
-    np.testing.assert_array_equal(level.gyro_bias, sloping.gyro_bias)
-    np.testing.assert_allclose(
-        level.log.tracks.speeds, sloping.log.tracks.speeds, rtol=0.0, atol=1e-12
-    )
-
-
-@settings(max_examples=8)
-@given(st.floats(-3.0, 3.0))
-def test_ground_and_start_turned_together_give_the_same_motion(angle: float) -> None:
-    t = np.arange(0.0, 10.0 + 0.5 * STEP, STEP)
-    speeds = np.stack([0.5 + 0.2 * np.sin(t), 0.5 - 0.3 * np.sin(0.7 * t)], axis=-1)
-    rates = np.stack([0.2 * np.cos(t), -0.21 * np.cos(0.7 * t)], axis=-1)
-
-    def driven(turned: float) -> np.ndarray:
-        surface = surface_of(
-            msgspec.structs.replace(ROUGH, uphill_deg=30.0 + np.degrees(turned)), 4
-        )
-        start = (0.0, 0.0, 0.0, 0.0, 0.0, turned)
-        found = drive(
-            contact_of(ALPHA), ALPHA.yaw_inertia, speeds, rates, STEP, surface=surface, start=start
-        )
-        return np.column_stack([found.twists, found.transfer])
-
-    np.testing.assert_allclose(driven(angle), driven(0.0), atol=1e-5)
 
 
 def test_a_kerb_pitches_the_vehicle_up_for_about_its_length() -> None:

@@ -1,8 +1,6 @@
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from icreckon.estimator.base.frames import rep103_to_paper
 from icreckon.estimator.motion.icr import (
@@ -15,9 +13,7 @@ from icreckon.estimator.motion.icr import (
 from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
 from icreckon.estimator.robot.slip import slip_components
 from icreckon.estimator.robot.variants import find_variant, initial_parameters
-from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.drives.trajectories import TRAJECTORIES, make_trajectory
-from icreckon.simulation.truth.by_name import make_truth
+from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.truth.kinematic import KinematicTruth, draw_parameters
 from icreckon.simulation.truth.true_motion import TRUE_SLIP, gauss_markov
 
@@ -28,9 +24,6 @@ EXACT = KinematicTruth(spread=0.0, slip=NO_SLIP)
 
 # Constant ICRs: no force acts on them. Gains that are all zero would be those of Coulomb friction.
 NO_GAINS = {"eta2": 1e-30, "epsilon_F": 0.0}
-FORCELESS = msgspec.structs.replace(
-    ALPHA, indices=msgspec.structs.replace(ALPHA.constant_indices, **NO_GAINS)
-)
 
 
 def constant(left, right):
@@ -97,41 +90,6 @@ def test_indices_from_true_twists_and_tracks_show_the_true_parameters():
     assert values.zeta == pytest.approx(true.zeta0 + true.zeta1 * abs(signed))
 
 
-@settings(max_examples=25)
-@given(
-    name=st.sampled_from(sorted(TRAJECTORIES)), seed=st.integers(0, 1000), side=st.floats(-0.1, 0.1)
-)
-def test_the_mirrored_robot_drives_the_mirrored_path(name, seed, side):
-    x_forward, _, z = ALPHA.vehicle.centre_of_mass
-
-    def robot(sign):
-        vehicle = msgspec.structs.replace(ALPHA.vehicle, centre_of_mass=(x_forward, sign * side, z))
-        own = ALPHA.indices
-        indices = msgspec.structs.replace(own, epsilon0=sign * own.epsilon0, eta1=sign * own.eta1)
-        return msgspec.structs.replace(ALPHA, vehicle=vehicle, indices=indices)
-
-    command = make_trajectory(name, 40.0, ALPHA, np.random.default_rng(seed))
-    motion = run(EXACT, command, 40.0, robot(1.0))
-    mirror = run(EXACT, lambda times: command(times)[:, ::-1], 40.0, robot(-1.0))
-    assert np.allclose(mirror.poses, motion.poses * [1.0, -1.0, -1.0], atol=1e-9)
-    assert np.allclose(mirror.twists, motion.twists * [1.0, -1.0, -1.0], atol=1e-9)
-
-
-@pytest.mark.parametrize("name", ["aggressive", "slalom"])
-def test_halving_the_step_does_not_move_the_end(name):
-    """Without forces; these lag by steps, so that with them the end moves ever less."""
-    command = make_trajectory(name, 300.0, ALPHA, np.random.default_rng(1))
-    coarse, fine = (run(EXACT, command, 300.0, FORCELESS, rate=rate) for rate in (200.0, 400.0))
-    assert np.abs(fine.poses[-1] - coarse.poses[-1]).max() < 1e-6
-    assert np.abs(fine.distances[-1] - coarse.distances[-1]).max() < 1e-6
-    *ends, last = (
-        run(EXACT, command, 300.0, rate=rate).poses[-1] for rate in (100.0, 200.0, 400.0, 3200.0)
-    )
-    errors = [np.abs(end - last).max() for end in ends]
-    assert errors[1] < 0.6 * errors[0]
-    assert errors[2] < 0.6 * errors[1] < 0.03
-
-
 @pytest.mark.parametrize("step", [0.002, 0.05, 0.7, 25.0])
 def test_gauss_markov_is_exact_at_any_step(step):
     count = 200_000
@@ -169,19 +127,6 @@ def test_true_parameters_spread_about_those_of_the_robot_file():
     assert draw_parameters(ALPHA, 0.0, rng).as_array() == pytest.approx(own)
 
 
-def test_true_eta0_stays_at_or_above_one():
-    robot = with_indices(eta0=1.0)
-    rng = np.random.default_rng(3)
-    assert min(draw_parameters(robot, 0.5, rng).eta0 for _ in range(50)) == 1.0
-
-
-def test_the_motion_never_jumps():
-    for seed in range(20):
-        command = make_trajectory("aggressive", 60.0, ALPHA, np.random.default_rng(seed))
-        motion = run(KinematicTruth(slip=NO_SLIP), command, 60.0, seed=seed)
-        assert np.abs(np.diff(motion.twists, axis=0)).max() < 10.0 / 200.0
-
-
 def test_mean_track_speeds_add_up_to_the_distance():
     command = make_trajectory("aggressive", 30.0, ALPHA, np.random.default_rng(0))
     motion = run(KinematicTruth(), command, 30.0)
@@ -203,8 +148,3 @@ def test_twist_rates_are_the_derivative():
     assert np.allclose(accelerations[:, 0], rates[:, 0] - w * v_y)
     assert np.allclose(accelerations[:, 1], rates[:, 1] + w * v_x)
     assert np.isfinite(motion.twist_rates_at(np.array([0.0, 20.0]), 0.01)).all()
-
-
-def test_unknown_truth_says_which_there_is():
-    with pytest.raises(SimulationError, match="did you mean 'kinematic'"):
-        make_truth("kinematics")
