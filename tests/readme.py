@@ -10,6 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?")
+RENEWS = "ICRECKON_RENEW" in os.environ
 ROUGHLY = 0.05
 """Printed figures may differ by so much [-] from machine to machine, and by one in the last digit."""
 
@@ -59,7 +60,8 @@ def run_page(
     """Run the shell blocks of a page, or of a section of it, one after the other.
 
     Each block of the language `text` must be what the shell block before it has printed: line by line,
-    in order, other lines between them left out, figures roughly the same.
+    in order, other lines between them left out, figures roughly the same. With `ICRECKON_RENEW` in the
+    environment figures that are not the same are put into the page.
     """
     paths = [Path(sys.executable).parent, *([] if programs is None else [programs])]
     path = os.pathsep.join([*map(str, paths), os.environ["PATH"]])
@@ -70,23 +72,33 @@ def run_page(
             more = {"PATH": path, "MPLBACKEND": "agg", "HOME": str(folder)}
             printed.append(shell(text, folder, **more))
         elif language == "text":
-            lines = iter(printed[-1].splitlines())
-            for line in text.splitlines():
-                assert any(says(one, line) for one in lines), f"{line}\nin\n{printed[-1]}"
+            lines, shown = iter(printed[-1].splitlines()), text.splitlines()
+            fits = alike if RENEWS else says
+            for k, line in enumerate(shown):
+                found = next((one for one in lines if fits(one, line)), None)
+                assert found is not None, f"{line}\nin\n{printed[-1]}"
+                shown[k] = line if says(found, line) else found.rstrip()
+            if RENEWS:
+                whole = (ROOT / page).read_text(encoding="utf-8")
+                whole = whole.replace(text, "".join(f"{line}\n" for line in shown), 1)
+                (ROOT / page).write_text(whole, encoding="utf-8")
     assert printed, f"{page} has no commands"
     return "".join(printed)
 
 
 def says(printed: str, shown: str) -> bool:
     """Whether a printed line is the one that is shown, but for spaces and what is within `ROUGHLY`."""
-    if NUMBER.sub("#", printed).split() != NUMBER.sub("#", shown).split():
-        return False
-    return all(
+    return alike(printed, shown) and all(
         math.isclose(
             float(is_), float(said), rel_tol=ROUGHLY, abs_tol=1.01 * 10.0 ** -_decimals(said)
         )
         for is_, said in zip(NUMBER.findall(printed), NUMBER.findall(shown), strict=True)
     )
+
+
+def alike(printed: str, shown: str) -> bool:
+    """Whether two lines are the same but for figures and spaces."""
+    return NUMBER.sub("#", printed).split() == NUMBER.sub("#", shown).split()
 
 
 def _decimals(number: str) -> int:
