@@ -21,10 +21,14 @@ from icreckon.replay.reading.tables import Table
 
 TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
 TIME_WORDS = re.compile(r"time|stamp")
-SPEED_WORDS = re.compile(r"vel|speed|rate|omega|rpm|count|tick|enc")
-NO_SPEED_WORDS = re.compile(
-    r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|demand"
-    r"|(?<![a-z])(?:ref|amps?|amperes?)(?![a-z])"
+SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)")
+NO_SPEED = re.compile(
+    r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
+)
+# Words of a name that may stand beside its side where none is a speed's.
+BARE = re.compile(
+    r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
+    r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
 )
 GYRO = re.compile(
     r"^(?:imu_?)?(?:gyro(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega|w|g)?[_.]?([xyz])$"
@@ -101,10 +105,10 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
 
 
 def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
-    likely = [name for name in names if not NO_SPEED_WORDS.search(name.lower())]
-    left, right = sides([name for name in likely if SPEED_WORDS.search(name.lower())])
+    likely = [name for name in names if not NO_SPEED.search(name.lower())]
+    left, right = sides([name for name in likely if SPEED.search(name.lower())])
     if not (left and right):
-        left, right = sides(likely)
+        left, right = sides([name for name in likely if _is_bare(name)])
     if not (left and right) or len(left) != len(right):
         return None
     column = left[0].lower()
@@ -112,6 +116,12 @@ def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
         return TrackColumns(left, right, "counts", counts_per_turn=1.0, time=time)
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
     return TrackColumns(left, right, unit, time=time)
+
+
+def _is_bare(name: str) -> bool:
+    """Return True for a name with no other quantity beside its side, as `left_m_s`."""
+    words = re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower()))
+    return all(BARE.fullmatch(word) for word in words)
 
 
 def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
