@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,16 @@ import numpy as np
 
 from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.log.log import Log
+from icreckon.replay.calibration.gains import Gains
+from icreckon.replay.checking.worth import VARIANT
+from icreckon.replay.comparison.known_bias import GYRO
 from icreckon.replay.comparison.results import FORMAT, Results, digest, versions
 
 
 def summarise_calibration(
     found: Calibration,
     logs: list[Log],
+    gains: Gains,
     *,
     configuration: dict[str, Any],
     inputs: dict[str, Path],
@@ -25,6 +30,7 @@ def summarise_calibration(
     Args:
         found: the calibration.
         logs: its logs.
+        gains: drift of filters with it.
         configuration: options of the command.
         inputs: input files, by their displayed names.
     """
@@ -35,6 +41,8 @@ def summarise_calibration(
         "seed": None,
         "versions": versions(),
         "inputs": {name: digest(path) for name, path in inputs.items()},
+        "filters": gains._asdict(),
+        "headline": headline(gains, len(logs)),
         "verdict": found.verdict,
         "notes": list(found.notes),
         "supported_model": found.comparison.supported,
@@ -95,6 +103,24 @@ def summarise_calibration(
             "after": found.residuals.after.round(6).tolist(),
         },
     }
+
+
+def headline(gains: Gains, logs: int) -> str:
+    """Drift of the filters with the calibrated values and with those before.
+
+    Args:
+        gains: the drifts.
+        logs: number of logs.
+    """
+    before, after = gains.before[VARIANT], gains.after[VARIANT]
+    if not math.isfinite(after):
+        return "The filters have no drift to score on these logs."
+    of_logs = "the log" if logs == 1 else f"the {logs} logs"
+    start = f" ({before:.2f} % with the file before)" if math.isfinite(before) else ""
+    return (
+        f"{VARIANT} drifts {after:.2f} % of the distance after {gains.horizon:g} s with these values"
+        f"{start}, wheels + gyro {gains.after[GYRO]:.2f} %, on {of_logs} of this calibration."
+    )
 
 
 def _of_log(one: Any, log: Log) -> Results:

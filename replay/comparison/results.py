@@ -40,6 +40,7 @@ from icreckon.replay.comparison.drift_table import (
 from icreckon.replay.comparison.fixes import scored_intervals
 from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, scores, truths_of
+from icreckon.replay.comparison.truth_noise import noise_drifts
 
 FORMAT = 1
 # Shortest gap without samples that is reported [s].
@@ -117,7 +118,7 @@ def summarise(
             "start_ns": log.start,
             "origin": log.origin,
         },
-        "truth": _truth_summary(comparison, scored),
+        "truth": _truth_summary(comparison, robot, scored),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
         "horizons": list(horizon_labels()),
@@ -254,7 +255,9 @@ def fix_correlation(one: Run) -> float | None:
     return sum(found) / len(found) if found else None
 
 
-def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:
+def _truth_summary(
+    comparison: Comparison, robot: Robot, scored: list[tuple[int, int]]
+) -> Results | None:
     truth, alignment = comparison.log.truth, comparison.alignment
     if truth is None:
         return None
@@ -267,6 +270,7 @@ def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Res
         "lag_sigma_s": None if alignment is None else alignment.lag_sigma,
         "lever_arm_m": [0.0, 0.0] if alignment is None else list(alignment.lever_arm),
         "tilt_deg": 0.0 if alignment is None else math.degrees(alignment.tilt),
+        "noise_drift_percent": noise_drifts(comparison, robot),
         "scored_s": [[(a - start) * NANOSECOND, (b - start) * NANOSECOND] for a, b in scored],
     }
 

@@ -60,8 +60,8 @@ ENDINGS: tuple[tuple[str, TimeUnit], ...] = (
 def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
     """Guess the columns of each stream; return None if no column looks like a time.
 
-    Columns of the truth have "truth", "ground" or "icp" in their names. Columns of commands are
-    skipped.
+    Columns of the truth have "truth" or "ground" in their names, or their table has. Columns of commands
+    are skipped.
 
     Args:
         tables: all tables of a log.
@@ -74,11 +74,12 @@ def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
     for table, own in zip(tables, times, strict=True):
         other = None if own == time else own
         names = [one.name for one in table.columns if one.is_number and one.name != own]
-        measured = [name for name in names if not is_truth(name) and not is_command(name)]
+        true = names if is_truth(table.path.stem) else [name for name in names if is_truth(name)]
+        measured = [name for name in names if name not in true and not is_command(name)]
         tracks = tracks or _tracks(measured, other)
         imu = imu or _imu(measured, other)
         fixes = fixes or _fixes(measured, other)
-        truth = truth or _truth([name for name in names if is_truth(name)], other)
+        truth = truth or _truth(true, other)
     return ColumnMap(time, unit, tracks, imu, fixes, truth)
 
 
@@ -162,7 +163,12 @@ def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
 def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
     def ending(*words: str) -> str | None:
         return next(
-            (name for name in names for word in words if re.search(rf"[_.]{word}$", name.lower())),
+            (
+                name
+                for name in names
+                for word in words
+                if re.search(rf"(?:^|[_.]){word}$", name.lower())
+            ),
             None,
         )
 

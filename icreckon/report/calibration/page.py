@@ -28,7 +28,7 @@ def calibration_page(results: Results) -> str:
         "calibration.html",
         title=f"{results['robot']['name']}, calibrated",
         subtitle=f"icreckon calibrate · {count} · {distance:.0f} m",
-        headline=results["verdict"],
+        headline=results["headline"],
         pictures=_pictures(results),
         tables=[model_table(results), parameter_table(results), log_table(results)],
         notes=footnotes(results),
