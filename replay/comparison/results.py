@@ -22,7 +22,6 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
@@ -38,13 +37,11 @@ from icreckon.replay.comparison.drift_table import (
     verdict,
 )
 from icreckon.replay.comparison.fixes import scored_intervals
+from icreckon.replay.comparison.holes import holes_of
 from icreckon.replay.comparison.plot_series import series_of
-from icreckon.replay.comparison.scores import differences, scores, truths_of
-from icreckon.replay.comparison.truth_noise import noise_drifts
+from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
 
 FORMAT = 1
-# Shortest gap without samples that is reported [s].
-LONG_GAP = 1.0
 # Share of rejected gyro readings from which gyro and tracks contradict each other.
 MANY_REJECTED = 0.05
 # Number of fixes that show a correlation of successive innovations.
@@ -80,7 +77,7 @@ def summarise(
         series: whether to include the time series of the plots.
     """
     log = comparison.log
-    scored = scored_intervals(log)
+    scored, holes = scored_intervals(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
     reference, baseline = filters[-1], baseline_of(filters)
     variants, found = {}, None
@@ -89,7 +86,7 @@ def summarise(
         paired = paired_drifts(comparison_drifts(comparison) if drifts is None else drifts)
         found = verdict(paired, baseline)
         for name, one in comparison.runs.items():
-            variants[name] = scores(one, truths[name], scored)
+            variants[name] = scores(one, truths[name], scored, holes)
             variants[name] |= drift_scores(paired, name, baseline)
     else:
         for name, one in comparison.runs.items():
@@ -109,9 +106,11 @@ def summarise(
             "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
+            "holes_s": [
+                [(a - log.start) * NANOSECOND, (b - log.start) * NANOSECOND] for a, b in holes
+            ],
             "notes": [
                 *log.notes,
-                *_holes(log),
                 *_doubts(comparison),
                 *_findings(comparison),
             ],
@@ -150,23 +149,6 @@ def write_results(path: Path, results: Results) -> None:
 
 def _in_one_line(numbers: re.Match[str]) -> str:
     return "".join(numbers[0].split())
-
-
-def _holes(log: Log) -> list[str]:
-    """Report gaps without track speeds or IMU samples."""
-    streams = {"track speeds": log.tracks.stamps}
-    if log.imu is not None:
-        streams["IMU samples"] = log.imu.stamps
-    notes = []
-    for name, stamps in streams.items():
-        gaps = np.diff(stamps) * NANOSECOND
-        long = gaps[gaps > LONG_GAP]
-        if len(long):
-            notes.append(
-                f"{len(long)} holes of more than {LONG_GAP:.0f} s in the {name}, "
-                f"the longest of {long.max():.1f} s"
-            )
-    return notes
 
 
 def _doubts(comparison: Comparison) -> list[str]:

@@ -13,6 +13,7 @@ from icreckon.report.replay.page_charts import constant_parameters, page_data, s
 from icreckon.report.replay.page_drive import has_wheels
 from icreckon.report.replay.page_text import (
     CHECK_HINT,
+    calibration_hint,
     doubts,
     failures,
     filtered,
@@ -90,7 +91,7 @@ def replay_page(results: Results) -> str:
         doubts=doubts(results),
         check_hint=CHECK_HINT,
         headline=headline(results),
-        remarks=remarks(results),
+        remarks=calibration_hint(results) + remarks(results),
         switches=switches(results),
         truth=results["truth"],
         scored=_scored(results),

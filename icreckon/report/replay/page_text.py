@@ -27,8 +27,23 @@ def page_title(results: Results) -> str:
 
 def headline(results: Results) -> str:
     """Verdict, what the truth's noise and ends say of it, and a bias of the gyro that was not known."""
-    parts = (_verdict(results), noise_text(results), ends_text(results), bias_text(results))
+    verdict = _verdict(results), noise_text(results), ends_text(results)
+    parts = (*verdict, holes_text(results), bias_text(results))
     return " ".join(filter(None, parts))
+
+
+def holes_text(results: Results) -> str:
+    """Holes of the log, and the part of it that NEES is of."""
+    holes = results["log"]["holes_s"]
+    if not holes:
+        return ""
+    longest, whole = (number(which(b - a for a, b in holes)) for which in (max, sum))
+    text = f"The log has no track speeds or IMU samples for {whole} s"
+    if len(holes) > 1:
+        text += f" in {len(holes)} holes, the longest of {longest} s"
+    return (
+        f"{text}; NEES is that before {number(holes[0][0])} s." if results["truth"] else f"{text}."
+    )
 
 
 def noise_text(results: Results) -> str:
