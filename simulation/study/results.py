@@ -15,7 +15,13 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.simulation.study.cells import Axis, Plan, Value
 from icreckon.simulation.study.failures import failures_of
 from icreckon.simulation.study.statistics import DRIFT, Statistic, statistics
-from icreckon.simulation.study.summary import GROUPS, Summary, over_cells, summarise
+from icreckon.simulation.study.summary import (
+    GROUPS,
+    Summary,
+    half_of_jackknife,
+    over_cells,
+    summarise,
+)
 
 Results = dict[str, Any]
 
@@ -137,6 +143,7 @@ def study_results(
         "drift": _reported_drift(runs),
         "axes": manifest["axes"],
         "overall": _by_variant(runs, _summaries(runs, everything)),
+        "typical": _typical(runs),
         "cells": [
             {
                 "cell": cell.index,
@@ -217,6 +224,42 @@ def _reported_drift(runs: Runs) -> str:
     columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
     have = [int(np.isfinite(runs.values[..., column]).any(axis=(0, 2)).sum()) for column in columns]
     return names[columns[int(np.argmax(have))]]
+
+
+def _typical(runs: Runs) -> dict[str, Any]:
+    """Drift of a typical cell, by variant, in which no cell has more weight than another.
+
+    `median_percent` is the median over cells of their mean drifts; `ratio` the geometric mean over cells
+    of their ratios to the baseline, with its 95 % interval by leaving out true motions one by one.
+    """
+    column = [one.name for one in runs.statistics].index(_reported_drift(runs))
+    drifts, motions = runs.values[..., column], runs.motions
+    baseline = drifts[list(runs.plan.labels).index(runs.plan.study.compared_with)]
+
+    def log_ratio(one: Floats, kept: Any) -> float:
+        both = np.isfinite(one) & np.isfinite(baseline) & kept
+        means = [np.where(both, of, 0.0).sum(axis=1) for of in (one, baseline)]
+        there = (means[0] > 0.0) & (means[1] > 0.0)
+        return float(np.log(means[0][there] / means[1][there]).mean()) if there.any() else np.nan
+
+    found = {}
+    for label, one in zip(runs.plan.labels, drifts, strict=True):
+        middle, half = (
+            log_ratio(one, True),
+            half_of_jackknife(
+                np.array([log_ratio(one, motions != motion) for motion in np.unique(motions)])
+            ),
+        )
+        known = np.isfinite(one)
+        cells = np.where(known, one, 0.0).sum(axis=1)[known.any(axis=1)]
+        cells = cells / known.sum(axis=1)[known.any(axis=1)]
+        found[label] = {
+            "median_percent": float(np.median(cells)) if len(cells) else np.nan,
+            "ratio": float(np.exp(middle)),
+            "ratio_low": float(np.exp(middle - half)),
+            "ratio_high": float(np.exp(middle + half)),
+        }
+    return found
 
 
 def _final_errors(runs: Runs) -> list[dict[str, Any]]:

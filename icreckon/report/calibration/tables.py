@@ -14,7 +14,7 @@ from icreckon.report.terminal import rich_table
 
 STATUS = {
     "shown": "shown",
-    "conditional": "shown if the held ones are right",
+    "conditional": "shown, if the held ones are right",
     "held": "held, not shown",
 }
 # Width of a terminal from which on tables have all columns [characters].

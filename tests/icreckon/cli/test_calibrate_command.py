@@ -101,7 +101,7 @@ def test_it_leaves_results_and_a_picture(folder: Path) -> None:
     assert (folder / "results" / "figure.png").read_bytes().startswith(b"\x89PNG")
     page = (folder / "results" / "page.html").read_text(encoding="utf-8")
     assert page == calibration_page(results)
-    assert page.index(str(escape(results["verdict"]))) < page.index("<img") < page.index("<table")
+    assert page.index(str(escape(results["headline"]))) < page.index("<img") < page.index("<table")
     for name in results["parameters"]:
         assert f'<td class="text">{name}</td>' in page.replace("<wbr>", "")
 
