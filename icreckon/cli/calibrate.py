@@ -37,8 +37,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import write_text
-from icreckon.replay.calibration.gains import filter_gains
-from icreckon.replay.calibration.results import summarise_calibration
+from icreckon.replay.calibration.results import headline, summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.comparison.results import json_types, write_results
@@ -123,11 +122,11 @@ def command(
         # Track speeds have the radius and latency of the robot by which they are read.
         again = [_read(files, found.robot, definitions) for files in logs_of]
         with progress("filtering with the file before and after", compiles=True) as report_progress:
-            gains = filter_gains((read, robot), (again, found.robot), report_progress)
+            gained = headline((read, robot), (again, found.robot), report_progress)
         summary = summarise_calibration(
             found,
             read,
-            gains,
+            gained,
             configuration={
                 "logs": [str(path) for path in paths],
                 "robot": robot_name,
@@ -150,7 +149,7 @@ def command(
             print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
     if write is not None:
         names_of_logs = [log.name for log in read]
-        text = robot_file_text(found, names_of_logs, robot_name, summary["headline"])
+        text = robot_file_text(found, names_of_logs, robot_name, gained)
         write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
     if ros is not None:
         settings = ros_settings(again, found.robot, source=_origin(found))

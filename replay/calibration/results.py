@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,16 +12,18 @@ import numpy as np
 
 from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.log.log import Log
-from icreckon.replay.calibration.gains import Gains
-from icreckon.replay.checking.worth import VARIANT
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.checking.worth import HORIZONS, VARIANT, mean_drift
 from icreckon.replay.comparison.known_bias import GYRO
 from icreckon.replay.comparison.results import FORMAT, Results, digest, versions
+
+Read = tuple[Sequence[Log], Robot]
 
 
 def summarise_calibration(
     found: Calibration,
     logs: list[Log],
-    gains: Gains,
+    headline: str,
     *,
     configuration: dict[str, Any],
     inputs: dict[str, Path],
@@ -30,7 +33,7 @@ def summarise_calibration(
     Args:
         found: the calibration.
         logs: its logs.
-        gains: drift of filters with it.
+        headline: drift of filters with it.
         configuration: options of the command.
         inputs: input files, by their displayed names.
     """
@@ -41,8 +44,7 @@ def summarise_calibration(
         "seed": None,
         "versions": versions(),
         "inputs": {name: digest(path) for name, path in inputs.items()},
-        "filters": gains._asdict(),
-        "headline": headline(gains, len(logs)),
+        "headline": headline,
         "verdict": found.verdict,
         "notes": list(found.notes),
         "supported_model": found.comparison.supported,
@@ -105,21 +107,25 @@ def summarise_calibration(
     }
 
 
-def headline(gains: Gains, logs: int) -> str:
-    """Drift of the filters with the calibrated values and with those before.
+def headline(before: Read, after: Read, progress: Callable[[float], None]) -> str:
+    """Drift of filters with the robot file before and after, on the logs as read with each.
 
     Args:
-        gains: the drifts.
-        logs: number of logs.
+        before: logs and robot before the calibration.
+        after: likewise, after it.
+        progress: called with the share that is done, 0 to 1.
     """
-    before, after = gains.before[VARIANT], gains.after[VARIANT]
-    if not math.isfinite(after):
+    logs, found = len(after[0]), []
+    for read, variant in ((before, VARIANT), (after, VARIANT), (after, GYRO)):
+        found.append(mean_drift(*read, variant, HORIZONS[0]))
+        progress(len(found) / 3)
+    if not math.isfinite(found[1]):
         return "The filters have no drift to score on these logs."
-    of_logs = "the log" if logs == 1 else f"the {logs} logs"
-    start = f" ({before:.2f} % with the file before)" if math.isfinite(before) else ""
+    start = f" ({found[0]:.2f} % with the file before)" if math.isfinite(found[0]) else ""
     return (
-        f"{VARIANT} drifts {after:.2f} % of the distance after {gains.horizon:g} s with these values"
-        f"{start}, wheels + gyro {gains.after[GYRO]:.2f} %, on {of_logs} of this calibration."
+        f"{VARIANT} drifts {found[1]:.2f} % of the distance after {HORIZONS[0]:g} s with these values"
+        f"{start}, wheels + gyro {found[2]:.2f} %, on {'the log' if logs == 1 else f'the {logs} logs'} of "
+        "this calibration."
     )
 
 

@@ -20,24 +20,21 @@ UNKNOWN_YAW = math.pi / math.sqrt(3.0)
 
 
 def holes_of(log: Log) -> list[Interval]:
-    """Intervals of stamps [ns] without track speeds or without IMU samples, merged."""
-    streams = [log.tracks.stamps] if log.imu is None else [log.tracks.stamps, log.imu.stamps]
-    gaps = [
-        (int(stamps[place]), int(stamps[place + 1]))
-        for stamps in streams
-        for place in np.flatnonzero(np.diff(stamps) * NANOSECOND > HOLE)
+    """Intervals of stamps [ns] without track speeds or without IMU samples."""
+    streams = [log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps])]
+    found: list[Interval] = []
+    edges = [
+        one[np.flatnonzero(np.diff(one) * NANOSECOND > HOLE)[:, None] + (0, 1)] for one in streams
     ]
-    merged: list[Interval] = []
-    for begin, end in sorted(gaps):
-        if merged and begin <= merged[-1][1]:
-            merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
-        else:
-            merged.append((begin, end))
-    return merged
+    for begin, end in sorted(map(tuple, np.concatenate(edges).tolist())):
+        if found and begin <= found[-1][1]:
+            begin, end = found[-1][0], max(end, found.pop()[1])
+        found.append((begin, end))
+    return found
 
 
 def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
-    """Intervals, each up to the first hole that begins in it, after which the pose is a guess."""
+    """Intervals up to the first hole that begins in them: after it the pose is a guess."""
     return [
         (low, min([high, *(begin for begin, _ in holes if low <= begin < high)]))
         for low, high in within

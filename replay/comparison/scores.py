@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
@@ -105,38 +104,36 @@ def scores(
 def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
     """Drift by the noise of the truth alone, by horizon as "30s" [% of the distance].
 
-    The last run's path with simulated noise, as white as that of the truth and with the wander of the
-    robot file's fixes, takes the place of the truth. Empty for a truth with headings, or without any.
+    The last run's path with simulated noise, as white as the truth's and with the wander of the robot
+    file's fixes, takes the place of the truth. Empty for a truth with headings, or without any.
 
     Args:
         comparison: the runs.
         robot: the robot.
     """
+    from scipy.signal import lfilter
+
     alignment, log = comparison.alignment, comparison.log
     if log.truth is None or alignment is None or alignment.headings is None:
         return {}
     path = [*comparison.runs.values()][-1].trajectory.pose_series
-    stamps = shared_stamps(path, log.truth.poses)
-    wander = FixWander.of(robot)
+    stamps, wander = shared_stamps(path, log.truth.poses), FixWander.of(robot)
     slow = wander.sigma if log.truth.source == OF_FIXES else 0.0
     step = float(np.median(np.diff(stamps))) * NANOSECOND
-    kept = float(np.exp(-step / wander.time)) if slow else 0.0
+    kept = math.exp(-step / wander.time) if slow else 0.0
     poses, generator = interpolate_poses(path, stamps), np.random.default_rng(0)
-    found: dict[str, list[float]] = {f"{horizon:g}s": [] for horizon in HORIZONS}
+    found: dict[str, list[float]] = {}
     for _ in range(NOISE_ROUNDS):
         white, pushes = generator.standard_normal((2, len(stamps), 2))
-        pushes[1:] *= np.sqrt(1.0 - kept**2)
-        noise = alignment.headings.noise * white + slow * lfilter(
-            [1.0], [1.0, -kept], pushes, axis=0
-        )
-        places = poses.copy()
-        places[:, :2] += noise
-        truth = headings_by_path(PoseSeries(stamps, places), path)
-        if truth is None:
+        pushes[1:] *= math.sqrt(1.0 - kept**2)
+        noisy = poses.copy()
+        noisy[:, :2] += alignment.headings.noise * white
+        noisy[:, :2] += slow * lfilter([1.0], [1.0, -kept], pushes, axis=0)
+        if (truth := headings_by_path(PoseSeries(stamps, noisy), path)) is None:
             return {}
         for horizon in HORIZONS:
             of = drift(path, truth.poses, horizon, within=scored_intervals(log))
-            found[f"{horizon:g}s"].append(of.percent_mean)
+            found.setdefault(f"{horizon:g}s", []).append(of.percent_mean)
     return {label: float(np.mean(values)) for label, values in found.items()}
 
 

@@ -84,7 +84,7 @@ def has_stand_in_gauge(proposed: str) -> bool:
 
 
 def filled_in_sizes(path: Path) -> Sizes:
-    """Lengths of the robot by a person, in an earlier proposal; none if it cannot be read."""
+    """Lengths of the robot by a person, in an earlier proposal that can be read."""
     try:
         own = _own(path)[1]
     except ReplayError:
@@ -95,7 +95,7 @@ def filled_in_sizes(path: Path) -> Sizes:
 
 
 def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Text of an earlier proposal, and the values by table and key that are a person's."""
+    """Text of an earlier proposal, and a person's values by table and key."""
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else ""
         former = _values(tomllib.loads(text))

@@ -1,4 +1,4 @@
-"""Bias of a gyro by standstills, or while driving by the headings of a truth or by the tracks."""
+"""Bias of a gyro by standstills, headings of a truth, or the tracks."""
 
 from __future__ import annotations
 

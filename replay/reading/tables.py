@@ -267,15 +267,13 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
 
 
 def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
-    """Return True for tables of one log: some have the track speeds, and others other columns.
+    """Return True for several tables of which only some have the track speeds.
 
     Args:
         paths: files that exist.
         columns: columns of each stream, None if the robot file maps none.
     """
-    if len(paths) < 2 or columns is None or columns.tracks is None:
-        return False
-    if not all(is_table(path) for path in paths):
+    if columns is None or columns.tracks is None or not all(map(is_table, paths)):
         return False
     names = [*columns.tracks.left, *columns.tracks.right]
     return len({Table(path).has(names) for path in paths}) > 1

@@ -244,22 +244,18 @@ def _with_noise_of(robot: Robot, driving: Robot, scenario: Scenario) -> Robot:
     gyro = gyro_errors(driving, scenario.gyro, preset)
     force = accelerometer_errors(driving, scenario.accelerometer, preset)
     encoders = encoder_errors(driving, scenario.encoders, preset)
-    imu = msgspec.structs.replace(
-        robot.imu,
-        gyro_noise_density=max(gyro.noise_density, LEAST_NOISE),
-        gyro_bias_sigma=gyro.bias_sigma,
-        gyro_bias_walk=_walk_of(gyro),
-        gyro_scale_sigma=gyro.scale_sigma,
-        accelerometer_noise_density=max(force.noise_density, robot.imu.accelerometer_noise_density),
-        accelerometer_bias_sigma=force.bias_sigma,
-        accelerometer_bias_walk=_walk_of(force),
-    )
-    tracks = msgspec.structs.replace(
-        robot.tracks,
-        speed_noise_density=encoders.speed_noise_density,
-        scale_sigma=encoders.scale_sigma,
-    )
-    return msgspec.structs.replace(robot, imu=imu, tracks=tracks)
+    shaken = max(force.noise_density, robot.imu.accelerometer_noise_density)
+    imu = {
+        "gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
+        "gyro_bias_sigma": gyro.bias_sigma,
+        "gyro_bias_walk": _walk_of(gyro),
+        "gyro_scale_sigma": gyro.scale_sigma,
+        "accelerometer_noise_density": shaken,
+        "accelerometer_bias_sigma": force.bias_sigma,
+        "accelerometer_bias_walk": _walk_of(force),
+    }
+    speeds = {name: getattr(encoders, name) for name in ("speed_noise_density", "scale_sigma")}
+    return _changed_robot(robot, {"imu": imu, "tracks": speeds}, "noise of the scenario")
 
 
 def _walk_of(errors: InertialErrors) -> float:

@@ -227,10 +227,10 @@ def _reported_drift(runs: Runs) -> str:
 
 
 def _typical(runs: Runs) -> dict[str, Any]:
-    """Drift of a typical cell, by variant, in which no cell has more weight than another.
+    """Drift of a typical cell by variant: each cell has the same weight.
 
-    `median_percent` is the median over cells of their mean drifts; `ratio` the geometric mean over cells
-    of their ratios to the baseline, with its 95 % interval by leaving out true motions one by one.
+    `median_percent` is the median over cells of mean drifts; `ratio` the geometric mean over cells of the
+    ratios to the baseline, with its 95 % interval by leaving out true motions one by one.
     """
     column = [one.name for one in runs.statistics].index(_reported_drift(runs))
     drifts, motions = runs.values[..., column], runs.motions
@@ -238,23 +238,17 @@ def _typical(runs: Runs) -> dict[str, Any]:
 
     def log_ratio(one: Floats, kept: Any) -> float:
         both = np.isfinite(one) & np.isfinite(baseline) & kept
-        means = [np.where(both, of, 0.0).sum(axis=1) for of in (one, baseline)]
-        there = (means[0] > 0.0) & (means[1] > 0.0)
-        return float(np.log(means[0][there] / means[1][there]).mean()) if there.any() else np.nan
+        own, other = (np.where(both, of, 0.0).sum(axis=1) for of in (one, baseline))
+        there = (own > 0.0) & (other > 0.0)
+        return float(np.log(own[there] / other[there]).mean()) if there.any() else np.nan
 
     found = {}
     for label, one in zip(runs.plan.labels, drifts, strict=True):
-        middle, half = (
-            log_ratio(one, True),
-            half_of_jackknife(
-                np.array([log_ratio(one, motions != motion) for motion in np.unique(motions)])
-            ),
-        )
-        known = np.isfinite(one)
-        cells = np.where(known, one, 0.0).sum(axis=1)[known.any(axis=1)]
-        cells = cells / known.sum(axis=1)[known.any(axis=1)]
+        without = [log_ratio(one, motions != motion) for motion in np.unique(motions)]
+        middle, half = log_ratio(one, True), half_of_jackknife(np.array(without))
+        means = [float(cell[np.isfinite(cell)].mean()) for cell in one if np.isfinite(cell).any()]
         found[label] = {
-            "median_percent": float(np.median(cells)) if len(cells) else np.nan,
+            "median_percent": float(np.median(means)) if means else np.nan,
             "ratio": float(np.exp(middle)),
             "ratio_low": float(np.exp(middle - half)),
             "ratio_high": float(np.exp(middle + half)),

@@ -132,7 +132,7 @@ def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[flo
 
 
 def half_of_jackknife(without: Floats) -> float:
-    """Half a 95 % interval, by estimates (m,) without one true motion each; NaN for one motion."""
+    """Half a 95 % interval by estimates (m,) without one true motion each, or NaN."""
     count = len(without)
     if count < 2:
         return math.nan
