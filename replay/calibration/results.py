@@ -121,11 +121,11 @@ def headline(before: Read, after: Read, progress: Callable[[float], None]) -> st
         progress(len(found) / 3)
     if not math.isfinite(found[1]):
         return "The filters have no drift to score on these logs."
+    of_logs = "the log" if logs == 1 else f"the {logs} logs"
     start = f" ({found[0]:.2f} % with the file before)" if math.isfinite(found[0]) else ""
     return (
         f"{VARIANT} drifts {found[1]:.2f} % of the distance after {HORIZONS[0]:g} s with these values"
-        f"{start}, wheels + gyro {found[2]:.2f} %, on {'the log' if logs == 1 else f'the {logs} logs'} of "
-        "this calibration."
+        f"{start}, wheels + gyro {found[2]:.2f} %, on {of_logs} of this calibration."
     )
 
 

@@ -177,10 +177,9 @@ def compare(
 
 def _with_known_bias(task: _Task, runs: dict[str, Run]) -> tuple[dict[str, Run], KnownBias | None]:
     """Runs with `gyro` once more if it had no chance to learn its bias, and that bias."""
-    log = task.log
-    if GYRO not in runs or len(runs) == 1 or log.truth is None or log.imu is None:
+    if GYRO not in runs or len(runs) == 1:
         return runs, None
-    bias = known_bias(runs[GYRO], log.truth, task.robot, scored_intervals(log))
+    bias = known_bias(runs[GYRO], task.log, task.robot, scored_intervals(task.log))
     if bias is None:
         return runs, None
     try:

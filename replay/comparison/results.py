@@ -42,8 +42,6 @@ from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
 
 FORMAT = 1
-# Share of rejected gyro readings from which gyro and tracks contradict each other.
-MANY_REJECTED = 0.05
 # Number of fixes that show a correlation of successive innovations.
 ENOUGH_FIXES = 30
 # Lists of numbers are written on one line; no string holds a line break.
@@ -111,7 +109,6 @@ def summarise(
             ],
             "notes": [
                 *log.notes,
-                *_doubts(comparison),
                 *_findings(comparison),
             ],
             "start_ns": log.start,
@@ -149,21 +146,6 @@ def write_results(path: Path, results: Results) -> None:
 
 def _in_one_line(numbers: re.Match[str]) -> str:
     return "".join(numbers[0].split())
-
-
-def _doubts(comparison: Comparison) -> list[str]:
-    """Report an inconsistent robot file: all variants reject many gyro readings."""
-    shares = []
-    for name, one in comparison.runs.items():
-        gyro = one.health.sensors.get("gyro")
-        if gyro is not None and gyro.judged_count and not name.endswith(SMOOTHED):
-            shares.append(gyro.rejected.get("gate", 0) / gyro.judged_count)
-    if not shares or min(shares) < MANY_REJECTED:
-        return []
-    return [
-        f"every variant rejects {min(shares):.0%} or more of the gyro's readings: are left and right "
-        "swapped, or is the IMU mounted otherwise than in the robot file? icreckon inspect shows both"
-    ]
 
 
 def _times(count: int) -> str:

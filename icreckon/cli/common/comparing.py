@@ -67,7 +67,7 @@ def compare_and_write(
         )
     warn_unless_kept()
     title = f"filtering {log.duration:.0f} s of {log.name}"
-    with progress(title, log.duration, compiles=True) as report_progress:
+    with progress(title, compiles=True) as report_progress:
         comparison = compare(
             log,
             robot,

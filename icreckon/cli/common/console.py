@@ -36,8 +36,8 @@ from icreckon.replay.base.outputs import (
 from icreckon.report.printable import printable
 
 TABLE_WIDTH = 150
-# Width of a bar, and that of a terminal from which on it has the time reached in the log [characters].
-BAR, WIDE = 16, 120
+# Width of a bar [characters].
+BAR = 16
 # Longest time for which a kernel is compiled [s].
 LONGEST_COMPILATION = 300.0
 # Exit status of a command that has written incomplete results.
@@ -141,37 +141,22 @@ class _Title(ProgressColumn):
 
 
 @contextmanager
-def progress(
-    title: str, log_seconds: float | None = None, *, compiles: bool = False
-) -> Iterator[Callable[[float], None]]:
+def progress(title: str, *, compiles: bool = False) -> Iterator[Callable[[float], None]]:
     """Show a progress bar; yield a function of the share done, 0 to 1.
 
     Args:
         title: name of the task.
-        log_seconds: duration of the log [s], to show the time reached in it and the speed-up, too, if the
-            terminal is wide.
         compiles: whether filters may be compiled first.
     """
     columns = (
         BarColumn(BAR),
         TaskProgressColumn(),
-        TextColumn("{task.fields[reached]}"),
         TimeRemainingColumn(),
         TextColumn("left"),
     )
     with _bar(_Title(compiles), *columns) as bar:
-        task, wide = bar.add_task(title, total=1.0, reached=""), bar.console.width >= WIDE
-
-        def report(done: float) -> None:
-            spent = bar.tasks[0].elapsed
-            reached = ""
-            if log_seconds is not None and wide:
-                reached = f"at {done * log_seconds:.0f} s of the log"
-                if spent:
-                    reached += f", {done * log_seconds / spent:.0f} times real time"
-            bar.update(task, completed=done, reached=reached)
-
-        yield report
+        task = bar.add_task(title, total=1.0)
+        yield lambda done: bar.update(task, completed=done)
 
 
 @contextmanager

@@ -57,7 +57,6 @@ def headline(results: Results) -> str:
         for name in results["variants"]
         if name != baseline and overall[name][drift]["pairs"]
     ]
-    sentences += _widest_effect(results)
     failed = results["failed"]
     if failed["runs"]:
         sentences.append(f"{ERROR}: {failed['runs']} of {failed['of']} runs failed.")
@@ -110,42 +109,6 @@ def _change(ratio: float) -> str:
 
 def _values_of(cell: dict[str, Any]) -> str:
     return ", ".join(f"{key} = {shown(value)}" for key, value in cell["values"].items())
-
-
-def _widest_effect(results: Results) -> list[str]:
-    """Effect of the most influential axis on the filter that drifts least."""
-    drift, overall = results["drift"], results["overall"]
-    best = min(
-        (name for name in results["variants"] if overall[name][drift]["n"]),
-        key=lambda name: float(results["typical"][name]["ratio"]),
-    )
-    found: list[tuple[float, str]] = []
-    for effect in results["effects"]:
-        means = [
-            (group["variants"][best][drift]["mean"], group["name"], group["variants"][best][drift])
-            for group in effect["groups"]
-            if group["variants"][best][drift]["n"]
-        ]
-        if len(means) < 2:
-            continue
-        (least, where_least, at_least), (most, where_most, at_most) = (
-            which(means, key=lambda one: one[0]) for which in (min, max)
-        )
-        if least > 0.0:
-            axis = effect["axis"]
-            text = (
-                f"The drift of {best} is from {_number(least)} % ({axis} {where_least}) to "
-                f"{_number(most)} % ({axis} {where_most})"
-            )
-            if best != results["baseline"] and at_least["pairs"] and at_most["pairs"]:
-                text += (
-                    f", {_number(at_least['ratio'])} ({_between(at_least, 'ratio')}) and "
-                    f"{_number(at_most['ratio'])} ({_between(at_most, 'ratio')}) times that of "
-                    f"{results['baseline']}"
-                )
-            text += "."
-            found.append((most / least, text))
-    return [max(found)[1]] if found else []
 
 
 def failures(results: Results) -> list[str]:
