@@ -47,7 +47,7 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
 
     table = ""
     for line in proposed.splitlines():
-        key = KEY.match(line)
+        key = KEY.match(line.removeprefix("# "))
         if found := TABLE.match(line):
             table = found[1]
             lines.append(line)
@@ -55,7 +55,9 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
                 if name not in new.get(table, {}):
                     take_over(table, name)
         elif key is not None and key[1] in own.get(table, {}):
-            take_over(table, key[1])
+            # A line that was commented out, and is a person's now, stands at the top of its table.
+            if not line.startswith("#"):
+                take_over(table, key[1])
         else:
             lines.append(line)
     for name, of_table in _tables(text).items():
