@@ -45,8 +45,7 @@ def within_reach(run: Run, holes: Sequence[Interval], fastest: float) -> Run:
     """Run whose pose is no more uncertain after a hole than the robot can have driven.
 
     Its position sigma is at most that before the first hole, the fastest drive through all holes, and
-    twice the path driven since, of which the direction is unknown; its yaw sigma is `UNKNOWN_YAW` at
-    most.
+    twice the path driven between them, of which the direction is unknown; its yaw sigma `UNKNOWN_YAW`.
 
     Args:
         run: the run.
@@ -58,8 +57,11 @@ def within_reach(run: Run, holes: Sequence[Interval], fastest: float) -> Run:
     trajectory, stamps = run.trajectory, run.trajectory.stamps
     first = int(np.searchsorted(stamps, holes[0][0]).clip(max=len(stamps) - 1))
     sigmas, way = largest_sigma(trajectory.pose_covariances), path_length(trajectory.pose_series)
-    missing = sum((np.clip(stamps, begin, end) - begin) * NANOSECOND for begin, end in holes)
-    reach = sigmas[first] + fastest * missing + 2.0 * (way - way[first])
+    reach = sigmas[first] + 2.0 * (way - way[first])
+    for begin, end in holes:
+        inside = np.clip(stamps, begin, end) - begin
+        guessed = np.interp(inside, stamps - begin, way) - np.interp(0, stamps - begin, way)
+        reach += fastest * inside * NANOSECOND - 2.0 * guessed
     yaws = np.sqrt(trajectory.pose_covariances[:, 2, 2])
     scale = np.ones((len(stamps), 3))
     after = slice(first + 1, None)

@@ -466,8 +466,8 @@ def test_one_variant_with_a_hole_and_without_imu_in_a_browser(chromium, tmp_path
     assert path[1].count("M") == 2
 
 
-PHONE = """
-<!DOCTYPE html><html><body><iframe id="phone" style="width:390px;height:800px"></iframe>
+FRAMED = """
+<!DOCTYPE html><html><body><iframe id="phone" style="width:WIDTHpx;height:800px"></iframe>
 <script type="text/plain" id="page">PAGE</script><script>
 const phone = document.getElementById("phone"), told = {};
 phone.addEventListener("load", () => setTimeout(() => {
@@ -478,11 +478,18 @@ phone.addEventListener("load", () => setTimeout(() => {
     const text = one.getBoundingClientRect(), svg = one.closest("svg").getBoundingClientRect();
     return text.left < svg.left - 2 || text.right > svg.right + 12;
   }).map((one) => one.textContent);
+  told.height = root.scrollHeight;
+  told.ellipses = inside.querySelectorAll("#map ellipse").length;
+  const fold = inside.querySelector("details.section h2").closest("details");
+  fold.open = true;
   told.verdict = inside.querySelector(".headline").getBoundingClientRect().bottom;
-  const pre = document.createElement("pre");
-  pre.id = "told";
-  pre.textContent = JSON.stringify(told);
-  document.body.append(pre);
+  setTimeout(() => {
+    told.drawn = Math.min(...[...fold.querySelectorAll("svg")].map((one) => one.clientWidth));
+    const pre = document.createElement("pre");
+    pre.id = "told";
+    pre.textContent = JSON.stringify(told);
+    document.body.append(pre);
+  }, 500);
 }, 1000));
 phone.srcdoc = new TextDecoder().decode(Uint8Array.from(atob(
   document.getElementById("page").textContent), (one) => one.charCodeAt(0)));
@@ -490,18 +497,31 @@ phone.srcdoc = new TextDecoder().decode(Uint8Array.from(atob(
 """
 
 
-def test_at_the_width_of_a_phone_nothing_is_cut_off(chromium, tmp_path, page):
+def framed(chromium: str, folder: Path, page: str, width: int) -> dict[str, Any]:
+    """What a page of a width [px] shows."""
     from base64 import b64encode
 
-    wrapper = PHONE.replace("PAGE", b64encode(page.encode()).decode())
-    document, complaints = opened(chromium, tmp_path, wrapper)
+    wrapper = FRAMED.replace("WIDTH", str(width)).replace("PAGE", b64encode(page.encode()).decode())
+    document, complaints = opened(chromium, folder, wrapper)
     assert complaints == []
     told = told_by(document)
-    assert told["width"] == pytest.approx(390, abs=20)
+    assert told["width"] == pytest.approx(width, abs=20)
+    return told
+
+
+def test_at_the_width_of_a_phone_nothing_is_cut_off(chromium, tmp_path, page):
+    told = framed(chromium, tmp_path, page, 390)
     assert not told["sideways"]
     assert told["cut"] == []
     # At first glance, above the fold.
     assert told["verdict"] < 500
+
+
+def test_a_desktop_shows_it_on_few_screens_and_sections_unfold(chromium, tmp_path, page):
+    told = framed(chromium, tmp_path, page, 1280)
+    assert told["height"] < 5000
+    assert told["ellipses"] > 5
+    assert told["drawn"] > 300
 
 
 @pytest.mark.parametrize(
