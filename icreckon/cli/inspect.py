@@ -32,14 +32,7 @@ from icreckon.replay.reading.gather import source_name
 from icreckon.report.printable import printable
 
 NAMES = ("topic or column", "type", "frame or file")
-NUMBERS = (
-    "messages",
-    "rate\nHz",
-    "gaps",
-    "longest\ngap, s",
-    "header-\nrecorded, s",
-    "repeated",
-)
+NUMBERS = ("messages", "rate\nHz", "gaps", "longest\ngap, s", "header-\nrecorded, s", "repeated")
 # Numbers that a narrow terminal has no room for.
 LEFT_OUT = (2, 4)
 # Width of a terminal from which on names have columns of their own [characters].

@@ -13,12 +13,7 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from icreckon.cli.common.comparing import (
-    compare_and_report,
-    compare_and_write,
-    show,
-    the_robot,
-)
+from icreckon.cli.common.comparing import compare_and_report, compare_and_write, show, the_robot
 from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say
 from icreckon.cli.common.options import (
     LOG_FILES,

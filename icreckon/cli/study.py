@@ -37,8 +37,7 @@ LINE_EVERY = 30.0
 
 def command(
     study: Annotated[
-        str | None,
-        typer.Argument(help="Name of a study that ships with icreckon, or a TOML file."),
+        str | None, typer.Argument(help="Name of a study that ships with icreckon, or a TOML file.")
     ] = None,
     out: Annotated[
         Path | None,

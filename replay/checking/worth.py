@@ -43,10 +43,7 @@ class Worth:
 
 
 def worth_of(
-    log: Log,
-    robot: Robot,
-    checks: Sequence[Check],
-    progress: Callable[[float], None] | None = None,
+    log: Log, robot: Robot, checks: Sequence[Check], progress: Callable[[float], None] | None = None
 ) -> Worth:
     """Run the filter with a robot file as it is, mended, and with each error alone.
 

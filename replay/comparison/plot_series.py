@@ -180,10 +180,7 @@ def _parameters(one: Run, start: int) -> Results:
     for index in range(s.LEARNT.start, s.GRAVITY.stop):
         name, sigma = one.state_names[index], one.state_sigmas[rows, index]
         if name and sigma.any():
-            found[name] = {
-                "value": _rounded(one.states[rows, index]),
-                "sigma": _rounded(sigma),
-            }
+            found[name] = {"value": _rounded(one.states[rows, index]), "sigma": _rounded(sigma)}
     return found
 
 

@@ -107,10 +107,7 @@ def summarise(
             "holes_s": [
                 [(a - log.start) * NANOSECOND, (b - log.start) * NANOSECOND] for a, b in holes
             ],
-            "notes": [
-                *log.notes,
-                *_findings(comparison),
-            ],
+            "notes": [*log.notes, *_findings(comparison)],
             "start_ns": log.start,
             "origin": log.origin,
         },
@@ -244,11 +241,7 @@ def _gyro_bias(comparison: Comparison) -> Results | None:
     found = comparison.known_bias
     if found is None:
         return None
-    return {
-        "used_rad_s": found.used,
-        "shown_rad_s": found.shown,
-        "shown_sigma_rad_s": found.sigma,
-    }
+    return {"used_rad_s": found.used, "shown_rad_s": found.shown, "shown_sigma_rad_s": found.sigma}
 
 
 def json_types(value: Any) -> Any:

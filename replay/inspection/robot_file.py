@@ -177,9 +177,7 @@ def _from_twist(mapping: TopicMap) -> bool:
 def _gauge(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list[str]:
     track = effective_track(mapping, estimates, sizes)
     if track is None:
-        return [
-            f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)",
-        ]
+        return [f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"]
     return [
         f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
         "between the centrelines of tracks or wheels"

@@ -18,10 +18,7 @@ from icreckon.replay.bags.records import Channel
 from icreckon.replay.reading.message_rows import JointReader, imu_row
 from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader
 
-PARTS = {
-    IMU: ("geometry_msgs/msg/Quaternion", "geometry_msgs/msg/Vector3"),
-    JOINT_STATE: (),
-}
+PARTS = {IMU: ("geometry_msgs/msg/Quaternion", "geometry_msgs/msg/Vector3"), JOINT_STATE: ()}
 HEADER_PARTS = ("std_msgs/msg/Header", "builtin_interfaces/msg/Time")
 LITTLE_ENDIAN_CDR = b"\0\1"
 CDR_ORIGIN = 4

@@ -145,11 +145,7 @@ def study_results(
         "overall": _by_variant(runs, _summaries(runs, everything)),
         "typical": _typical(runs),
         "cells": [
-            {
-                "cell": cell.index,
-                "values": cell.values,
-                "variants": _by_variant(runs, found),
-            }
+            {"cell": cell.index, "values": cell.values, "variants": _by_variant(runs, found)}
             for cell, found in zip(plan.cells, cells, strict=True)
         ],
         "effects": [

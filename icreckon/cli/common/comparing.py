@@ -10,12 +10,7 @@ from typing import Any
 import typer
 from rich.console import RenderableType
 
-from icreckon.cli.common.console import (
-    print_fitting,
-    progress,
-    worker_count,
-    working,
-)
+from icreckon.cli.common.console import print_fitting, progress, worker_count, working
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names

@@ -148,12 +148,7 @@ def progress(title: str, *, compiles: bool = False) -> Iterator[Callable[[float]
         title: name of the task.
         compiles: whether filters may be compiled first.
     """
-    columns = (
-        BarColumn(BAR),
-        TaskProgressColumn(),
-        TimeRemainingColumn(),
-        TextColumn("left"),
-    )
+    columns = (BarColumn(BAR), TaskProgressColumn(), TimeRemainingColumn(), TextColumn("left"))
     with _bar(_Title(compiles), *columns) as bar:
         task = bar.add_task(title, total=1.0)
         yield lambda done: bar.update(task, completed=done)

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from icreckon.replay.comparison.results import Results
-from icreckon.report.calibration.tables import (
-    footnotes,
-    log_table,
-    model_table,
-    parameter_table,
-)
+from icreckon.report.calibration.tables import footnotes, log_table, model_table, parameter_table
 from icreckon.report.drawing import unless_missing
 from icreckon.report.pages import Picture, render
 

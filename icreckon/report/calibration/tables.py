@@ -90,13 +90,7 @@ def log_table(results: Results, *, narrow: bool = False) -> Table:
             f"{one['moving_segments']}, {one['still_segments']}",
         ]
         rows.append((one["name"], cells))
-    head = [
-        "log",
-        "gyro bias\nrad/s",
-        "truth late\ns",
-        "distance\nm",
-        "segments\nmoving, still",
-    ]
+    head = ["log", "gyro bias\nrad/s", "truth late\ns", "distance\nm", "segments\nmoving, still"]
     return _table("logs", head, rows, left_out=1 if narrow else 0)
 
 

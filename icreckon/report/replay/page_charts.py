@@ -82,13 +82,7 @@ def switches(results: Results) -> list[Results]:
 
 
 def _switch(name: str, colour: str, dash: str, *, shown: bool = True) -> Results:
-    return {
-        "name": name,
-        "colour": colour,
-        "dark": on_dark(colour),
-        "dash": dash,
-        "shown": shown,
-    }
+    return {"name": name, "colour": colour, "dark": on_dark(colour), "dash": dash, "shown": shown}
 
 
 # --- columns ---------------------------------------------------------------------------------------

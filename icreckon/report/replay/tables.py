@@ -148,10 +148,7 @@ def _fitting(results: Results, columns: Sequence[Column], width: int) -> list[Co
 
 
 def _table(
-    results: Results,
-    title: str,
-    columns: Sequence[Column],
-    compared: Sequence[str],
+    results: Results, title: str, columns: Sequence[Column], compared: Sequence[str]
 ) -> Table:
     """Table of scores; the lowest of the compared ones are bold."""
     table = Table(title=title, title_justify="left")

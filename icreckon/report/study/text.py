@@ -213,11 +213,7 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
     axes = [axis["name"] for axis in results["axes"]]
     if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
         places = [
-            (
-                tuple(shown(cell["values"][axis]) for axis in axes),
-                cell["variants"],
-                (cell["cell"],),
-            )
+            (tuple(shown(cell["values"][axis]) for axis in axes), cell["variants"], (cell["cell"],))
             for cell in cells
         ]
         return [_table(results, "by cell" if axes else "", tuple(axes), places, narrow)]
