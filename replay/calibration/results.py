@@ -108,10 +108,10 @@ def summarise_calibration(
 
 
 def headline(before: Read, after: Read, progress: Callable[[float], None]) -> str:
-    """Drift of filters with the robot file before and after, on the logs as read with each.
+    """Drift of filters with the robot file before and after the calibration.
 
     Args:
-        before: logs and robot before the calibration.
+        before: logs as read with the robot file before, and that robot.
         after: likewise, after it.
         progress: called with the share that is done, 0 to 1.
     """

@@ -90,7 +90,7 @@ def worth_of(
 
 
 def mean_drift(logs: Sequence[Log], robot: Robot, variant: str, horizon: float) -> float:
-    """Drift without fixes, mean over logs with a truth [% of distance]; NaN for no result."""
+    """Drift without fixes, mean over logs [% of distance]; NaN for no result."""
     found = []
     for log in logs:
         with suppress(ReplayError):

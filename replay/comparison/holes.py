@@ -34,7 +34,7 @@ def holes_of(log: Log) -> list[Interval]:
 
 
 def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
-    """Intervals up to the first hole that begins in them: after it the pose is a guess."""
+    """Intervals up to the first hole in them, after which the pose is a guess."""
     return [
         (low, min([high, *(begin for begin, _ in holes if low <= begin < high)]))
         for low, high in within

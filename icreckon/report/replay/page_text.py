@@ -26,10 +26,9 @@ def page_title(results: Results) -> str:
 
 
 def headline(results: Results) -> str:
-    """Verdict, what the truth's noise and ends say of it, and a bias of the gyro that was not known."""
-    verdict = _verdict(results), noise_text(results), ends_text(results)
-    parts = (*verdict, holes_text(results), bias_text(results))
-    return " ".join(filter(None, parts))
+    """Verdict, its caveats, and a bias of the gyro that was not known."""
+    parts = (_verdict, noise_text, ends_text, holes_text, bias_text)
+    return " ".join(filter(None, (part(results) for part in parts)))
 
 
 def holes_text(results: Results) -> str:
@@ -38,41 +37,30 @@ def holes_text(results: Results) -> str:
     if not holes:
         return ""
     longest, whole = (number(which(b - a for a, b in holes)) for which in (max, sum))
-    text = f"The log has no track speeds or IMU samples for {whole} s"
-    if len(holes) > 1:
-        text += f" in {len(holes)} holes, the longest of {longest} s"
-    return (
-        f"{text}; NEES is that before {number(holes[0][0])} s." if results["truth"] else f"{text}."
-    )
+    several = f" in {len(holes)} holes, the longest of {longest} s" if len(holes) > 1 else ""
+    nees = f"; NEES is that before {number(holes[0][0])} s" if results["truth"] else ""
+    return f"The log has no track speeds or IMU samples for {whole} s{several}{nees}."
 
 
 def noise_text(results: Results) -> str:
     """Drift by the noise of the truth, if much of the best variant's is that."""
     found = results["verdict"]
-    if found is None:
-        return ""
-    noise = (results["truth"].get("noise_drift_percent") or {}).get(found["horizon"])
+    known = (results["truth"] or {}).get("noise_drift_percent") or {}
+    noise = known.get(found["horizon"]) if found else None
     if noise is None or noise < MUCH_NOISE * found["drift_percent"]:
         return ""
-    return (
-        f"Much of it is noise of the truth: against positions as noisy, a perfect path drifts "
-        f"{number(noise)} %."
-    )
+    perfect = f"against positions as noisy, a perfect path drifts {number(noise)} %"
+    return f"Much of it is noise of the truth: {perfect}."
 
 
 def ends_text(results: Results) -> str:
     """Errors at the end, if those of the variants differ tenfold."""
     ends = {name: one.get("final_position_error_m") for name, one in filtered(results).items()}
-    known = {name: float(end) for name, end in ends.items() if end is not None}
-    if not known:
+    known = sorted((float(end), name) for name, end in ends.items() if end is not None)
+    if not known or known[-1][0] < max(1.0, TENFOLD * known[0][0]):
         return ""
-    least, most = (which(known, key=lambda name: known[name]) for which in (min, max))
-    if known[most] < max(1.0, TENFOLD * known[least]):
-        return ""
-    return (
-        f"At the end the variants differ more: {least} is {number(known[least])} m off, {most} "
-        f"{number(known[most])} m."
-    )
+    least, most = (f"{name} is {number(end)} m off" for end, name in (known[0], known[-1]))
+    return f"At the end the variants differ more: {least}, {most}."
 
 
 def bias_text(results: Results) -> str:
@@ -364,7 +352,7 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
 
 
 def all_rejections(results: Results) -> list[str]:
-    """Line with the most rejections of any variant, by sensor and reason; empty if none."""
+    """Most rejections of any variant, by sensor and reason, in one line; empty if none."""
     most: dict[str, tuple[int, str]] = {}
     for one in filtered(results).values():
         for what, count in one["rejected"].items():

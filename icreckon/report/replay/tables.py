@@ -37,10 +37,15 @@ SCORE_COLUMNS = (
     ("RMSE w\nmrad/s", "rmse_w_rad_s", 1),
     ("NEES pose\nideal 3", "nees_pose_mean", 1),
 )
+# On the page alone.
+END_COLUMNS = (
+    ("error at end\nm", "final_position_error_m", 2),
+    ("error at end\ndeg", "final_yaw_error_deg", 1),
+)
 # Of a truth without headings.
 POSITION_COLUMNS = (
     *SCORE_COLUMNS[:3],
-    ("error at end\nm", "final_position_error_m", 2),
+    END_COLUMNS[0],
     ("NEES position\nideal 2", "nees_position_mean", 1),
 )
 DIFFERENCE_COLUMNS = (

@@ -64,7 +64,7 @@ def headline(results: Results) -> str:
 
 
 def _comparison(results: Results, name: str) -> str:
-    """Drift of a variant against the baseline in a typical cell, and where it wins and loses."""
+    """Drift of a variant in a typical cell, and where it wins and loses."""
     drift, baseline = results["drift"], results["baseline"]
     typical = results["typical"][name]
     low, high = typical["ratio_low"], typical["ratio_high"]
@@ -185,7 +185,7 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
 
 
 def _untold_noise(results: Results) -> list[str]:
-    """Explain large NEES of filters that do not know the noise that is swept."""
+    """Explain large NEES of filters without the noise that is swept."""
     study = results["configuration"]
     sweep = study.get("sweep") or {}
     cases = [keys for named in (sweep.get("cases") or {}).values() for keys in named.values()]

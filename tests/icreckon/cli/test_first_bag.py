@@ -122,7 +122,7 @@ def test_an_uncalibrated_file_is_named_beside_a_truth(results: dict) -> None:
 def test_ends_that_differ_tenfold_and_noise_of_the_truth_are_named(results: dict) -> None:
     gyro, differential = results["variants"]["gyro"], results["variants"]["differential"]
     gyro["final_position_error_m"], differential["final_position_error_m"] = 72.4, 3.2
-    assert ends_text(results).endswith("differential is 3.20 m off, gyro 72.4 m.")
+    assert ends_text(results).endswith("differential is 3.20 m off, gyro is 72.4 m off.")
     differential["final_position_error_m"] = 10.0
     assert ends_text(results) == ""
     results["verdict"] |= {"horizon": "30s", "drift_percent": 14.4}
