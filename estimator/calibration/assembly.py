@@ -224,12 +224,7 @@ def as_found(robot: Robot, found: Fit) -> Robot:
 
 
 def _refitted(
-    found: Fit,
-    name: str,
-    robot: Robot,
-    given: dict[str, float],
-    again: Again,
-    needed: bool = False,
+    found: Fit, name: str, robot: Robot, given: dict[str, float], again: Again, needed: bool = False
 ) -> Fit:
     """Fit with given parameters; no new one if it nearly has them and none is needed."""
     if not needed and all(abs(found.value(one) - to) <= MOVED for one, to in given.items()):

@@ -131,10 +131,7 @@ class Fit:
 
 
 def fit(
-    problem: Problem,
-    *,
-    initial: dict[str, float] | None = None,
-    held: frozenset[str] = frozenset(),
+    problem: Problem, *, initial: dict[str, float] | None = None, held: frozenset[str] = frozenset()
 ) -> Fit:
     """Fit a model.
 

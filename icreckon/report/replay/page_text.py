@@ -352,7 +352,7 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
 
 
 def all_rejections(results: Results) -> list[str]:
-    """Most rejections of any variant, by sensor and reason, in one line; empty if none."""
+    """Most rejections of any variant by sensor and reason, in one line; or none."""
     most: dict[str, tuple[int, str]] = {}
     for one in filtered(results).values():
         for what, count in one["rejected"].items():
