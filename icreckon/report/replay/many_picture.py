@@ -18,7 +18,7 @@ LABEL, LINE, BETWEEN = 20, 11, 10
 
 
 def drift_picture(results: Results) -> SimpleNamespace | None:
-    """Rows of marks over a logarithmic axis, all logs first; None where nothing is scored.
+    """Rows of marks over a logarithmic axis, all logs first; None without scores.
 
     Places along the axis are in %, heights in px; ticks are places and texts.
 
