@@ -12,6 +12,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.common_values import (
     KEPT,
+    OF_FRICTION,
     common_bias,
     finite,
     mounting_turns,
@@ -142,7 +143,7 @@ def assembled(
         replace(
             _with_other_logs(one, len(main.problem.recording.motions)),
             note="; ".join(
-                filter(None, [one.note, KEPT if one.sigma and one.name in stays else ""])
+                filter(None, [one.note, _kept(one, new) if one.sigma and one.name in stays else ""])
             ),
             is_default=one.before is not None and _is_default(robot, one.name),
         )
@@ -160,6 +161,13 @@ def assembled(
         _residuals(shared["constant"], main),
         (*notes, BY_TRACKS_ALONE),
     )
+
+
+def _kept(one: FoundParameter, new: Robot) -> str:
+    """Note on a parameter that the logs do not contradict, by what the new file has."""
+    key = one.name.removeprefix("indices.")
+    of_friction = key != one.name and getattr(new.indices, key) != one.before
+    return OF_FRICTION if of_friction else KEPT
 
 
 def _with_other_logs(one: FoundParameter, logs: int) -> FoundParameter:
@@ -216,12 +224,7 @@ def as_found(robot: Robot, found: Fit) -> Robot:
 
 
 def _refitted(
-    found: Fit,
-    name: str,
-    robot: Robot,
-    given: dict[str, float],
-    again: Again,
-    needed: bool = False,
+    found: Fit, name: str, robot: Robot, given: dict[str, float], again: Again, needed: bool = False
 ) -> Fit:
     """Fit with given parameters; no new one if it nearly has them and none is needed."""
     if not needed and all(abs(found.value(one) - to) <= MOVED for one, to in given.items()):
@@ -285,7 +288,7 @@ def _parameters(
     found += [
         _plain(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in ("forward", "left")
     ]
-    note = "beyond log.tracks.latency, which takes it in"
+    note = "extra delay, added to log.tracks.latency"
     found.append(_plain(main, "track_latency", "track_latency", "s", note=note))
     found += _constant(robot, usable["constant"], fits["constant"])
     if "inertia" in usable:
@@ -324,7 +327,7 @@ def _plain(
     return FoundParameter(
         called,
         unit,
-        factor * found.value(name),
+        factor * found.value(name) if of.is_free(name) or before is None else before,
         factor * of.sigma(name) if of.is_free(name) else None,
         _status(of, name),
         before,
@@ -360,9 +363,7 @@ def _constant(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
                 None if worst == "held" else sigma,
                 worst,
                 before.epsilon0 + side * gauge * before.eta0,
-                ""
-                if free.is_free("epsilon0")
-                else "as far apart as shown, about the file's middle",
+                "" if free.is_free("epsilon0") else "spacing estimated, midpoint from the file",
             )
         )
     return [
@@ -478,5 +479,5 @@ def _verdict(comparison: ModelComparison) -> str:
         return verdict
     others, more = ", ".join(parts), ""
     if " not clearly better " in others:
-        more = " What is not clearly better is not refuted: these logs do not show it."
+        more = " These logs cannot separate the models."
     return f"{verdict} {others[0].upper()}{others[1:]}.{more}"

@@ -16,8 +16,10 @@ from icreckon.estimator.robot.robot_file import Robot, changed_robot
 
 SURE = 1.96
 """Standard errors from zero at which a value is beyond its error."""
-KEPT = "within its error of the file's, which stays"
+KEPT = "not significantly different: the file's is kept"
 """Note on a value that is not written."""
+OF_FRICTION = "not significantly different from Coulomb friction's, which is written"
+"""Note on a gain that the file does not have."""
 LEAST_LATENCY = 2e-3
 """A smaller latency of the track speeds is not written to the robot file [s]."""
 

@@ -131,10 +131,7 @@ class Fit:
 
 
 def fit(
-    problem: Problem,
-    *,
-    initial: dict[str, float] | None = None,
-    held: frozenset[str] = frozenset(),
+    problem: Problem, *, initial: dict[str, float] | None = None, held: frozenset[str] = frozenset()
 ) -> Fit:
     """Fit a model.
 
@@ -169,6 +166,11 @@ def fit(
     residuals, jacobian = problem.linearised(values)
     fisher, score = information(noise, residuals, jacobian, problem.recording.block)
     total = fisher.sum(axis=0) * flattening(noise, residuals)
+    if (bound := free & (np.diag(total) <= 0.0)).any():
+        # At a bound, as eta = 1, no residual depends on them.
+        names = {problem.names[place] for place in np.flatnonzero(bound)}
+        rest = {name: value for name, value in (initial or {}).items() if name not in names}
+        return fit(problem, initial=rest, held=held | names)
     at = np.flatnonzero(free)
     covariance = np.zeros((len(values), len(values)))
     scaled = total[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])

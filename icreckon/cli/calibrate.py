@@ -37,13 +37,15 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import write_text
-from icreckon.replay.calibration.results import summarise_calibration
+from icreckon.replay.calibration.results import headline, summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
+from icreckon.replay.reading.tables import are_parts
 from icreckon.report.calibration.page import calibration_page
 from icreckon.report.calibration.tables import WIDE_FROM, calibration_tables
 from icreckon.report.drawing import unless_missing
@@ -103,8 +105,10 @@ def command(
     arm = None if lever_arm is None else _pair(lever_arm)
     message_files = message_files or []
     definitions = read_definitions(message_files)
+    parts = robot.log and are_parts(paths, topic_map(robot, robot_name).columns)
+    logs_of = [paths] if parts else list(map(_files_of, paths))
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
-        read = [_read(path, robot, definitions) for path in paths]
+        read = [_read(files, robot, definitions) for files in logs_of]
         with progress(f"calibrating {robot.name} from {len(read)} log(s)") as report_progress:
             found = calibrate(
                 read,
@@ -115,9 +119,14 @@ def command(
                 speeds_by_radius=in_rates(topic_map(robot, robot_name)),
                 progress=report_progress,
             )
+        # Track speeds have the radius and latency of the robot by which they are read.
+        again = [_read(files, found.robot, definitions) for files in logs_of]
+        with progress("filtering with the file before and after", compiles=True) as report_progress:
+            gained = headline((read, robot), (again, found.robot), report_progress)
         summary = summarise_calibration(
             found,
             read,
+            gained,
             configuration={
                 "logs": [str(path) for path in paths],
                 "robot": robot_name,
@@ -139,11 +148,10 @@ def command(
         else:
             print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
     if write is not None:
-        text = robot_file_text(found, [log.name for log in read], robot_name)
+        names_of_logs = [log.name for log in read]
+        text = robot_file_text(found, names_of_logs, robot_name, gained)
         write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
     if ros is not None:
-        # Track speeds have the radius and latency of the robot by which they are read.
-        again = [_read(path, found.robot, definitions) for path in paths]
         settings = ros_settings(again, found.robot, source=_origin(found))
         write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
 
@@ -156,17 +164,21 @@ def _origin(found: Calibration) -> str:
     return f"calibrated ± {track.sigma_other_logs / found.robot.vehicle.track_gauge:.2g}"
 
 
-def _read(path: Path, robot: Robot, definitions: Definitions) -> Log:
-    """Read a log, or all files of a folder that is not a bag as one log."""
-    files = [path]
-    if path.is_dir() and not (path / BAG_FOLDER).exists():
-        files = sorted(one for one in path.iterdir() if one.suffix in SUFFIXES)
-        if not files:
-            raise ReplayError(
-                f"{path} is a folder without {BAG_FOLDER} and without files that end in "
-                f"{', '.join(SUFFIXES)}; give a log"
-            )
-    with progress(f"reading {path}") as report_progress:
+def _files_of(path: Path) -> list[Path]:
+    """Log of a path: itself, or all files of a folder that is not a bag."""
+    if not path.is_dir() or (path / BAG_FOLDER).exists():
+        return [path]
+    files = sorted(one for one in path.iterdir() if one.suffix in SUFFIXES)
+    if not files:
+        raise ReplayError(
+            f"{path} is a folder without {BAG_FOLDER} and without files that end in "
+            f"{', '.join(SUFFIXES)}; give a log"
+        )
+    return files
+
+
+def _read(files: list[Path], robot: Robot, definitions: Definitions) -> Log:
+    with progress(f"reading {source_name(files)}") as report_progress:
         return read_log(files, robot, definitions=definitions, progress=report_progress)
 
 

@@ -57,7 +57,10 @@ def command(
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
         # Without a result with everything mended nothing has a price.
-        with progress("filtering, as the file is and mended") as report, suppress(ReplayError):
+        with (
+            progress("filtering, as the file is and mended", compiles=True) as report,
+            suppress(ReplayError),
+        ):
             worth = worth_of(log, robot, checks, report)
     hints = [] if guessed is None else topics_left_out(guessed, robot)
     left_out = [one for one in hints if one not in log.notes]

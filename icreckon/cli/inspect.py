@@ -24,22 +24,15 @@ from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, Unpa
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, proposed_ros_settings
-from icreckon.replay.inspection.filled_in import filled_in_gauge, with_filled_in
+from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
-from icreckon.replay.inspection.robot_file import FIRST_WORDS, has_tracks
+from icreckon.replay.inspection.robot_file import FIRST_WORDS, NO_SIZES, has_tracks
 from icreckon.replay.inspection.topic_survey import TopicReport
 from icreckon.replay.reading.gather import source_name
 from icreckon.report.printable import printable
 
 NAMES = ("topic or column", "type", "frame or file")
-NUMBERS = (
-    "messages",
-    "rate\nHz",
-    "gaps",
-    "longest\ngap, s",
-    "header-\nrecorded, s",
-    "repeated",
-)
+NUMBERS = ("messages", "rate\nHz", "gaps", "longest\ngap, s", "header-\nrecorded, s", "repeated")
 # Numbers that a narrow terminal has no room for.
 LEFT_OUT = (2, 4)
 # Width of a terminal from which on names have columns of their own [characters].
@@ -59,30 +52,34 @@ def command(
     """List what a log holds, and propose a robot file for it."""
     check_writable(write, FIRST_WORDS, overwrite=overwrite)
     check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
-    gauge = None if write is None else filled_in_gauge(write)
+    sizes = NO_SIZES if write is None else filled_in_sizes(write)
     definitions = read_definitions(message_files or [])
     with working(f"reading {source_name(paths)}"):
-        found = inspect(paths, definitions=definitions, track_gauge=gauge)
-    proposed, taken = found.proposed_robot_file, list[str]()
+        found = inspect(paths, definitions=definitions, sizes=sizes)
+    proposed = found.proposed_robot_file
     if as_json:
         typer.echo(json.dumps(_as_plain(found), indent=1))
     else:
         _show(found, wide=wide, with_file=write is None)
     if write is not None:
-        if write.exists() and write.stat().st_size:
-            former = write.read_bytes()
-            proposed, taken = with_filled_in(proposed, write)
-            if former != proposed.encode():
-                kept = write.with_name(f"{write.name}~")
-                with written_beside(kept, overwrite=True) as old:
-                    old.write_bytes(former)
-                say(f"the file before is in {kept}")
+        former = write.read_bytes() if write.exists() else b""
+        proposed, taken = with_filled_in(proposed, write)
+        if former and former != proposed.encode():
+            kept = write.with_name(f"{write.name}~")
+            with written_beside(kept, overwrite=True) as old:
+                old.write_bytes(former)
+            say(f"the file before is in {kept}")
         with written_beside(write, overwrite=overwrite, starts=(FIRST_WORDS.encode(),)) as new:
             new.write_text(proposed, encoding="utf-8")
         if taken:
             say(f"kept from the file before: {', '.join(taken)}")
+        again = (
+            ""
+            if sizes.gauge or "eta0 = " not in proposed
+            else "run this again with --overwrite, which computes eta0, "
+        )
         then = (
-            f"then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
+            f"{again}then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
             if has_tracks(found.mapping)
             else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
         )

@@ -12,13 +12,7 @@ import typer
 from icreckon.cli.common.console import print_fitting, results_folder, working
 from icreckon.cli.common.options import Json, Out, Overwrite, Wide
 from icreckon.replay.base.outputs import write_text
-from icreckon.replay.comparison.results import (
-    FORMAT,
-    Results,
-    json_types,
-    versions,
-    write_results,
-)
+from icreckon.replay.comparison.results import FORMAT, Results, json_types, versions, write_results
 from icreckon.report.drawing import unless_missing
 from icreckon.report.paper.page import paper_page
 from icreckon.report.paper.tables import LEVELS, paper_tables

@@ -13,12 +13,7 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from icreckon.cli.common.comparing import (
-    compare_and_report,
-    compare_and_write,
-    show,
-    the_robot,
-)
+from icreckon.cli.common.comparing import compare_and_report, compare_and_write, show, the_robot
 from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say
 from icreckon.cli.common.options import (
     LOG_FILES,
@@ -39,9 +34,8 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.replay.bags.decoding import Definitions, read_definitions
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.base.outputs import MANIFEST
-from icreckon.replay.checking.check import OF_ROBOT_FILE
 from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, ENGINES
 from icreckon.replay.comparison.fixes import parse_part
@@ -55,8 +49,10 @@ from icreckon.replay.comparison.many import (
     unique,
 )
 from icreckon.replay.export.formats import parse_formats
+from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
+from icreckon.replay.reading.tables import are_parts
 from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE, write_many
 from icreckon.report.replay.many_tables import many_tables
 from icreckon.report.replay.many_text import many_failures
@@ -94,7 +90,9 @@ class _Drive:
             f"read {source_name(self.paths)}: {log.duration:.0f} s, "
             f"{len(log.tracks.stamps)} track speeds"
         )
-        problems = tuple(one.problem for one in check_robot(log, self.robot) if one.problem)
+        # A stream that is missing has a note by the reader.
+        found = [one for one in check_robot(log, self.robot) if one.name != "IMU"]
+        problems = tuple(one.problem for one in found if one.problem)
         if not problems:
             return log
         return replace(log, notes=(*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in problems)))
@@ -171,6 +169,11 @@ def command(
     wanted: list[str | None] = [*robot_names] or [None]
     robots = dict(the_robot(name, files_of[0]) for name in wanted)
     _refuse_twice(robot_names, "robot file")
+    if any(
+        are_parts(paths, topic_map(one, one.name).columns) for one in robots.values() if one.log
+    ):
+        say(f"read as one log, of which each table has a part: {', '.join(map(str, paths))}")
+        files_of = [paths]
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
         find_variant(name)

@@ -40,8 +40,7 @@ def command(
         ),
     ] = None,
     trajectory: Annotated[
-        str | None,
-        typer.Option(help=f"{', '.join(TRAJECTORIES)}, or recorded (default: random)."),
+        str | None, typer.Option(help=f"{', '.join(TRAJECTORIES)}, or recorded (default: random).")
     ] = None,
     trajectory_file: Annotated[
         str | None,

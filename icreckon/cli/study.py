@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.common.console import exit_if_failed, messages, print_fitting, results, say
+from icreckon.cli.common.console import BAR, exit_if_failed, messages, print_fitting, results, say
 from icreckon.cli.common.options import Json, Wide
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
@@ -37,8 +37,7 @@ LINE_EVERY = 30.0
 
 def command(
     study: Annotated[
-        str | None,
-        typer.Argument(help="Name of a study that ships with icreckon, or a TOML file."),
+        str | None, typer.Argument(help="Name of a study that ships with icreckon, or a TOML file.")
     ] = None,
     out: Annotated[
         Path | None,
@@ -122,12 +121,12 @@ class _Reporter:
         self._bar = Progress(
             SpinnerColumn(),
             TextColumn(name),
-            BarColumn(),
+            BarColumn(BAR),
             TextColumn("{task.fields[text]}"),
             console=messages(),
             transient=True,
         )
-        self._task = self._bar.add_task(name, total=1.0, text="")
+        self._task = self._bar.add_task(name, total=1.0, text="first block (compiles once)")
 
     def remark(self, words: str) -> None:
         """Print a line of text."""

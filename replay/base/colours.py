@@ -18,6 +18,8 @@ COLOURS = {
 TRUTH_COLOUR = "#009E73"
 FIX_COLOUR = "#000000"
 OTHER_COLOUR = "#6A3D9A"
+# On a dark background, those that lightening would make like another one.
+DARK = {"#444444": "#f0f0f0", "#0072B2": "#8c9eff"}
 # Least luminance of a line on a dark background, and share of white that is added until it is reached.
 LEAST_LUMINANCE, STEP = 0.2, 0.1
 
@@ -29,6 +31,8 @@ def colour_of(name: str) -> str:
 
 def on_dark(colour: str) -> str:
     """Lighten a colour "#rrggbb" until it is seen on a dark background."""
+    if colour in DARK:
+        return DARK[colour]
     parts = [int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5)]
     while _luminance(parts) < LEAST_LUMINANCE:
         parts = [part + STEP * (1.0 - part) for part in parts]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +12,18 @@ import numpy as np
 
 from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.checking.worth import HORIZONS, VARIANT, mean_drift
+from icreckon.replay.comparison.known_bias import GYRO
 from icreckon.replay.comparison.results import FORMAT, Results, digest, versions
+
+Read = tuple[Sequence[Log], Robot]
 
 
 def summarise_calibration(
     found: Calibration,
     logs: list[Log],
+    headline: str,
     *,
     configuration: dict[str, Any],
     inputs: dict[str, Path],
@@ -25,6 +33,7 @@ def summarise_calibration(
     Args:
         found: the calibration.
         logs: its logs.
+        headline: drift of filters with it.
         configuration: options of the command.
         inputs: input files, by their displayed names.
     """
@@ -35,6 +44,7 @@ def summarise_calibration(
         "seed": None,
         "versions": versions(),
         "inputs": {name: digest(path) for name, path in inputs.items()},
+        "headline": headline,
         "verdict": found.verdict,
         "notes": list(found.notes),
         "supported_model": found.comparison.supported,
@@ -95,6 +105,28 @@ def summarise_calibration(
             "after": found.residuals.after.round(6).tolist(),
         },
     }
+
+
+def headline(before: Read, after: Read, progress: Callable[[float], None]) -> str:
+    """Drift of filters with the robot file before and after the calibration.
+
+    Args:
+        before: logs as read with the robot file before, and that robot.
+        after: likewise, after it.
+        progress: called with the share that is done, 0 to 1.
+    """
+    logs, found = len(after[0]), []
+    for read, variant in ((before, VARIANT), (after, VARIANT), (after, GYRO)):
+        found.append(mean_drift(*read, variant, HORIZONS[0]))
+        progress(len(found) / 3)
+    if not math.isfinite(found[1]):
+        return "The filters have no drift to score on these logs."
+    of_logs = "the log" if logs == 1 else f"the {logs} logs"
+    start = f" ({found[0]:.2f} % with the file before)" if math.isfinite(found[0]) else ""
+    return (
+        f"{VARIANT} drifts {found[1]:.2f} % of the distance after {HORIZONS[0]:g} s with these values"
+        f"{start}, wheels + gyro {found[2]:.2f} %, on {of_logs} of this calibration."
+    )
 
 
 def _of_log(one: Any, log: Log) -> Results:

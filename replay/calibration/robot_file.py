@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
 
 from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.calibration.result import FoundParameter
 from icreckon.estimator.robot.robot_toml import robot_toml
 
 FIRST_WORDS = "# Calibrated by icreckon"
+LIKE = 0.01
+"""Standard errors up to which a written value is the estimate."""
 SIGMAS = {
     "gyro_scale_sigma": "standard error, and how much logs differ",
     "gyro_bias_sigma": "of the bias of another log; the previous value counts as one more log",
@@ -17,16 +22,20 @@ SIGMAS = {
 }
 
 
-def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str) -> str:
+def robot_file_text(
+    found: Calibration, sources: Sequence[str], robot_name: str, headline: str = ""
+) -> str:
     """Format the text of a robot file, as input of `load_robot`.
 
     Args:
         found: the calibration.
         sources: names of the logs.
         robot_name: robot with which the calibration started, a name or a file.
+        headline: drift of the filters with it.
     """
     header = [
         f"from {', '.join(sources)}, starting from {robot_name}.",
+        *filter(None, [headline]),
         found.verdict,
         "Comments are standard errors; «held» parameters are not observable in the logs and unchanged.",
         *found.notes,
@@ -34,7 +43,8 @@ def robot_file_text(found: Calibration, sources: Sequence[str], robot_name: str)
     ]
     # Names of logs may contain line breaks, which would end the comment.
     first, *more = (" ".join(line.split()) for line in header)
-    comments = {one.name: _comment(one) for one in found.parameters}
+    file = msgspec.to_builtins(found.robot)
+    comments = {one.name: _comment(one, file) for one in found.parameters}
     of_tables = {
         "vehicle": comments,
         "indices": _under("indices", comments),
@@ -58,8 +68,17 @@ def _of_logs(found: Calibration) -> list[str]:
     return lines
 
 
-def _comment(one: FoundParameter) -> str:
+def _comment(one: FoundParameter, file: dict[str, Any]) -> str:
+    """Standard error of a value, and the estimate where the file has another one."""
+    table, _, key = one.name.rpartition(".")
+    written = file.get(table or "vehicle", {}).get(key)
     text = "held" if one.sigma is None else f"± {one.sigma:.2g}"
+    if (
+        one.sigma is not None
+        and written is not None
+        and abs(written - one.value) > LIKE * one.sigma
+    ):
+        text = f"estimate {one.value:.4g} {text}"
     if one.status == "conditional":
         text += ", given what is held"
     if one.before is not None and one.sigma is not None:

@@ -26,8 +26,6 @@ MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK = "scale of the tracks", "effective track"
 
 Mend = Callable[[Log, Robot], tuple[Log, Robot]]
-# First words of the notes on a log that contradict the robot file.
-OF_ROBOT_FILE = "robot file: "
 
 
 class Measured(NamedTuple):

@@ -15,7 +15,6 @@ from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
 from icreckon.replay.checking.check import (
     FORWARD,
     MOUNTING,
-    SIGMAS,
     Check,
     Measured,
     angles_text,
@@ -24,6 +23,7 @@ from icreckon.replay.checking.check import (
     still_samples,
     with_imu,
 )
+from icreckon.replay.inspection.gyro_bias import gyro_bias
 from icreckon.replay.inspection.imu_mounting import (
     ABSURD,
     are_usable,
@@ -31,6 +31,7 @@ from icreckon.replay.inspection.imu_mounting import (
     estimate_mounting,
     forward_yaw,
 )
+from icreckon.replay.inspection.robot_file import STANDING_BIAS_SIGMA
 from icreckon.replay.inspection.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
 
 # Smallest tilt of a mounting that is reported [deg], and that from which a mounting is another one.
@@ -41,6 +42,8 @@ LEAST_DRIVING = 0.3
 FEWEST = 20
 # Distance of the centre of turning from that of the robot [m].
 LEVER = 0.3
+# Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
+OFFSET_OF_GRAVITY = 0.3
 # Factor between noise densities that is reported [-].
 OTHER_NOISE = 3.0
 # Fewest pairs of neighbouring samples at standstill that show the noise.
@@ -101,9 +104,12 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
         force = log.imu.linear_acceleration * (GRAVITY / size)
         return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
 
+    remedy = "the driver's unit, or acceleration_unit in [log.imu] for fields of a message"
+    if abs(size - GRAVITY) <= OFFSET_OF_GRAVITY * GRAVITY:
+        remedy = "the accelerometer's scale or offset: calibrate it, or scale it in the driver"
     yield found.contradicted(
         f"the accelerometer reads {size:.4g} m/s² on average, not {GRAVITY}{unit_of_gravity(size)}",
-        "the driver's unit, or acceleration_unit in [log.imu] for fields of a message",
+        remedy,
         scaled if size > 0.0 else None,
     )
 
@@ -198,22 +204,27 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
 
 
 def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
-    """Bias of the gyro at standstill."""
-    still = still_samples(log)
-    if log.imu is None or still is None:
+    """Bias of the gyro at standstill, or else by truth or tracks."""
+    if log.imu is None:
         return
-    rates = in_base(log.imu, robot)[0][still]
-    bias, sigma = float(rates.mean()), robot.imu.gyro_bias_sigma
-    seconds = len(rates) * float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    of_mean = robot.imu.gyro_noise_density / math.sqrt(seconds)
-    in_file = f"{robot.imu.gyro_bias:+.5f} ± {sigma:g} rad/s"
-    measured = Measured(bias, "rad/s", robot.imu.gyro_bias, of_mean)
-    found = Check("gyro bias", in_file, f"{bias:+.5f} rad/s at standstill", measured=measured)
-    if abs(bias - robot.imu.gyro_bias) <= SIGMAS * math.hypot(sigma, of_mean):
-        yield found
+    found = gyro_bias(log, in_base(log.imu, robot)[0], robot.imu.gyro_noise_density)
+    if found is None:
         return
-    yield found.contradicted(
-        f"the gyro reads {bias:+.5f} rad/s at standstill, the file says {in_file}",
+    bias, stated = found.value, robot.imu.gyro_bias
+    where = "at standstill" if found.source == "standstill" else f"by the {found.source}"
+    error = "" if found.source == "standstill" else f" ± {found.sigma:.4f}"
+    in_file = f"{stated:+.5f} ± {robot.imu.gyro_bias_sigma:g} rad/s"
+    measured = Measured(bias, "rad/s", stated, found.sigma)
+    check = Check("gyro bias", in_file, f"{bias:+.5f}{error} rad/s {where}", measured=measured)
+    sigma = robot.imu.gyro_bias_sigma
+    if found.source != "standstill":
+        # Without a standstill no filter learns a bias soon.
+        sigma = min(sigma, STANDING_BIAS_SIGMA)
+    if not found.differs(stated, sigma):
+        yield check
+        return
+    yield check.contradicted(
+        f"the gyro has a bias of {bias:+.5f}{error} rad/s {where}, the file has {in_file}",
         f"gyro_bias = {bias:.5f} in [imu], or a larger gyro_bias_sigma",
         with_imu(gyro_bias=min(1.0, max(-1.0, bias))),
         {"imu.gyro_bias": round(bias, 5)},

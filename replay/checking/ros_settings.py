@@ -83,9 +83,7 @@ def ros_settings(
         mended: quantities in which the logs contradicted the robot file, and which are mended.
     """
     names = ", ".join(_word(log.name) for log in logs)
-    lines = [
-        f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {names}. Every line is in SI units.",
-    ]
+    lines = [f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {names}. Every line is in SI units."]
     if mended:
         lines.append(
             f"# The robot file contradicts the log in: {', '.join(mended)}. Here it is as the log shows."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,10 +43,7 @@ class Worth:
 
 
 def worth_of(
-    log: Log,
-    robot: Robot,
-    checks: Sequence[Check],
-    progress: Callable[[float], None] | None = None,
+    log: Log, robot: Robot, checks: Sequence[Check], progress: Callable[[float], None] | None = None
 ) -> Worth:
     """Run the filter with a robot file as it is, mended, and with each error alone.
 
@@ -91,10 +89,20 @@ def worth_of(
     return Worth(horizon, as_it_is, drift_of_best if truth is not None else np.nan, tuple(costs))
 
 
-def _run(log: Log, robot: Robot) -> tuple[PoseSeries, PoseSeries | None]:
-    """Path of the filter, and the truth aligned to it, if there is one."""
-    found = compare(log, robot, (VARIANT,))
-    path = found.runs[VARIANT].trajectory.pose_series
+def mean_drift(logs: Sequence[Log], robot: Robot, variant: str, horizon: float) -> float:
+    """Drift without fixes, mean over logs [% of distance]; NaN for no result."""
+    found = []
+    for log in logs:
+        with suppress(ReplayError):
+            path, truth = _run(replace(log, fixes=None), robot, variant)
+            found += [] if truth is None else [drift(path, truth, horizon).percent_mean]
+    return float(np.mean(found)) if len(found) == len(logs) else float("nan")
+
+
+def _run(log: Log, robot: Robot, variant: str = VARIANT) -> tuple[PoseSeries, PoseSeries | None]:
+    """Path of a filter, and the truth aligned to it, if there is one."""
+    found = compare(log, robot, (variant,))
+    path = found.runs[variant].trajectory.pose_series
     if found.log.truth is None:
         return path, None
-    return path, truths_of(found)[VARIANT].truth.poses
+    return path, truths_of(found)[variant].truth.poses

@@ -40,6 +40,7 @@ from icreckon.replay.comparison.fixes import (
     with_fixes_within,
     with_truth_of_fixes,
 )
+from icreckon.replay.comparison.holes import holes_of, within_reach
 from icreckon.replay.comparison.initial_pose import start_from_fixes
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth
@@ -169,15 +170,16 @@ def compare(
     if not kept:
         raise _all_failed([*failed.values()])
     kept, bias = _with_known_bias(task, kept)
+    holes, fastest = holes_of(log), robot.vehicle.max_track_speed
+    kept = {name: within_reach(one, holes, fastest) for name, one in kept.items()}
     return Comparison(log, kept, alignment, failed, bias)
 
 
 def _with_known_bias(task: _Task, runs: dict[str, Run]) -> tuple[dict[str, Run], KnownBias | None]:
     """Runs with `gyro` once more if it had no chance to learn its bias, and that bias."""
-    log = task.log
-    if GYRO not in runs or len(runs) == 1 or log.truth is None or log.imu is None:
+    if GYRO not in runs or len(runs) == 1:
         return runs, None
-    bias = known_bias(runs[GYRO], log.truth, task.robot, scored_intervals(log))
+    bias = known_bias(runs[GYRO], task.log, task.robot, scored_intervals(task.log))
     if bias is None:
         return runs, None
     try:

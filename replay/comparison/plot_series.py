@@ -19,12 +19,14 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.holes import largest_sigma
 
 # Rows of the series: one each `SERIES_STEP` [s], but at least and at most so many. With all nine
 # variants, 1500 rows make a page of 2.6 MB, 4000 rows one of 5.7 MB.
 SERIES_POINTS, MOST_SERIES_POINTS, SERIES_STEP = 1500, 4000, 0.25
 PARAMETER_POINTS = 300
 INNOVATION_POINTS = 700
+ELLIPSES = 30
 # Least yaw rate at which indices are computed from a twist [rad/s].
 LEAST_YAW_RATE = 0.1
 # Longest interval between poses of the truth that is bridged, or twice the usual one if longer [s].
@@ -82,6 +84,7 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
             "epsilon_m": _rounded(one.indices[rows, 1]),
             "eta": _rounded(one.indices[rows, 2]),
         }
+        columns["ellipses"] = _ellipses(one)
         path = one.trajectory
         if path.spatial is not None and path.spatial_sigmas is not None:
             columns |= _spatial_columns(path.spatial[rows])
@@ -117,6 +120,16 @@ def _measured(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     if len(known) < 2:
         return np.full(len(wanted), math.nan)
     return np.where(_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
+
+
+def _ellipses(one: Run) -> list[list[float | None]]:
+    """Ellipses of one sigma: x, y, half axes [m], direction of the larger one [rad]."""
+    rows = _picks(len(one.stamps), ELLIPSES)
+    variances, axes = np.linalg.eigh(one.trajectory.pose_covariances[rows, :2, :2])
+    minor, major = np.sqrt(np.maximum(variances, 0.0)).T
+    turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
+    table = np.column_stack([one.trajectory.poses[rows, :2], major, minor, turn])
+    return [_rounded(row) for row in table]
 
 
 def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
@@ -167,10 +180,7 @@ def _parameters(one: Run, start: int) -> Results:
     for index in range(s.LEARNT.start, s.GRAVITY.stop):
         name, sigma = one.state_names[index], one.state_sigmas[rows, index]
         if name and sigma.any():
-            found[name] = {
-                "value": _rounded(one.states[rows, index]),
-                "sigma": _rounded(sigma),
-            }
+            found[name] = {"value": _rounded(one.states[rows, index]), "sigma": _rounded(sigma)}
     return found
 
 
@@ -213,11 +223,6 @@ def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     after = np.clip(np.searchsorted(known, wanted), 1, len(known) - 1)
     closer = np.where(known[after] - wanted < wanted - known[after - 1], after, after - 1)
     return np.asarray(values[closer])
-
-
-def largest_sigma(covariances: Floats) -> Floats:
-    """Standard deviation (n,) of the position along its least certain direction [m]."""
-    return np.asarray(np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]))
 
 
 def _pose_columns(poses: Floats) -> Results:

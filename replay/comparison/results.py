@@ -22,7 +22,6 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
@@ -38,14 +37,11 @@ from icreckon.replay.comparison.drift_table import (
     verdict,
 )
 from icreckon.replay.comparison.fixes import scored_intervals
+from icreckon.replay.comparison.holes import holes_of
 from icreckon.replay.comparison.plot_series import series_of
-from icreckon.replay.comparison.scores import differences, scores, truths_of
+from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
 
 FORMAT = 1
-# Shortest gap without samples that is reported [s].
-LONG_GAP = 1.0
-# Share of rejected gyro readings from which gyro and tracks contradict each other.
-MANY_REJECTED = 0.05
 # Number of fixes that show a correlation of successive innovations.
 ENOUGH_FIXES = 30
 # Lists of numbers are written on one line; no string holds a line break.
@@ -79,7 +75,7 @@ def summarise(
         series: whether to include the time series of the plots.
     """
     log = comparison.log
-    scored = scored_intervals(log)
+    scored, holes = scored_intervals(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
     reference, baseline = filters[-1], baseline_of(filters)
     variants, found = {}, None
@@ -88,7 +84,7 @@ def summarise(
         paired = paired_drifts(comparison_drifts(comparison) if drifts is None else drifts)
         found = verdict(paired, baseline)
         for name, one in comparison.runs.items():
-            variants[name] = scores(one, truths[name], scored)
+            variants[name] = scores(one, truths[name], scored, holes)
             variants[name] |= drift_scores(paired, name, baseline)
     else:
         for name, one in comparison.runs.items():
@@ -108,16 +104,14 @@ def summarise(
             "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
-            "notes": [
-                *log.notes,
-                *_holes(log),
-                *_doubts(comparison),
-                *_findings(comparison),
+            "holes_s": [
+                [(a - log.start) * NANOSECOND, (b - log.start) * NANOSECOND] for a, b in holes
             ],
+            "notes": [*log.notes, *_findings(comparison)],
             "start_ns": log.start,
             "origin": log.origin,
         },
-        "truth": _truth_summary(comparison, scored),
+        "truth": _truth_summary(comparison, robot, scored),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
         "horizons": list(horizon_labels()),
@@ -149,38 +143,6 @@ def write_results(path: Path, results: Results) -> None:
 
 def _in_one_line(numbers: re.Match[str]) -> str:
     return "".join(numbers[0].split())
-
-
-def _holes(log: Log) -> list[str]:
-    """Report gaps without track speeds or IMU samples."""
-    streams = {"track speeds": log.tracks.stamps}
-    if log.imu is not None:
-        streams["IMU samples"] = log.imu.stamps
-    notes = []
-    for name, stamps in streams.items():
-        gaps = np.diff(stamps) * NANOSECOND
-        long = gaps[gaps > LONG_GAP]
-        if len(long):
-            notes.append(
-                f"{len(long)} holes of more than {LONG_GAP:.0f} s in the {name}, "
-                f"the longest of {long.max():.1f} s"
-            )
-    return notes
-
-
-def _doubts(comparison: Comparison) -> list[str]:
-    """Report an inconsistent robot file: all variants reject many gyro readings."""
-    shares = []
-    for name, one in comparison.runs.items():
-        gyro = one.health.sensors.get("gyro")
-        if gyro is not None and gyro.judged_count and not name.endswith(SMOOTHED):
-            shares.append(gyro.rejected.get("gate", 0) / gyro.judged_count)
-    if not shares or min(shares) < MANY_REJECTED:
-        return []
-    return [
-        f"every variant rejects {min(shares):.0%} or more of the gyro's readings: are left and right "
-        "swapped, or is the IMU mounted otherwise than in the robot file? icreckon inspect shows both"
-    ]
 
 
 def _times(count: int) -> str:
@@ -254,7 +216,9 @@ def fix_correlation(one: Run) -> float | None:
     return sum(found) / len(found) if found else None
 
 
-def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Results | None:
+def _truth_summary(
+    comparison: Comparison, robot: Robot, scored: list[tuple[int, int]]
+) -> Results | None:
     truth, alignment = comparison.log.truth, comparison.alignment
     if truth is None:
         return None
@@ -267,6 +231,7 @@ def _truth_summary(comparison: Comparison, scored: list[tuple[int, int]]) -> Res
         "lag_sigma_s": None if alignment is None else alignment.lag_sigma,
         "lever_arm_m": [0.0, 0.0] if alignment is None else list(alignment.lever_arm),
         "tilt_deg": 0.0 if alignment is None else math.degrees(alignment.tilt),
+        "noise_drift_percent": noise_drifts(comparison, robot),
         "scored_s": [[(a - start) * NANOSECOND, (b - start) * NANOSECOND] for a, b in scored],
     }
 
@@ -276,11 +241,7 @@ def _gyro_bias(comparison: Comparison) -> Results | None:
     found = comparison.known_bias
     if found is None:
         return None
-    return {
-        "used_rad_s": found.used,
-        "shown_rad_s": found.shown,
-        "shown_sigma_rad_s": found.sigma,
-    }
+    return {"used_rad_s": found.used, "shown_rad_s": found.shown, "shown_sigma_rad_s": found.sigma}
 
 
 def json_types(value: Any) -> Any:

@@ -3,29 +3,39 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import relative, wrap_angle
+from icreckon.estimator.log.path_heading import headings_by_path
 from icreckon.estimator.log.scores import (
     HORIZONS,
+    Interval,
     drift,
     interpolate_poses,
     path_length,
     pose_nees,
+    shared_stamps,
     velocity_errors,
 )
+from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import FixWander
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import horizon_labels
-from icreckon.replay.comparison.fixes import OF_FIXES
-from icreckon.replay.comparison.plot_series import largest_sigma
+from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
+from icreckon.replay.comparison.holes import before_holes, largest_sigma
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_place
 from icreckon.replay.comparison.truth_level import spatial_scores
 
 Results = dict[str, Any]
+NOISE_ROUNDS = 4
+"""Draws of the noise of a truth, of which the mean is taken."""
 
 
 def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
@@ -47,13 +57,16 @@ def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
     return found
 
 
-def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> Results:
+def scores(
+    one: Run, aligned: TruthAlignment, scored: list[Interval], holes: Sequence[Interval] = ()
+) -> Results:
     """Score a run against the truth; intervals of drift are in `drift_table`.
 
     Args:
         one: the run.
         aligned: the aligned truth.
         scored: intervals of stamps [ns] in which drift is scored.
+        holes: holes of the log; NEES is that before them.
     """
     truth = aligned.truth
     estimate = one.trajectory
@@ -70,7 +83,8 @@ def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> 
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
     for name, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
         found[f"rmse_{name}"] = value
-    nees = pose_nees(estimate, truth.poses, within=scored, position_only=not truth.headings)
+    within = before_holes(scored, holes)
+    nees = pose_nees(estimate, truth.poses, within=within, position_only=not truth.headings)
     name = "nees_pose_mean" if truth.headings else "nees_position_mean"
     found["nees_pose_mean"] = math.nan
     # Errors of fixes are not known to the filter's covariance.
@@ -85,6 +99,42 @@ def scores(one: Run, aligned: TruthAlignment, scored: list[tuple[int, int]]) -> 
     found["final_yaw_error_deg"] = turned if truth.headings else math.nan
     found |= spatial_scores(estimate, truth.poses, scored)
     return found | _consistency(one)
+
+
+def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
+    """Drift by the noise of the truth alone, by horizon as "30s" [% of the distance].
+
+    The last run's path with simulated noise, as white as the truth's and with the wander of the robot
+    file's fixes, takes the place of the truth. Empty for a truth with headings, or without any.
+
+    Args:
+        comparison: the runs.
+        robot: the robot.
+    """
+    from scipy.signal import lfilter
+
+    alignment, log = comparison.alignment, comparison.log
+    if log.truth is None or alignment is None or alignment.headings is None:
+        return {}
+    path = [*comparison.runs.values()][-1].trajectory.pose_series
+    stamps, wander = shared_stamps(path, log.truth.poses), FixWander.of(robot)
+    slow = wander.sigma if log.truth.source == OF_FIXES else 0.0
+    step = float(np.median(np.diff(stamps))) * NANOSECOND
+    kept = math.exp(-step / wander.time) if slow else 0.0
+    poses, generator = interpolate_poses(path, stamps), np.random.default_rng(0)
+    found: dict[str, list[float]] = {}
+    for _ in range(NOISE_ROUNDS):
+        white, pushes = generator.standard_normal((2, len(stamps), 2))
+        pushes[1:] *= math.sqrt(1.0 - kept**2)
+        noisy = poses.copy()
+        noisy[:, :2] += alignment.headings.noise * white
+        noisy[:, :2] += slow * lfilter([1.0], [1.0, -kept], pushes, axis=0)
+        if (truth := headings_by_path(PoseSeries(stamps, noisy), path)) is None:
+            return {}
+        for horizon in HORIZONS:
+            of = drift(path, truth.poses, horizon, within=scored_intervals(log))
+            found.setdefault(f"{horizon:g}s", []).append(of.percent_mean)
+    return {label: float(np.mean(values)) for label, values in found.items()}
 
 
 def differences(one: Run, reference: Run) -> Results:

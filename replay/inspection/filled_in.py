@@ -2,132 +2,143 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
+import textwrap
 import tomllib
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
+from icreckon.estimator.robot.robot_toml import toml_value
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA
+from icreckon.replay.inspection.robot_file import NO_SIZES, Sizes
 
 TABLE = re.compile(r"\[([^\[\]]+)\]\s*(?:#.*)?$")
-KEY = re.compile(r"(\w+)\s*=\s*([^#]*?)\s*(?:#\s*(.*))?$")
-MARK = re.compile("fill in|check it|as filled in before")
-# Placeholders of an earlier proposal; a gauge stands in for the one that only a person can measure.
-UNTOUCHED_GAUGE = re.compile(
+KEY = re.compile(r"(\w+)\s*=")
+# A gauge stands in for the one that only a person can measure.
+STAND_IN_GAUGE = re.compile(
     r"^track_gauge = ([\d.e+-]+) *# .*the effective track \(\1\).*$", re.MULTILINE
 )
-UNTOUCHED = re.compile(
-    rf"^(?:max_track_speed = 2\.0|offset_deg = 0\.0|position = \[0\.0, 0\.0, 0\.0\]"
-    rf"|(?:position_)?sigma = {PLACEHOLDER_SIGMA}) +# .*fill in.*$",
-    re.MULTILINE,
-)
+MARK = "#~"
+MARKS = f"# Values as proposed, by marks ({MARK}): inspect --overwrite keeps all others."
 
 
 def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
-    """Take over from an earlier proposal what a person filled in or added.
+    """Take over from an earlier proposal what a person filled in, changed or added.
 
     Args:
         proposed: text of the new proposal.
-        path: the earlier one.
+        path: the earlier one, if there is any.
 
     Returns:
-        The text, and the names of what was taken over, as "vehicle.mass", or "[soil]" for a table.
+        The text with a mark of each proposed value, by which the next proposal recognises those of a
+        person, and the names of what was taken over, as "vehicle.mass", or "[soil]" for a table.
 
     Raises:
         ReplayError: the earlier file is no TOML file.
     """
-    try:
-        former_text = _without_placeholders(path.read_text(encoding="utf-8"))
-        former = tomllib.loads(former_text)
-    except (ValueError, OSError) as problem:
-        raise ReplayError(
-            f"{path}: what was filled in cannot be read: {problem}; mend or move the file"
-        ) from None
-    before, now = _remarks(former_text), _remarks(proposed)
-    lines, taken, table = [], [], ""
+    text, own = _own(path)
+    new, lines, taken = _values(tomllib.loads(proposed)), [], []
 
-    def take_over(key: str, value: str) -> None:
-        lines.append(f"{key} = {value}    # as filled in before")
-        taken.append(f"{table}.{key}")
+    def take_over(table: str, key: str) -> None:
+        lines.append(f"{key} = {toml_value(own[table][key])}    # as filled in before")
+        taken.append(f"{table}.{key}".lstrip("."))
 
+    table = ""
     for line in proposed.splitlines():
+        key = KEY.match(line.removeprefix("# "))
         if found := TABLE.match(line):
             table = found[1]
             lines.append(line)
-            for (of, name), remark in before.items():
-                own = MARK.search(remark) or not (remark or table.startswith("log"))
-                value = _value(former, table, name)
-                if of == table and (of, name) not in now and own and value is not None:
-                    take_over(name, value)
-            continue
-        key = KEY.match(line)
-        value = None if key is None else _value(former, table, key[1])
-        if key is None or value is None or value == key[2]:
-            lines.append(line)
-        elif _is_filled_in(before.get((table, key[1])), key[3] or ""):
-            take_over(key[1], value)
+            for name in own.get(table, {}):
+                if name not in new.get(table, {}):
+                    take_over(table, name)
+        elif key is not None and key[1] in own.get(table, {}):
+            # A line that was commented out, and is a person's now, stands at the top of its table.
+            if not line.startswith("#"):
+                take_over(table, key[1])
         else:
             lines.append(line)
-    tables = set(_tables(proposed))
-    for name, text in _tables(former_text).items():
-        if name not in tables:
-            lines += ["", *text]
+    for name, of_table in _tables(text).items():
+        if name not in _tables(proposed) and name in own:
+            lines += ["", *of_table]
             taken.append(f"[{name}]")
+    marks = [
+        _mark(table, key, value)
+        for table, values in new.items()
+        for key, value in values.items()
+        if key not in own.get(table, {})
+    ]
+    lines += [
+        "",
+        MARKS,
+        *textwrap.wrap(
+            " ".join(marks), 100, initial_indent=f"{MARK} ", subsequent_indent=f"{MARK} "
+        ),
+    ]
     return "\n".join(lines) + "\n", taken
 
 
 def has_stand_in_gauge(proposed: str) -> bool:
     """Return True if the track gauge of a proposal is the effective track of the log."""
-    return UNTOUCHED_GAUGE.search(proposed) is not None
+    return STAND_IN_GAUGE.search(proposed) is not None
 
 
-def filled_in_gauge(path: Path) -> float | None:
-    """Track gauge of an earlier proposal [m]; None if there is none that can be read."""
+def filled_in_sizes(path: Path) -> Sizes:
+    """Lengths of the robot by a person, in an earlier proposal that can be read."""
     try:
-        former = tomllib.loads(_without_placeholders(path.read_text(encoding="utf-8")))
-    except (ValueError, OSError):
-        return None
-    found = _value(former, "vehicle", "track_gauge")
-    return None if found is None or float(found) <= 0.0 else float(found)
+        own = _own(path)[1]
+    except ReplayError:
+        return NO_SIZES
+    vehicle, tracks = own.get("vehicle", {}), own.get("log.tracks", {})
+    found = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
+    return Sizes(*(one if isinstance(one, float | int) and one > 0.0 else None for one in found))
 
 
-def _without_placeholders(text: str) -> str:
-    return UNTOUCHED.sub("", UNTOUCHED_GAUGE.sub("", text))
-
-
-def _remarks(text: str) -> dict[tuple[str, str], str]:
-    """Comment beside each key, by table and key."""
-    return {
-        (table, key[1]): key[3] or ""
-        for table, lines in _tables(text).items()
-        for line in lines
-        if (key := KEY.match(line))
+def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Text of an earlier proposal, and a person's values by table and key."""
+    try:
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        former = _values(tomllib.loads(text))
+    except (ValueError, OSError) as problem:
+        raise ReplayError(
+            f"{path}: what was filled in cannot be read: {problem}; mend or move the file"
+        ) from None
+    marks = {mark for line in text.splitlines() if line.startswith(MARK) for mark in line.split()}
+    own = {
+        table: {
+            key: value
+            for key, value in values.items()
+            if _is_set(value) and _mark(table, key, value) not in marks
+        }
+        for table, values in former.items()
     }
+    return text, {table: values for table, values in own.items() if values}
 
 
-def _is_filled_in(before: str | None, now: str) -> bool:
-    """Return True if a value is a person's, by the comments beside it before and now."""
-    if before is None:
-        return False
-    return bool(MARK.search(before) or MARK.search(now) or (now and not before))
+def _values(table: dict[str, Any], name: str = "") -> dict[str, dict[str, Any]]:
+    """Values of all tables, by their dotted names and keys."""
+    found: dict[str, dict[str, Any]] = {name: {}}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            found |= _values(value, f"{name}.{key}".lstrip("."))
+        else:
+            found[name][key] = value
+    return found
 
 
-def _value(former: dict[str, Any], table: str, key: str) -> str | None:
-    """Value of a key as TOML, None if it is no number or text that was filled in."""
-    found: Any = former
-    for name in [*table.split("."), key]:
-        if not isinstance(found, dict) or name not in found:
-            return None
-        found = found[name]
-    numbers = found if isinstance(found, list) else [found]
-    if not isinstance(found, str) and not all(
-        isinstance(one, int | float) and math.isfinite(one) for one in numbers
-    ):
-        return None
-    return json.dumps(found, ensure_ascii=False)
+def _mark(table: str, key: str, value: Any) -> str:
+    return f"{crc32(f'{table}.{key} = {toml_value(value)}'.encode()) & 0xFFFFF:05x}"
+
+
+def _is_set(value: Any) -> bool:
+    """Return True for texts and finite numbers, and lists of them."""
+    parts = value if isinstance(value, list) else [value]
+    return all(
+        isinstance(one, str | int) or (isinstance(one, float) and math.isfinite(one))
+        for one in parts
+    )
 
 
 def _tables(text: str) -> dict[str, list[str]]:
@@ -137,7 +148,8 @@ def _tables(text: str) -> dict[str, list[str]]:
     for line in text.splitlines():
         if name := TABLE.match(line):
             lines = found.setdefault(name[1], [])
-        lines.append(line)
+        if not line.startswith((MARKS, MARK)):
+            lines.append(line)
     for lines in found.values():
         while lines and not lines[-1].strip():
             lines.pop()

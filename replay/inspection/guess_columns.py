@@ -21,10 +21,14 @@ from icreckon.replay.reading.tables import Table
 
 TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
 TIME_WORDS = re.compile(r"time|stamp")
-SPEED_WORDS = re.compile(r"vel|speed|rate|omega|rpm|count|tick|enc")
-NO_SPEED_WORDS = re.compile(
-    r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|demand"
-    r"|(?<![a-z])(?:ref|amps?|amperes?)(?![a-z])"
+SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)")
+NO_SPEED = re.compile(
+    r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
+)
+# Words of a name that may stand beside its side where none is a speed's.
+BARE = re.compile(
+    r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
+    r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
 )
 GYRO = re.compile(
     r"^(?:imu_?)?(?:gyro(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega|w|g)?[_.]?([xyz])$"
@@ -56,8 +60,8 @@ ENDINGS: tuple[tuple[str, TimeUnit], ...] = (
 def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
     """Guess the columns of each stream; return None if no column looks like a time.
 
-    Columns of the truth have "truth", "ground" or "icp" in their names. Columns of commands are
-    skipped.
+    Columns of the truth have "truth" or "ground" in their names, or their table has. Columns of commands
+    are skipped.
 
     Args:
         tables: all tables of a log.
@@ -70,11 +74,12 @@ def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
     for table, own in zip(tables, times, strict=True):
         other = None if own == time else own
         names = [one.name for one in table.columns if one.is_number and one.name != own]
-        measured = [name for name in names if not is_truth(name) and not is_command(name)]
+        true = names if is_truth(table.path.stem) else [name for name in names if is_truth(name)]
+        measured = [name for name in names if name not in true and not is_command(name)]
         tracks = tracks or _tracks(measured, other)
         imu = imu or _imu(measured, other)
         fixes = fixes or _fixes(measured, other)
-        truth = truth or _truth([name for name in names if is_truth(name)], other)
+        truth = truth or _truth(true, other)
     return ColumnMap(time, unit, tracks, imu, fixes, truth)
 
 
@@ -101,10 +106,10 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
 
 
 def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
-    likely = [name for name in names if not NO_SPEED_WORDS.search(name.lower())]
-    left, right = sides([name for name in likely if SPEED_WORDS.search(name.lower())])
+    likely = [name for name in names if not NO_SPEED.search(name.lower())]
+    left, right = sides([name for name in likely if SPEED.search(name.lower())])
     if not (left and right):
-        left, right = sides(likely)
+        left, right = sides([name for name in likely if _is_bare(name)])
     if not (left and right) or len(left) != len(right):
         return None
     column = left[0].lower()
@@ -112,6 +117,12 @@ def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
         return TrackColumns(left, right, "counts", counts_per_turn=1.0, time=time)
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
     return TrackColumns(left, right, unit, time=time)
+
+
+def _is_bare(name: str) -> bool:
+    """Return True for a name with no other quantity beside its side, as `left_m_s`."""
+    words = re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower()))
+    return all(BARE.fullmatch(word) for word in words)
 
 
 def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
@@ -152,7 +163,12 @@ def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
 def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
     def ending(*words: str) -> str | None:
         return next(
-            (name for name in names for word in words if re.search(rf"[_.]{word}$", name.lower())),
+            (
+                name
+                for name in names
+                for word in words
+                if re.search(rf"(?:^|[_.]){word}$", name.lower())
+            ),
             None,
         )
 

@@ -29,6 +29,10 @@ from icreckon.replay.reading.stream import ABSENT
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
 LEFT = {"l", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
+COMMAND = re.compile(
+    r"cmd|command|desired|target|setpoint|demand|request|wanted"
+    r"|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
+)
 PLACEHOLDER_SIGMA = 0.05
 """Placeholder sigma of fixes without a covariance [m] and of headings [rad], for the user to replace."""
 
@@ -93,12 +97,12 @@ def is_truth(topic: str) -> bool:
 
 def is_command(topic: str) -> bool:
     """Test for a topic or column of commands instead of measurements, by its name."""
-    return re.search(r"cmd|command|desired|target|setpoint", topic.lower()) is not None
+    return COMMAND.search(topic.lower()) is not None
 
 
 def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
     for topic, sample in samples.items():
-        if sample.msgtype != JOINT_STATE:
+        if sample.msgtype != JOINT_STATE or is_command(topic):
             continue
         named = [list(one.name) for one in sample.messages if len(one.velocity) == len(one.name)]
         # Some drivers publish each wheel in a message of its own.

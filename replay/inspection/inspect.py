@@ -25,6 +25,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
 from icreckon.replay.inspection.guess_topics import Sample, guess_topics
+from icreckon.replay.inspection.gyro_bias import GyroBias, gyro_bias
 from icreckon.replay.inspection.imu_mounting import (
     ABSURD,
     Mounting,
@@ -32,7 +33,13 @@ from icreckon.replay.inspection.imu_mounting import (
     vertical_rate,
 )
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
-from icreckon.replay.inspection.robot_file import has_tracks, in_rates, robot_file_text
+from icreckon.replay.inspection.robot_file import (
+    NO_SIZES,
+    Sizes,
+    has_tracks,
+    in_rates,
+    robot_file_text,
+)
 from icreckon.replay.inspection.topic_survey import (
     Spacing,
     Survey,
@@ -96,14 +103,14 @@ def inspect(
     path: Path | str | Sequence[Path | str],
     *,
     definitions: Definitions = (),
-    track_gauge: float | None = None,
+    sizes: Sizes = NO_SIZES,
 ) -> Inspection:
     """Inspect a log; a bag that was cut short is inspected up to the break.
 
     Args:
         path: the file or folder, or several that make one log, as for `read_log`.
         definitions: message types that bags lack, as for `read_log`.
-        track_gauge: the robot's, for `eta0` of the proposed robot file [m]; None if not known.
+        sizes: the robot's, for `eta0` of the proposed robot file.
 
     Raises:
         ReplayError: no such file, no bag or table, or nothing of it is readable.
@@ -135,7 +142,7 @@ def inspect(
         if entry is not None and entry.topic in reports:
             reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
     mounting = estimate_mounting(log) if log is not None else None
-    estimates = NO_ESTIMATES
+    estimates, bias = NO_ESTIMATES, None
     latencies: dict[str, Lag | NoLag] = {}
     wander: FixWanderEstimate | str | None = None
     if log is not None:
@@ -143,6 +150,7 @@ def inspect(
         correlation = mounting.turning_correlation if mounting else None
         latencies = _latencies(log, vertical)
         estimates = wheel_estimates(_in_time(log, latencies), vertical, correlation)
+        bias = None if vertical is None else gyro_bias(_in_time(log, latencies), vertical)
         wander = estimate_wander(log, vertical) if log.fixes is not None else None
     times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
@@ -158,6 +166,7 @@ def inspect(
         mounting=mounting,
         findings=(
             *_findings(log, mapping, mounting, estimates, clocks, latencies),
+            *_of_bias(bias),
             *_of_wander(wander),
         ),
         dropped=log.dropped if log is not None else {},
@@ -172,8 +181,9 @@ def inspect(
             heading_offset(log) if log is not None else None,
             latencies.get("tracks"),
             wander if isinstance(wander, FixWanderEstimate) else None,
-            gauge=track_gauge,
+            sizes=sizes,
             held=_held(log),
+            bias=bias,
         ),
     )
 
@@ -385,6 +395,13 @@ def _of_track(estimates: WheelEstimates, mapping: TopicMap) -> str:
         f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"
     )
+
+
+def _of_bias(bias: GyroBias | None) -> Iterator[str]:
+    if bias is not None and bias.source != "standstill":
+        found = f"{bias.value:.4f} ± {bias.sigma:.4f} rad/s about the vertical while driving"
+        which = "" if bias.differs(0.0) else ": not significant, not written"
+        yield f"gyro bias: {found}, by the {bias.source}{which}"
 
 
 def _of_wander(wander: FixWanderEstimate | str | None) -> Iterator[str]:

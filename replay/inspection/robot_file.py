@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_toml import toml_value
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate
+from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import WheelEstimates
@@ -33,6 +34,23 @@ MARGIN = 1.2
 """Highest speed of a robot over the fastest in a log [-]."""
 
 
+class Sizes(NamedTuple):
+    """Lengths of a robot that a person filled in [m]; None if unknown.
+
+    Attributes:
+        gauge: track gauge.
+        radius: sprocket radius.
+        of_controller: gauge of the controller whose odometry gives the track speeds.
+    """
+
+    gauge: float | None = None
+    radius: float | None = None
+    of_controller: float | None = None
+
+
+NO_SIZES = Sizes()
+
+
 def robot_file_text(
     path: Path,
     mapping: TopicMap,
@@ -44,8 +62,9 @@ def robot_file_text(
     track_latency: Lag | NoLag | None = None,
     wander: FixWanderEstimate | None = None,
     *,
-    gauge: float | None = None,
+    sizes: Sizes = NO_SIZES,
     held: str = "",
+    bias: GyroBias | None = None,
 ) -> str:
     """Format a robot file that `load_robot` and `topic_map` accept.
 
@@ -59,8 +78,9 @@ def robot_file_text(
         heading_offset: offset from a heading to the direction of driving [deg], or None.
         track_latency: latency of the track speeds against the gyro, or None if not observable.
         wander: error of the fixes, or None if not observable.
-        gauge: track gauge of an earlier proposal that was filled in [m], or None.
+        sizes: lengths of the robot that a person filled in.
         held: note on track speeds that the log repeats, empty if it does not.
+        bias: bias of the gyro, or None if not observable.
     """
     late, wandering = _latency_lines(track_latency), _wander_lines(wander)
     if held:
@@ -70,10 +90,10 @@ def robot_file_text(
         f"name = {toml_value(path.stem)}",
         "format = 1",
         "",
-        *_vehicle(mapping, log, estimates, gauge),
+        *_vehicle(mapping, log, estimates, sizes),
         "",
-        *_imu(mounting, log),
-        *_tracks(mapping, estimates),
+        *_imu(mounting, log, bias),
+        *_tracks(mapping, estimates, sizes),
         *_log(mapping, clocks, heading_offset, late, wandering),
         *(columns_text(mapping.columns, late, wandering) if mapping.columns else []),
     ]
@@ -94,20 +114,20 @@ def has_tracks(mapping: TopicMap) -> bool:
 
 
 def _vehicle(
-    mapping: TopicMap, log: Log | None, estimates: WheelEstimates, gauge: float | None
+    mapping: TopicMap, log: Log | None, estimates: WheelEstimates, sizes: Sizes
 ) -> list[str]:
     # Not a number, so that an incomplete robot file is refused.
-    radius_matters, radius = in_rates(mapping), estimates.way_ratio
+    radius = sizes.radius or estimates.way_ratio
     fastest = None
     if log is not None and len(log.tracks.speeds):
         fastest = float(np.abs(log.tracks.speeds).max())
     lines = [
         "[vehicle]",
         f"mass = nan               {FILL_IN} (kg, with load)",
-        *_gauge(mapping, estimates),
+        *_gauge(mapping, estimates, sizes),
         _radius(mapping, estimates),
     ]
-    size = 1.0 if not radius_matters else radius
+    size = radius if in_rates(mapping) else 1.0
     if fastest and size is not None and fastest < ABSURD:
         top = MARGIN * fastest * size
         lines.append(
@@ -119,7 +139,7 @@ def _vehicle(
             lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
     if not has_tracks(mapping):
         lines.append("# Nothing in the log looks like track speeds: no track speeds, no replay.")
-    return lines + _indices(mapping, estimates, gauge)
+    return lines + _indices(mapping, estimates, sizes)
 
 
 def _radius(mapping: TopicMap, estimates: WheelEstimates) -> str:
@@ -135,13 +155,18 @@ def _radius(mapping: TopicMap, estimates: WheelEstimates) -> str:
     )
 
 
-def effective_track(mapping: TopicMap, estimates: WheelEstimates) -> float | None:
-    """Effective track by the gyro [m]; None if the log does not show it in metres."""
-    if estimates.track_ratio is None or _from_twist(mapping):
+def effective_track(
+    mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes = NO_SIZES
+) -> float | None:
+    """Effective track by the gyro [m]; None without radius or gauge of a controller."""
+    scale: float | None = 1.0
+    if _from_twist(mapping):
+        scale = sizes.of_controller
+    elif in_rates(mapping):
+        scale = sizes.radius or estimates.way_ratio
+    if estimates.track_ratio is None or scale is None:
         return None
-    if not in_rates(mapping):
-        return estimates.track_ratio
-    return None if estimates.way_ratio is None else estimates.track_ratio * estimates.way_ratio
+    return estimates.track_ratio * scale
 
 
 def _from_twist(mapping: TopicMap) -> bool:
@@ -149,46 +174,40 @@ def _from_twist(mapping: TopicMap) -> bool:
     return mapping.tracks is not None and not mapping.tracks.left
 
 
-def _gauge(mapping: TopicMap, estimates: WheelEstimates) -> list[str]:
-    track = effective_track(mapping, estimates)
+def _gauge(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list[str]:
+    track = effective_track(mapping, estimates, sizes)
     if track is None:
-        return [
-            f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)",
-        ]
+        return [f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"]
     return [
         f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
         "between the centrelines of tracks or wheels"
     ]
 
 
-def _indices(mapping: TopicMap, estimates: WheelEstimates, gauge: float | None) -> list[str]:
+def _indices(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list[str]:
     """Steering efficiency of constant ICRs by the gyro."""
-    ratio = estimates.track_ratio
+    ratio, track = estimates.track_ratio, effective_track(mapping, estimates, sizes)
     if ratio is None:
         return []
-    track = effective_track(mapping, estimates)
     if track is not None:
-        eta0 = max(1.0, track / gauge) if gauge else 1.0
-        return [
-            "",
-            "[indices]",
-            f"eta0 = {eta0:.3g}    # effective track by the gyro, {track:.3g} m, over track_gauge",
-        ]
-    if not _from_twist(mapping):
-        return [
-            f"# Effective track by the gyro: {ratio:.3g} times the effective radius; eta0 in [indices] "
-            "is it over track_gauge."
-        ]
-    return [
-        "",
-        "[indices]",
-        f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the gauge of "
-        "its controller ([log.tracks])",
-        "# With another gauge there: eta0 times that gauge over track_gauge.",
-    ]
+        eta0 = max(1.0, track / (sizes.gauge or track))
+        line = (
+            f"eta0 = {eta0:.3g}    # effective track by the gyro, {track:.3g} m, over track_gauge"
+        )
+    elif _from_twist(mapping):
+        line = (
+            f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the "
+            "controller's gauge ([log.tracks]), over track_gauge"
+        )
+    else:
+        line = (
+            f"eta0 = nan    {FILL_IN} ({ratio:.3g} sprocket_radius / track_gauge, by the gyro; or fill "
+            "these in, and inspect again with --overwrite)"
+        )
+    return ["", "[indices]", line]
 
 
-def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
+def _imu(mounting: Mounting | None, log: Log | None, found: GyroBias | None) -> list[str]:
     if mounting is None:
         if log is None or log.imu is None:
             return ["# The log holds no IMU that measures rates.", ""]
@@ -200,23 +219,23 @@ def _imu(mounting: Mounting | None, log: Log | None) -> list[str]:
         lines.append(f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up)")
     if mounting.gyro_axes == "z":
         lines.append('gyro_axes = "z"    # the x and y gyros read zero all the time')
-    if mounting.gyro_bias is None:
-        lines.append(
-            "# No standstill long enough to show the gyro bias; icreckon calibrate finds it, if the log "
-            "has a truth."
-        )
-    else:
+    if mounting.gyro_bias is not None:
         bias = mounting.gyro_bias
         lines.append(
             f"# Gyro bias at standstill ({mounting.still_seconds:.0f} s): "
             f"({bias[0]:.5f}, {bias[1]:.5f}, {bias[2]:.5f}) rad/s in the IMU's axes."
         )
-        up = rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg))[2]
-        turning = bias[2] / up[2] if mounting.gyro_axes == "z" else float(up @ np.asarray(bias))
-        lines.append(f"gyro_bias = {turning:.5f}    # rad/s about the vertical, of this log")
-        lines.append(
-            f"gyro_bias_sigma = {STANDING_BIAS_SIGMA:g}    # rad/s; a later log's may differ"
+    if found is not None and (found.source == "standstill" or found.differs(0.0)):
+        error = (
+            "" if found.source == "standstill" else f" ± {found.sigma:.2g}, by the {found.source}"
         )
+        sigma = float(np.hypot(STANDING_BIAS_SIGMA, found.sigma))
+        lines += [
+            f"gyro_bias = {found.value:.5f}    # rad/s{error} about the vertical, of this log",
+            f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
+        ]
+    else:
+        lines.append("# Gyro bias: no standstill of 2 s, and driving shows none.")
     if mounting.gyro_noise_density:
         lines.append(
             f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
@@ -254,12 +273,12 @@ def _mounting(mounting: Mounting) -> list[str]:
     return [*lines, _turning_comment(mounting.turning_correlation)]
 
 
-def _tracks(mapping: TopicMap, estimates: WheelEstimates) -> list[str]:
+def _tracks(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list[str]:
     """Uncertainty of the effective radius, or of speeds that need none."""
     if not has_tracks(mapping):
         return []
     sigma, remark = USUAL_SCALE_SIGMA, "what is usually not known of an effective radius"
-    if estimates.way_ratio is not None and estimates.way_sigma is not None:
+    if estimates.way_ratio is not None and estimates.way_sigma is not None and not sizes.radius:
         if in_rates(mapping):
             shown, of = estimates.way_sigma / estimates.way_ratio, "the effective radius above"
         else:

@@ -22,7 +22,7 @@ from icreckon.replay.inspection.imu_mounting import (
 )
 
 GRAVITY = 9.81
-WRONG_GRAVITY = 0.1
+WRONG_GRAVITY = 0.03
 """Relative error of the mean specific force from which it is suspicious [-]."""
 FAST_TURNING = 6.0
 """Yaw rate that a ground robot hardly exceeds [rad/s]."""

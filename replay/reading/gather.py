@@ -15,7 +15,7 @@ from icreckon.replay.bags.bag_files import Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
 from icreckon.replay.bags.table_files import is_table
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.field_paths import FieldReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
@@ -24,6 +24,7 @@ from icreckon.replay.reading.message_rows import (
     GEODETIC_READERS,
     HEADING_READERS,
     POSE_READERS,
+    JointReader,
     imu_row,
     track_readers,
     twist_row,
@@ -213,6 +214,8 @@ def _of_bag(
         if not messages.get(stream.topic):
             continue
         part.streams[stream.purpose] = stream
+        if isinstance(reader := stream.readers.get(JOINT_STATE), JointReader):
+            reader.apart = True
         for topic in stream.topics:
             by_topic.setdefault(topic, []).append(stream)
     total = sum(messages.get(topic, 0) for topic in by_topic)
@@ -324,7 +327,7 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
                     "Name the right one in the robot file's [log.tracks], or leave that table out"
                 )
             raise ReplayError(f"{result.source}: {' and '.join(texts)}; there is {there}. {remedy}")
-        result.notes.append(f"{' and '.join(texts)}; there is {there}")
+        result.notes.append(f"{OF_ROBOT_FILE}{' and '.join(texts)}; there is {there}")
 
 
 def _left_out(result: Gathered) -> Iterator[str]:

@@ -52,15 +52,18 @@ class JointReader:
     """Reader of JointState: values of the left joints, then of the right ones.
 
     Joints that come in messages of their own make a row once each of them is there; its stamp is that
-    of the last one.
+    of the last one. For a log that is read whole, each message is a row, without the others' values, and
+    `wheels.interpolated` fills them in.
 
     Attributes:
+        apart: whether a message with some of the joints is a row by itself.
         joints: names of the joints, those of the left side first.
         seen: names of the joints found so far.
         positions: whether positions are used instead of velocities.
     """
 
     def __init__(self, left: Sequence[str], right: Sequence[str], positions: bool = False) -> None:
+        self.apart = False
         self.seen: set[str] = set()
         self.positions = positions
         self.joints = (*left, *right)
@@ -96,6 +99,9 @@ class JointReader:
         if len(places) == self._count:
             self._newest.clear()
             return tuple(float(values[places[name]]) for name in self.joints)
+        if self.apart:
+            found = (float(values[places[one]]) if one in places else NAN for one in self.joints)
+            return tuple(found)
         self._newest.update({name: (stamp, float(values[i])) for name, i in places.items()})
         if len(self._newest) < self._count:
             return None

@@ -202,11 +202,7 @@ class Stream:
         return self._in_order(clock, recorded, np.array(self._stamped, dtype=np.int64), rows)
 
     def _in_order(
-        self,
-        clock: Literal["header", "recording"],
-        recorded: Stamps,
-        stamped: Stamps,
-        rows: Floats,
+        self, clock: Literal["header", "recording"], recorded: Stamps, stamped: Stamps, rows: Floats
     ) -> tuple[Stamps, Floats]:
         order = np.argsort(recorded, kind="stable")
         stamps = recorded

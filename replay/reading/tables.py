@@ -11,7 +11,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.replay.bags.message_types import NAVSATFIX
-from icreckon.replay.bags.table_files import are_few, read_table
+from icreckon.replay.bags.table_files import are_few, is_table, read_table
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import (
     NANOSECONDS_OF,
@@ -264,6 +264,19 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream.add(stamps[own & timed], rows[own & timed])
         found.append(stream)
     return found
+
+
+def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
+    """Return True for several tables of which only some have the track speeds.
+
+    Args:
+        paths: files that exist.
+        columns: columns of each stream, None if the robot file maps none.
+    """
+    if columns is None or columns.tracks is None or not all(map(is_table, paths)):
+        return False
+    names = [*columns.tracks.left, *columns.tracks.right]
+    return len({Table(path).has(names) for path in paths}) > 1
 
 
 Columns = TrackColumns | ImuColumns | PoseColumns | HeadingColumns

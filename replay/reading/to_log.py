@@ -23,7 +23,7 @@ from icreckon.estimator.log.series import (
 )
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
@@ -41,7 +41,7 @@ from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import POSE_WIDTH, JointReader, planar_poses, spatial_part
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
-from icreckon.replay.reading.wheels import of_sides
+from icreckon.replay.reading.wheels import interpolated, of_sides
 
 OVERLAID = ("tracks", "imu")
 """Streams that indicate a clock set back if both have twice their rate."""
@@ -189,7 +189,7 @@ class _Assembly:
             losses = "".join(f", {count} x {reason}" for reason, count in reasons.items())
             losses += "".join(f", {count} x {reason}" for reason, count in stream.lost.items())
             self.notes.append(
-                f"no usable message for {stream.purpose} on topic {stream.topic!r}{losses}"
+                f"{OF_ROBOT_FILE}no usable message for {stream.purpose} on topic {stream.topic!r}{losses}"
             )
         return keep
 
@@ -204,7 +204,7 @@ class _Assembly:
             read = TrackValues(rows * vehicle.sprocket_radius, len(spec.left))
         else:
             read = track_values(rows, stream.msgtype, spec, vehicle)
-        values = read.values
+        stamps, values = interpolated(stamps, read.values, read.wrap)
         keep = self._screened(stream, stamps, values)
         stamps, values = stamps[keep], values[keep]
         if read.adds_up and len(stamps):
@@ -222,7 +222,8 @@ class _Assembly:
                 self.notes += sides.notes
             return sides.tracks
         if stream.purpose == "tracks":
-            raise ReplayError(f"{stream.source}: {self.notes[-1]}{self._joints_hint(stream)}")
+            why = self.notes[-1].removeprefix(OF_ROBOT_FILE)
+            raise ReplayError(f"{stream.source}: {why}{self._joints_hint(stream)}")
         return None
 
     def _joints_hint(self, stream: Stream) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.faults.odd_wheels import LEAST_WAY, OVER, least_apart
 from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.replay.reading.message_rows import TOGETHER
 
 
 class Sides(NamedTuple):
@@ -32,6 +33,34 @@ def mean_of_sides(values: Floats, left: int) -> Floats:
         left: number of the left ones.
     """
     return np.column_stack([values[:, :left].mean(axis=1), values[:, left:].mean(axis=1)])
+
+
+def interpolated(stamps: Stamps, values: Floats, wrap: float | None) -> tuple[Stamps, Floats]:
+    """Values of wheels with messages of their own at the stamps of the slowest.
+
+    Args:
+        stamps: (n,) [ns], rising.
+        values: (n, k) of the wheels; NaN for those that a message does not have.
+        wrap: value at which counters begin again, or None.
+
+    Returns:
+        Stamps and values; as they are if any message has all wheels, or a wheel has none.
+    """
+    known = ~np.isnan(values)
+    if not len(values) or known.all(axis=1).any() or not known.any(axis=0).all():
+        return stamps, values
+    at = stamps[known[:, known.sum(axis=0).argmin()]]
+    whole, columns = np.ones(len(at), bool), []
+    for column, there in zip(values.T, known.T, strict=True):
+        own, of_own = stamps[there], column[there]
+        if wrap is not None:
+            of_own = np.unwrap(of_own, period=wrap)
+        after = np.searchsorted(own, at).clip(max=len(own) - 1)
+        before = (after - (own[after] > at)).clip(min=0)
+        whole &= (own[before] <= at) & (at <= own[after])
+        whole &= (own[after] - own[before]) * NANOSECOND <= TOGETHER
+        columns.append(np.interp(at - at[0], own - at[0], of_own))
+    return at[whole], np.column_stack(columns)[whole]
 
 
 def of_sides(

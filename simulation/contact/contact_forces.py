@@ -265,11 +265,7 @@ def add_steady_balance(
         (1, M * w, 0.0 * w),
         (2, M * (v_y + 2.0 * x * w), M * (2.0 * y * w - v_x)),
     ):
-        for row, of_inertia in (
-            (0, of_right),
-            (1, of_forward),
-            (2, x * of_forward - y * of_right),
-        ):
+        for row, of_inertia in ((0, of_right), (1, of_forward), (2, x * of_forward - y * of_right)):
             jacobian[row, column] += (
                 of_inertia + jacobian[row, 5] * of_right + jacobian[row, 6] * of_forward
             )

@@ -101,11 +101,7 @@ class SteadyMotion:
 
 
 def solve_steady(
-    V_l: ArrayLike,
-    V_r: ArrayLike,
-    contact: Contact,
-    *,
-    strict: bool = True,
+    V_l: ArrayLike, V_r: ArrayLike, contact: Contact, *, strict: bool = True
 ) -> SteadyMotion:
     """Solve for the stationary motion of each pair of track speeds.
 
@@ -129,12 +125,7 @@ def solve_steady(
     tipping = vertical_loads(contact, inertia[0], inertia[1]).tipping.reshape(shape)
     rest = residual.reshape(shape)
     motion = SteadyMotion(
-        left.copy(),
-        right.copy(),
-        PaperTwist(v_x, v_y, w),
-        rest,
-        rest <= CONVERGED,
-        tipping,
+        left.copy(), right.copy(), PaperTwist(v_x, v_y, w), rest, rest <= CONVERGED, tipping
     )
     return motion.require_converged() if strict else motion
 

@@ -74,12 +74,7 @@ def circle(
 
 
 def figure_eight(
-    duration: float,
-    robot: Robot,
-    _rng: Generator,
-    *,
-    speed: Share = 0.5,
-    turn: Share = 0.25,
+    duration: float, robot: Robot, _rng: Generator, *, speed: Share = 0.5, turn: Share = 0.25
 ) -> Blends:
     """Full circles, left and right in turn, for the `eta0` of the robot file.
 

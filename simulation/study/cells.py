@@ -19,7 +19,14 @@ from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.scenario import Scenario, change_scenario, merged
-from icreckon.simulation.sensors.specs import fix_errors, noise_preset
+from icreckon.simulation.sensors.imu import InertialErrors
+from icreckon.simulation.sensors.specs import (
+    accelerometer_errors,
+    encoder_errors,
+    fix_errors,
+    gyro_errors,
+    noise_preset,
+)
 from icreckon.simulation.study.plan import MOST_CELLS, LatinHypercube, Study, nest
 from icreckon.simulation.truth.terrain import NEEDS, Terrain, refuse_idle_keys
 
@@ -27,6 +34,8 @@ from icreckon.simulation.truth.terrain import NEEDS, Terrain, refuse_idle_keys
 ROBOT, TRUE_ROBOT, FILTER = "robot", "true_robot", "filter"
 ROBOTS = (ROBOT, TRUE_ROBOT, FILTER)
 OUTAGE = "outage"
+# A filter takes no noise of exactly zero.
+LEAST_NOISE = 1e-9
 # A grid's axis is logarithmic if its largest value is at least this many times the smallest.
 LOG_SPAN = 20.0
 
@@ -206,7 +215,9 @@ def _cell(
     if outage is not None:
         scenario = _with_outage(scenario, outage)
     alike = _changed_robot(robot, parts[ROBOT], ROBOT)
-    modelled = _changed_robot(alike, parts[FILTER], FILTER)
+    driving = _changed_robot(alike, parts[TRUE_ROBOT], TRUE_ROBOT)
+    told = _with_noise_of(alike, driving, scenario) if study.filters_know_noise else alike
+    modelled = _changed_robot(told, parts[FILTER], FILTER)
     robots = [
         _changed_robot(modelled, spec.robot, f"robot of {spec.label}") for spec in study.filters()
     ]
@@ -221,8 +232,36 @@ def _cell(
     )
     for one in filters:
         assumptions(one.robot, find_variant(one.variant), one.settings)
-    driving = _changed_robot(alike, parts[TRUE_ROBOT], TRUE_ROBOT)
     return Cell(index, values, scenario, driving, filters, study.true_motions, study.horizons)
+
+
+def _with_noise_of(robot: Robot, driving: Robot, scenario: Scenario) -> Robot:
+    """Robot file with the noise of the simulated IMU and encoders.
+
+    The accelerometer's is that of the file if larger, which has vibration and slopes in it.
+    """
+    preset = noise_preset(scenario.noise)
+    gyro = gyro_errors(driving, scenario.gyro, preset)
+    force = accelerometer_errors(driving, scenario.accelerometer, preset)
+    encoders = encoder_errors(driving, scenario.encoders, preset)
+    shaken = max(force.noise_density, robot.imu.accelerometer_noise_density)
+    imu = {
+        "gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
+        "gyro_bias_sigma": gyro.bias_sigma,
+        "gyro_bias_walk": _walk_of(gyro),
+        "gyro_scale_sigma": gyro.scale_sigma,
+        "accelerometer_noise_density": shaken,
+        "accelerometer_bias_sigma": force.bias_sigma,
+        "accelerometer_bias_walk": _walk_of(force),
+    }
+    speeds = {name: getattr(encoders, name) for name in ("speed_noise_density", "scale_sigma")}
+    return _changed_robot(robot, {"imu": imu, "tracks": speeds}, "noise of the scenario")
+
+
+def _walk_of(errors: InertialErrors) -> float:
+    """Random walk of a bias that has an instability, too, over its correlation time."""
+    instability = errors.bias_instability * math.sqrt(2.0 / errors.bias_instability_time)
+    return math.hypot(errors.bias_walk, instability)
 
 
 def _root(key: str) -> str:

@@ -152,6 +152,8 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
             default.
         horizons: lengths of the segments over which drift is scored [s].
         engine: engine of the runs, see `icreckon.simulation.running.engines`.
+        filters_know_noise: whether the filters have the noise of the simulated IMU and encoders, or that
+            of the robot file, whatever is swept.
 
     Raises:
         SimulationError: a wrong type, an unknown name, or a number out of range.
@@ -170,6 +172,7 @@ class Study(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tru
     baseline: str | None = None
     horizons: tuple[Horizon, ...] = HORIZONS
     engine: str = "auto"
+    filters_know_noise: bool = False
 
     def __post_init__(self) -> None:
         settle_types(self)

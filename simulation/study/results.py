@@ -15,7 +15,13 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.simulation.study.cells import Axis, Plan, Value
 from icreckon.simulation.study.failures import failures_of
 from icreckon.simulation.study.statistics import DRIFT, Statistic, statistics
-from icreckon.simulation.study.summary import GROUPS, Summary, over_cells, summarise
+from icreckon.simulation.study.summary import (
+    GROUPS,
+    Summary,
+    half_of_jackknife,
+    over_cells,
+    summarise,
+)
 
 Results = dict[str, Any]
 
@@ -137,12 +143,9 @@ def study_results(
         "drift": _reported_drift(runs),
         "axes": manifest["axes"],
         "overall": _by_variant(runs, _summaries(runs, everything)),
+        "typical": _typical(runs),
         "cells": [
-            {
-                "cell": cell.index,
-                "values": cell.values,
-                "variants": _by_variant(runs, found),
-            }
+            {"cell": cell.index, "values": cell.values, "variants": _by_variant(runs, found)}
             for cell, found in zip(plan.cells, cells, strict=True)
         ],
         "effects": [
@@ -217,6 +220,36 @@ def _reported_drift(runs: Runs) -> str:
     columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
     have = [int(np.isfinite(runs.values[..., column]).any(axis=(0, 2)).sum()) for column in columns]
     return names[columns[int(np.argmax(have))]]
+
+
+def _typical(runs: Runs) -> dict[str, Any]:
+    """Drift of a typical cell by variant: each cell has the same weight.
+
+    `median_percent` is the median over cells of mean drifts; `ratio` the geometric mean over cells of the
+    ratios to the baseline, with its 95 % interval by leaving out true motions one by one.
+    """
+    column = [one.name for one in runs.statistics].index(_reported_drift(runs))
+    drifts, motions = runs.values[..., column], runs.motions
+    baseline = drifts[list(runs.plan.labels).index(runs.plan.study.compared_with)]
+
+    def log_ratio(one: Floats, kept: Any) -> float:
+        both = np.isfinite(one) & np.isfinite(baseline) & kept
+        own, other = (np.where(both, of, 0.0).sum(axis=1) for of in (one, baseline))
+        there = (own > 0.0) & (other > 0.0)
+        return float(np.log(own[there] / other[there]).mean()) if there.any() else np.nan
+
+    found = {}
+    for label, one in zip(runs.plan.labels, drifts, strict=True):
+        without = [log_ratio(one, motions != motion) for motion in np.unique(motions)]
+        middle, half = log_ratio(one, True), half_of_jackknife(np.array(without))
+        means = [float(cell[np.isfinite(cell)].mean()) for cell in one if np.isfinite(cell).any()]
+        found[label] = {
+            "median_percent": float(np.median(means)) if means else np.nan,
+            "ratio": float(np.exp(middle)),
+            "ratio_low": float(np.exp(middle - half)),
+            "ratio_high": float(np.exp(middle + half)),
+        }
+    return found
 
 
 def _final_errors(runs: Runs) -> list[dict[str, Any]]:

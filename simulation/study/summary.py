@@ -131,6 +131,15 @@ def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[flo
     return ratio, ratio - half, ratio + half
 
 
+def half_of_jackknife(without: Floats) -> float:
+    """Half a 95 % interval by estimates (m,) without one true motion each, or NaN."""
+    count = len(without)
+    if count < 2:
+        return math.nan
+    variance = (count - 1) / count * float(((without - without.mean()) ** 2).sum())
+    return _student(count - 1) * math.sqrt(variance)
+
+
 def over_cells(values: Floats) -> Floats:
     """Means (..., runs, statistics) over finite cells (..., cells, runs, statistics)."""
     known = np.isfinite(values)

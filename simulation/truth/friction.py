@@ -223,11 +223,7 @@ def drive(
         part = slice(first, last + 1)
         mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
         taken = integrate(
-            Vehicle(
-                ground(loaded_contact),
-                np.asarray(np.linalg.inv(mass), float),
-                load_lag,
-            ),
+            Vehicle(ground(loaded_contact), np.asarray(np.linalg.inv(mass), float), load_lag),
             surface,
             rows,
             DrivenTracks(

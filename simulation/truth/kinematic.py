@@ -88,11 +88,7 @@ def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
 
 
 def lagged_twists(
-    speeds: Floats,
-    keep: float,
-    parameters: Floats,
-    vehicle: VehicleConstants,
-    twists: Floats,
+    speeds: Floats, keep: float, parameters: Floats, vehicle: VehicleConstants, twists: Floats
 ) -> None:
     """Motion of the filter's index model on level ground, from rest.
 

@@ -236,11 +236,7 @@ def _carry(vector: Vector, normal: Vector, to: Vector) -> Vector:
 @compiled
 def _sum(a: float, one: Vector, b: float, other: Vector) -> Vector:
     """Return a times one vector plus b times another."""
-    return (
-        a * one[0] + b * other[0],
-        a * one[1] + b * other[1],
-        a * one[2] + b * other[2],
-    )
+    return (a * one[0] + b * other[0], a * one[1] + b * other[1], a * one[2] + b * other[2])
 
 
 @compiled

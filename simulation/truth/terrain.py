@@ -127,8 +127,7 @@ def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: 
 
 
 PatchSlope = Annotated[
-    float,
-    Bound("between 0 and 60 degrees (uphill_deg is where it rises to)", 0.0, STEEPEST),
+    float, Bound("between 0 and 60 degrees (uphill_deg is where it rises to)", 0.0, STEEPEST)
 ]
 
 

@@ -198,11 +198,7 @@ def grid_times(duration: float, rate: float) -> Floats:
 
 
 def true_motion(
-    rate: float,
-    twists: Floats,
-    speeds: Floats,
-    source: str,
-    parameters: Indices | None = None,
+    rate: float, twists: Floats, speeds: Floats, source: str, parameters: Indices | None = None
 ) -> TrueMotion:
     """Make a motion from the origin of twists (m, 3), speeds (m, 2) at a rate [Hz]."""
     step = 1.0 / rate

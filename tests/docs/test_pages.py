@@ -102,7 +102,7 @@ def test_a_short_log_goes_the_way_of_the_page(tmp_path: Path) -> None:
     words = ("--fix-rate", 0, "--duration", 20)
     assert icreckon("simulate", "--out", "drive", *words, cwd=tmp_path).returncode == 0
     found = icreckon("inspect", "drive", "--write", "robot.toml", cwd=tmp_path)
-    assert "complete the lines marked «fill in», then: icreckon replay drive" in found.stderr
+    assert "complete the lines marked «fill in», run this again with --overwrite" in found.stderr
     said = fails("replay", "drive", "--robot", "robot.toml", cwd=tmp_path)
     assert (
         "robot.toml: [vehicle]: mass must be a positive number, found nan: it is not filled in"
@@ -116,10 +116,13 @@ def test_a_short_log_goes_the_way_of_the_page(tmp_path: Path) -> None:
         text, count = re.subn(pattern, new, text, flags=re.MULTILINE)
         assert count == 1, pattern
     file.write_text(text, encoding="utf-8")
+    again = icreckon("inspect", "drive", "--write", "robot.toml", "--overwrite", cwd=tmp_path)
+    assert "kept from the file before: vehicle.mass, vehicle.track_gauge" in again.stderr
     words = ("--robot", "robot.toml", "--fixes", "0:40%", "--variants", "inertia-online")
     done = icreckon("replay", "drive", *words, "--out", "first", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "my-robot on drive" in (tmp_path / "first" / "page.html").read_text(encoding="utf-8")
+    page = (tmp_path / "first" / "page.html").read_text(encoding="utf-8")
+    assert "The robot file is not calibrated: icreckon calibrate drive --robot robot.toml" in page
 
 
 def test_a_log_without_track_speeds_is_told_so(tmp_path: Path, robot) -> None:

@@ -10,12 +10,8 @@ from typing import Any
 import typer
 from rich.console import RenderableType
 
-from icreckon.cli.common.console import (
-    print_fitting,
-    progress,
-    worker_count,
-    working,
-)
+from icreckon.cli.common.console import print_fitting, progress, worker_count, working
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 from icreckon.estimator.robot.settings import Settings
@@ -59,9 +55,14 @@ def compare_and_write(
         The results, and of a labelled case the scores for `summarise_many`.
     """
     check_formats(formats, log)
+    if log.start < 0 and {*formats} & {"mcap", "ros1"}:
+        raise ReplayError(
+            f"stamps begin at {log.start * NANOSECOND:.6g} s, and bags have none below zero: give "
+            "--formats tum,csv (or another without mcap and ros1), or add to the column of times"
+        )
     warn_unless_kept()
     title = f"filtering {log.duration:.0f} s of {log.name}"
-    with progress(title, log.duration) as report_progress:
+    with progress(title, compiles=True) as report_progress:
         comparison = compare(
             log,
             robot,

@@ -16,12 +16,15 @@ from rich.progress import (
     Progress,
     ProgressColumn,
     SpinnerColumn,
+    Task,
     TaskProgressColumn,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
 from rich.segment import Segment
+from rich.table import Column
+from rich.text import Text
 
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.replay.base.outputs import (
@@ -33,6 +36,10 @@ from icreckon.replay.base.outputs import (
 from icreckon.report.printable import printable
 
 TABLE_WIDTH = 150
+# Width of a bar [characters].
+BAR = 16
+# Longest time for which a kernel is compiled [s].
+LONGEST_COMPILATION = 300.0
 # Exit status of a command that has written incomplete results.
 FAILED = 1
 # What a loader says of a library that memory has no room for.
@@ -92,46 +99,59 @@ def print_fitting(table: Callable[..., RenderableType], *, wide: bool, wide_from
     """Print the columns of a table that fit the terminal.
 
     Args:
-        table: makes the table; its argument `narrow` leaves columns out.
+        table: makes the table; its argument `narrow`, the width if not all columns fit and otherwise
+            0, leaves columns out.
         wide: whether to print all columns, however narrow the terminal is.
         wide_from: least width that has room for all columns [characters].
     """
     console = results()
-    narrow = console.width < wide_from and not wide
+    narrow = console.width if console.width < wide_from and not wide else 0
     console.print(table(narrow=narrow))
     if narrow:
         console.print("--wide shows all columns.")
 
 
+class _Title(ProgressColumn):
+    """Name of a task; while filters are compiled, how many of their kernels are there.
+
+    A bar that stands still for a second while new kernels appear on disk, or that has begun without any,
+    waits for the compiler.
+    """
+
+    def __init__(self, compiles: bool) -> None:
+        super().__init__(table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
+        self._compiles = compiles
+        self._before = self._moved = (-1, -1.0, 0.0)
+
+    def render(self, task: Task) -> Text:
+        """Text of the column."""
+        if not self._compiles:
+            return Text(task.description)
+        from icreckon.estimator.tracing.kernel_cache import kernel_files
+
+        found, now = len(kernel_files()), task.elapsed or 0.0
+        if self._before[0] < 0:
+            self._before = self._moved = (found, task.completed, now)
+        if task.completed != self._moved[1]:
+            self._moved = (found, task.completed, now)
+        is_new = found > self._moved[0] or (not self._before[0] and not task.completed)
+        if not is_new or now - self._moved[2] > LONGEST_COMPILATION:
+            return Text(task.description)
+        return Text(f"compiling filters (first run only) {found}")
+
+
 @contextmanager
-def progress(title: str, log_seconds: float | None = None) -> Iterator[Callable[[float], None]]:
+def progress(title: str, *, compiles: bool = False) -> Iterator[Callable[[float], None]]:
     """Show a progress bar; yield a function of the share done, 0 to 1.
 
     Args:
         title: name of the task.
-        log_seconds: duration of the log [s], to show the time reached in it and the speed-up, too.
+        compiles: whether filters may be compiled first.
     """
-    columns = (
-        BarColumn(),
-        TaskProgressColumn(),
-        TextColumn("{task.fields[reached]}"),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with _bar(_title(), *columns) as bar:
-        task = bar.add_task(title, total=1.0, reached="")
-
-        def report(done: float) -> None:
-            spent = bar.tasks[0].elapsed
-            reached = ""
-            if log_seconds is not None:
-                reached = f"at {done * log_seconds:.0f} s of the log"
-                if spent:
-                    reached += f", {done * log_seconds / spent:.0f} times real time"
-            bar.update(task, completed=done, reached=reached)
-
-        yield report
+    columns = (BarColumn(BAR), TaskProgressColumn(), TimeRemainingColumn(), TextColumn("left"))
+    with _bar(_Title(compiles), *columns) as bar:
+        task = bar.add_task(title, total=1.0)
+        yield lambda done: bar.update(task, completed=done)
 
 
 @contextmanager
@@ -141,19 +161,16 @@ def working(title: str) -> Iterator[None]:
     Args:
         title: name of the work.
     """
-    with _bar(SpinnerColumn(), _title(), TimeElapsedColumn()) as bar:
+    with _bar(SpinnerColumn(), _Title(compiles=False), TimeElapsedColumn()) as bar:
         bar.add_task(title, total=None)
         yield
-
-
-def _title() -> TextColumn:
-    return TextColumn("{task.description}", markup=False)
 
 
 def _bar(*columns: ProgressColumn) -> Progress:
     """Bar on standard error that vanishes at its end; nothing if that is no terminal."""
     console = messages()
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    on = console.is_terminal
+    return Progress(*columns, console=console, transient=True, disable=not on, expand=True)
 
 
 @contextmanager

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 from icreckon.replay.comparison.results import Results
-from icreckon.report.calibration.tables import (
-    footnotes,
-    log_table,
-    model_table,
-    parameter_table,
-)
+from icreckon.report.calibration.tables import footnotes, log_table, model_table, parameter_table
 from icreckon.report.drawing import unless_missing
 from icreckon.report.pages import Picture, render
 
@@ -28,7 +23,7 @@ def calibration_page(results: Results) -> str:
         "calibration.html",
         title=f"{results['robot']['name']}, calibrated",
         subtitle=f"icreckon calibrate · {count} · {distance:.0f} m",
-        headline=results["verdict"],
+        headline=results["headline"],
         pictures=_pictures(results),
         tables=[model_table(results), parameter_table(results), log_table(results)],
         notes=footnotes(results),

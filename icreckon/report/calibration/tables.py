@@ -14,7 +14,7 @@ from icreckon.report.terminal import rich_table
 
 STATUS = {
     "shown": "shown",
-    "conditional": "shown, given what is held",
+    "conditional": "shown, if the held ones are right",
     "held": "held, not shown",
 }
 # Width of a terminal from which on tables have all columns [characters].
@@ -33,7 +33,7 @@ def calibration_tables(results: Results, *, narrow: bool) -> Group:
     makers = (model_table, parameter_table, log_table)
     tables = [rich_table(make(results, narrow=narrow), narrow=narrow) for make in makers]
     lines = map(Text, footnotes(results))
-    return Group(Text(results["verdict"], style="bold"), *tables, *lines)
+    return Group(Text(results["headline"], style="bold"), *tables, *lines)
 
 
 def parameter_table(results: Results, *, narrow: bool = False) -> Table:
@@ -90,13 +90,7 @@ def log_table(results: Results, *, narrow: bool = False) -> Table:
             f"{one['moving_segments']}, {one['still_segments']}",
         ]
         rows.append((one["name"], cells))
-    head = [
-        "log",
-        "gyro bias\nrad/s",
-        "truth late\ns",
-        "distance\nm",
-        "segments\nmoving, still",
-    ]
+    head = ["log", "gyro bias\nrad/s", "truth late\ns", "distance\nm", "segments\nmoving, still"]
     return _table("logs", head, rows, left_out=1 if narrow else 0)
 
 
@@ -137,8 +131,9 @@ def footnotes(results: Results) -> list[str]:
     """Validation, correlated parameters, notes on the logs."""
     validation = results["validation"]
     lines = [
+        results["verdict"],
         f"Held out: {validation['folds']} folds of {validation['blocks']} blocks of contiguous time, "
-        f"windows of up to {validation['longest_window_s']:.0f} s, {validation['distance_m']:.0f} m."
+        f"windows of up to {validation['longest_window_s']:.0f} s, {validation['distance_m']:.0f} m.",
     ]
     names, matrix = results["correlations"]["names"], np.array(results["correlations"]["matrix"])
     pairs = [

@@ -6,12 +6,7 @@ from pathlib import Path
 
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Picture, render
-from icreckon.report.paper.tables import (
-    all_tables,
-    contradiction_text,
-    counts_text,
-    origin_text,
-)
+from icreckon.report.paper.tables import all_tables, contradiction_text, counts_text, origin_text
 
 # Figures of a folder, the first at the top of the page; those with panels side by side are wide.
 CAPTIONS = {

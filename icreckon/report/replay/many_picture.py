@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from types import SimpleNamespace
+from types import SimpleNamespace as Named
+from typing import Any
 
 from icreckon.replay.base.colours import colour_of, on_dark
 from icreckon.replay.comparison.results import Results
@@ -15,45 +17,10 @@ from icreckon.report.replay.page_text import filtered, horizon_text, interval_te
 LABEL, LINE, BETWEEN = 20, 11, 10
 
 
-class Variant(NamedTuple):
-    """Variant of the legend: name, colours on white and in the dark."""
+def drift_picture(results: Results) -> SimpleNamespace | None:
+    """Rows of marks over a logarithmic axis, all logs first; None without scores.
 
-    name: str
-    light: str
-    dark: str
-
-
-class Mark(NamedTuple):
-    """Drift of a variant: places along the axis [%], height [px], and in words."""
-
-    at: float
-    interval: tuple[float, float] | None
-    y: int
-    variant: Variant
-    text: str
-
-
-class Row(NamedTuple):
-    """Row: label and its height [px], True for all logs together, and marks."""
-
-    label: str
-    y: int
-    is_pooled: bool
-    marks: list[Mark]
-
-
-class DriftPicture(NamedTuple):
-    """Rows of marks over a logarithmic axis; ticks are places [%] and texts."""
-
-    title: str
-    height: int
-    ticks: list[tuple[float, str]]
-    rows: list[Row]
-    variants: list[Variant]
-
-
-def drift_picture(results: Results) -> DriftPicture | None:
-    """Picture of the drifts, all logs together first; None where nothing is scored.
+    Places along the axis are in %, heights in px; ticks are places and texts.
 
     Args:
         results: output of `summarise_many`.
@@ -80,7 +47,10 @@ def drift_picture(results: Results) -> DriftPicture | None:
         return round(100.0 * math.log(max(value, low) / low) / whole, 2)
 
     names = list(dict.fromkeys(name for of in drifts.values() for name in of))
-    variants = {name: Variant(name, colour_of(name), on_dark(colour_of(name))) for name in names}
+    variants = {
+        name: Named(name=name, light=colour_of(name), dark=on_dark(colour_of(name)))
+        for name in names
+    }
     rows, top = [], 0
     for (heading, is_pooled), of in drifts.items():
         marks = []
@@ -88,12 +58,14 @@ def drift_picture(results: Results) -> DriftPicture | None:
             y = top + LABEL + LINE * at + LINE // 2
             ends = None if interval is None else (place(interval[0]), place(interval[1]))
             said = f"{name}: {number(value)} %{interval_text(interval, '95 % interval ')}"
-            marks.append(Mark(place(value), ends, y, variants[name], said))
-        rows.append(Row(heading, top + LABEL - 6, is_pooled, marks))
+            mark = Named(at=place(value), interval=ends, y=y, variant=variants[name], text=said)
+            marks.append(mark)
+        rows.append(Named(label=heading, y=top + LABEL - 6, is_pooled=is_pooled, marks=marks))
         top += LABEL + LINE * len(of) + BETWEEN
     title = f"Drift {horizon_text(label)}, % of the distance, with 95 % intervals"
     labelled = [(place(tick), f"{tick:g} %") for tick in ticks]
-    return DriftPicture(title, top, labelled, rows, list(variants.values()))
+    every = list(variants.values())
+    return Named(title=title, height=top, ticks=labelled, rows=rows, variants=every)
 
 
 def _rows(results: Results) -> Iterator[tuple[str, bool, Mapping[str, Any]]]:

@@ -13,6 +13,7 @@ from icreckon.report.replay.page_charts import constant_parameters, page_data, s
 from icreckon.report.replay.page_drive import has_wheels
 from icreckon.report.replay.page_text import (
     CHECK_HINT,
+    calibration_hint,
     doubts,
     failures,
     filtered,
@@ -30,39 +31,15 @@ from icreckon.report.replay.page_text import (
     remarks,
     scored_text,
 )
-
-SCORES = (
-    ("yaw drift, deg/m", "yaw_drift_deg_per_m", 1.0),
-    ("RMSE v_x, mm/s", "rmse_v_x_m_s", 1e3),
-    ("RMSE v_y, mm/s", "rmse_v_y_m_s", 1e3),
-    ("RMSE w, mrad/s", "rmse_w_rad_s", 1e3),
-    ("pose NEES, ideal 3", "nees_pose_mean", 1.0),
-    ("error at end, m", "final_position_error_m", 1.0),
-    ("error at end, deg", "final_yaw_error_deg", 1.0),
+from icreckon.report.replay.tables import (
+    DIFFERENCE_COLUMNS,
+    END_COLUMNS,
+    POSITION_COLUMNS,
+    SCORE_COLUMNS,
+    SPATIAL_COLUMNS,
+    THOUSANDTHS,
+    Column,
 )
-# Of a truth without headings.
-POSITION_SCORES = (
-    ("position NEES, ideal 2", "nees_position_mean", 1.0),
-    ("error at end, m", "final_position_error_m", 1.0),
-)
-# Of a truth in three dimensions.
-SPATIAL_SCORES = (
-    ("roll error, RMS deg", "rms_roll_deg", 1.0),
-    ("pitch error, RMS deg", "rms_pitch_deg", 1.0),
-    ("height drift 30 s, % of distance", "height_drift_percent_30s_mean", 1.0),
-    ("height error at end, m", "final_height_error_m", 1.0),
-    ("own σ of the height at end, m", "final_height_sigma_m", 1.0),
-)
-DIFFERENCES = (
-    ("distance, m", "distance_m", 1.0),
-    ("end x, m", "end_x_m", 1.0),
-    ("end y, m", "end_y_m", 1.0),
-    ("end yaw, deg", "end_yaw_deg", 1.0),
-    ("own σ at end, m", "end_sigma_m", 1.0),
-    ("end apart, m", "end_apart_m", 1.0),
-    ("end yaw apart, deg", "end_yaw_apart_deg", 1.0),
-)
-
 
 DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
 
@@ -90,7 +67,7 @@ def replay_page(results: Results) -> str:
         doubts=doubts(results),
         check_hint=CHECK_HINT,
         headline=headline(results),
-        remarks=remarks(results),
+        remarks=calibration_hint(results) + remarks(results),
         switches=switches(results),
         truth=results["truth"],
         scored=_scored(results),
@@ -128,15 +105,16 @@ def _scored(results: Results) -> list[Section]:
         note = f"{caption}, aligned at each segment's start."
         return [
             Section("How far apart per horizon", note, [Table("", head, rows)]),
-            Section("Ends", "", [_score_table(results, DIFFERENCES)]),
+            Section("Ends", "", [_score_table(results, DIFFERENCE_COLUMNS)]),
         ]
-    of_truth = SCORES if has_yaw_errors(results) else POSITION_SCORES
+    has_yaw = has_yaw_errors(results)
+    of_truth = (*SCORE_COLUMNS[3:], *END_COLUMNS) if has_yaw else POSITION_COLUMNS[3:]
     sections = [
         Section("Drift per horizon", scored_text(results), drift_tables(results)),
         Section("Other scores", "", [_score_table(results, of_truth)]),
     ]
     if is_spatial(results):
-        table = _score_table(results, SPATIAL_SCORES)
+        table = _score_table(results, SPATIAL_COLUMNS)
         sections.append(Section("Height, roll and pitch", level_text(results), [table]))
     return sections
 
@@ -192,16 +170,15 @@ def _filled(results: Results, key: str) -> list[str]:
     return filled or list(results["horizons"])
 
 
-def _score_table(results: Results, columns: Sequence[tuple[str, str, float]]) -> Table:
+def _score_table(results: Results, columns: Sequence[Column]) -> Table:
+    def text(value: float | None, key: str) -> str:
+        return number(1e3 * value if value is not None and key.startswith(THOUSANDTHS) else value)
+
     rows = [
-        (name, [Cell(number(_scaled(one.get(key), factor))) for _, key, factor in columns])
+        (name, [Cell(text(one.get(key), key)) for _, key, _ in columns])
         for name, one in results["variants"].items()
     ]
-    return Table("", ["variant", *(heading for heading, _, _ in columns)], rows)
-
-
-def _scaled(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
+    return Table("", ["variant", *(head.replace("\n", ", ") for head, _, _ in columns)], rows)
 
 
 # --- parameters, innovations, what was dropped -----------------------------------------------------

@@ -82,13 +82,7 @@ def switches(results: Results) -> list[Results]:
 
 
 def _switch(name: str, colour: str, dash: str, *, shown: bool = True) -> Results:
-    return {
-        "name": name,
-        "colour": colour,
-        "dark": on_dark(colour),
-        "dash": dash,
-        "shown": shown,
-    }
+    return {"name": name, "colour": colour, "dark": on_dark(colour), "dash": dash, "shown": shown}
 
 
 # --- columns ---------------------------------------------------------------------------------------
@@ -100,7 +94,10 @@ def _columns(results: Results) -> dict[str, Numbers]:
     columns = {"t": series["t_s"], "distance": series["distance_m"]}
     for name, one in series["variants"].items():
         for key, values in one.items():
-            if isinstance(values, list) and key not in ("zeta_m", "epsilon_m", "eta"):
+            if isinstance(values, list) and key not in (
+                "ellipses",
+                *("zeta_m", "epsilon_m", "eta"),
+            ):
                 columns[f"{name}/{key}"] = values
     for part, title in (("truth", TRUTH), ("fixes", FIXES), ("inputs", "inputs")):
         for key, values in series.get(part, {}).items():
@@ -146,7 +143,7 @@ def _errors(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     common = {
         "place": "errors",
         "spans": spans,
-        "note": f"Bands: the filter's own 3σ; a stripe at the edge: far beyond the axis.{scored}",
+        "note": f"Bands: the filter's own 3σ; bar at the edge: 3σ is off scale.{scored}",
     }
     position: Chart = {
         "title": titles[0],

@@ -55,6 +55,7 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
             name: {key: f"{name}/{column}" for key, column in MOTION.items()}
             for name in series["variants"]
         },
+        "ellipses": {name: one.get("ellipses", []) for name, one in series["variants"].items()},
         "first": _first(results),
         "truth": "truth" in series,
         "fixes": bool(series.get("fixes", {}).get("x_m")),

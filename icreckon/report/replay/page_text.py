@@ -6,12 +6,17 @@ import math
 from typing import Any
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.checking.check import OF_ROBOT_FILE
+from icreckon.replay.base.errors import OF_ROBOT_FILE
+from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
 
 # Sentence after the contradictions of a log to a robot file.
 CHECK_HINT = "icreckon check says what each of these costs, and what to set"
+
+NEES = ("nees_pose_mean", "nees_position_mean")
+# Share of the least drift from which noise of the truth is named, and ratio of the errors at the end.
+MUCH_NOISE, TENFOLD = 0.4, 10.0
 
 
 def page_title(results: Results) -> str:
@@ -21,8 +26,41 @@ def page_title(results: Results) -> str:
 
 
 def headline(results: Results) -> str:
-    """Verdict in one or two sentences, and the bias of the gyro if it was not known."""
-    return " ".join(filter(None, (_verdict(results), bias_text(results))))
+    """Verdict, its caveats, and a bias of the gyro that was not known."""
+    parts = (_verdict, noise_text, ends_text, holes_text, bias_text)
+    return " ".join(filter(None, (part(results) for part in parts)))
+
+
+def holes_text(results: Results) -> str:
+    """Holes of the log, and the part of it that NEES is of."""
+    holes = results["log"]["holes_s"]
+    if not holes:
+        return ""
+    longest, whole = (number(which(b - a for a, b in holes)) for which in (max, sum))
+    several = f" in {len(holes)} holes, the longest of {longest} s" if len(holes) > 1 else ""
+    nees = f"; NEES is that before {number(holes[0][0])} s" if results["truth"] else ""
+    return f"The log has no track speeds or IMU samples for {whole} s{several}{nees}."
+
+
+def noise_text(results: Results) -> str:
+    """Drift by the noise of the truth, if much of the best variant's is that."""
+    found = results["verdict"]
+    known = (results["truth"] or {}).get("noise_drift_percent") or {}
+    noise = known.get(found["horizon"]) if found else None
+    if noise is None or noise < MUCH_NOISE * found["drift_percent"]:
+        return ""
+    perfect = f"against positions as noisy, a perfect path drifts {number(noise)} %"
+    return f"Much of it is noise of the truth: {perfect}."
+
+
+def ends_text(results: Results) -> str:
+    """Errors at the end, if those of the variants differ tenfold."""
+    ends = {name: one.get("final_position_error_m") for name, one in filtered(results).items()}
+    known = sorted((float(end), name) for name, end in ends.items() if end is not None)
+    if not known or known[-1][0] < max(1.0, TENFOLD * known[0][0]):
+        return ""
+    least, most = (f"{name} is {number(end)} m off" for end, name in (known[0], known[-1]))
+    return f"At the end the variants differ more: {least}, {most}."
 
 
 def bias_text(results: Results) -> str:
@@ -150,6 +188,20 @@ def _apart(results: Results) -> str:
     )
 
 
+def calibration_hint(results: Results) -> list[str]:
+    """Line on a robot file that no calibration has changed, beside a truth that would."""
+    truth, given = results["truth"], results["configuration"]
+    indices = results["robot"]["indices"]
+    gains = [indices[name] for name in ("zeta1", "epsilon1", "eta1", "eta2", "epsilon_F")]
+    if not truth or results["command"] != "replay" or truth["source"] == OF_FIXES or any(gains):
+        return []
+    logs = given["log"] if isinstance(given["log"], str) else " ".join(given["log"])
+    return [
+        "The robot file is not calibrated: icreckon calibrate "
+        f"{logs} --robot {given['robot']} --write calibrated.toml"
+    ]
+
+
 def has_yaw_errors(results: Results) -> bool:
     """Return True if there is a ground truth, and it has headings."""
     truth = results["truth"]
@@ -191,7 +243,13 @@ def scored_text(results: Results) -> str:
     truth = results["truth"]
     parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
     what = "Mean position error over mean distance, aligned at each segment's start"
-    return f"{what}; segments without fixes: {parts or 'none that is long enough'}."
+    return f"{what}; segments without fixes: {parts or 'none that is long enough'}.{nees_text(results)}"
+
+
+def nees_text(results: Results) -> str:
+    """Reason for scores without NEES, with a blank before it; empty if there is some."""
+    known = any(one.get(key) is not None for one in filtered(results).values() for key in NEES)
+    return "" if known else " No NEES: the errors of this truth are unknown."
 
 
 def is_spatial(results: Results) -> bool:
@@ -291,6 +349,17 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
     if interval is None:
         return ""
     return f" ({before}{number(interval[0])} to {number(interval[1])})"
+
+
+def all_rejections(results: Results) -> list[str]:
+    """Most rejections of any variant by sensor and reason, in one line; or none."""
+    most: dict[str, tuple[int, str]] = {}
+    for one in filtered(results).values():
+        for what, count in one["rejected"].items():
+            text = rejections_text(one | {"rejected": {what: count}})
+            most[what] = max(most.get(what, (0, "")), (count, text))
+    texts = [text for _, text in most.values()]
+    return [f"Rejected, at most by any variant: {', '.join(texts)}"] if texts else []
 
 
 def rejections_text(one: Results) -> str:

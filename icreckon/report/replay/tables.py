@@ -8,22 +8,24 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.replay.checking.check import OF_ROBOT_FILE
+from icreckon.replay.base.errors import OF_ROBOT_FILE
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import (
     CHECK_HINT,
+    all_rejections,
+    calibration_hint,
     doubts,
     failures,
-    filtered,
     has_yaw_errors,
     headline,
     is_spatial,
     lag_text,
     level_text,
     lowest,
-    rejections_text,
+    nees_text,
 )
 
+Column = tuple[str, str, int]
 # Heading, key, digits.
 SCORE_COLUMNS = (
     ("drift 10 s\n% of distance", "drift_percent_10s_mean", 2),
@@ -35,10 +37,15 @@ SCORE_COLUMNS = (
     ("RMSE w\nmrad/s", "rmse_w_rad_s", 1),
     ("NEES pose\nideal 3", "nees_pose_mean", 1),
 )
+# On the page alone.
+END_COLUMNS = (
+    ("error at end\nm", "final_position_error_m", 2),
+    ("error at end\ndeg", "final_yaw_error_deg", 1),
+)
 # Of a truth without headings.
 POSITION_COLUMNS = (
     *SCORE_COLUMNS[:3],
-    ("error at end\nm", "final_position_error_m", 2),
+    END_COLUMNS[0],
     ("NEES position\nideal 2", "nees_position_mean", 1),
 )
 DIFFERENCE_COLUMNS = (
@@ -60,8 +67,8 @@ SPATIAL_COLUMNS = (
     ("own sigma\nat end, m", "final_height_sigma_m", 2),
 )
 THOUSANDTHS = ("rmse_",)
-# Columns of a terminal that is too narrow for all of them, and its width [characters].
-NARROW = (
+# Columns that a narrow terminal has first, and the width that has room for all [characters].
+IMPORTANT = (
     "drift_percent_30s_mean",
     "final_position_error_m",
     "nees_pose_mean",
@@ -75,19 +82,20 @@ NARROW = (
 WIDE_FROM = 125
 
 
-def results_table(results: Results, *, narrow: bool = False) -> Group:
+def results_table(results: Results, *, narrow: int = 0) -> Group:
     """Verdict and scores of all variants, with footnotes on the log.
 
     Args:
         results: results of a comparison.
-        narrow: leave columns out, so that 80 characters are enough.
+        narrow: width of a terminal without room for all columns [characters]; 0 for all.
     """
     truth = results["truth"]
-    columns: Sequence[tuple[str, str, int]] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
+    columns: Sequence[Column] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
     if truth and not has_yaw_errors(results):
         columns = POSITION_COLUMNS
+    columns = _filled(results, columns)
     if narrow:
-        columns = [column for column in columns if column[1] in NARROW]
+        columns = _fitting(results, columns, narrow)
     # NEES has an ideal, and no lowest that is best.
     compared = [key for _, key, _ in columns if truth and not key.startswith("nees")]
     tables = [_table(results, _title(results), columns, compared)]
@@ -105,17 +113,47 @@ def results_table(results: Results, *, narrow: bool = False) -> Group:
     return Group(
         *(Text(line, style="bold yellow") for line in doubtful),
         Text(headline(results)),
+        *(Text(line, style="yellow") for line in calibration_hint(results)),
         Text(),
         *tables,
         *(Text(line) for line in _footnotes(results)),
     )
 
 
+def _filled(results: Results, columns: Sequence[Column]) -> list[Column]:
+    """Columns with values, and that of the verdict's horizon."""
+    found = results["verdict"]
+    if found is not None:
+        key = f"drift_percent_{found['horizon']}_mean"
+        if key not in [one for _, one, _ in columns]:
+            number, unit = found["horizon"][:-1], found["horizon"][-1]
+            columns = [(f"drift {number} {unit}\n% of distance", key, 2), *columns]
+    variants = results["variants"].values()
+    return [one for one in columns if any(of.get(one[1]) is not None for of in variants)]
+
+
+def _fitting(results: Results, columns: Sequence[Column], width: int) -> list[Column]:
+    """Columns that fit a width [characters], the most important ones, in their order."""
+    found = results["verdict"]
+    first = (f"drift_percent_{found['horizon']}_mean",) if found else ()
+    keys = [key for _, key, _ in columns]
+    order = [key for key in dict.fromkeys((*first, *IMPORTANT, *keys)) if key in keys]
+    left = width - max(map(len, (*results["variants"], *results["failed"], "variant"))) - 4
+    kept = set()
+    for heading, key, digits in sorted(columns, key=lambda one: order.index(one[1])):
+        cells = [
+            _cell(one.get(key), key, digits, is_best=False).plain
+            for one in results["variants"].values()
+        ]
+        left -= max(map(len, (*heading.split("\n"), *cells))) + 3
+        if left < 0:
+            break
+        kept.add(key)
+    return [one for one in columns if one[1] in kept]
+
+
 def _table(
-    results: Results,
-    title: str,
-    columns: Sequence[tuple[str, str, int]],
-    compared: Sequence[str],
+    results: Results, title: str, columns: Sequence[Column], compared: Sequence[str]
 ) -> Table:
     """Table of scores; the lowest of the compared ones are bold."""
     table = Table(title=title, title_justify="left")
@@ -149,23 +187,19 @@ def _footnotes(results: Results) -> list[str]:
     if truth is None:
         lines.append(f"No ground truth: apart means from {results['reference_variant']}.")
     else:
-        parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
-        drifts = "Drift and yaw drift" if has_yaw_errors(results) else "Drift"
-        lines.append(f"{drifts}: without fixes, {parts or 'nowhere long enough'}.")
+        parts = ", ".join(f"{start:.0f}-{end:.0f} s" for start, end in truth["scored_s"])
+        lines.append(f"Scored without fixes: {parts or 'nowhere long enough'}.{nees_text(results)}")
         if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
             x, y = truth["lever_arm_m"]
             lines.append(
-                f"Taken out of the truth: {lag_text(truth)}, "
-                f"a lever arm of {x:.2f} m forward and {y:.2f} m left (scores: each variant's own)."
+                f"Truth corrected before scoring: {lag_text(truth)}, lever arm of {x:.2f} m forward and "
+                f"{y:.2f} m left, per variant."
             )
         if is_spatial(results):
             lines.append(level_text(results))
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
     lines += [f"Note: {note}" for note in log["notes"] if not note.startswith(OF_ROBOT_FILE)]
-    for name, one in filtered(results).items():
-        if one["rejected"]:
-            lines.append(f"Rejected by {name}: {rejections_text(one)}")
-    return lines
+    return lines + all_rejections(results)
 
 
 def _cell(value: float | None, key: str, digits: int, *, is_best: bool) -> Text:

@@ -12,6 +12,9 @@ from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
 # Most cells of a table by cell; with more, tables are by axis.
 MOST_CELLS = 24
 NEES = "nees_pose_end"
+# NEES from which a filter is much too sure, the mark beside it, and keys that change the sensors' noise.
+MUCH_NEES, MARK = 6.0, "*"
+NOISE_KEYS = ("noise", "gyro", "accelerometer", "encoders")
 # First word of failure messages.
 ERROR = "ERROR"
 # Most failures and reasons in the text; `results.json` lists all.
@@ -42,68 +45,70 @@ def headline(results: Results) -> str:
         return f"{ERROR}: over {runs}, {baseline} has no result; there is nothing to compare with."
     if of["n"] == 0:
         return f"Over {runs}, nowhere long enough without fixes to score the drift of {baseline}."
-    after = title_of(results, drift).removeprefix("drift ")
-    ratios = [
-        f"{name} drifts {_number(overall[name][drift]['ratio'])} times as much "
-        f"({_between(overall[name][drift], 'ratio')}{_unless_clear(overall[name][drift])})"
+    after, typical = title_of(results, drift).removeprefix("drift "), results["typical"]
+    cells = [cell["variants"][baseline][drift]["mean"] for cell in results["cells"]]
+    known = [mean for mean in cells if _finite(mean)]
+    spread = f", {_number(min(known))} to {_number(max(known))} by cell" if len(known) > 1 else ""
+    middle = "the median drift of" if len(known) > 1 else "the drift of"
+    percent = _number(typical[baseline]["median_percent"])
+    sentences = [f"Over {runs}, {middle} {baseline} is {percent} % of distance {after}{spread}."]
+    sentences += [
+        _comparison(results, name)
         for name in results["variants"]
         if name != baseline and overall[name][drift]["pairs"]
     ]
-    sentences = [
-        f"Over {runs}, {baseline} drifts {_number(of['mean'])} % of distance {after} "
-        f"({_between(of, 'mean')})."
-    ]
-    if ratios:
-        sentences.append(f"Run by run, {_listed(ratios)}.")
-    sentences += _widest_effect(results)
     failed = results["failed"]
     if failed["runs"]:
         sentences.append(f"{ERROR}: {failed['runs']} of {failed['of']} runs failed.")
     return " ".join(sentences)
 
 
-def _unless_clear(summary: dict[str, Any]) -> str:
-    """Remark on a ratio whose interval holds 1."""
-    low, high = summary["ratio_low"], summary["ratio_high"]
-    if not (_finite(low) and _finite(high)) or not low <= 1.0 <= high:
-        return ""
-    return ": no clear difference"
-
-
-def _widest_effect(results: Results) -> list[str]:
-    """Effect of the most influential axis on the filter that drifts least."""
-    drift, overall = results["drift"], results["overall"]
-    best = min(
-        (name for name in results["variants"] if overall[name][drift]["n"]),
-        key=lambda name: float(overall[name][drift]["mean"]),
-    )
-    found: list[tuple[float, str]] = []
-    for effect in results["effects"]:
-        means = [
-            (group["variants"][best][drift]["mean"], group["name"], group["variants"][best][drift])
-            for group in effect["groups"]
-            if group["variants"][best][drift]["n"]
-        ]
-        if len(means) < 2:
-            continue
-        (least, where_least, at_least), (most, where_most, at_most) = (
-            which(means, key=lambda one: one[0]) for which in (min, max)
+def _comparison(results: Results, name: str) -> str:
+    """Drift of a variant in a typical cell, and where it wins and loses."""
+    drift, baseline = results["drift"], results["baseline"]
+    typical = results["typical"][name]
+    low, high = typical["ratio_low"], typical["ratio_high"]
+    clear = not (_finite(low) and _finite(high)) or not low <= 1.0 <= high
+    text = f"{name} drifts {_change(typical['ratio'])} than {baseline}"
+    if _finite(low) and _finite(high):
+        sides = [_change(high), _change(low)] if high < 1.0 else [_change(low), _change(high)]
+        sides[0] = sides[0].rpartition(" ")[0].removesuffix(" %") if clear else sides[0]
+        text += f" (95 %: {sides[0]} to {sides[1]}{'' if clear else '; not significant'})"
+    ratios = [(cell["variants"][name][drift], _values_of(cell)) for cell in results["cells"]]
+    ratios = [one for one in ratios if _finite(one[0]["ratio"]) and _finite(one[0]["ratio_low"])]
+    if len(ratios) > 1:
+        wins = [one for one in ratios if one[0]["ratio_high"] < 1.0]
+        losses = [one for one in ratios if one[0]["ratio_low"] > 1.0]
+        text += (
+            f", significantly less in {len(wins)} and more in {len(losses)} of {len(ratios)} cells"
         )
-        if least > 0.0:
-            axis = effect["axis"]
-            text = (
-                f"The drift of {best} is from {_number(least)} % ({axis} {where_least}) to "
-                f"{_number(most)} % ({axis} {where_most})"
-            )
-            if best != results["baseline"] and at_least["pairs"] and at_most["pairs"]:
-                text += (
-                    f", {_number(at_least['ratio'])} ({_between(at_least, 'ratio')}) and "
-                    f"{_number(at_most['ratio'])} ({_between(at_most, 'ratio')}) times that of "
-                    f"{results['baseline']}"
-                )
-            text += "."
-            found.append((most / least, text))
-    return [max(found)[1]] if found else []
+        ends = [
+            which(found, key=lambda one: one[0]["ratio"])
+            for found, which in ((wins, min), (losses, max))
+            if found
+        ]
+        if ends:
+            text += ": " + ", ".join(f"{_change(one['ratio'])} at {place}" for one, place in ends)
+    end = results["overall"][name][FINAL_ERROR]
+    against = _finite(end["ratio_low"]) and (
+        (typical["ratio"] < 1.0 < end["ratio_low"]) or (end["ratio_high"] < 1.0 < typical["ratio"])
+    )
+    if against:
+        text += (
+            f". Its error at the end is {_change(end['ratio'])} ({_between(end, 'ratio')} times)"
+        )
+    return f"{text}."
+
+
+def _change(ratio: float) -> str:
+    """Format a ratio as a change: 0.13 as "87 % less"."""
+    percent = 100.0 * abs(ratio - 1.0)
+    size = f"{percent:.0f}" if percent >= 1.0 else f"{percent:.1f}"
+    return f"{size} % {'less' if ratio < 1.0 else 'more'}"
+
+
+def _values_of(cell: dict[str, Any]) -> str:
+    return ", ".join(f"{key} = {shown(value)}" for key, value in cell["values"].items())
 
 
 def failures(results: Results) -> list[str]:
@@ -141,7 +146,7 @@ def same_results(results: Results) -> list[str]:
 
 
 def _cell_text(cell: dict[str, Any]) -> str:
-    values = ", ".join(f"{key} = {shown(value)}" for key, value in cell["values"].items())
+    values = _values_of(cell)
     return f"cell {cell['cell']} ({values})" if values else ""
 
 
@@ -175,6 +180,25 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
         f"{runs} runs{shared} in each cell, paired over cells and variants; {intervals}.",
         f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: "
         f"median{percentile}. NEES of the pose at the end: 3 is ideal, more is too sure.",
+        *_untold_noise(results),
+    ]
+
+
+def _untold_noise(results: Results) -> list[str]:
+    """Explain large NEES of filters without the noise that is swept."""
+    study = results["configuration"]
+    sweep = study.get("sweep") or {}
+    cases = [keys for named in (sweep.get("cases") or {}).values() for keys in named.values()]
+    swept = [*(sweep.get("grid") or {}), *((sweep.get("latin") or {}).get("ranges") or {})]
+    swept += [key for keys in cases for key in keys if not any("filter.imu" in one for one in keys)]
+    noisy = sorted({key for key in swept if key.split(".")[0] in NOISE_KEYS})
+    nees = [one[NEES]["mean"] for cell in results["cells"] for one in cell["variants"].values()]
+    largest = max(filter(_finite, nees), default=0.0)
+    if study.get("filters_know_noise") or not noisy or largest < MUCH_NEES:
+        return []
+    return [
+        f"{MARK}: the filters assume the noise of the robot file, whatever {', '.join(noisy)} is, and "
+        "are too sure where it is larger; `filters_know_noise = true` in the study file tells them."
     ]
 
 
@@ -189,11 +213,7 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
     axes = [axis["name"] for axis in results["axes"]]
     if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
         places = [
-            (
-                tuple(shown(cell["values"][axis]) for axis in axes),
-                cell["variants"],
-                (cell["cell"],),
-            )
+            (tuple(shown(cell["values"][axis]) for axis in axes), cell["variants"], (cell["cell"],))
             for cell in cells
         ]
         return [_table(results, "by cell" if axes else "", tuple(axes), places, narrow)]
@@ -238,7 +258,7 @@ def _table(
         numbers = [drifts, ratios, "final error, m", "95th percentile, m", "NEES at the end"]
     head = [*(_last_parts(axes) if narrow else axes), "variant", *numbers]
     interval = _with_half_interval if narrow else _with_interval
-    rows = []
+    rows, untold = [], bool(_untold_noise(results))
     for values, variants, inside in places:
         for number, (name, one) in enumerate(variants.items()):
             summary = one[drift]
@@ -261,7 +281,9 @@ def _table(
             row += ["1" if is_baseline else interval(summary, "ratio")]
             row += [_number(one[FINAL_ERROR]["median"])]
             row += [] if narrow else [_number(one[FINAL_ERROR]["p95"])]
-            row += [_number(one[NEES]["mean"]) if narrow else _with_interval(one[NEES], "mean")]
+            nees = _number(one[NEES]["mean"]) if narrow else _with_interval(one[NEES], "mean")
+            unsure = untold and _finite(one[NEES]["mean"]) and one[NEES]["mean"] >= MUCH_NEES
+            row += [f"{nees} {MARK}" if unsure else nees]
             rows.append(tuple(row))
     return TextTable(title, tuple(head), tuple(rows), len(axes) + 1)
 

@@ -432,6 +432,64 @@ def test_charts_map_and_robot_show_one_moment(chromium: str, tmp_path: Path, pag
     )
 
 
+FRAMED = """
+<!DOCTYPE html><html><body><iframe id="phone" style="width:WIDTHpx;height:800px"></iframe>
+<script type="text/plain" id="page">PAGE</script><script>
+const phone = document.getElementById("phone"), told = {};
+phone.addEventListener("load", () => setTimeout(() => {
+  const inside = phone.contentDocument, root = inside.documentElement;
+  told.width = root.clientWidth;
+  told.sideways = root.scrollWidth > root.clientWidth;
+  told.cut = [...inside.querySelectorAll("svg text")].filter((one) => {
+    const text = one.getBoundingClientRect(), svg = one.closest("svg").getBoundingClientRect();
+    return text.left < svg.left - 2 || text.right > svg.right + 12;
+  }).map((one) => one.textContent);
+  told.height = root.scrollHeight;
+  told.ellipses = inside.querySelectorAll("#map ellipse").length;
+  const fold = inside.querySelector("details.section h2").closest("details");
+  fold.open = true;
+  told.verdict = inside.querySelector(".headline").getBoundingClientRect().bottom;
+  setTimeout(() => {
+    told.drawn = Math.min(...[...fold.querySelectorAll("svg")].map((one) => one.clientWidth));
+    const pre = document.createElement("pre");
+    pre.id = "told";
+    pre.textContent = JSON.stringify(told);
+    document.body.append(pre);
+  }, 500);
+}, 1000));
+phone.srcdoc = new TextDecoder().decode(Uint8Array.from(atob(
+  document.getElementById("page").textContent), (one) => one.charCodeAt(0)));
+</script></body></html>
+"""
+
+
+def framed(chromium: str, folder: Path, page: str, width: int) -> dict[str, Any]:
+    """What a page of a width [px] shows."""
+    from base64 import b64encode
+
+    wrapper = FRAMED.replace("WIDTH", str(width)).replace("PAGE", b64encode(page.encode()).decode())
+    document, complaints = opened(chromium, folder, wrapper)
+    assert complaints == []
+    told = told_by(document)
+    assert told["width"] == pytest.approx(width, abs=20)
+    return told
+
+
+def test_at_the_width_of_a_phone_nothing_is_cut_off(chromium, tmp_path, page):
+    told = framed(chromium, tmp_path, page, 390)
+    assert not told["sideways"]
+    assert told["cut"] == []
+    # At first glance, above the fold.
+    assert told["verdict"] < 500
+
+
+def test_a_desktop_shows_it_on_few_screens_and_sections_unfold(chromium, tmp_path, page):
+    told = framed(chromium, tmp_path, page, 1280)
+    assert told["height"] < 5000
+    assert told["ellipses"] > 5
+    assert told["drawn"] > 300
+
+
 @pytest.mark.parametrize(
     ("points", "contacts", "length"),
     [(5, [[0.0, 0.9]], 0.9), (2, [[0.45, 0.56], [-0.45, 0.56]], 1.46)],

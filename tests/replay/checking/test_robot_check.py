@@ -12,7 +12,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK
@@ -63,6 +63,21 @@ def speeds(log: Log, change) -> Log:
 def late(log: Log, seconds: float) -> Log:
     stamps = log.tracks.stamps + round(seconds * 1e9)
     return replace(log, tracks=TrackSpeedSeries(stamps, log.tracks.speeds))
+
+
+def driving(log: Log) -> Log:
+    """Log without its first and last seconds, in which the robot stands."""
+    kept = [
+        (one >= log.start + 6 * 10**9) & (one <= log.end - 6 * 10**9)
+        for one in (log.tracks.stamps, log.imu.stamps)
+    ]
+    imu = log.imu
+    columns = (imu.stamps, imu.angular_velocity, imu.linear_acceleration)
+    return replace(
+        log,
+        tracks=TrackSpeedSeries(log.tracks.stamps[kept[0]], log.tracks.speeds[kept[0]]),
+        imu=ImuSeries(*(one[kept[1]] for one in columns)),
+    )
 
 
 def turned_imu(log: Log, roll: float, pitch: float, yaw: float) -> Log:
@@ -138,8 +153,26 @@ ERRORS = {
         ),
         {TRACK: "times that of the file"},
     ),
+    "gravity of 9.29": (
+        lambda log: scaled_imu(log, forces=9.29 / 9.81),
+        None,
+        {"mean specific force": "m/s² on average, not 9.81"},
+    ),
     "bias": (lambda log: scaled_imu(log, bias=0.05), None, {BIAS: "+0.05"}),
 }
+
+
+@pytest.mark.parametrize(("source", "trajectory"), [("truth", "slalom"), ("tracks", "aggressive")])
+def test_a_bias_without_a_standstill_is_named(source: str, trajectory: str):
+    """A bias of -0.0156 rad/s is within the file's sigma, and no filter learns it soon."""
+    log = simulate(Scenario(duration=110.0, seed=3, fix_rate=0.0, trajectory=trajectory), ALPHA)
+    log = scaled_imu(driving(log), bias=-0.0156)
+    if source == "tracks":
+        log = replace(log, truth=None)
+    (found,) = [one for one in check_robot(log, ALPHA) if one.name == BIAS]
+    assert f"by the {source}" in found.problem
+    assert found.measured.value == pytest.approx(-0.0156, abs=0.004)
+    assert found.settings["imu.gyro_bias"] == pytest.approx(-0.0156, abs=0.004)
 
 
 @pytest.mark.parametrize("name", ERRORS)

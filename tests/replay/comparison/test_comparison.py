@@ -17,8 +17,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import OF_ROBOT_FILE
+from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.tables import results_table

@@ -25,56 +25,74 @@ position = [0.0, 0.0, 0.0]    # not in the log: fill in (m forward, left, up)
 """
 
 
+def proposal(path: Path, text: str = PROPOSED) -> str:
+    """First proposal, as `icreckon inspect --write` writes it."""
+    path.write_text(with_filled_in(text, path)[0], encoding="utf-8")
+    return path.read_text(encoding="utf-8")
+
+
 def test_what_was_filled_in_is_kept(tmp_path: Path):
     path = tmp_path / "robot.toml"
-    before = PROPOSED.replace("mass = nan", "mass = 30", 1)
+    before = proposal(path).replace("mass = nan", "mass = 30", 1)
     before = before.replace("max_track_speed = 2.0", "max_track_speed = 0.9")
     before = before.replace("[0.0, 0.0, 0.0]", "[0.1, 0.0, 0.3]")
-    before = before.replace("[0.1, 0.2, 0.0]", "[9.0, 9.0, 9.0]")
+    before = before.replace('name = "drive"', 'name = "mole"')
     before += "\n[soil]  # of the yard\nfriction = 0.7\n"
     path.write_text(before, encoding="utf-8")
     text, taken = with_filled_in(PROPOSED, path)
-    assert taken == ["vehicle.mass", "vehicle.max_track_speed", "imu.position", "[soil]"]
+    assert taken == ["name", "vehicle.mass", "vehicle.max_track_speed", "imu.position", "[soil]"]
     found = tomllib.loads(text)
+    assert found["name"] == "mole"
     assert found["vehicle"]["mass"] == 30
     assert found["vehicle"]["max_track_speed"] == 0.9
     assert found["vehicle"]["track_gauge"] != found["vehicle"]["track_gauge"]
     assert found["imu"]["position"] == [0.1, 0.0, 0.3]
-    # What the log shows is the log's.
-    assert found["imu"]["rotation_rpy_deg"] == [0.1, 0.2, 0.0]
     assert found["soil"] == {"friction": 0.7}
-    again, taken = with_filled_in(text, path)
-    assert tomllib.loads(again)["vehicle"]["mass"] == 30
+    path.write_text(text, encoding="utf-8")
+    again, taken = with_filled_in(PROPOSED.replace('"drive"', '"next"'), path)
+    assert taken == ["name", "vehicle.mass", "vehicle.max_track_speed", "imu.position", "[soil]"]
+    assert tomllib.loads(again)["imu"] == found["imu"]
 
 
-def test_values_survive_a_log_that_shows_them(tmp_path: Path):
-    """Filled in with the mark beside, without it, added, and uncommented; not what was untouched."""
+def test_proposed_values_follow_the_log_and_changed_ones_stay(tmp_path: Path):
+    """Also where the remark beside a value was left, where a key was added, and another log differs."""
     path = tmp_path / "robot.toml"
-    first = PROPOSED.replace("[imu]", "sprocket_radius = nan    # not in the log: fill in\n\n[imu]")
-    first += '[log.tracks]\ntopic = "/o"\n# gauge = 0.5    # not in the log: fill in (m)\n'
-    filled = first.replace("sprocket_radius = nan ", "sprocket_radius = 0.21 ")
-    filled = filled.replace("[imu]", "[imu]\ngyro_range = true").replace("# gauge", "gauge")
-    shown = first.replace(
-        "2.0    # not in the log: fill in", "1.3    # m/s; the fastest in the log"
+    first = PROPOSED.replace(
+        "[imu]", "sprocket_radius = 0.12    # m, effective, by the truth\n\n[imu]"
     )
-    shown = shown.replace("nan    # not in the log: fill in", "0.15    # m, by the fixes")
-    for former in (filled, filled.replace("    # not in the log: fill in\n", "\n")):
-        path.write_text(former, encoding="utf-8")
-        for _ in range(2):
-            text, taken = with_filled_in(shown, path)
-            assert taken == ["vehicle.sprocket_radius", "imu.gyro_range", "log.tracks.gauge"]
-            found = tomllib.loads(text)
-            assert found["vehicle"]["sprocket_radius"] == 0.21
-            assert found["vehicle"]["max_track_speed"] == 1.3
-            assert found["imu"]["gyro_range"] is True
-            assert found["log"]["tracks"] == {"topic": "/o", "gauge": 0.5}
-            path.write_text(text, encoding="utf-8")
+    first += (
+        '[log.tracks]\ntopic = "/o"\nleft = ["l"]\n# gauge = 0.5    # not in the log: fill in\n'
+    )
+    shown = first.replace("0.12 ", "0.15 ").replace("0.1, 0.2", "0.3, 0.4").replace('"/o"', '"/p"')
+    filled = proposal(path, first).replace("[imu]", "[imu]\ngyro_range = true")
+    filled = filled.replace("sprocket_radius = 0.12 ", "sprocket_radius = 0.21 ")
+    filled = filled.replace("# gauge", "gauge").replace('["l"]', '["l1", "l2"]')
+    path.write_text(filled, encoding="utf-8")
+    for _ in range(2):
+        text, taken = with_filled_in(shown, path)
+        assert set(taken) == {
+            "vehicle.sprocket_radius", "imu.gyro_range", "log.tracks.gauge", "log.tracks.left"
+        }  # fmt: skip
+        found = tomllib.loads(text)
+        assert found["vehicle"]["sprocket_radius"] == 0.21
+        assert found["imu"]["gyro_range"] is True
+        assert found["imu"]["rotation_rpy_deg"] == [0.3, 0.4, 0.0]
+        assert found["log"]["tracks"] == {"topic": "/p", "gauge": 0.5, "left": ["l1", "l2"]}
+        path.write_text(text, encoding="utf-8")
+
+
+def test_a_file_without_marks_is_a_persons(tmp_path: Path):
+    path = tmp_path / "robot.toml"
+    path.write_text(PROPOSED, encoding="utf-8")
+    text, taken = with_filled_in(PROPOSED.replace("0.1, 0.2", "0.3, 0.4"), path)
+    assert "imu.rotation_rpy_deg" in taken
+    assert tomllib.loads(text)["imu"]["rotation_rpy_deg"] == [0.1, 0.2, 0.0]
 
 
 def test_a_unit_that_a_person_changed_is_kept(tmp_path: Path):
     path = tmp_path / "robot.toml"
     proposed = PROPOSED + '[log.columns.imu]\nrate_unit = "rad/s"    # check it\n'
-    path.write_text(proposed.replace("rad/s", "deg/s"), encoding="utf-8")
+    path.write_text(proposal(path, proposed).replace("rad/s", "deg/s"), encoding="utf-8")
     text, taken = with_filled_in(proposed, path)
     assert taken == ["log.columns.imu.rate_unit"]
     assert tomllib.loads(text)["log"]["columns"]["imu"] == {"rate_unit": "deg/s"}
@@ -115,6 +133,30 @@ def test_the_command_keeps_it(tmp_path: Path):
     path.write_text(broken, encoding="utf-8")
     assert "what was filled in cannot be read" in fails(*command, "--overwrite", cwd=tmp_path)
     assert path.read_text(encoding="utf-8") == broken
+
+
+def test_eta0_is_computed_once_the_radius_is_filled_in(tmp_path: Path):
+    """Rates of wheels and no truth: the effective track is in units of the radius."""
+    seconds = np.arange(0.0, 60.0, 0.02)
+    rate = 0.6 * np.sin(0.4 * seconds)
+    left, right = (2.5 + side * 2.5 * rate * 0.9 for side in (-1.0, 1.0))
+    none = np.zeros_like(seconds)
+    columns = [1.7e9 + seconds, left, right, none, none, rate, none, none, none + 9.81]
+    np.savetxt(
+        tmp_path / "own.csv", np.column_stack(columns), delimiter=",", fmt="%.9f", comments="",
+        header="time,left_rad_s,right_rad_s,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z",
+    )  # fmt: skip
+    path, command = tmp_path / "robot.toml", ("inspect", "own.csv", "--write", "robot.toml")
+    assert "--overwrite, which computes eta0" in icreckon(*command, cwd=tmp_path).stderr
+    text = path.read_text(encoding="utf-8")
+    assert "eta0 = nan    # not in the log: fill in (4.5 sprocket_radius / track_gauge" in text
+    text = text.replace("track_gauge = nan", "track_gauge = 0.5")
+    text = text.replace("sprocket_radius = nan", "sprocket_radius = 0.2")
+    path.write_text(text, encoding="utf-8")
+    assert icreckon(*command, "--overwrite", cwd=tmp_path).returncode == 0
+    found = tomllib.loads(path.read_text(encoding="utf-8"))
+    assert found["indices"]["eta0"] == pytest.approx(4.5 * 0.2 / 0.5, rel=0.02)
+    assert found["vehicle"]["max_track_speed"] == pytest.approx(1.2 * 0.2 * 3.85, rel=0.05)
 
 
 @pytest.mark.parametrize("unit", ["rad/s", "deg/s"])

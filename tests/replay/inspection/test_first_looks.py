@@ -1,6 +1,7 @@
 """What inspection finds beyond topics: units, wheels, standstills, columns of tables."""
 
 import re
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -232,7 +233,7 @@ def test_a_sample_log_whose_odometry_turns_too_much(data_dir: Path) -> None:
     # The maker's controller goes by 0.55 m times 1.875, which is a little much for this ground: turning
     # integrated over 1 to 20 s, after the tracks' lateness of 0.43 s, is 0.91 to 0.95 times the gyro's.
     (ratio,) = re.findall(
-        r"^eta0 = .*effective track by the gyro: (\S+) times the gauge of its controller",
+        r"^eta0 = .*effective track by the gyro: (\S+) times the controller",
         found.proposed_robot_file,
         re.MULTILINE,
     )
@@ -306,3 +307,36 @@ def drift_of(comparison: Comparison) -> float:
     """Drift of the only variant after 30 s [%]."""
     (run,) = comparison.runs.values()
     return drift(run.trajectory.pose_series, comparison.log.truth.poses, 30.0).percent_mean
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        "{}_motor_A",
+        "{}_status",
+        "{}_joystick",
+        "sonar_{}",
+        "{}_wheel_load",
+        "{}_position",
+        "{}_error",
+    ],
+)
+def test_columns_of_another_quantity_are_no_speeds(names: str, tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text(f"t,{names.format('left')},{names.format('right')}\n0.0,1,2\n0.1,2,3\n")
+    assert inspect(path).mapping.columns.tracks is None
+
+
+def test_demanded_speeds_beside_the_measured_ones_are_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("t,left_rpm_sp,right_rpm_sp,left_rpm,right_rpm\n0.0,1,2,3,4\n0.1,2,3,4,5\n")
+    assert inspect(path).mapping.columns.tracks.left == ("left_rpm",)
+
+
+@pytest.mark.parametrize(
+    ("name", "bias"), [("husky_deflated_part1", -0.0156), ("marmotte_part1", None)]
+)
+def test_driving_shows_the_bias_of_a_gyro(data_dir: Path, name: str, bias: float | None) -> None:
+    """Husky and Marmotte never stand; the truth shows -0.0156 rad/s on the one, none on the other."""
+    proposed = tomllib.loads(inspect(data_dir / name).proposed_robot_file)
+    assert proposed["imu"].get("gyro_bias") == (bias and pytest.approx(bias, abs=0.0005))

@@ -85,6 +85,18 @@ def test_wheels_whose_messages_are_missing_leave_gaps(tmp_path: Path) -> None:
     np.testing.assert_allclose(log.tracks.speeds, [[0.5 * k, 0.5 * k] for k in (1, 3, 4, 21)])
 
 
+def test_wheels_with_messages_of_their_own_are_interpolated(tmp_path: Path) -> None:
+    """Both wheels speed up alike, and their messages alternate: paired, the robot would seem to turn."""
+    ticks = range(20, 60)
+    messages = [
+        ("/js", joints(k * 10**8 // 2, (0.1 * k,), ("l" if k % 2 else "r",))) for k in ticks
+    ]
+    log = read_log(write_bag(tmp_path / "bag", messages), robot_with(tracks=JOINTS))
+    assert len(log.tracks.stamps) == 19
+    np.testing.assert_allclose(log.tracks.speeds[:, 0], log.tracks.speeds[:, 1])
+    np.testing.assert_allclose(log.tracks.speeds[:, 0], 0.5 * 0.1 * log.tracks.stamps / (10**8 / 2))
+
+
 @pytest.mark.parametrize(("gauge", "half"), [(None, 0.4), (2.0, 1.0)])
 def test_odometry_becomes_track_speeds(tmp_path: Path, gauge, half) -> None:
     path = write_bag(tmp_path / "bag", [("/odom", odometry(7, 1.5, 0.5))])

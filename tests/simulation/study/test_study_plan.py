@@ -286,3 +286,18 @@ def test_terrain_without_what_it_belongs_to_is_refused_unless_that_is_swept() ->
         expand(Study(name="a", scenario=waves))
     rolling = Sweep(grid={"terrain.rolling_deg": [1.0, 3.0]})
     assert len(expand(Study(name="a", scenario=waves, sweep=rolling)).cells) == 2
+
+
+def test_a_switch_gives_filters_the_noise_that_is_swept() -> None:
+    """Without it they have that of the robot file; keys of `filter` win in either case."""
+    sweep = Sweep(grid={"noise": ["consumer", "tactical"]})
+    for knows in (False, True):
+        study = Study(name="told", sweep=sweep, filters_know_noise=knows)
+        sigmas = [cell.filters[0].robot.imu.gyro_bias_sigma for cell in expand(study).cells]
+        assert sigmas == (
+            [1.7e-2, 5e-5] if knows else [load_robot("auriga-alpha").imu.gyro_bias_sigma] * 2
+        )
+    own = Sweep(grid={"noise": ["consumer"], "filter.imu.gyro_bias_sigma": [0.1]})
+    (cell,) = expand(Study(name="told", sweep=own, filters_know_noise=True)).cells
+    assert cell.filters[0].robot.imu.gyro_bias_sigma == 0.1
+    assert cell.filters[0].robot.imu.gyro_noise_density == 1.7e-4

@@ -203,12 +203,13 @@ const Charts = (() => {
     html("b", values, `${State.cursor.toFixed(1)} s, ${Svg.number(travelled)} m driven`);
     if (State.inHole(State.cursor)) html("div", values, "a hole of the log");
     const items = [...(chart.spec.lines || []), ...(chart.spec.points || [])].filter(State.visible);
+    const [, unit = ""] = /\[([^\]-]+)\]/.exec(chart.spec.y_label) || [];
     for (const item of items) {
       const row = rowAt(item), value = row < 0 ? null : column(item.y, item.scale)[row];
       const band = (chart.spec.bands || []).find((one) => one.series === item.series);
       const line = html("div", values);
       Svg.swatch(line, State.look(item));
-      let label = `${item.label || item.series}: ${Svg.number(value)}`;
+      let label = `${item.label || item.series}: ${Svg.number(value)} ${unit}`.trimEnd();
       const sigma = band && row >= 0 ? column(band.sigma)[row] : null;
       if (sigma !== null && sigma !== undefined) {
         label += ` (${band.times}σ ${Svg.number(band.times * band.scale * sigma)})`;
@@ -337,7 +338,7 @@ const Charts = (() => {
     charts.forEach(draw);
     State.listen((what) => {
       if (what === "drive") return;
-      if (what === "resize") charts.forEach(measure);
+      if (what === "resize" || what === "fold") charts.forEach(measure);
       if (what === "cursor") charts.filter((one) => one.seen).forEach(mark);
       else charts.forEach(draw);
     });

@@ -73,12 +73,24 @@ const PathMap = (() => {
         "fill-opacity": faint }, parent);
     }
     if (choice.colouring) drawColoured(parent);
+    if (State.bands) drawEllipses(parent);
     const first = withTruth() ? TRUTH : choice.driver;
     const row = xs(first).findIndex((x) => x !== null);
     if (row >= 0) {
       const [x, y] = [px(xs(first)[row]), py(ys(first)[row])];
       make("circle", { class: "start", cx: x, cy: y, r: 6 }, parent);
       text("start", { class: "outlined", x: x + 9, y: y - 6 }, parent);
+    }
+  }
+
+  // The driver's own uncertainty along its path: ellipses of 3 sigma that the map has room for.
+  function drawEllipses(parent) {
+    const { x: [left, right] } = home();
+    for (const [x, y, major, minor, turn] of drive.ellipses[choice.driver] || []) {
+      if (6 * major > right - left) continue;
+      make("ellipse", { class: "ellipse", rx: 3 * major * map.scale, ry: 3 * minor * map.scale,
+        stroke: State.colour({ series: choice.driver }),
+        transform: `translate(${map.px(x)} ${map.py(y)}) rotate(${-turn * 180 / Math.PI})` }, parent);
     }
   }
 
@@ -287,8 +299,8 @@ const PathMap = (() => {
     map.reset = Svg.button("Show all", "show all", reset, buttons);
     map.reset.hidden = true;
     map.bar = html("div", map.figure, undefined, { class: "bar" });
-    html("figcaption", map.figure, "Squares: where paths end. Drag to move, click and turn the wheel to zoom; on a " +
-      "touch screen with two fingers. Double-click for all. The robot is drawn larger than it is while it would be too small.");
+    html("figcaption", map.figure, "Squares: ends of the paths. Ellipses: the filter's own 3σ, if smaller than the map. Drag to move, click and " +
+      "turn the wheel to zoom; on a touch screen with two fingers. Double-click for all. The robot is enlarged when zoomed out.");
     measure();
     listen();
     draw();

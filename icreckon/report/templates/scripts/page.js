@@ -32,10 +32,17 @@
   go.addEventListener("change", () => {
     if (go.value === "") return;
     const section = sections[Number(go.value)];
+    const folded = section.closest("details");
+    if (folded) folded.open = true;
     section.style.scrollMarginTop = `${document.querySelector(".toolbar").offsetHeight + 8}px`;
     section.scrollIntoView();
     go.value = "";
   });
+
+  // Charts in a folded section have no width until it is opened; on paper all are.
+  const folds = [...document.querySelectorAll("details.section")];
+  for (const one of folds) one.addEventListener("toggle", () => State.change("fold"));
+  window.addEventListener("beforeprint", () => folds.forEach((one) => { one.open = true; }));
 
   let width = window.innerWidth;
   window.addEventListener("resize", () => {
