@@ -84,7 +84,9 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = icreckon("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
     assert done.returncode == 0, done.stderr
     assert "drift after 4 s" in done.stdout
-    assert "Over 2 cells of 8 runs each, the median drift of constant-online is" in " ".join(done.stdout.split())
+    assert "Over 2 cells of 8 runs each, the median drift of constant-online is" in " ".join(
+        done.stdout.split()
+    )
     assert "page.html" in done.stderr
     return folder
 
