@@ -100,7 +100,7 @@ class SensorModels:
         return np.stack([_dot(row, forces.T) for row in self.mounting[4:]], axis=-1)
 
     def rates(self, angular_velocities: Floats) -> Floats:
-        """Rates (..., 4) of gyro samples (..., 3), see the first rows of `mounting` [rad/s]."""
+        """Rates (..., 4) of gyro samples (..., 3) [rad/s], see `mounting`."""
         return np.stack([_dot(row, angular_velocities.T) for row in self.mounting[:4]], axis=-1)
 
 
