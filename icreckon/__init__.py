@@ -4,6 +4,7 @@ The public names of the estimator, the simulator and the replay module stand in 
 checkers read, too. They are imported when first used.
 """
 
+import logging
 from importlib import import_module
 from typing import Any
 
@@ -14,6 +15,8 @@ _HOMES = {words[5]: (words[1], words[3]) for words in _LINES}
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 - the stub is the one list of names
 __version__ = "0.2.0"
+# A program decides where the records of `icreckon` and the loggers below it go.
+logging.getLogger(__name__).addHandler(logging.NullHandler())
 
 
 def __getattr__(name: str) -> Any:

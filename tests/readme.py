@@ -72,12 +72,13 @@ def run_page(
             more = {"PATH": path, "MPLBACKEND": "agg", "HOME": str(folder)}
             printed.append(shell(text, folder, **more))
         elif language == "text":
-            lines, shown = iter(printed[-1].splitlines()), text.splitlines()
-            fits = alike if RENEWS else says
+            rest, shown = printed[-1].splitlines(), text.splitlines()
             for k, line in enumerate(shown):
-                found = next((one for one in lines if fits(one, line)), None)
-                assert found is not None, f"{line}\nin\n{printed[-1]}"
-                shown[k] = line if says(found, line) else found.rstrip()
+                fits = (says, alike) if RENEWS else (says,)
+                at = next((n for fit in fits for n, one in enumerate(rest) if fit(one, line)), None)
+                assert at is not None, f"{line}\nin\n{printed[-1]}"
+                shown[k] = line if says(rest[at], line) else rest[at].rstrip()
+                del rest[: at + 1]
             if RENEWS:
                 whole = (ROOT / page).read_text(encoding="utf-8")
                 whole = whole.replace(text, "".join(f"{line}\n" for line in shown), 1)

@@ -185,6 +185,14 @@ def require_kind(
     raise SettingError(f"{name} must be {kind.__name__}(...){leave_out}, found {found}")
 
 
+def require_nanoseconds(first: int, last: int, count: int) -> None:
+    """Refuse 30 stamps or more that are closer than those of any sensor [ns]."""
+    if count >= 30 and 0 < last - first < 1000 * (count - 1):
+        raise SettingError(
+            f"stamps must be nanoseconds (round(seconds * 1e9)): {count} lie within {last - first} ns"
+        )
+
+
 def require_wander(of_sigma: str, sigma: float, of_time: str, time: float) -> None:
     """Reject a wander of fixes of which one of the two values is missing.
 

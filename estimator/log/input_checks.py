@@ -143,8 +143,18 @@ def as_stamp(name: str, stamp: Any) -> int:
     if type(stamp) is int:
         return stamp
     if isinstance(stamp, bool) or not isinstance(stamp, int | np.integer):
-        raise EstimatorError(f"{name}: a stamp is an integer of nanoseconds, found {_text(stamp)}")
+        raise EstimatorError(
+            f"{name}: a stamp is an integer of nanoseconds, found {_text(stamp)}; use round(s * 1e9)"
+        )
     return int(stamp)
+
+
+def stamp_of_mark(stamp: object) -> int:
+    """Stamp of a mark as a plain integer in range [ns]."""
+    found = as_stamp("mark", stamp)
+    if not EARLIEST <= found <= LATEST:
+        raise EstimatorError(f"there is no mark of this stamp: {OUT_OF_RANGE}")
+    return found
 
 
 def event_row(event: Event) -> tuple[Any, ...]:

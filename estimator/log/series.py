@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
-from icreckon.estimator.base.checks import require_kind
+from icreckon.estimator.base.checks import require_kind, require_nanoseconds
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_quaternion
 
@@ -183,6 +183,8 @@ def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ..
             f"stamps must be integers [ns], found {stamps.dtype}; of seconds they are "
             "numpy.round(seconds * 1e9).astype(numpy.int64)"
         )
+    if len(stamps):
+        require_nanoseconds(int(stamps.min()), int(stamps.max()), len(stamps))
     if values.shape != (len(stamps), *width):
         raise EstimatorError(
             f"{name} must have shape {(len(stamps), *width)} to go with {len(stamps)} stamps, "

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.series import PoseSeries
 
 
@@ -32,6 +32,11 @@ class Trajectory:
     twist_covariances: Floats
     spatial: Floats | None = None
     spatial_sigmas: Floats | None = None
+
+    def __repr__(self) -> str:
+        """One line: duration and number of poses."""
+        lasts = float(np.ptp(self.stamps)) * NANOSECOND if len(self.stamps) else 0.0
+        return f"<Trajectory, {lasts:.1f} s: {len(self.stamps)} poses>"
 
     @property
     def pose_series(self) -> PoseSeries:

@@ -310,6 +310,11 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
                 f"{LARGEST_ETA:g} times that, found {icr.x_ICRl!r} and {icr.x_ICRr!r}"
             )
 
+    def __repr__(self) -> str:
+        """One line: name and size; `robot_toml` has all."""
+        mass, gauge, radius = msgspec.structs.astuple(self.vehicle)[:3]
+        return f"<Robot {self.name!r}, {mass:g} kg, track gauge {gauge:g} m, radius {radius:g} m>"
+
     @cached_property
     def centre_of_mass_paper(self) -> tuple[float, float]:
         """Centre of mass (x_CM, y_CM) in the paper's axes [m]."""

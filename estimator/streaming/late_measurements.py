@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable
 from itertools import pairwise
@@ -10,6 +11,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.checks import require_nanoseconds
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
@@ -19,6 +21,7 @@ from icreckon.estimator.log.input_checks import Event, Key, event_of, event_row,
 from icreckon.estimator.log.measurements import Mark
 from icreckon.estimator.streaming.reckoning import Reckoning
 
+LOGGER = logging.getLogger(__name__)
 # Before any measurement.
 BEFORE_ALL: Key = (-(2**63), -1)
 # Number of measurements between two checkpoints.
@@ -132,12 +135,15 @@ class History:
         self._since_checkpoint += 1
         if self._since_checkpoint >= CHECKPOINT_EVERY:
             self._watch(self._reckoning.record)
+            since = self._checkpoints[-1].after
             self._add_checkpoint(key)
             self._drop_obsolete()
+            require_nanoseconds(since[0], key[0], CHECKPOINT_EVERY + 1)
         return used
 
     def set_clock(self, by: int) -> None:
         """Change to a clock that is ahead by so much [ns], and clear the history."""
+        LOGGER.warning("the clock was set by %.3f s", by * NANOSECOND)
         stamp, rank = self._keys[-1] if self._keys else self._checkpoints[0].after
         self.begin_anew((stamp + by, rank), shifted(self._reckoning.checkpoint().plain(), by))
 

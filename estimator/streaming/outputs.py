@@ -115,6 +115,11 @@ class Run:
     innovation_names: tuple[str, ...] = ()
     innovations: Singles = field(default_factory=lambda: np.zeros((0, 0), np.float32))
 
+    def __repr__(self) -> str:
+        """One line: variant, duration, numbers of poses and of rejected measurements."""
+        text = repr(self.trajectory)[:-1].replace("Trajectory", f"Run {self.variant!r}")
+        return f"{text}, {sum(self.health.rejections().values())} measurements rejected>"
+
     @property
     def stamps(self) -> Stamps:
         """Stamps (n,) of the rows [ns]."""

@@ -18,9 +18,6 @@ from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterH
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.input_checks import (
-    EARLIEST,
-    LATEST,
-    OUT_OF_RANGE,
     RANKS,
     STREAMS,
     Admission,
@@ -29,6 +26,7 @@ from icreckon.estimator.log.input_checks import (
     event_row,
     key_of,
     measurement_of,
+    stamp_of_mark,
 )
 from icreckon.estimator.log.measurements import Mark, Measurement
 from icreckon.estimator.motion.icr import IndexValues
@@ -121,6 +119,13 @@ class PoseEstimator:
         self._arrivals = Health()
         self._stamps = StampCorrection(latencies or Latencies())
         self._streams = dict(STREAMS)
+
+    def __repr__(self) -> str:
+        """One line: variant, robot, stamp and pose."""
+        x, y, yaw = self.pose
+        now = "no estimate yet" if self.stamp is None else f"stamp {self.stamp}"
+        where = f"x {x:.3f} m, y {y:.3f} m, yaw {yaw:.3f} rad"
+        return f"<PoseEstimator {self.variant.name!r} of {self.robot.name!r}, {now}: {where}>"
 
     # --- outputs -----------------------------------------------------------------------------
 
@@ -272,7 +277,8 @@ class PoseEstimator:
             True if the measurement was used; otherwise `health.rejections()` counts the reason.
 
         Raises:
-            EstimatorError: not a measurement, not a number, or its type was registered afterwards.
+            EstimatorError: not a measurement, not a number, its type was registered afterwards, or
+                dozens of stamps within some microseconds: they are not nanoseconds.
         """
         plain, reason = self._admission.checked(measurement)
         return self._feed_plain(self._stamps.corrected(plain), reason)
@@ -375,7 +381,7 @@ class PoseEstimator:
         now = self.stamp
         if now is None:
             raise EstimatorError("nothing can be marked before the first measurement")
-        mark = Mark(now if stamp is None else _stamp_of_mark(stamp))
+        mark = Mark(now if stamp is None else stamp_of_mark(stamp))
         if mark.stamp in self.marks:
             return mark.stamp
         key = key_of(mark)
@@ -406,8 +412,8 @@ class PoseEstimator:
         Raises:
             EstimatorError: there is no such mark.
         """
-        start = _stamp_of_mark(from_stamp)
-        end = None if to_stamp is None else _stamp_of_mark(to_stamp)
+        start = stamp_of_mark(from_stamp)
+        end = None if to_stamp is None else stamp_of_mark(to_stamp)
         return self._reckoning.clones.between(start, end, self.stamp or 0)
 
     def forget(self, stamp: int) -> None:
@@ -419,7 +425,7 @@ class PoseEstimator:
         Raises:
             EstimatorError: there is no such mark.
         """
-        mark = Mark(_stamp_of_mark(stamp))
+        mark = Mark(stamp_of_mark(stamp))
         self._reckoning.clones.place(mark.stamp)
         self._history.forget_mark(mark)
 
@@ -589,10 +595,3 @@ class PoseEstimator:
         estimated = saved.estimated_latency if wanted.estimate_tracks else 0.0
         estimator._stamps = StampCorrection(wanted, estimated)
         return estimator
-
-
-def _stamp_of_mark(stamp: object) -> int:
-    found = as_stamp("mark", stamp)
-    if not EARLIEST <= found <= LATEST:
-        raise EstimatorError(f"there is no mark of this stamp: {OUT_OF_RANGE}")
-    return found

@@ -6,6 +6,8 @@ Afterwards every kernel that a filter of this motion model calls is compiled, or
 
 from __future__ import annotations
 
+import logging
+import time
 from collections.abc import Iterator
 
 from icreckon.estimator.log.measurements import (
@@ -26,6 +28,7 @@ from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.streaming.reckoning import Reckoning
 
+LOGGER = logging.getLogger(__name__)
 # Time between IMU samples [ns]; track speeds come at every second one.
 INTERVAL = 10_000_000
 AT_ORIGIN = (0.0, 0.0, 0.0)
@@ -52,10 +55,12 @@ def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settin
     shape = (type(model), traced_model(model), settings.considered, wanders)
     if shape in READY:
         return
+    begin = time.perf_counter()
     filter_ = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN)
     for measurement in _one_of_each_kind(settings):
         filter_.take(measurement)
     READY.add(shape)
+    LOGGER.info("%s: compiled or loaded in %.1f s", variant.name, time.perf_counter() - begin)
 
 
 def _one_of_each_kind(settings: Settings) -> Iterator[Measurement | Mark]:

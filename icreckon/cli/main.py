@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from importlib import import_module
 from io import TextIOWrapper
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
@@ -24,6 +25,7 @@ app = typer.Typer(
 )
 
 DEBUG = "--debug"
+LogLevel = Literal["debug", "info", "warning", "error"]
 # First line of the help of each command. Its function is `command` in the file of its name, which takes
 # up to a second to import.
 COMMANDS = {
@@ -73,15 +75,21 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
-    version: Annotated[
+    _version: Annotated[
         bool,
         typer.Option(
             "--version", callback=_print_version, is_eager=True, help="Print the version."
         ),
     ] = False,
-    debug: Annotated[bool, typer.Option(DEBUG, help="Show tracebacks of errors.")] = False,
+    _debug: Annotated[bool, typer.Option(DEBUG, help="Show tracebacks of errors.")] = False,
+    log_level: Annotated[
+        LogLevel | None,
+        typer.Option(help="Print what is logged to stderr, from this level on."),
+    ] = None,
 ) -> None:
-    pass
+    if log_level is not None:
+        logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+        logging.getLogger("icreckon").setLevel(log_level.upper())
 
 
 def main() -> None:

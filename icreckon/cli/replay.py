@@ -17,6 +17,7 @@ from icreckon.cli.common.comparing import compare_and_report, compare_and_write,
 from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say
 from icreckon.cli.common.options import (
     LOG_FILES,
+    VARIANT_NAMES,
     Formats,
     Json,
     MessageFiles,
@@ -26,6 +27,7 @@ from icreckon.cli.common.options import (
     Wide,
     Workers,
     logs,
+    robot_option,
 )
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.base.errors import nearest_hint
@@ -111,11 +113,7 @@ def command(
     paths: Annotated[list[Path], logs(f"Logs, each by itself: {LOG_FILES}.")],
     robot_names: Annotated[
         list[str] | None,
-        typer.Option(
-            "--robot",
-            help="Name of a robot that ships with icreckon, or a TOML file. Required; repeatable, to "
-            "compare robot files.",
-        ),
+        robot_option(". Required; repeatable, to compare robot files"),
     ] = None,
     one_log: Annotated[
         bool, typer.Option("--one-log", help="The files are parts of one log.")
@@ -124,7 +122,8 @@ def command(
         str | None,
         typer.Option(
             help="Filter variants, separated by commas (default: all): gyro, differential, "
-            "constant-fixed, constant-online, full-linear, inertia-fixed, inertia-online."
+            "constant-fixed, constant-online, full-linear, inertia-fixed, inertia-online.",
+            autocompletion=VARIANT_NAMES,
         ),
     ] = None,
     fixes: Annotated[

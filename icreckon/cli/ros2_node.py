@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from icreckon.cli.common.options import VARIANT_NAMES, robot_option
 from icreckon.ros2.node import run_node
 
 CONTEXT_SETTINGS = {"allow_extra_args": True, "ignore_unknown_options": True}
@@ -13,14 +14,12 @@ CONTEXT_SETTINGS = {"allow_extra_args": True, "ignore_unknown_options": True}
 
 def command(
     context: typer.Context,
-    robot: Annotated[
+    robot: Annotated[str | None, robot_option(" whose [log] names the topics")] = None,
+    variant: Annotated[
         str | None,
         typer.Option(
-            help="Name of a robot that ships with icreckon, or a TOML file whose [log] names the topics."
+            help="Filter variant (default: inertia-online).", autocompletion=VARIANT_NAMES
         ),
-    ] = None,
-    variant: Annotated[
-        str | None, typer.Option(help="Filter variant (default: inertia-online).")
     ] = None,
 ) -> None:
     """Run as a ROS 2 node: odometry, tf and diagnostics, live.

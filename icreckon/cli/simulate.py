@@ -10,7 +10,7 @@ from typing import Annotated, Any, cast
 import typer
 
 from icreckon.cli.common.console import say
-from icreckon.cli.common.options import Overwrite
+from icreckon.cli.common.options import Overwrite, robot_option
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.comparison.fixes import SCORED_OUTAGE, scored_intervals
@@ -29,9 +29,7 @@ FIXES_SHARE = 0.4
 
 def command(
     out: Annotated[Path, typer.Option(help="The bag: a folder, or a file for ros1.")],
-    robot: Annotated[
-        str, typer.Option(help="Name of a robot that ships with icreckon, or a TOML file.")
-    ] = "auriga-alpha",
+    robot: Annotated[str, robot_option()] = "auriga-alpha",
     scenario_file: Annotated[
         Path | None,
         typer.Option(

@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from icreckon.cli.common.console import BAR, exit_if_failed, messages, print_fitting, results, say
-from icreckon.cli.common.options import Json, Wide
+from icreckon.cli.common.options import Json, Wide, completed_by
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.report.study.folder import PAGE, run_study
@@ -37,7 +37,11 @@ LINE_EVERY = 30.0
 
 def command(
     study: Annotated[
-        str | None, typer.Argument(help="Name of a study that ships with icreckon, or a TOML file.")
+        str | None,
+        typer.Argument(
+            help="Name of a study that ships with icreckon, or a TOML file.",
+            autocompletion=completed_by(study_names()),
+        ),
     ] = None,
     out: Annotated[
         Path | None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.mapping.topics import TopicMap, topic_map
 from icreckon.replay.reading.gather import as_paths, gather
 from icreckon.replay.reading.to_log import assemble
+
+LOGGER = logging.getLogger(__name__)
 
 
 def read_log(
@@ -49,4 +52,6 @@ def read_log(
         paths, mapping, own_mapping=topics is None, definitions=definitions, progress=progress
     )
     first = paths[0]
-    return assemble(gathered, robot, first.stem if first.is_file() else first.name)
+    log = assemble(gathered, robot, first.stem if first.is_file() else first.name)
+    LOGGER.info("read %r", log)
+    return log

@@ -74,7 +74,7 @@ def test_the_recipe_for_conda_has_the_same_dependencies() -> None:
     named = {"matplotlib": "matplotlib-base"}
     wanted = {f"python {PROJECT['requires-python']}"}
     for requirement in PROJECT["dependencies"]:
-        name, bound = re.fullmatch(r"([\w.-]+)(>=[\w.]+)(?:;.*)?", requirement).groups()
+        name, bound = re.fullmatch(r"([\w.-]+)(>=[\w.]+(?:,<\w+)?)(?:;.*)?", requirement).groups()
         wanted.add(f"{named.get(name, name)} {bound}")
     assert listed == wanted
 

@@ -2,12 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from icreckon.estimator.robot.robot_file import robot_names
+from icreckon.estimator.robot.variants import VARIANTS
+
 LOG_FILES = "a ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3, a CSV or Parquet table"
+
+
+def completed_by(names: Iterable[str]) -> Callable[[str], list[str]]:
+    """Completion by names, also of the last one of several with commas between."""
+
+    def complete(incomplete: str) -> list[str]:
+        before, comma, last = incomplete.rpartition(",")
+        return [f"{before}{comma}{name}" for name in names if name.startswith(last)]
+
+    return complete
+
+
+VARIANT_NAMES = completed_by(VARIANTS)
+
+
+def robot_option(more: str = "") -> Any:
+    """Option --robot, completed by the names of the robots that ship."""
+    text = f"Name of a robot that ships with icreckon, or a TOML file{more}."
+    return typer.Option("--robot", help=text, autocompletion=completed_by(robot_names()))
 
 
 def logs(text: str) -> Any:
@@ -22,12 +45,7 @@ def logs(text: str) -> Any:
 Logs = Annotated[
     list[Path], logs(f"{LOG_FILES[0].upper()}{LOG_FILES[1:]}; several files are read as one log.")
 ]
-RobotName = Annotated[
-    str | None,
-    typer.Option(
-        "--robot", help="Name of a robot that ships with icreckon, or a TOML file. Required."
-    ),
-]
+RobotName = Annotated[str | None, robot_option(". Required")]
 MessageFiles = Annotated[
     list[Path] | None,
     typer.Option(

@@ -17,6 +17,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
+from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -177,3 +178,15 @@ def test_fixes_off_the_map_are_rejected(fix, reason):
     assert estimator.feed(fix) is False
     (sensor,) = estimator.health.sensors.values()
     assert sensor.rejected == {reason: 1}
+
+
+@pytest.mark.parametrize("per_second", [1, 1000], ids=["seconds", "milliseconds"])
+def test_stamps_in_another_unit_are_an_error_after_some_dozens(per_second):
+    estimator = PoseEstimator(ALPHA)
+    stamps = 1_700_000_000 * per_second + np.arange(100) * max(1, per_second // 50)
+    measurements = [TrackSpeeds(stamp, 0.5, 0.5) for stamp in stamps.tolist()]
+    with pytest.raises(EstimatorError, match="stamps must be nanoseconds"):
+        all(map(estimator.feed, measurements))
+    assert 30 < estimator.health.sensors["tracks"].used < 70
+    with pytest.raises(EstimatorError, match="stamps must be nanoseconds"):
+        TrackSpeedSeries(stamps, np.zeros((100, 2)))

@@ -13,6 +13,7 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
+from icreckon.replay.comparison.compare import Comparison
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
@@ -157,3 +158,22 @@ def test_feeding_compiles_nothing(variant: str) -> None:
         [sys.executable, "-c", script], capture_output=True, text=True, check=True
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_each_is_shown_on_one_line(log, result):
+    estimator = PoseEstimator(ALPHA, start=(1.0, 2.0, 0.5))
+    assert repr(estimator) == (
+        "<PoseEstimator 'inertia-online' of 'auriga-alpha', no estimate yet: "
+        "x 1.000 m, y 2.000 m, yaw 0.500 rad>"
+    )
+    estimator.feed(next(log.measurements()))
+    assert f"stamp {estimator.stamp}: x 1.000 m" in repr(estimator)
+    rejected = sum(result.health.rejections().values())
+    rows = f"10.0 s: {len(result.stamps)} poses"
+    assert repr(result) == f"<Run 'inertia-online', {rows}, {rejected} measurements rejected>"
+    assert repr(result.trajectory) == f"<Trajectory, {rows}>"
+    assert repr(ALPHA).startswith("<Robot 'auriga-alpha', ")
+    comparison = repr(Comparison(log, {"inertia-online": result}, None))
+    assert repr(log) in comparison
+    assert repr(result) in comparison
+    assert "\n" not in comparison + repr(ALPHA)
