@@ -91,7 +91,7 @@ class HeadingFix:
 
     Attributes:
         stamp: time [ns].
-        yaw: [rad].
+        yaw: [rad], full turns may be included.
         variance: [rad²].
     """
 
@@ -142,7 +142,7 @@ class PoseFix:
         stamp: time [ns].
         x: [m].
         y: [m].
-        yaw: [rad].
+        yaw: [rad], full turns may be included.
         covariance: (3, 3) of x, y, yaw [m², m rad, rad²], symmetric and positive definite.
     """
 
