@@ -26,6 +26,7 @@ from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings,
 from icreckon.estimator.robot.variants import VARIANTS, Adaptation
 from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.save import VERSION
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
@@ -378,7 +379,7 @@ def test_another_version_of_the_format_is_refused(saved):
     for version in (1, 5, 6, 99):
         document["version"] = version
         saved.write_text(json.dumps(document))
-        message = rf"version {version} .* is not known; this icreckon reads 12"
+        message = rf"version {version} .* is not known; this icreckon reads {VERSION}"
         with pytest.raises(EstimatorError, match=message):
             PoseEstimator.restore(saved, ALPHA)
 

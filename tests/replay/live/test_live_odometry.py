@@ -18,6 +18,7 @@ from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.save import VERSION
 from icreckon.replay.base.diagnostic_status import ERROR, OK, STALE, WARN
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.live.inputs import Subscription
@@ -248,7 +249,7 @@ def _truncated(content: bytes) -> bytes:
         _truncated,
         lambda _: b"",
         lambda _: b"\x00\xff{]",
-        lambda content: content.replace(b'"version": 12', b'"version": 11'),
+        lambda content: content.replace(b'"version": %d' % VERSION, b'"version": 11'),
         lambda content: content.replace(b"constant-online", b"inertia-online"),
         lambda content: content.replace(b"[", b"[" * 10_000),
     ],
