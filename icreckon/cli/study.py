@@ -40,7 +40,7 @@ def command(
         str | None,
         typer.Argument(
             help="Name of a study that ships with icreckon, or a TOML file.",
-            autocompletion=completed_by(study_names()),
+            autocompletion=completed_by(study_names),
         ),
     ] = None,
     out: Annotated[

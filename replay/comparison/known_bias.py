@@ -76,7 +76,7 @@ def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) 
     if not inside.any() or unlearnt.sum() < LEAST_SHARE * inside.sum():
         return None
     used = float(run.states[unlearnt, s.GYRO_BIAS].mean())
-    rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity) / robot.imu.gyro_scale
+    rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
     found = gyro_bias(replace(log, truth=replace(log.truth, headings=True)), rates)
     if found is None or found.source == "tracks" or abs(found.value) > LARGEST:
         return None

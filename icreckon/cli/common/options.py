@@ -14,23 +14,23 @@ from icreckon.estimator.robot.variants import VARIANTS
 LOG_FILES = "a ROS 1 .bag, a ROS 2 folder, an .mcap or a .db3, a CSV or Parquet table"
 
 
-def completed_by(names: Iterable[str]) -> Callable[[str], list[str]]:
+def completed_by(names: Callable[[], Iterable[str]]) -> Callable[[str], list[str]]:
     """Completion by names, also of the last one of several with commas between."""
 
     def complete(incomplete: str) -> list[str]:
         before, comma, last = incomplete.rpartition(",")
-        return [f"{before}{comma}{name}" for name in names if name.startswith(last)]
+        return [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
 
     return complete
 
 
-VARIANT_NAMES = completed_by(VARIANTS)
+VARIANT_NAMES = completed_by(lambda: VARIANTS)
 
 
 def robot_option(more: str = "") -> Any:
     """Option --robot, completed by the names of the robots that ship."""
     text = f"Name of a robot that ships with icreckon, or a TOML file{more}."
-    return typer.Option("--robot", help=text, autocompletion=completed_by(robot_names()))
+    return typer.Option("--robot", help=text, autocompletion=completed_by(robot_names))
 
 
 def logs(text: str) -> Any:

@@ -94,10 +94,7 @@ def _columns(results: Results) -> dict[str, Numbers]:
     columns = {"t": series["t_s"], "distance": series["distance_m"]}
     for name, one in series["variants"].items():
         for key, values in one.items():
-            if isinstance(values, list) and key not in (
-                "ellipses",
-                *("zeta_m", "epsilon_m", "eta"),
-            ):
+            if isinstance(values, list) and key not in ("ellipses", "zeta_m", "epsilon_m", "eta"):
                 columns[f"{name}/{key}"] = values
     for part, title in (("truth", TRUTH), ("fixes", FIXES), ("inputs", "inputs")):
         for key, values in series.get(part, {}).items():

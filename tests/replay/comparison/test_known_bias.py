@@ -56,6 +56,13 @@ def test_gyro_runs_with_the_bias_that_it_had_no_chance_to_learn(found, drive):
     assert 0.0 < bias.sigma < 0.05 * BIAS
 
 
+def test_the_bias_is_that_after_the_scale_of_the_file(moving: Log, found: Comparison) -> None:
+    robot = changed_robot(ROBOT, {"imu.gyro_scale": 1.25})
+    imu = replace(moving.imu, angular_velocity=1.25 * moving.imu.angular_velocity)
+    scaled = compare(replace(moving, imu=imu), robot, VARIANTS)
+    assert scaled.known_bias.shown == pytest.approx(found.known_bias.shown, rel=1e-6)
+
+
 def test_a_gyro_in_degrees_is_no_matter_of_a_bias(moving: Log) -> None:
     """A bias that no robot file may have ends no comparison."""
     off = moving.imu.angular_velocity + np.array([0.0, 0.0, 1.5])
