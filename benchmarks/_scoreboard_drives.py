@@ -74,6 +74,7 @@ GRADES = ("nominal", "consumer", "industrial", "tactical")
 DATA_SHEETS: dict[str, dict[str, float]] = {
     "nominal": {},
     "consumer": {
+        "gyro_range": 8.7,
         "gyro_noise_density": 1.7e-4,
         "gyro_bias_sigma": 1.7e-2,
         "gyro_bias_walk": 6e-5,
@@ -82,6 +83,7 @@ DATA_SHEETS: dict[str, dict[str, float]] = {
         "accelerometer_bias_walk": 1.5e-3,
     },
     "industrial": {
+        "gyro_range": 7.8,
         "gyro_noise_density": 1.2e-4,
         "gyro_bias_sigma": 3.5e-3,
         "gyro_bias_walk": 7e-6,
@@ -90,6 +92,7 @@ DATA_SHEETS: dict[str, dict[str, float]] = {
         "accelerometer_bias_walk": 1e-4,
     },
     "tactical": {
+        "gyro_range": 7.0,
         "gyro_noise_density": 4.4e-5,
         "gyro_bias_sigma": 5e-5,
         "gyro_bias_walk": 3e-7,

@@ -146,13 +146,23 @@ class Step:
         left, right = step_input("left"), step_input("right")
         if kind.draws and lane.shape.model.memory:
             lane.advance_model(constant("dt"), left, right)
-        self.model = lane.twist_model(left, right)
+        self.model = lane.twist_model(left, right, self._shares())
         if kind.resumes:
             parameters = lane.layout.parameters
             self.model = lane.with_smoothed_derivatives(self.model)
             self.regressors = tuple(
                 {i: row[i] for i in parameters if i in row} for row in self.model.rows
             )
+
+    def _fades(self) -> list[GaussMarkov]:
+        lane = self.lane
+        times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
+        return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]
+
+    def _shares(self) -> list[Any]:
+        """Shares of the slip in its mean over the step, which is measured, and moves the robot."""
+        is_moment = self.kind.imu and not self.kind.moves
+        return [1.0, 1.0, 1.0] if is_moment else [one.mean for one in self._fades()]
 
     def _sigma(self) -> Any:
         lane = self.lane
@@ -247,7 +257,7 @@ class Step:
         lane.stores["standstill"] = lane.row("standstill") + more
         lane.stores["stood"] = more
         speeds = lane.input("left"), lane.input("right")
-        now = self.lane.twist_model(*speeds)
+        now = self.lane.twist_model(*speeds, self._shares())
         self.model = self._with_regressors(now)
 
     def update_gyro(self) -> None:
@@ -323,8 +333,7 @@ class Step:
         lane = self.lane
         x, P, constant = lane.x, lane.P, lane.constant
         dt, sigma = constant("dt"), self._sigma()
-        times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
-        fades = [model.gauss_markov(dt, tau) for tau in times]
+        fades = self._fades()
         turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
         missing = lane.input("missing")
         left, right = lane.input("left") + missing, lane.input("right") + missing

@@ -33,7 +33,7 @@ from icreckon.estimator.log.measurements import (
     Vector3,
 )
 from icreckon.estimator.motion.motion_model import TwistModel
-from icreckon.estimator.motion.propagation import down_of
+from icreckon.estimator.motion.propagation import down_of, gauss_markov
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.reference.imu import StepTwist, accelerometer, gyro
 from icreckon.estimator.robot.robot_file import Robot
@@ -194,8 +194,11 @@ class ReferenceFilter:
         return mean_speeds(record.tracks, record.stamp, stamp, record.settings.hold_ns)
 
     def _twist(self, stamp: int) -> TwistModel:
-        """Body velocity, and its derivatives, at the mean track speeds up to a stamp [ns]."""
-        return self.ekf.twist_model(*self._mean_speeds(stamp)[:2])
+        """Mean body velocity, and its derivatives, of the step to a stamp [ns]."""
+        dt = max(0, stamp - self._record.stamp) * NANOSECOND
+        x, y, w = slip_times(self._disturbances.slip.time_constant, 1.0)
+        means = (gauss_markov(dt, x).mean, gauss_markov(dt, y).mean, gauss_markov(dt, w).mean)
+        return self.ekf.twist_model(*self._mean_speeds(stamp)[:2], means)
 
     def _inputs(self, stamp: int) -> StepInputs:
         record = self._record

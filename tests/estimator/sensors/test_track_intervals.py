@@ -1,16 +1,21 @@
 """Track speeds act over the interval since the sample before, at any rate and latency."""
 
+import msgspec
 import numpy as np
 import pytest
 
 from conftest import thorough
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.engine.lane_functions import ends_step
 from icreckon.estimator.filter.filter_record import FilterRecord, take_track_speeds
+from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.scores import drift
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.robot_file import Imu, load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.step_inputs import step_inputs
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -53,3 +58,34 @@ def test_encoders_that_are_faster_than_the_imu_do_not_turn_the_robot(variant: st
         found = run(log, ROBOT, variant).trajectory.pose_series
         drifts.append(drift(found, log.truth.poses, 30.0).percent_mean)
     assert drifts[1] < 1.2 * drifts[0] + 0.2
+
+
+@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+def test_the_yaw_follows_the_gyro_however_far_the_tracks_turn(variant: str) -> None:
+    """The gyro measures the mean of the slip over a step of 0.05 s, by which the pose moves."""
+    robot = msgspec.structs.replace(ROBOT, imu=Imu())
+    estimator, rate, before = PoseEstimator(robot, variant), 0.5, 0.0
+    for k in range(200):
+        estimator.feed(TrackSpeeds(stamp=k * SECOND // 20, left=-0.6, right=0.6))
+        stamp, force = k * SECOND // 20 + 1_000_000, (0.0, 0.0, 9.81)
+        estimator.feed(
+            ImuSample(stamp, angular_velocity=(0.0, 0.0, rate), linear_acceleration=force)
+        )
+        x, yaw = estimator.state, estimator.pose[2]
+        turned, before = wrap_angle(yaw - before), yaw
+        measured = (rate - x[s.GYRO_BIAS]) / (1.0 + x[s.GYRO_SCALE])
+        assert k < 40 or turned == pytest.approx(0.05 * measured, rel=1e-3)
+
+
+def test_tracks_say_nothing_of_the_scale_of_the_gyro() -> None:
+    """Gentle bends in which the tracks turn 1.7 times as far: that is slip, and no scale."""
+    imu = Imu(gyro_scale_sigma=0.01)
+    estimator = PoseEstimator(msgspec.structs.replace(ROBOT, imu=imu), "inertia-online")
+    width = ROBOT.vehicle.track_gauge * ROBOT.constant_indices.eta0
+    for k in range(2000):
+        rate = 0.1 * np.sin(0.01 * k)
+        more, stamp = 1.7 * 0.5 * width * rate, k * SECOND // 50
+        estimator.feed(TrackSpeeds(stamp=stamp, left=0.4 - more, right=0.4 + more))
+        force = (0.0, 0.4 * rate, 9.81)
+        estimator.feed(ImuSample(stamp + 1, (0.0, 0.0, rate), force))
+    assert estimator.biases["gyro_scale"] == 0.0
