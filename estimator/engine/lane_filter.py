@@ -24,6 +24,7 @@ from icreckon.estimator.engine.lane_functions import (
     TIME_STEP,
     evaluate_twist,
     feed_samples,
+    kernel_of_sample,
     move_of,
     scatter_of,
     take_sample,
@@ -126,7 +127,7 @@ class LaneSteps:
         while True:
             of_readings = m.stamp, readings.stamps, readings.rates, mounting
             sample = *of_readings, *m.angular_velocity, *force, uses_force, after_gap
-            found = self._call(self._take_sample, which, sample)
+            found = self._call(self._take_sample, which, sample, of_sample=True)
             if found != FULL:
                 return found
             readings.make_room()
@@ -234,7 +235,9 @@ class LaneSteps:
         """Take a step to a stamp [ns], or an update; see `take_step`."""
         return self._call(self._take_step, which, (stamp, rejected_for))
 
-    def _call(self, function: Any, which: int, arguments: tuple[Any, ...]) -> int:
+    def _call(
+        self, function: Any, which: int, arguments: tuple[Any, ...], *, of_sample: bool = False
+    ) -> int:
         """Call `take_step` or `take_sample`, and report the changes of the filter."""
         ekf, lane = self._ekf, self._lane
         is_first = ekf.regressors is None
@@ -250,6 +253,7 @@ class LaneSteps:
             ekf.regressors = regressors
         if ekf.clones is not None or ekf.observer is not None:
             values = self._workspace[self._first_report :, 0]
+            which = kernel_of_sample(which, self._record) if of_sample else which
             events_of(lane.shape, which).report(values, len(ekf.x), yaw, ekf)
         return found
 

@@ -47,10 +47,11 @@ LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 REFUSED, FULL = -1, -2
 # Most states of a filter with a fast slip.
 MOST_STATES = s.WANDER.stop
-# Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, or at their start; steps
-# without one, and their two halves; position fixes, at the end of a step and ahead of it; the body
-# velocity.
-IMU_STEP, IMU_UPDATE, TIME_STEP, BEGIN, PROPAGATE, POSITION, POSITION_AHEAD, EVALUATION = range(8)
+# Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, of a robot that does not stand
+# and of any; with one at their start; steps without one, and their two halves; position fixes, at the end
+# of a step and ahead of it; the body velocity.
+DRIVING_STEP, IMU_STEP, IMU_UPDATE, TIME_STEP, BEGIN, PROPAGATE = range(6)
+POSITION, POSITION_AHEAD, EVALUATION = range(6, 9)
 
 
 class LanePlaces(NamedTuple):
@@ -59,7 +60,7 @@ class LanePlaces(NamedTuple):
     Arrays by states have zeros behind the last one.
 
     Attributes:
-        kernels: (8,) kernels, or addresses of their machine code.
+        kernels: (9,) kernels, or addresses of their machine code.
         size: number of states of the filter.
         state_count: number of uncertain states.
         parameter_count: number of uncertain parameters.
@@ -252,8 +253,14 @@ def take_sample(
     add_rate(record.yaw_rates, stamp, rate)
     given = (stamp, (rate, roll, pitch, reading), forward, left, uses_force)
     sample_inputs(record, stamps, rates, inputs, 0, *given)
+    which = kernel_of_sample(which, record)
     arrays = (x, P, regressors, memory, lane, inputs, constants)
     return take_step(places, which, records, *arrays, is_first, stamp, 0.0)
+
+
+def kernel_of_sample(which: int, record: Any) -> int:
+    """Kernel of an IMU sample that was added; most robots drive most of the time."""
+    return DRIVING_STEP if which == IMU_STEP and not record.stands else which
 
 
 def move_of(records: Any, inputs: Floats, stamp: int) -> None:

@@ -19,6 +19,7 @@ from icreckon.estimator.engine.fixes import FixKind, position_kernel
 from icreckon.estimator.engine.lane import FAST, FilterShape, plain_kernel
 from icreckon.estimator.engine.lane_functions import (
     BEGIN,
+    DRIVING_STEP,
     EVALUATION,
     IMU_STEP,
     IMU_UPDATE,
@@ -45,11 +46,11 @@ from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
 from icreckon.estimator.tracing.kernel import Kernel
 
 PARAMETERS, FAST_SLIP = s.PARAMETERS.start, s.FAST_SLIP.start
-# Steps of a filter that reports its changes: with an IMU sample at its end, and at its start; without
-# one; its two halves; and position fixes, at its end and ahead of it.
+# Steps of a filter that reports its changes, in the order of `lane_functions`; and position fixes.
 OF_SAMPLE = StepKind(stands=True, may_lack_force=True, innovations=True, fast_slip=True)
 OF_TIME = StepKind(imu=False, accelerometer=False, fast_slip=True)
 STEPS = {
+    DRIVING_STEP: ("driving_step", OF_SAMPLE._replace(stands=False)),
     IMU_STEP: ("imu_step", OF_SAMPLE),
     IMU_UPDATE: ("imu_update", OF_SAMPLE._replace(draws=False, moves=False, resumes=True)),
     TIME_STEP: ("time_step", OF_TIME),
