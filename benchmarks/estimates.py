@@ -28,7 +28,6 @@ from _scoreboard_put import FAULTS
 from _study import script_parser
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.calibration import calibrate
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
@@ -47,7 +46,7 @@ from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
+from icreckon.estimator.streaming.run import run, work_through
 from icreckon.estimator.streaming.smoother import smooth
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.running.engines import ENGINES
@@ -105,9 +104,8 @@ def of_healthy(key: tuple[str, str]) -> Figures:
     log, robot = simulated(cell, 0)
     log, truth = log.between(log.start, log.start + 130 * SECOND), log.truth
     first = log.between(log.start, log.start + 40 * SECOND)
-    whole = run_side_by_side(log, robot, list(VARIANTS))
-    found = {f"{name}, lanes": of_run(one) for name, one in whole.items()}
-    found |= {name: of_run(run(log, robot, name)) for name in BOTH}
+    found = {f"{name}, lanes": of_run(run(log, robot, name)) for name in VARIANTS}
+    found |= {name: of_each(log, robot, name) for name in BOTH}
     found["late"] = of_late(first, robot, "inertia-online")
     found["smoothed"] = of_run(smooth(first, robot, "inertia-online").smoothed)
     wander = Settings(wander=FixWander(1.0, 60.0))
@@ -117,6 +115,11 @@ def of_healthy(key: tuple[str, str]) -> Figures:
         others = tuple(others_of(list(poses)[: 50 * 40 : 50]))
         found["others"] = of_run(run(replace(first, others=others), robot, "inertia-online"))
     return found
+
+
+def of_each(log: Log, robot: Robot, variant: str) -> list[float]:
+    """Figures of a run whose measurements are fed one by one; those of arrays are `lanes`."""
+    return of_run(work_through(log, PoseEstimator(robot, variant), at_row=lambda: None))
 
 
 def others_of(poses: Sequence[tuple[int, list[float]]]) -> Iterator[Measurement]:
@@ -211,7 +214,7 @@ def of_height(ground: str) -> Figures:
     terrain = Terrain(rolling_deg=8.0) if ground == "rolling" else Terrain(slope_deg=8.0)
     robot = load_robot("warthog")
     log = simulate(Scenario(duration=60.0, seed=3, terrain=terrain), robot)
-    found = run_side_by_side(log, robot, BOTH)
+    found = {name: run(log, robot, name) for name in BOTH}
     stamps = log.tracks.stamps[100::200].tolist()
     heights = tuple(HeightFix(stamp, 0.1 * k, 0.04) for k, stamp in enumerate(stamps))
     found["fixes"] = run(replace(log, others=heights), robot, "inertia-online")

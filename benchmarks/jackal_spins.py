@@ -18,11 +18,11 @@ from _study import script_parser
 from scipy.ndimage import gaussian_filter1d
 
 from icreckon.estimator.base.array_types import Floats, Stamps
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
 
 SECOND = 1_000_000_000
@@ -78,7 +78,7 @@ def main() -> None:
     for name, robot_name in logs_without("jackal", "wetexplorer").items():
         robot = load_robot(robot_name)
         log = read_log(given.logs / name, robot)
-        times = run_side_by_side(log, robot, ["gyro"])["gyro"].health.times
+        times = run(log, robot, "gyro").health.times
         spins, of_log = times.get("spinning", 0), times.get("sliding", 0)
         print(f"{name}: {spins} times in {log.duration:.0f} s, {of_log} slides")
         hours += log.duration / 3600.0

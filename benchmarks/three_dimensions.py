@@ -29,10 +29,10 @@ from filterpy.kalman import ExtendedKalmanFilter
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rpy_to_matrix
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.streaming.run import run
 from icreckon.replay.comparison.truth_alignment import align_truth
 from icreckon.replay.comparison.truth_level import spatial_scores
 from icreckon.replay.reading.read_log import read_log
@@ -147,7 +147,7 @@ def scores(log: Log, robot: Robot, *, level: bool) -> dict[str, Score]:
     """Scores of all estimators over a log."""
     assert log.truth is not None  # noqa: S101 - all logs here have one
     blind = replace(log, truth=None)
-    paths = {name: one.trajectory for name, one in run_side_by_side(blind, robot, OURS).items()}
+    paths = {name: run(blind, robot, name).trajectory for name in OURS}
     peers: tuple[Step, ...] = (Integration().step, RobotLocalization().step)
     for name, step in zip(PEERS, peers, strict=True):
         paths[name] = by_peer(blind, robot, step)

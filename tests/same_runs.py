@@ -1,6 +1,5 @@
 """Simulated logs whose sensors are irregular or silent, and the comparison of two runs over them."""
 
-from collections.abc import Sequence
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from typing import Any
@@ -10,17 +9,16 @@ import pytest
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
+from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import work_through
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
-# What rounding may come to, in standard deviations. Where track speeds are hardly known, the gyro cuts
-# the variance of the yaw rate to a billionth, of which doubles have seven digits left.
-ROUNDING, FEW_DIGITS = 1e-8, 1e-6
+# What rounding may come to, in standard deviations.
+ROUNDING = 1e-8
 
 
 @cache
@@ -70,14 +68,8 @@ def off(found: np.ndarray, expected: np.ndarray, sigmas: np.ndarray) -> float:
     return float((np.abs(found - expected) / np.where(sigmas > 0.0, sigmas, 1.0)).max())
 
 
-def assert_same_run(
-    found: Run, expected: Run, rounding: float = ROUNDING, *, stale: bool = False
-) -> None:
-    """All rows, counts and innovations are the same, to rounding.
-
-    If track speeds are stale at most rows, accelerometers are used between rows only. Lanes have
-    innovations of the steps of rows; the streaming filter has the newest one.
-    """
+def assert_same_run(found: Run, expected: Run, rounding: float = ROUNDING) -> None:
+    """All rows, counts and innovations are the same, to rounding."""
     assert found.variant == expected.variant
     np.testing.assert_array_equal(found.stamps, expected.stamps)
     sigmas = expected.state_sigmas.copy()
@@ -96,16 +88,9 @@ def assert_same_run(
     assert off(here.twist_covariances, there.twist_covariances, scale) < rounding
     np.testing.assert_allclose(found.indices, expected.indices, rtol=1e-9, atol=1e-9)
     assert found.state_names == expected.state_names
-    between_rows = ACCELEROMETERS if stale else ()
-    assert {*found.innovation_names, *between_rows} == {*expected.innovation_names, *between_rows}
-    for name in found.innovation_names:
-        mine = found.innovations[:, found.innovation_names.index(name)]
-        theirs = expected.innovations[:, expected.innovation_names.index(name)]
-        told = np.isfinite(mine)
-        np.testing.assert_allclose(mine[told], theirs[told], rtol=1e-5, atol=1e-6)
-        # The accelerometer's of the sample before the one at which the robot was found standing.
-        assert (np.isfinite(theirs) & ~told).sum() <= 3 or name in between_rows
-    assert_same_counts(found, expected, between_rows)
+    assert found.innovation_names == expected.innovation_names
+    np.testing.assert_allclose(found.innovations, expected.innovations, rtol=1e-5, atol=1e-6)
+    assert_same_counts(found, expected)
 
 
 def numbers(of: object) -> list[float]:
@@ -119,7 +104,7 @@ def numbers(of: object) -> list[float]:
     return [-1.0 if of is None else float(of)]  # type: ignore[arg-type]
 
 
-def assert_same_counts(found: Run, expected: Run, between_rows: Sequence[str] = ()) -> None:
+def assert_same_counts(found: Run, expected: Run) -> None:
     assert found.health.sensors.keys() == expected.health.sensors.keys()
     for name in ("standstill_updates", "track_gaps", "clock_steps"):
         assert getattr(found.health, name) == getattr(expected.health, name)
@@ -133,8 +118,6 @@ def assert_same_counts(found: Run, expected: Run, between_rows: Sequence[str] = 
         mine = found.health.sensors[name]
         for count in ("used", "rejected", "degrees", "late", "judged_count", "reacquired"):
             assert getattr(mine, count) == getattr(sensor, count), (name, count)
-        if name in between_rows:
-            continue
         for sum_ in ("nis_sum", "newest_nis", "recent_nis"):
             theirs = getattr(sensor, sum_)
             assert getattr(mine, sum_) == (theirs and pytest.approx(theirs, rel=1e-6))
@@ -165,3 +148,8 @@ def assert_same_estimate(found: PoseEstimator, expected: PoseEstimator) -> None:
             assert sensor.recent_nis == pytest.approx(theirs.sensors[name].recent_nis, rel=1e-6)
     assert found.twist == pytest.approx(expected.twist, abs=1e-10)
     assert found.indices == pytest.approx(expected.indices, abs=1e-9)
+
+
+def fed_one_by_one(log: Log, robot: Robot, variant: str, **options: Any) -> Run:
+    """Run whose measurements are fed one by one."""
+    return work_through(log, PoseEstimator(robot, variant, **options), at_row=lambda: None)

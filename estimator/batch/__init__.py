@@ -1,5 +1,4 @@
-"""Many logs by one filter variant, or one log by many variants, in one pass.
+"""Many logs by one filter variant in one pass; samples as arrays.
 
-In: logs. Out: the same runs and scores as the streaming estimator's, to rounding. Below: `engine`,
-`streaming`.
+In: logs. Out: the same scores as the streaming estimator's, to rounding. Below: `engine`, `streaming`.
 """

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.batch.inputs import NO_STAMPS, has_absurd_readings, wheels_of
-from icreckon.estimator.filter.samples import SampleArrays
+from icreckon.estimator.filter.samples import NO_STAMPS, has_absurd_readings, samples_of
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import Rows
 
 # Fewer IMU samples than these are fed one by one, which is faster.
 LEAST_BULK = 100
@@ -51,15 +51,15 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
         return _feed_each(estimator, log)
     begin, end = bulk
     used = _feed_each(estimator, log.between(log.start, begin))
-    samples = _samples(log.between(begin + 1, end))
+    samples = samples_of(log.between(begin + 1, end))
     while len(samples.track_stamps) or len(samples.imu_stamps):
-        of_tracks, of_imu, more = estimator.feed_samples(samples)
+        of_tracks, of_imu, more = estimator.feed_samples(samples, Rows(0).arrays)
         samples, used = samples.after(of_tracks, of_imu), used + more
         # What is left begins with a sample that needs more than a step.
         left = [int(one[0]) for one in (samples.track_stamps, samples.imu_stamps) if len(one)]
         if left:
             used += _feed_each(estimator, log.between(min(left), min(left)))
-            samples = _samples(log.between(min(left) + 1, end))
+            samples = samples_of(log.between(min(left) + 1, end))
     return used + _feed_each(estimator, log.between(end + 1, log.end))
 
 
@@ -84,15 +84,3 @@ def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
     # The filter has begun with the first track speeds.
     first = int(np.searchsorted(stamps, log.tracks.stamps[0])) + FIRST_SAMPLES
     return (int(stamps[first]), int(stamps[last])) if last - first >= LEAST_BULK else None
-
-
-def _samples(log: Log) -> SampleArrays:
-    """Samples of a log."""
-    tracks, imu = log.tracks, log.imu
-    speeds, left, right = map(np.ascontiguousarray, (tracks.speeds, *wheels_of(tracks)))
-    stamps, rates, forces = NO_STAMPS, np.zeros((0, 3)), np.zeros((0, 3))
-    if imu is not None:
-        stamps, rates, given = imu.stamps, imu.angular_velocity, imu.linear_acceleration
-        forces = np.full(rates.shape, np.nan) if given is None else given
-    rates, forces = np.ascontiguousarray(rates), np.ascontiguousarray(forces)
-    return SampleArrays(tracks.stamps, speeds, left, right, stamps, rates, forces)

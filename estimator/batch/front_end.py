@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
-from icreckon.estimator.base.records import record_array, record_of
+from icreckon.estimator.base.records import record_array
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
 from icreckon.estimator.engine.layout import FIX_INPUTS, INPUTS
 from icreckon.estimator.engine.schedule import (
@@ -22,11 +22,9 @@ from icreckon.estimator.engine.schedule import (
     MOVE_AND_UPDATE,
     POSITION,
     UPDATE,
-    LogSteps,
     Steps,
 )
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord, repeats
-from icreckon.estimator.faults.spinning_tracks import assumed_speeds
 from icreckon.estimator.filter.filter_record import FilterRecord, sides_of, take_track_sample
 from icreckon.estimator.filter.gate import GATED, LONGEST_COUNTED, SKIPPED
 from icreckon.estimator.sensors.held_tracks import speeds_at
@@ -108,9 +106,7 @@ class FrontEnd:
         BatchError: the steps are those of other stamps, or a run lacks its first track speeds.
     """
 
-    def __init__(
-        self, measured: Measured, steps: Steps | LogSteps, settings: InputSettings
-    ) -> None:
+    def __init__(self, measured: Measured, steps: Steps, settings: InputSettings) -> None:
         last = steps.tracks.max(initial=0), steps.samples.max(initial=0)
         counts = measured.tracks.shape[1], measured.rates.shape[1]
         fixes = steps.fixes[(steps.extras & POSITION) > 0]
@@ -144,10 +140,6 @@ class FrontEnd:
             np.full(lanes, -1),
         )
         self._added = 0
-
-    def record(self, lane: int) -> FilterRecord:
-        """Record of the inputs of a lane."""
-        return record_of(FilterRecord, self._lanes.records[lane])
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
         """Compute the inputs of the steps from `begin` to before `end`.
@@ -218,14 +210,7 @@ def fill_lane(
         else:
             move_inputs(record, given, lane, end)
         now = speeds_at(record.tracks, end, record.settings.hold_ns)
-        left, right = now
-        newest = steps.output_tracks[k] - 1
-        if newest >= steps.tracks[k]:
-            stamp, speeds = measured.track_stamps[newest], measured.tracks[lane, newest]
-            wheels = measured.left_wheels[lane, newest], measured.right_wheels[lane, newest]
-            one, other = sides_of(record, stamp, speeds, wheels[0], wheels[1], False)
-            left, right = assumed_speeds(record.tracks.spin, stamp, one, other)
-        given[ROW_NOW_LEFT, lane], given[ROW_NOW_RIGHT, lane] = left, right
+        given[ROW_NOW_LEFT, lane], given[ROW_NOW_RIGHT, lane] = now
         if steps.extras[k] & POSITION:
             fix = steps.fixes[k]
             for part in range(FIX_VALUES):
@@ -288,11 +273,11 @@ def check_sizes(
     sizes_fit &= measured.fixes.shape[0] == count and measured.fixes.shape[2] == FIX_VALUES
     sizes_fit &= measured.fixes.shape[1] == len(measured.fix_stamps)
     sizes_fit &= n == len(steps.ends) == len(steps.kinds) == len(steps.extras) == len(steps.tracks)
-    if not (sizes_fit and n == len(steps.samples) == len(steps.fixes) == len(steps.output_tracks)):
+    if not (sizes_fit and n == len(steps.samples) == len(steps.fixes)):
         raise ValueError(WRONG_SIZE)
     for k in range(n):
         # Counts are ends of ranges, samples and fixes are indices.
-        inside = 0 <= steps.tracks[k] <= steps.output_tracks[k] <= tracks
+        inside = 0 <= steps.tracks[k] <= tracks
         inside &= 0 <= steps.samples[k] < max(1, measured.rates.shape[1])
         if steps.extras[k] & POSITION:
             inside &= 0 <= steps.fixes[k] < measured.fixes.shape[1]

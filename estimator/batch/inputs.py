@@ -9,13 +9,11 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.batch.front_end import FIX_VALUES, Measured
-from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED
+from icreckon.estimator.filter.samples import NO_STAMPS, wheels_of
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import FixSeries, ImuSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
-
-NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
 
 
 def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None = None) -> Measured:
@@ -75,13 +73,6 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
     return Measured(*of_tracks, imu_stamps, rates, forces, fix_stamps, fixes)
 
 
-def wheels_of(tracks: TrackSpeedSeries) -> tuple[Floats, Floats]:
-    """Speeds (n, k) and (n, m) of the left and the right wheels [m/s], if known."""
-    if tracks.left_wheels is None or tracks.right_wheels is None:
-        return np.zeros((len(tracks.stamps), 0)), np.zeros((len(tracks.stamps), 0))
-    return tracks.left_wheels, tracks.right_wheels
-
-
 def _imu(log: Log) -> ImuSeries:
     if log.imu is None or log.imu.linear_acceleration is None:
         raise BatchError(f"the log {log.name!r} holds no IMU with gyros and accelerometers")
@@ -113,23 +104,3 @@ def has_heading(fixes: Floats) -> bool:
     if headed.any() and not headed.all():
         raise BatchError("some fixes have a heading and some have none")
     return bool(headed.any())
-
-
-def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
-    """Return True if a log has readings that are rejected before the gates.
-
-    Args:
-        log: the log.
-        max_track_speed: highest track speed of the robot, or of the slowest of several [m/s].
-    """
-    imu = log.imu
-    if imu is None:
-        raise BatchError(f"the log {log.name!r} holds no IMU")
-    fastest, sides = ABSURD_SPEED * max_track_speed, wheels_of(log.tracks)
-    readings = [
-        *((values, fastest) for values in (log.tracks.speeds, *sides)),
-        (imu.angular_velocity, ABSURD_RATE),
-    ]
-    if imu.linear_acceleration is not None:
-        readings.append((imu.linear_acceleration, ABSURD_FORCE))
-    return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)

@@ -8,10 +8,11 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Stamps
 from icreckon.estimator.base.errors import BatchError, EstimatorError
-from icreckon.estimator.batch.inputs import has_absurd_readings, has_heading, measured_of
+from icreckon.estimator.batch.inputs import has_heading, measured_of
 from icreckon.estimator.batch.runs import side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_of
+from icreckon.estimator.filter.samples import has_absurd_readings
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot, require_robot

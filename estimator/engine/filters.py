@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
-from icreckon.estimator.base.records import plain_copy, record_array, shifted
+from icreckon.estimator.base.records import record_array
 from icreckon.estimator.engine.constants import (
     LINE,
     PRECISIONS,
@@ -24,11 +24,7 @@ from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_ke
 from icreckon.estimator.engine.lane import FilterShape
 from icreckon.estimator.engine.layout import (
     COUNTS,
-    FACTORS,
-    GATES,
-    IMU_GATES,
     PLACES,
-    TREND,
     TWIST,
     Layout,
     covariance_name,
@@ -41,23 +37,19 @@ from icreckon.estimator.engine.schedule import (
     POSITION,
     STEP_COLUMNS,
     TICK,
-    LogSteps,
     Steps,
     fill_step_constants,
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.work import (
-    AT_TICK,
     ESTIMATE,
-    TICK_BETWEEN_STEPS,
     LaneKernels,
     Places,
     time_of_fix,
     work_through,
 )
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
-from icreckon.estimator.filter.filter_record import DEPARTURE, FixesRecord
+from icreckon.estimator.filter.filter_record import FixesRecord
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
@@ -90,7 +82,6 @@ class BatchFilter:
         settings: settings of the filters.
         bits: number of bits of each number: 64, or 32 for twice as many lanes and seven digits.
         width: number of filters side by side; None for as many as the machine's registers hold.
-        height: estimate the height, too.
 
     Attributes:
         robot: the robot.
@@ -111,8 +102,6 @@ class BatchFilter:
         settings: Settings,
         bits: int = 64,
         width: int | None = None,
-        *,
-        height: bool = False,
     ) -> None:
         if OWN_FAULTS:
             raise BatchError(
@@ -138,7 +127,7 @@ class BatchFilter:
         uncertain[s.FAST_SLIP] = False
         # Standstill uses the variance of the gyro's bias, re-acquisition inflates the accelerometers'.
         uncertain[[s.GYRO_BIAS, s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y]] = True
-        uncertain[s.GRAVITY], uncertain[s.Z] = True, height
+        uncertain[s.GRAVITY], uncertain[s.Z] = True, False
         parameters = np.zeros(s.SIZE, dtype=bool)
         parameters[s.PARAMETERS] = True
         absent = parameters & ~uncertain & (self._state == 0.0)
@@ -157,7 +146,7 @@ class BatchFilter:
     def __reduce__(self) -> Any:
         # Addresses of machine code are those of one process.
         made_of = self.robot, self.variant, self.settings, self.shape.bits, self.width
-        return partial(BatchFilter, height=s.Z in self.shape.states), made_of
+        return BatchFilter, made_of
 
     def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
         """Start all lanes at their first track speeds.
@@ -190,38 +179,6 @@ class BatchFilter:
             lanes[self.rows[f"memory{k}"]] = value
         return Lanes(lanes, record_array(FixesRecord(), self.width), constants)
 
-    def continue_from(
-        self, lanes: Lanes, checkpoint: FilterCheckpoint, regressors: Floats, begin: int
-    ) -> None:
-        """Restore a checkpoint of a streaming filter in all lanes.
-
-        Args:
-            lanes: lanes from `begin`.
-            checkpoint: checkpoint of the filter, at its first track speeds or later.
-            regressors: (3, 9) its smoothed derivatives by the parameters.
-            begin: stamp from which those of the steps count [ns].
-        """
-        rows, workspace = self.rows, lanes.workspace
-        states = (*self.shape.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
-        for n, i in enumerate(states):
-            workspace[rows[f"x{i}"]] = checkpoint.state[i]
-            for j in states[n:]:
-                workspace[rows[covariance_name(i, j)]] = checkpoint.covariance[i, j]
-        for axis in range(3):
-            for i in self.layout.parameters:
-                workspace[rows[f"r{axis}_{i}"]] = regressors[axis, i - s.PARAMETERS.start]
-        for k, value in enumerate(checkpoint.model):
-            workspace[rows[f"memory{k}"]] = value
-        record, gates = checkpoint.record, checkpoint.gates
-        workspace[rows["stood"]] = record.stands
-        for name in (*FACTORS, *TREND, *DEPARTURE):
-            workspace[rows[name]] = getattr(record, name)
-        for gate in GATES:
-            counts = getattr(record, gate) if gate in IMU_GATES else gates.get(gate)
-            workspace[rows[f"{gate}_rejected_for"]] = counts.rejected_for if counts else 0.0
-        fixes = shifted(plain_copy(FixesRecord, record.fixes), -begin)
-        lanes.fixes[:] = record_array(fixes, self.width)
-
     def work_through(
         self,
         lanes: Lanes,
@@ -229,8 +186,6 @@ class BatchFilter:
         steps: Steps,
         table: Floats,
         estimates: Floats,
-        *,
-        all_outputs: bool = False,
     ) -> None:
         """Run all lanes through some steps, in place.
 
@@ -241,7 +196,6 @@ class BatchFilter:
             table: (n, k) constants of each step, from `prepare`.
             estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks; of
                 the first lanes, if it is less wide.
-            all_outputs: the estimates have more rows, those of `Layout.more_outputs`.
 
         Raises:
             ValueError: an array has the wrong size or type of numbers, or is not aligned with the
@@ -265,7 +219,7 @@ class BatchFilter:
             since_first,
             estimates,
             lanes.fixes,
-            _places(self.layout, self._wander, all_outputs),
+            _places(self.layout, self._wander),
         )
 
     def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
@@ -305,28 +259,19 @@ class BatchFilter:
             self._prepared = steps, self._step_constants(steps)
         return self._prepared[1]
 
-    def compile_for(self, steps: Steps | LogSteps) -> None:
+    def compile_for(self, steps: Steps) -> None:
         """Compile the kernels of the steps of a run, or load them.
 
         Args:
             steps: all steps of the run.
         """
         when, moves = time_of_fix(steps.kinds, steps.extras), steps.kinds == MOVE
-        is_log = isinstance(steps, LogSteps)
-
-        def used(values: Any, in_logs: tuple[int, ...]) -> frozenset[int]:
-            # In logs all these are ticks. The next log is to need no other machine code.
-            return frozenset({*values.tolist(), *(in_logs if is_log else ())})
-
-        fixes = (when[(steps.extras & bit) > 0] for bit in (POSITION, HEADING))
-        of_fixes = (used(one, (AT_TICK, TICK_BETWEEN_STEPS) * (len(one) > 0)) for one in fixes)
-        times = used((steps.extras[moves] & TICK) > 0, (1,)), *of_fixes
-        self._kernels = _kernels(self.shape, self.width, self._uses_force, *times)
-
-    @property
-    def start(self) -> Floats:
-        """Prior state (SIZE,); states that are not uncertain stay at it."""
-        return self._state.copy()
+        times = (
+            (steps.extras[moves] & TICK) > 0,
+            *(when[(steps.extras & bit) > 0] for bit in (POSITION, HEADING)),
+        )
+        used = (frozenset(one.tolist()) for one in times)
+        self._kernels = _kernels(self.shape, self.width, self._uses_force, *used)
 
     def _step_constants(self, steps: Steps) -> Floats:
         """Constants (n, k) of each step, the interval of the IMU last."""
@@ -340,8 +285,8 @@ class BatchFilter:
 
 
 @cache
-def _places(layout: Layout, wander: FixWander, all_outputs: bool) -> Places:
-    rows, more = layout.rows, layout.more_outputs if all_outputs else ()
+def _places(layout: Layout, wander: FixWander) -> Places:
+    rows = layout.rows
     pose = [rows[f"x{i}"] for i in range(3)]
     covariance = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
     replaced = (*range(3), *(i for i in layout.states if i >= s.SIZE))
@@ -354,7 +299,7 @@ def _places(layout: Layout, wander: FixWander, all_outputs: bool) -> Places:
         return np.array([rows[name] for name in names])
 
     return Places(
-        np.array([*pose, *covariance, *(rows[name] for name in (*TWIST, *more))]),
+        np.array([*pose, *covariance, *(rows[name] for name in TWIST)]),
         np.array([i for i in layout.states if i < s.SIZE]),
         of_names([f"x{i}" for i in layout.states if i < s.SIZE]),
         of_names([f"P{i}_{i}" for i in layout.states if i < s.SIZE]),

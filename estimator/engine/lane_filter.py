@@ -30,6 +30,7 @@ from icreckon.estimator.engine.lane_functions import (
     take_sample,
     take_step,
     take_tracks_of,
+    write_row,
 )
 from icreckon.estimator.engine.layout import INPUTS, PLACES
 from icreckon.estimator.engine.one_lane import kernel_of, one_lane
@@ -38,7 +39,7 @@ from icreckon.estimator.filter.changes import Events
 from icreckon.estimator.filter.ekf import Ekf
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.process_noise import Disturbances
-from icreckon.estimator.filter.samples import SampleArrays, Sampled
+from icreckon.estimator.filter.samples import RunRows, SampleArrays, Sampled
 from icreckon.estimator.log.measurements import ImuSample
 from icreckon.estimator.motion.icr import IndexValues, PaperTwist
 from icreckon.estimator.motion.motion_model import Motion, TwistModel
@@ -92,7 +93,7 @@ class LaneSteps:
         self._take_step, self._take_sample = compiled(take_step), compiled(take_sample)
         self._feed_samples, self._take_tracks = compiled(feed_samples), compiled(take_tracks_of)
         self._evaluate_twist, self._fill_move = compiled(evaluate_twist), compiled(move_of)
-        self._follow_scatter = compiled(scatter_of)
+        self._follow_scatter, self._write_row = compiled(scatter_of), compiled(write_row)
         rows = lane.shape.layout.rows
         self._first_report = rows["report0"]
         of_fix = (*(f"position_{part}" for part in OF_FIX), *PLACES)
@@ -147,8 +148,10 @@ class LaneSteps:
         self._fill_move(self._records, self._inputs, stamp)
         self._step(PROPAGATE, stamp)
 
-    def take_samples(self, samples: SampleArrays, mounting: Floats, *, uses_force: bool) -> Sampled:
-        """Take the steps of samples; stop before one that needs more than a step."""
+    def take_samples(
+        self, samples: SampleArrays, mounting: Floats, rows: RunRows, *, uses_force: bool
+    ) -> Sampled:
+        """Take the steps of samples up to one that needs more than a step; fill rows."""
         readings, ekf, total = self._readings, self._ekf, np.zeros(4, int)
         memory = ekf.model.memory
         while True:
@@ -165,12 +168,21 @@ class LaneSteps:
                 mounting,
                 *samples,
                 uses_force,
+                rows,
             )
             total += found
             samples = samples.after(*found[:2])
             if not len(samples.imu_stamps) or not is_full(self._record.still, readings.stamps):
                 return Sampled(*total.tolist())
             readings.make_room()
+
+    def write_row(self, rows: RunRows) -> None:
+        """Fill the next row with the estimate."""
+        ekf, regressors = self._ekf, self._ekf.regressors
+        is_first = regressors is None
+        given = np.zeros((3, s.PARAMETER_COUNT)) if regressors is None else regressors
+        matrices = ekf.x, ekf.P, given, ekf.model.memory
+        self._write_row(self._lane.places, self._records, *matrices, *self._arrays, is_first, rows)
 
     def take_position(
         self,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -22,8 +22,10 @@ from icreckon.estimator.filter.filter_record import (
 )
 from icreckon.estimator.filter.gate import count_verdict
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
+from icreckon.estimator.filter.process_noise import share_of_sigma
+from icreckon.estimator.filter.samples import COUNT, DUE, NEWEST, WRITTEN
 from icreckon.estimator.filter.slip_factor import follow_scatter
-from icreckon.estimator.sensors.held_tracks import is_hole, take_motion
+from icreckon.estimator.sensors.held_tracks import is_hole, speeds_at, take_motion
 from icreckon.estimator.sensors.imu_clock import is_alive, take_stamp
 from icreckon.estimator.sensors.imu_noise import measure_noise, measured_noise, noise_of_step
 from icreckon.estimator.sensors.imu_tilt import add_rates
@@ -52,67 +54,6 @@ MOST_STATES = s.WANDER.stop
 # of a step and ahead of it; the body velocity.
 DRIVING_STEP, IMU_STEP, IMU_UPDATE, TIME_STEP, BEGIN, PROPAGATE = range(6)
 POSITION, POSITION_AHEAD, EVALUATION = range(6, 9)
-
-
-class LanePlaces(NamedTuple):
-    """Places in the workspace of one lane, and its kernels.
-
-    Arrays by states have zeros behind the last one.
-
-    Attributes:
-        kernels: (9,) kernels, or addresses of their machine code.
-        size: number of states of the filter.
-        state_count: number of uncertain states.
-        parameter_count: number of uncertain parameters.
-        states: (`MOST_STATES`,) indices of the uncertain states, the fast slip last.
-        parameters: (`MOST_STATES`,) indices of the uncertain parameters.
-        x: (`MOST_STATES`,) rows of the states.
-        P: (`MOST_STATES`, `MOST_STATES`) rows of the covariance.
-        by_state: (3, `MOST_STATES`) rows of the twist's derivatives by the states.
-        regressors: row of the first regressor.
-        memory: row of the first number of the model's memory.
-        memory_size: number of numbers of the memory.
-        stood: row that is 1 if the robot was found standing.
-        slip_factor: row of the factor on the slip.
-        of_record: (10,) rows of `OF_RECORD`.
-        imu_gates: (3, 4) rows of gyro and accelerometers, forward and left: time of rejections, number
-            admitted, innovation, its variance.
-        position_rejected_for: row of the time of rejected position fixes.
-        position_admitted: row of the number of admitted ones.
-        twist: row of the twist's first component.
-        motion: row of the first value of `MOTION`.
-        fixed: place of the first parameter among the constants.
-        interval: place of the interval of the IMU among them.
-        slip_shares: place of the first factor on the slip of an evaluated twist among them.
-        row_count: number of rows.
-        constant_count: number of constants.
-    """
-
-    kernels: Any
-    size: int
-    state_count: int
-    parameter_count: int
-    states: Any
-    parameters: Any
-    x: Any
-    P: Any
-    by_state: Any
-    regressors: int
-    memory: int
-    memory_size: int
-    stood: int
-    slip_factor: int
-    of_record: Any
-    imu_gates: Any
-    position_rejected_for: int
-    position_admitted: int
-    twist: int
-    motion: int
-    fixed: int
-    interval: int
-    slip_shares: int
-    row_count: int
-    constant_count: int
 
 
 def sample_inputs(
@@ -298,10 +239,11 @@ def feed_samples(
     angular_velocities: Floats,
     forces: Floats,
     uses_force: bool,
+    rows: Any,
 ) -> Any:
-    """Take the steps of samples, see `Sampled`; arguments as of `take_sample`.
+    """Take the steps of samples, see `Sampled`, and fill rows.
 
-    It stops before a sample after a gap, or at a stamp that the filter has reached, and if the buffers of
+    Arguments are those of `take_sample`. It stops before a sample after a gap, or at a stamp that the filter has reached, and if the buffers of
     readings are full.
     """
     record = records[0]
@@ -318,8 +260,11 @@ def feed_samples(
         is_track = samples == count or (
             tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
         )
+        stamp = track_stamps[tracks] if is_track else imu_stamps[samples]
+        if is_row_due(rows, stamp, record.stamp):
+            write_row(places, records, *arrays, rows)
         if is_track:
-            stamp, newest = track_stamps[tracks], record.tracks.stamp
+            newest = record.tracks.stamp
             if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
                 break
             if ends_step(record):
@@ -328,9 +273,10 @@ def feed_samples(
                 take_step(places, TIME_STEP, *move)
             wheels = (left_wheels[tracks], right_wheels[tracks])
             take_track_sample(record, stamp, speeds[tracks], *wheels)
+            rows.progress[DUE] = len(rows.stamps) > 0
             tracks += 1
             continue
-        stamp, w, f = imu_stamps[samples], angular_velocities[samples], forces[samples]
+        w, f = angular_velocities[samples], forces[samples]
         if stamp <= record.stamp:
             break
         given = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
@@ -342,6 +288,74 @@ def feed_samples(
         stood += record.stands
         samples += 1
     return tracks, samples, used, stood
+
+
+def is_row_due(rows: Any, stamp: int, reached: int) -> bool:
+    """Return True if a row is due before a measurement at a stamp [ns].
+
+    The estimate has reached another one [ns].
+    """
+    progress = rows.progress
+    is_later, progress[NEWEST] = stamp > progress[NEWEST], stamp
+    return bool(progress[DUE] != 0 and is_later and reached != progress[WRITTEN])
+
+
+def write_row(
+    places: Any,
+    records: Any,
+    x: Floats,
+    P: Floats,
+    regressors: Floats,
+    memory: Floats,
+    lane: Floats,
+    inputs: Floats,
+    constants: Floats,
+    is_first: bool,
+    rows: Any,
+) -> None:
+    """Fill the next row of `RunRows`; the other arguments are those of `take_step`."""
+    record, row, n = records[0], rows.progress[COUNT], s.SIZE
+    speeds = speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
+    twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(x))), np.empty((3, 2))
+    found = twist, jacobian, by_speeds
+    model = (x, memory, lane, inputs, constants)
+    indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *found)
+    with_states, kept = np.zeros((3, n)), np.ones(3)
+    for axis in range(3):
+        for k in range(s.PARAMETER_COUNT * (not is_first)):
+            jacobian[axis, PARAMETERS + k] = regressors[axis, k]
+        for i in range(n):
+            if jacobian[axis, i] != 0.0:
+                for j in range(n):
+                    with_states[axis, j] += jacobian[axis, i] * P[i, j]
+        rows.twists[row, axis], rows.indices[row, axis] = twist[axis], indices[axis]
+    covariance = rows.twist_covariances[row]
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] = 0.0
+            for k in range(n):
+                covariance[i, j] += with_states[i, k] * jacobian[j, k]
+            rows.pose_covariances[row, i, j] = P[i, j]
+    for axis in range(2):
+        kept[axis] = share_of_sigma(covariance[axis, axis], record.settings.fastest)
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] *= kept[i] * kept[j]
+    for i in range(n):
+        rows.states[row, i], rows.sigmas[row, i] = x[i], np.sqrt(P[i, i])
+    put_innovation(record.gyro, rows, row, 0)
+    put_innovation(record.accelerometer_x, rows, row, 1)
+    put_innovation(record.accelerometer_y, rows, row, 2)
+    rows.stamps[row] = rows.progress[WRITTEN] = record.stamp
+    rows.progress[COUNT], rows.progress[DUE] = row + 1, 0
+
+
+def put_innovation(gate: Any, rows: Any, row: int, column: int) -> None:
+    """Put the newest innovation of a gate into a row, if it is in no row yet."""
+    if gate.stamp != NEVER and rows.judged[column] != gate.stamp:
+        rows.judged[column] = gate.stamp
+        if gate.S[0] > 0.0:
+            rows.innovations[row, column] = gate.z[0] / math.sqrt(gate.S[0])
 
 
 def fill_state(lane: Floats, constants: Floats, x: Floats, memory: Floats, places: Any) -> None:

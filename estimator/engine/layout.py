@@ -186,19 +186,6 @@ class Layout:
             )
         )
 
-    @property
-    def output_states(self) -> list[int]:
-        """Indices of the states that are output besides the pose."""
-        fast = range(s.FAST_SLIP.start, s.FAST_SLIP.stop)
-        return [i for i in (*self.states, *fast) if s.POSE.stop <= i < s.SIZE]
-
-    @property
-    def more_outputs(self) -> tuple[str, ...]:
-        """Names of more rows of an estimate: states, variances, innovations, memory."""
-        states = self.output_states
-        values = (*(f"x{i}" for i in states), *(covariance_name(i, i) for i in states))
-        return (*values, *INNOVATIONS, *(f"memory{k}" for k in range(self.model.memory)))
-
 
 def covariance_name(a: int, b: int) -> str:
     """Name of the covariance of a pair of states."""

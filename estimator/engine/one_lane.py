@@ -28,7 +28,6 @@ from icreckon.estimator.engine.lane_functions import (
     POSITION_AHEAD,
     PROPAGATE,
     TIME_STEP,
-    LanePlaces,
 )
 from icreckon.estimator.engine.layout import (
     FACTORS,
@@ -63,6 +62,67 @@ FIXES = {
 }
 # Rows that the record of a filter holds.
 OF_RECORD = (*FACTORS, *TREND, *DEPARTURE)
+
+
+class LanePlaces(NamedTuple):
+    """Places in the workspace of one lane, and its kernels.
+
+    Arrays by states have zeros behind the last one.
+
+    Attributes:
+        kernels: (9,) kernels, or addresses of their machine code.
+        size: number of states of the filter.
+        state_count: number of uncertain states.
+        parameter_count: number of uncertain parameters.
+        states: (`MOST_STATES`,) indices of the uncertain states, the fast slip last.
+        parameters: (`MOST_STATES`,) indices of the uncertain parameters.
+        x: (`MOST_STATES`,) rows of the states.
+        P: (`MOST_STATES`, `MOST_STATES`) rows of the covariance.
+        by_state: (3, `MOST_STATES`) rows of the twist's derivatives by the states.
+        regressors: row of the first regressor.
+        memory: row of the first number of the model's memory.
+        memory_size: number of numbers of the memory.
+        stood: row that is 1 if the robot was found standing.
+        slip_factor: row of the factor on the slip.
+        of_record: (10,) rows of `OF_RECORD`.
+        imu_gates: (3, 4) rows of gyro and accelerometers, forward and left: time of rejections, number
+            admitted, innovation, its variance.
+        position_rejected_for: row of the time of rejected position fixes.
+        position_admitted: row of the number of admitted ones.
+        twist: row of the twist's first component.
+        motion: row of the first value of `MOTION`.
+        fixed: place of the first parameter among the constants.
+        interval: place of the interval of the IMU among them.
+        slip_shares: place of the first factor on the slip of an evaluated twist among them.
+        row_count: number of rows.
+        constant_count: number of constants.
+    """
+
+    kernels: Any
+    size: int
+    state_count: int
+    parameter_count: int
+    states: Any
+    parameters: Any
+    x: Any
+    P: Any
+    by_state: Any
+    regressors: int
+    memory: int
+    memory_size: int
+    stood: int
+    slip_factor: int
+    of_record: Any
+    imu_gates: Any
+    position_rejected_for: int
+    position_admitted: int
+    twist: int
+    motion: int
+    fixed: int
+    interval: int
+    slip_shares: int
+    row_count: int
+    constant_count: int
 
 
 class OneLane(NamedTuple):

@@ -160,7 +160,7 @@ class Step:
         return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]
 
     def _shares(self) -> list[Any]:
-        """Shares of the slip in its mean over the step, which is measured, and moves the robot."""
+        """Shares of the slip in its mean over the step, which moves the robot."""
         is_moment = self.kind.imu and not self.kind.moves
         return [1.0, 1.0, 1.0] if is_moment else [one.mean for one in self._fades()]
 

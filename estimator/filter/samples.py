@@ -1,12 +1,20 @@
-"""Samples as arrays, and what was processed of them."""
+"""Samples as arrays, and rows of estimates between them."""
 
 from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from icreckon.estimator.base.array_types import Floats, Stamps
-from icreckon.estimator.log.input_checks import RANKS
+from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED, RANKS
+from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
+from icreckon.estimator.log.series import TrackSpeedSeries
+
+NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
+# Places in `RunRows.progress`.
+COUNT, WRITTEN, DUE, NEWEST = range(4)
 
 
 class SampleArrays(NamedTuple):
@@ -35,6 +43,21 @@ class SampleArrays(NamedTuple):
         streams = (TrackSpeeds, self.track_stamps, tracks), (ImuSample, self.imu_stamps, imu)
         return max((int(at[count - 1]), RANKS[kind]) for kind, at, count in streams if count)
 
+    @property
+    def first(self) -> int | None:
+        """Stamp of the first sample [ns]; None if there is none."""
+        firsts = [int(one[0]) for one in (self.track_stamps, self.imu_stamps) if len(one)]
+        return min(firsts) if firsts else None
+
+    def split(self, stamp: int) -> tuple[SampleArrays, SampleArrays]:
+        """Samples up to a stamp [ns], and those after it."""
+        tracks, imu = (
+            int(np.searchsorted(one, stamp, "right"))
+            for one in (self.track_stamps, self.imu_stamps)
+        )
+        up_to: Any = (*(one[:tracks] for one in self[:4]), *(one[:imu] for one in self[4:]))
+        return SampleArrays(*up_to), self.after(tracks, imu)
+
     def after(self, tracks: int, imu: int) -> SampleArrays:
         """Samples without so many track speeds and IMU samples at the start."""
         left: Any = (*(one[tracks:] for one in self[:4]), *(one[imu:] for one in self[4:]))
@@ -55,3 +78,73 @@ class Sampled(NamedTuple):
     imu: int
     rates_used: int
     stood: int
+
+
+class RunRows(NamedTuple):
+    """Rows of a run, one after each pair of track speeds, as arrays.
+
+    Attributes:
+        stamps: (n,) stamps of the estimates [ns].
+        states: (n, SIZE) states.
+        sigmas: (n, SIZE) their standard deviations.
+        pose_covariances: (n, 3, 3) covariances of the pose.
+        twists: (n, 3) v_x, v_y [m/s], w [rad/s].
+        twist_covariances: (n, 3, 3) their covariances.
+        indices: (n, 3) zeta [m], epsilon [m], eta [-].
+        innovations: (n, 3) newest normalised innovation of each gate of the IMU since the row before, NaN
+            if there was none.
+        judged: (3,) stamps of those in the newest row that has one [ns].
+        progress: (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, stamp of the
+            newest measurement [ns].
+    """
+
+    stamps: Stamps
+    states: Floats
+    sigmas: Floats
+    pose_covariances: Floats
+    twists: Floats
+    twist_covariances: Floats
+    indices: Floats
+    innovations: Floats
+    judged: Stamps
+    progress: Stamps
+
+
+def samples_of(log: Log) -> SampleArrays:
+    """Track speeds and IMU samples of a log."""
+    tracks, imu = log.tracks, log.imu
+    speeds, left, right = map(np.ascontiguousarray, (tracks.speeds, *wheels_of(tracks)))
+    stamps, rates, forces = NO_STAMPS, np.zeros((0, 3)), np.zeros((0, 3))
+    if imu is not None:
+        stamps, rates, given = imu.stamps, imu.angular_velocity, imu.linear_acceleration
+        forces = np.full(rates.shape, np.nan) if given is None else given
+    rates, forces = np.ascontiguousarray(rates), np.ascontiguousarray(forces)
+    return SampleArrays(tracks.stamps, speeds, left, right, stamps, rates, forces)
+
+
+def wheels_of(tracks: TrackSpeedSeries) -> tuple[Floats, Floats]:
+    """Speeds (n, k) and (n, m) of the left and the right wheels [m/s], if known."""
+    if tracks.left_wheels is None or tracks.right_wheels is None:
+        return np.zeros((len(tracks.stamps), 0)), np.zeros((len(tracks.stamps), 0))
+    return tracks.left_wheels, tracks.right_wheels
+
+
+def are_in_order(samples: SampleArrays) -> bool:
+    """Return True if the stamps of both streams rise."""
+    return all((np.diff(one) > 0).all() for one in (samples.track_stamps, samples.imu_stamps))
+
+
+def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
+    """Return True if a log has readings that are rejected before the gates.
+
+    Args:
+        log: the log.
+        max_track_speed: highest track speed of the robot, or of the slowest of several [m/s].
+    """
+    imu, fastest = log.imu, ABSURD_SPEED * max_track_speed
+    readings = [(values, fastest) for values in (log.tracks.speeds, *wheels_of(log.tracks))]
+    if imu is not None:
+        readings.append((imu.angular_velocity, ABSURD_RATE))
+        if imu.linear_acceleration is not None:
+            readings.append((imu.linear_acceleration, ABSURD_FORCE))
+    return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)

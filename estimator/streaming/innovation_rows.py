@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.filter.health import Judged
-from icreckon.estimator.sensors.measurement_models import innovation_components
+from icreckon.estimator.sensors.measurement_models import IMU_SENSORS, innovation_components
 
 Singles = NDArray[np.float32]
 
@@ -31,15 +32,21 @@ class InnovationRows:
         self._written: dict[str, int] = {}
 
     def put(self, row: int, judged: Iterable[tuple[str, Judged]]) -> None:
-        """Fill a row with those of the newest innovations that are in no row yet."""
+        """Fill a row with those of the newest innovations of fixes that are in no row yet."""
         for sensor, (stamp, _, residual, covariance) in judged:
-            if self._written.get(sensor) == stamp:
+            if sensor in IMU_SENSORS or self._written.get(sensor) == stamp:
                 continue
             self._written[sensor] = stamp
             for axis, name in enumerate(self._components[sensor]):
                 variance = covariance[axis][axis]
                 if variance > 0.0:
                     self.column(name)[row] = residual[axis] / math.sqrt(variance)
+
+    def put_all(self, names: Sequence[str], values: Floats) -> None:
+        """Fill columns (most, n) of components, but for those without any innovation."""
+        for name, column in zip(names, values.T, strict=True):
+            if not np.isnan(column).all():
+                self._columns[name] = column.astype(np.float32)
 
     def column(self, name: str) -> Singles:
         """Column (most,) of a component, NaN if nothing was written."""

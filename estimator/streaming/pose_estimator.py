@@ -16,7 +16,7 @@ from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.health import TOO_OLD, Health, Judged, ParameterHealth
 from icreckon.estimator.filter.process_noise import twist_covariance
-from icreckon.estimator.filter.samples import SampleArrays
+from icreckon.estimator.filter.samples import RunRows, SampleArrays
 from icreckon.estimator.log.input_checks import (
     RANKS,
     STREAMS,
@@ -214,6 +214,10 @@ class PoseEstimator:
         health.track_latency = self._stamps.health()
         return health
 
+    def write_row(self, rows: RunRows) -> None:
+        """Fill the next row of a run."""
+        self._reckoning.write_row(rows)
+
     def newest_judged(self) -> list[tuple[str, Judged]]:
         """Newest innovation of each sensor with a gate, without a copy of `health`."""
         return self._reckoning.newest_judged()
@@ -320,14 +324,13 @@ class PoseEstimator:
         self._arrivals.sensor(stream).late += 1
         return history.insert(key, measurement)
 
-    def feed_samples(self, samples: SampleArrays) -> tuple[int, int, int]:
+    def feed_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
         """Update with plausible samples, newer than all; the history begins after them.
 
         Returns:
-            Number of track speeds and of IMU samples that were processed, fewer than there are if the
-            next one is out of the ordinary; and number of measurements that were used.
+            Number of track speeds and of IMU samples up to one out of the ordinary; number of used ones.
         """
-        tracks, imu, used = self._reckoning.take_samples(samples)
+        tracks, imu, used = self._reckoning.take_samples(samples, rows)
         if tracks or imu:
             self._history.begin_anew(samples.newest(tracks, imu), self._reckoning.checkpoint())
         return tracks, imu, used

@@ -38,9 +38,9 @@ from icreckon.estimator.filter.health import (
     add_findings,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.process_noise import twist_covariance
+from icreckon.estimator.filter.process_noise import slip_times, twist_covariance
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
-from icreckon.estimator.filter.samples import SampleArrays
+from icreckon.estimator.filter.samples import RunRows, SampleArrays
 from icreckon.estimator.log.input_checks import STREAMS, Admission, Event
 from icreckon.estimator.log.measurements import (
     ImuSample,
@@ -52,7 +52,7 @@ from icreckon.estimator.log.measurements import (
     Vector3,
 )
 from icreckon.estimator.motion.motion_model import TwistModel
-from icreckon.estimator.motion.propagation import step_on_se2
+from icreckon.estimator.motion.propagation import gauss_markov, step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant, state_names
@@ -253,6 +253,10 @@ class Reckoning:
         noise = record.settings.gyro_noise_density**2 / record.imu.interval
         return Snapshot(*motion, rates, P[np.ix_(biases, biases)] + noise * np.eye(2))
 
+    def write_row(self, rows: RunRows) -> None:
+        """Fill the next row of a run with the estimate."""
+        self._steps.write_row(rows)
+
     def parameter_health(self) -> Floats:
         """Uncertainty (9, 3) of the parameters, see `ParameterHealth`."""
         now, start = np.sqrt(np.diagonal(self.ekf.P)[s.PARAMETERS]), self.parameter_sigmas
@@ -340,11 +344,14 @@ class Reckoning:
         self._counts.standstill_updates += self._record.stands
         return used > 0
 
-    def take_samples(self, samples: SampleArrays) -> tuple[int, int, int]:
-        """Update with samples, see `PoseEstimator.feed_samples`."""
-        if self.ekf.clones is not None or self.ekf.regressors is None or self._own_faults:
+    def take_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
+        """Update with samples, and fill rows, see `PoseEstimator.feed_samples`."""
+        ekf = self.ekf
+        has_watchers = ekf.clones is not None or ekf.observer is not None or bool(self._own_faults)
+        if has_watchers or ekf.regressors is None:
             return 0, 0, 0
-        found = self._steps.take_samples(samples, self._mounting, uses_force=self._uses_force)
+        arrays = samples, self._mounting, rows
+        found = self._steps.take_samples(*arrays, uses_force=self._uses_force)
         self._counts.sensor("tracks").used += found.tracks
         self._counts.standstill_updates += found.stood
         return found.tracks, found.imu, found.tracks + found.rates_used
@@ -481,13 +488,20 @@ class Reckoning:
             return predictions.height_now(x)
         if quantity == "pose" and not ahead:
             return predictions.pose_now(x)
-        model = self.model()
+        elapsed = (stamp - self._start(stamp)) * NANOSECOND
+        if quantity == "pose" and elapsed > 0.0:
+            # The mean of the slip, which fades meanwhile, moves the robot.
+            times = slip_times(self._disturbances.slip.time_constant, self._record.slip_factor)
+            shares = [gauss_markov(elapsed, tau).mean for tau in times]
+            model = self.ekf.twist_model(*self.track_speeds, (shares[0], shares[1], shares[2]))
+        else:
+            model = self.model()
         if not ahead:
             return predictions.twist_now(model)
         density = self._fast_slip_density(stamp, model)
         if quantity == "twist":
             return predictions.twist_ahead(x, model, density, self.imu_interval)
-        return predictions.pose_ahead(x, model, density, (stamp - self._start(stamp)) * NANOSECOND)
+        return predictions.pose_ahead(x, model, density, elapsed)
 
     def pose_ahead(self, stamp: int) -> Prediction:
         """Predict the pose at a later stamp [ns]."""

@@ -3,20 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
-from icreckon.estimator.filter.health import Health, Judged
+from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.filter.health import Health
+from icreckon.estimator.filter.samples import (
+    COUNT,
+    DUE,
+    NEWEST,
+    NO_STAMPS,
+    WRITTEN,
+    RunRows,
+    SampleArrays,
+    are_in_order,
+    has_absurd_readings,
+    samples_of,
+)
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import TrackSpeeds
-from icreckon.estimator.log.series import require_part
+from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
+from icreckon.estimator.log.series import TrackSpeedSeries, require_part
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.motion.pose3d import spatial_of
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import state_names
+from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
 from icreckon.estimator.streaming.innovation_rows import InnovationRows
 from icreckon.estimator.streaming.lost import loss_of, stopped_by
 from icreckon.estimator.streaming.outputs import Run, Snapshot
@@ -24,6 +41,8 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 # Number of measurements between two reports of progress.
 PROGRESS_EVERY = 500
+# Time of samples that are fed one by one where arrays stop [ns].
+AT_ONCE = 100_000_000
 
 
 def run(
@@ -58,8 +77,6 @@ def run(
     return work_through(log, estimator, progress)
 
 
-# NaN is found afterwards, see `icreckon.estimator.streaming.lost`.
-@np.errstate(all="ignore")
 def work_through(
     log: Log,
     estimator: PoseEstimator,
@@ -73,7 +90,7 @@ def work_through(
         log: the measurements; its truth is not used.
         estimator: new estimator.
         progress: called from time to time with the stamp that was reached [ns].
-        at_row: called after each row.
+        at_row: called after each row; measurements are then fed one by one.
 
     Raises:
         EstimatorError: a log without track speeds.
@@ -83,42 +100,106 @@ def work_through(
         raise EstimatorError(
             f"log {log.name!r} holds no track speeds: there is nothing to reckon with"
         )
-    rows = Rows(len(log.tracks.stamps))
-    count, written = 0, None
-
-    def write_row() -> None:
-        nonlocal count, written
-        rows.put(count, estimator.snapshot(), estimator.newest_judged())
-        count, written = count + 1, estimator.stamp
-        if at_row is not None:
-            at_row()
-
-    def finished() -> Run:
-        names = state_names(estimator.variant)
-        return rows.finish(count, estimator.variant.name, names, estimator.health)
-
-    due, newest = False, log.start
-    for number, measurement in enumerate(log.measurements()):
-        try:
-            if due and measurement.stamp > newest and estimator.stamp != written:
-                write_row()
-                due = False
-            newest = measurement.stamp
-            used = estimator.feed(measurement)
-        except IcreckonError:
-            raise
-        except Exception as problem:
-            raise stopped_by(problem, finished(), log.start, measurement.stamp) from problem
-        due |= used and isinstance(measurement, TrackSpeeds)
-        if progress is not None and number % PROGRESS_EVERY == 0:
-            progress(measurement.stamp)
-    if due and estimator.stamp != written:
-        write_row()
-    done = finished()
+    working = _Working(log, estimator, progress, at_row)
+    samples = samples_of(log)
+    fastest = estimator.robot.vehicle.max_track_speed
+    is_plain = at_row is None and are_in_order(samples) and not estimator.has_own_faults
+    # NaN is found afterwards, see `icreckon.estimator.streaming.lost`.
+    with np.errstate(all="ignore"):
+        if is_plain and len(samples.imu_stamps) and not has_absurd_readings(log, fastest):
+            working.feed_arrays(samples)
+        else:
+            working.feed_each(log.measurements())
+        done = working.finished()
     lost = loss_of(done, log.start)
     if lost is not None:
         raise lost
     return done
+
+
+class _Working:
+    """Work on a run."""
+
+    def __init__(
+        self,
+        log: Log,
+        estimator: PoseEstimator,
+        progress: Callable[[int], None] | None,
+        at_row: Callable[[], None] | None,
+    ) -> None:
+        self._log, self._estimator, self._progress, self._at_row = log, estimator, progress, at_row
+        self._rows = Rows(len(log.tracks.stamps))
+        self._fed = 0
+
+    def finished(self) -> Run:
+        """Run of all that was fed, with a row for the newest track speeds."""
+        self._write_row_if_due(None)
+        return self._so_far()
+
+    def _so_far(self) -> Run:
+        estimator, rows = self._estimator, self._rows
+        names, count = state_names(estimator.variant), int(rows.arrays.progress[COUNT])
+        return rows.finish(count, estimator.variant.name, names, estimator.health)
+
+    def _write_row_if_due(self, stamp: int | None) -> None:
+        """Write a row if one is due before a measurement at a stamp [ns], or at the end."""
+        rows, estimator = self._rows, self._estimator
+        progress = rows.arrays.progress
+        is_later = stamp is None or stamp > progress[NEWEST]
+        if progress[DUE] and is_later and estimator.stamp != progress[WRITTEN]:
+            rows.innovations.put(int(progress[COUNT]), estimator.newest_judged())
+            estimator.write_row(rows.arrays)
+            if self._at_row is not None:
+                self._at_row()
+
+    def feed_each(self, measurements: Iterable[Measurement]) -> None:
+        """Feed measurements one by one."""
+        progress = self._rows.arrays.progress
+        for measurement in measurements:
+            stamp = measurement.stamp
+            try:
+                self._write_row_if_due(stamp)
+                progress[NEWEST] = stamp
+                used = self._estimator.feed(measurement)
+            except IcreckonError:
+                raise
+            except Exception as problem:
+                raise stopped_by(problem, self._so_far(), self._log.start, stamp) from problem
+            if used and isinstance(measurement, TrackSpeeds):
+                progress[DUE] = 1
+            self._fed += 1
+            if self._progress is not None and self._fed % PROGRESS_EVERY == 0:
+                self._progress(stamp)
+
+    def feed_arrays(self, samples: SampleArrays) -> None:
+        """Feed samples as arrays between the other measurements of the log."""
+        log = self._log
+        alone = replace(log, fixes=None, others=(), truth=None)
+        none = TrackSpeedSeries(NO_STAMPS, np.zeros((0, 2)))
+        others = replace(log, tracks=none, imu=None, truth=None)
+        for other in chain(others.measurements(), [None]):
+            end = log.end if other is None else other.stamp
+            part, samples = samples.split(end)
+            while part.first is not None:
+                part = self._fed_as_arrays(part)
+                if part.first is not None:
+                    # The next sample needs more than a step, or the first step has to come.
+                    to = min(part.first + AT_ONCE, end)
+                    self.feed_each(alone.between(part.first, to).measurements())
+                    _, part = part.split(to)
+            if other is not None:
+                self.feed_each([other])
+
+    def _fed_as_arrays(self, part: SampleArrays) -> SampleArrays:
+        """Feed samples; return those that are left."""
+        rows, estimator = self._rows, self._estimator
+        row, judged = int(rows.arrays.progress[COUNT]), estimator.newest_judged()
+        tracks, imu, _ = estimator.feed_samples(part, rows.arrays)
+        if rows.arrays.progress[COUNT] > row:
+            rows.innovations.put(row, judged)
+        if self._progress is not None and tracks + imu:
+            self._progress(int(rows.arrays.progress[NEWEST]))
+        return part.after(tracks, imu)
 
 
 class Rows:
@@ -128,56 +209,42 @@ class Rows:
         most: highest number of rows.
 
     Attributes:
-        stamps: (n,) stamps of the estimates [ns].
-        indices: (n, 3) zeta [m], epsilon [m], eta [-].
-        states: (n, SIZE) states.
-        sigmas: (n, SIZE) their standard deviations.
-        pose_covariances: (n, 3, 3) covariances of the pose.
-        twists: (n, 3) v_x, v_y [m/s], w [rad/s].
-        twist_covariances: (n, 3, 3) their covariances.
-        innovations: normalised innovations.
+        arrays: the rows without innovations of fixes.
+        innovations: normalised innovations of the fixes.
     """
 
     def __init__(self, most: int) -> None:
-        self.stamps = np.zeros(most, dtype=np.int64)
-        self.indices = np.zeros((most, 3))
-        self.states = np.zeros((most, s.SIZE))
-        self.sigmas = np.zeros((most, s.SIZE))
-        self.pose_covariances = np.zeros((most, 3, 3))
-        self.twists = np.zeros((most, 3))
-        self.twist_covariances = np.zeros((most, 3, 3))
+        stamps, n = np.zeros(most, dtype=np.int64), s.SIZE
+        shapes: tuple[tuple[int, ...], ...] = ((n,), (n,), (3, 3), (3,), (3, 3), (3,))
+        judged, progress = np.full(3, NEVER), np.array([0, NEVER, 0, NEVER])
+        values: list[Any] = [np.zeros((most, *shape)) for shape in shapes]
+        values += [np.full((most, 3), np.nan), judged, progress]
+        self.arrays = RunRows(stamps, *values)
         self.innovations = InnovationRows(most)
 
-    def put(self, row: int, estimate: Snapshot, judged: Iterable[tuple[str, Judged]] = ()) -> None:
-        """Fill a row with an estimate and the newest innovation of each sensor."""
-        self.innovations.put(row, judged)
-        self.stamps[row] = estimate.stamp
-        self.states[row] = estimate.state
-        self.sigmas[row] = np.sqrt(np.diagonal(estimate.covariance))
-        self.pose_covariances[row] = estimate.covariance[s.POSE, s.POSE]
-        self.twists[row] = estimate.twist
-        self.twist_covariances[row] = estimate.twist_covariance
-        self.indices[row] = estimate.indices
+    def put(self, row: int, estimate: Snapshot) -> None:
+        """Fill a row with an estimate."""
+        rows = self.arrays
+        rows.stamps[row] = estimate.stamp
+        rows.states[row] = estimate.state
+        rows.sigmas[row] = np.sqrt(np.diagonal(estimate.covariance))
+        rows.pose_covariances[row] = estimate.covariance[s.POSE, s.POSE]
+        rows.twists[row] = estimate.twist
+        rows.twist_covariances[row] = estimate.twist_covariance
+        rows.indices[row] = estimate.indices
 
     def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
         """Run of the first `count` rows."""
-        filled = slice(0, count)
-        states, sigmas = self.states[filled], self.sigmas[filled]
+        self.innovations.put_all(IMU_SENSORS, self.arrays.innovations)
+        rows, filled = self.arrays, slice(0, count)
+        states, sigmas = rows.states[filled], rows.sigmas[filled]
         trajectory = Trajectory(
-            self.stamps[filled],
+            rows.stamps[filled],
             states[:, s.POSE],
-            self.pose_covariances[filled],
-            self.twists[filled],
-            self.twist_covariances[filled],
+            rows.pose_covariances[filled],
+            rows.twists[filled],
+            rows.twist_covariances[filled],
             *spatial_of(states, sigmas),
         )
-        return Run(
-            variant,
-            trajectory,
-            self.indices[filled],
-            state_names,
-            states,
-            sigmas,
-            health,
-            *self.innovations.finish(count),
-        )
+        indices, innovations = rows.indices[filled], self.innovations.finish(count)
+        return Run(variant, trajectory, indices, state_names, states, sigmas, health, *innovations)

@@ -336,9 +336,10 @@ class _Tape:
                     model.motion.indices,
                 ),
             )
-        poses = rows.states[:, s.POSE]
+        states = rows.arrays.states
+        poses = states[:, s.POSE]
         if count:
-            rows.states[:, s.POSE] = unstretched(
+            states[:, s.POSE] = unstretched(
                 filtered.trajectory.poses, poses, min(self._row_of_fix, count - 1)
             )
         return rows.finish(

@@ -12,10 +12,9 @@ import typer
 from icreckon.cli.common.console import progress, say, worker_count
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.worker_processes import worker_processes
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
 from icreckon.estimator.tracing.kernel_cache import cache_folder, kernel_files, why_not_kept
 from icreckon.simulation.running import batch_engine
 from icreckon.simulation.scenario import Scenario
@@ -51,15 +50,13 @@ def command(
     for name, variant in VARIANTS.items():
         models.setdefault(variant.model, []).append(name)
     tasks = [("streaming", *models[model]) for model in reversed(models)]
-    tasks += [("long logs", name) for name in reversed(VARIANTS)]
     tasks += [("study", name) for name in study_names()]
     count = min(workers or min(worker_count(None), MOST_WORKERS), len(tasks))
     say(f"compiling with {count} processes")
-    # The first of each kind compile what all others load.
-    first = [next(task for task in tasks if task[0] == kind) for kind in ("streaming", "long logs")]
-    rest, number = [task for task in tasks if task not in first], 0
+    number = 0
     with progress("compiling") as report, worker_processes(count) as pool:
-        for tasks_at_once in (first, rest):
+        # The first compiles what all others load.
+        for tasks_at_once in (tasks[:1], tasks[1:]):
             submitted = {pool.submit(_compile, *task): task for task in tasks_at_once}
             for done in as_completed(submitted):
                 done.result()
@@ -77,16 +74,14 @@ def _compile(kind: str, *names: str) -> None:
     for name in names:
         match kind:
             case "streaming":
-                PoseEstimator(load_robot(ROBOT), name)
-            case "long logs":
-                _long_log(name)
+                _log(name)
             case _:
                 _study(name)
 
 
-def _long_log(variant: str) -> None:
+def _log(variant: str) -> None:
     robot = load_robot(ROBOT)
-    run_side_by_side(simulate(Scenario(duration=SECONDS, fix_rate=1.0), robot), robot, [variant])
+    run(simulate(Scenario(duration=SECONDS, fix_rate=1.0), robot), robot, variant)
 
 
 def _study(name: str) -> None:

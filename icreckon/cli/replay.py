@@ -30,7 +30,6 @@ from icreckon.cli.common.options import (
     robot_option,
 )
 from icreckon.cli.common.stopping import Stop
-from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -39,7 +38,7 @@ from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.base.outputs import MANIFEST
 from icreckon.replay.checking.robot_check import check_robot
-from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, ENGINES
+from icreckon.replay.comparison.compare import DEFAULT_VARIANTS
 from icreckon.replay.comparison.fixes import parse_part
 from icreckon.replay.comparison.many import (
     Case,
@@ -143,13 +142,6 @@ def command(
             "as variants NAME-smoothed.",
         ),
     ] = False,
-    engine: Annotated[
-        str,
-        typer.Option(
-            help="Engine: streaming, one variant after the other; batch, all at once; or auto, batch "
-            "for long logs."
-        ),
-    ] = "auto",
     formats: Formats = None,
     out: Out = None,
     as_json: Json = False,
@@ -176,15 +168,12 @@ def command(
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
         find_variant(name)
-    if engine not in ENGINES:
-        raise ReplayError(f"--engine {engine!r}{nearest_hint(engine, list(ENGINES))}")
     settings = Settings()
     options = {
         "variants": names,
         "settings": settings,
         "fixes": None if fixes is None else parse_part(fixes),
         "smooth": smooth,
-        "engine": engine,
         "formats": parse_formats(formats),
         "workers": workers,
     }

@@ -15,7 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeVar
 
-from icreckon.estimator.base.errors import IcreckonError, nearest_hint
+from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.estimator.log.log import Log
@@ -49,15 +49,11 @@ DEFAULT_VARIANTS = tuple(VARIANTS)
 # Variant against which the lag and the lever arm of a truth are estimated.
 ALIGNMENT_VARIANT = "constant-online"
 POLL_SECONDS = 0.2
-# IMU samples from which the batch engine pays off: the streaming filter runs through these in the time
-# of compiling a variant for the first time.
-MANY_SAMPLES = 200_000
 # Measurements of all variants together from which processes pay off, if the kernels are compiled: one
 # process runs through these in the time in which two start.
-MANY_MEASUREMENTS = 60_000
+MANY_MEASUREMENTS = 700_000
 # Time of smoothing over that of filtering.
 OF_SMOOTHING = 3
-ENGINES = ("auto", "batch", "streaming")
 
 Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.
@@ -94,7 +90,6 @@ def compare(
     settings: Settings | None = None,
     fixes: LogPart | str | None = None,
     smooth: bool = False,
-    engine: str = "auto",
     workers: int = 1,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -103,10 +98,6 @@ def compare(
 
     The lag and lever arm of a logged truth (one without twists) are removed first. Runs start at the
     truth's pose if there is one, otherwise at the pose from the fixes or at the origin.
-
-    The variants run in one batch over a log of `MANY_SAMPLES` IMU samples or more; see
-    `icreckon.estimator.batch.replay`. Exceptions are logs with data that only the streaming filter
-    supports, and smoothing. The results agree to rounding; `engine` overrides the choice.
 
     A variant that is lost or raises an exception has no run; `Comparison.failed` lists it, and the others
     continue.
@@ -122,32 +113,25 @@ def compare(
         fixes: part of the log in which fixes are used, as "0:40%" or "12:90" (seconds), or from
             `parse_part`; None for all logged fixes. Without a truth, the others are scored against.
         smooth: whether each run is smoothed, too, see `icreckon.estimator.streaming.smoother`.
-        engine: "auto", as above; "batch", for a log of any length; or "streaming".
-        workers: number of processes for the variants; 1 runs them in this one. A batch always runs in
-            this process.
+        workers: number of processes for the variants; 1 runs them in this one.
         executor: executor that runs the variants instead, such as
             `dask.distributed.Client(address).get_executor()` (extra `cluster`).
         progress: called periodically with the share that is done, 0 to 1.
 
     Raises:
         EstimatorError: no such variant, a log without track speeds, or an argument of another type.
-        ReplayError: no such engine, fixes were requested that the log lacks, or every variant failed.
-        BatchError: the engine "batch" does not support this log; the message gives the reason.
+        ReplayError: fixes were requested that the log lacks, or every variant failed.
     """
     require_part("log", log, Log)
     require_robot(robot)
     report = progress or _unreported
-    if engine not in ENGINES:
-        raise ReplayError(f"no engine named {engine!r}{nearest_hint(engine, list(ENGINES))}")
     variants = (variants,) if isinstance(variants, str) else tuple(variants)
     fixes = parse_part(fixes) if isinstance(fixes, str) else fixes
     for name in variants:
         find_variant(name)
     if fixes is not None:
         log = with_truth_of_fixes(log)
-    log, alignment = _aligned(
-        _without_false_headings(log, robot), robot, variants, settings, engine
-    )
+    log, alignment = _aligned(_without_false_headings(log, robot), robot, variants, settings)
     if fixes is not None:
         log = with_fixes_within(log, fixes)
     start, sigma = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -158,7 +142,7 @@ def compare(
         start, sigma = _first_found(
             variants, lambda name: start_from_fixes(log, robot, name, settings)
         )
-    task = _Task(log, robot, settings, start, sigma, smooth, engine)
+    task = _Task(log, robot, settings, start, sigma, smooth)
     if executor is not None:
         runs = _on_executor(task, variants, executor, report)
     else:
@@ -210,13 +194,13 @@ def _without_false_headings(log: Log, robot: Robot) -> Log:
 
 
 def _aligned(
-    log: Log, robot: Robot, variants: Sequence[str], settings: Settings | None, engine: str
+    log: Log, robot: Robot, variants: Sequence[str], settings: Settings | None
 ) -> tuple[Log, TruthAlignment | None]:
     """Log with a logged truth aligned; without it if its headings cannot be found."""
     truth = log.truth
     if truth is None or (truth.twists is not None and truth.headings):
         return log, None
-    unaided = _Task(replace(log, fixes=None), robot, settings, engine=engine)
+    unaided = _Task(replace(log, fixes=None), robot, settings)
     reckoned = _first_found(variants, unaided.only_run)
     found = align_truth(truth, reckoned.trajectory, imu=log.imu)
     if not truth.headings and found.headings is None:
@@ -270,7 +254,6 @@ class _Task:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
     smooth: bool = False
-    engine: str = "auto"
 
     def run(self, variant: str, progress: Progress) -> Outcome:
         begin, length = self.log.start, max(1, self.log.end - self.log.start)
@@ -313,17 +296,11 @@ class _Task:
 def _in_any_way(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
-    """Run the variants: a batch of those that support it, then the others one by one."""
-    together = _side_by_side(task, variants, progress)
-    others = [name for name in variants if name not in together]
-    in_processes = workers > 1 and len(others) > 1 and not OWN_FAULTS
-    if in_processes and _processes_pay_off(task, len(others)):
-        runs = _in_processes(task, others, workers, progress)
-    else:
-        runs = _here(task, others, progress)
-    found = {name: task.checked((one,)) for name, one in together.items()}
-    found |= dict(zip(others, runs, strict=True))
-    return [found[name] for name in variants]
+    """Run the variants, in processes if that pays off, or one by one."""
+    in_processes = workers > 1 and len(variants) > 1 and not OWN_FAULTS
+    if in_processes and _processes_pay_off(task, len(variants)):
+        return _in_processes(task, variants, workers, progress)
+    return _here(task, variants, progress)
 
 
 def _processes_pay_off(task: _Task, variants: int) -> bool:
@@ -332,33 +309,6 @@ def _processes_pay_off(task: _Task, variants: int) -> bool:
     count = len(log.tracks.stamps) + (0 if log.imu is None else len(log.imu.stamps))
     work = variants * count * (OF_SMOOTHING if task.smooth else 1)
     return work >= MANY_MEASUREMENTS or not kernel_files()
-
-
-def _side_by_side(task: _Task, variants: Sequence[str], progress: Progress) -> dict[str, Run]:
-    """Run the variants in one batch; return none if it is unsupported."""
-    log = task.log
-    samples = 0 if log.imu is None else len(log.imu.stamps)
-    fits = task.engine == "batch" or (task.engine == "auto" and samples >= MANY_SAMPLES)
-    if task.smooth or not variants or not fits:
-        return {}
-    from icreckon.estimator.base.errors import BatchError
-    from icreckon.estimator.batch.replay import run_side_by_side
-
-    begin, length = log.start, max(1, log.end - log.start)
-    try:
-        return run_side_by_side(
-            log,
-            task.robot,
-            variants,
-            settings=task.settings,
-            start=task.start,
-            start_sigma=task.start_sigma,
-            progress=lambda stamp: progress((stamp - begin) / length),
-        )
-    except (BatchError, ArithmeticError):
-        if task.engine == "batch":
-            raise
-        return {}
 
 
 def _here(task: _Task, variants: Sequence[str], progress: Progress) -> list[Outcome]:

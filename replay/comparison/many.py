@@ -89,7 +89,6 @@ def compare_many(
     settings: Settings | None = None,
     fixes: LogPart | str | None = None,
     smooth: bool = False,
-    engine: str = "auto",
     workers: int = 1,
     on_comparison: Callable[[Case, Comparison], None] | None = None,
 ) -> Results:
@@ -106,7 +105,6 @@ def compare_many(
         settings: settings of the pose estimator.
         fixes: part of each log in which fixes are used, as for `compare`.
         smooth: whether each run is smoothed, too.
-        engine: as for `compare`.
         workers: number of processes for the variants of a log.
         on_comparison: called with labels and runs of each log and robot.
 
@@ -133,7 +131,6 @@ def compare_many(
                     settings=settings,
                     fixes=fixes,
                     smooth=smooth,
-                    engine=engine,
                     workers=workers,
                 )
                 drifts = comparison_drifts(comparison)

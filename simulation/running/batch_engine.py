@@ -15,10 +15,11 @@ from msgspec import msgpack
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.batch.front_end import Measured
-from icreckon.estimator.batch.inputs import has_absurd_readings, measured_of
+from icreckon.estimator.batch.inputs import measured_of
 from icreckon.estimator.batch.runs import Worked, side_by_side, work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import Steps, steps_of, why_not_steps
+from icreckon.estimator.filter.samples import has_absurd_readings
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries

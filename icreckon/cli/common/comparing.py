@@ -40,7 +40,6 @@ def compare_and_write(
     settings: Settings | None = None,
     fixes: LogPart | None = None,
     smooth: bool = False,
-    engine: str = "auto",
     seed: int | None = None,
     formats: Sequence[str] = DEFAULT_FORMATS,
     workers: int | None = None,
@@ -70,7 +69,6 @@ def compare_and_write(
             settings=settings,
             fixes=fixes,
             smooth=smooth,
-            engine=engine,
             workers=worker_count(workers),
             progress=report_progress,
         )

@@ -15,7 +15,6 @@ from faulty_drives import RESTS, with_free_track, with_free_tracks, with_rates, 
 from icreckon.estimator.base.state import FAST_SLIP, GRAVITY, Z
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.inputs import has_heading, measured_of
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.batch.runs import work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter
 from icreckon.estimator.engine.schedule import steps_of
@@ -34,13 +33,12 @@ from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Terrain
 from same_runs import (
-    FEW_DIGITS,
     ROBOT,
-    ROUNDING,
     assert_same_estimate,
     assert_same_run,
     drive,
     every,
+    fed_one_by_one,
     without,
 )
 
@@ -58,8 +56,6 @@ class Scene:
     variants: tuple[str, ...] = ("constant-online",)
     settings: Settings = DEFAULT
     robot: Robot = ROBOT
-    rounding: float = ROUNDING
-    stale: bool = False
     seen: Callable[[Run], bool] = lambda _: True
     start: tuple[float, float, float] = START["start"]
 
@@ -233,7 +229,7 @@ SCENES = {
     "fixes of a turned path that wander": Scene(
         lambda: with_fixes(turn), ("inertia-online",), WANDERING, seen=rejected("position", "gate")
     ),
-    "wrong headings": Scene(wrong_headings, rounding=FEW_DIGITS, seen=taken_back("heading")),
+    "wrong headings": Scene(wrong_headings, seen=taken_back("heading")),
     "an antenna": Scene(lambda: antenna(turned=False), ("inertia-online",)),
     "an antenna on a turned path": Scene(
         lambda: antenna(turned=True), seen=rejected("position", "gate")
@@ -248,12 +244,9 @@ SCENES = {
     "a fix with the first track speeds": Scene(lambda: first_fix_at(0)),
     "a fix 3 ms after the first track speeds": Scene(lambda: first_fix_at(3)),
     "a fix 6 ms after the first track speeds": Scene(lambda: first_fix_at(6)),
-    "track speeds that are seldom told": Scene(
-        lambda: every(drive(), "tracks", 25), rounding=FEW_DIGITS, stale=True
-    ),
+    "track speeds that are seldom told": Scene(lambda: every(drive(), "tracks", 25)),
     "a track that is stuck": Scene(
         lambda: with_stuck_track(drive()),
-        rounding=FEW_DIGITS,
         seen=lambda one: one.health.times["stuck"] > 0,
     ),
     "a gyro that jumps": Scene(
@@ -266,7 +259,7 @@ SCENES = {
         lambda: with_yaw_rates(slow_spike), ("inertia-online",), PATIENT, seen=taken_back("gyro")
     ),
     "track speeds that are held for a short time": Scene(
-        drive, ("inertia-online",), Settings(hold=0.02), stale=True
+        drive, ("inertia-online",), Settings(hold=0.02)
     ),
     "an IMU without accelerometers": Scene(
         without_forces, seen=lambda one: not {*ACCELEROMETERS} & {*one.health.sensors}
@@ -350,16 +343,12 @@ SCENES |= {
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_side_by_side_agrees_with_streaming(name: str) -> None:
+def test_runs_by_arrays_are_those_one_by_one(name: str) -> None:
     scene = SCENES[name]
-    log = scene.log()
-    runs = run_side_by_side(
-        log, scene.robot, scene.variants, settings=scene.settings, **scene.options()
-    )
-    assert list(runs) == list(scene.variants)
-    for variant, found in runs.items():
-        expected = run(log, scene.robot, variant, settings=scene.settings, **scene.options())
-        assert_same_run(found, expected, scene.rounding, stale=scene.stale)
+    log, options = scene.log(), {"settings": scene.settings, **scene.options()}
+    for variant in scene.variants:
+        expected = fed_one_by_one(log, scene.robot, variant, **options)
+        assert_same_run(run(log, scene.robot, variant, **options), expected)
     assert scene.seen(expected), expected.health
 
 
@@ -563,8 +552,7 @@ BLOCKS = {
 def test_lanes_agree_with_streaming(name: str) -> None:
     block = BLOCKS[name]
     # Studies leave out the height.
-    height = name != "inertia-online"
-    side_by_side = BatchFilter(block.robot, VARIANTS[block.variant], block.settings, height=height)
+    side_by_side = BatchFilter(block.robot, VARIANTS[block.variant], block.settings)
     streams = [streamed(log, block.robot, block.variant, block.settings) for log in block.logs()]
     logs = [block.logs()[k % len(streams)] for k in range(side_by_side.width)]
     measured = measured_of(logs, block.robot)
@@ -582,7 +570,7 @@ def test_lanes_agree_with_streaming(name: str) -> None:
     for lane in range(side_by_side.width):
         stream = streams[lane % len(streams)]
         x, P = side_by_side.state(worked.lanes, lane)
-        kept = [i for i in range(FAST_SLIP.start) if height or i != Z]
+        kept = [i for i in range(FAST_SLIP.start) if i != Z]
         sigma = np.sqrt(np.diagonal(stream.covariance))[kept]
         scale = np.where(sigma > 0.0, sigma, 1.0)
         assert np.abs((x[kept] - stream.state[kept]) / scale).max() < block.rounding

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from conftest import thorough
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.departing_fixes import (
     DEPARTURE_SIGMAS,
     Departure,
@@ -30,6 +29,7 @@ from icreckon.estimator.streaming.run import Run, run
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
+from same_runs import fed_one_by_one
 
 SECOND = 1_000_000_000
 SPEED, FASTEST, GAUGE = 0.5, 1.5, 1.2
@@ -287,8 +287,8 @@ def test_a_burst_of_wrong_fixes_does_not_move_the_pose(robot: Robot) -> None:
     places[burst, 0] += 54.0
     wrong = replace(log, fixes=FixSeries(log.fixes.stamps, places, log.fixes.variances))
     right = run(log, robot, "inertia-online")
-    (side,) = run_side_by_side(wrong, robot, ["inertia-online"]).values()
-    for one in (run(wrong, robot, "inertia-online"), side):
+    one_by_one = fed_one_by_one(wrong, robot, "inertia-online")
+    for one in (run(wrong, robot, "inertia-online"), one_by_one):
         moved = one.states[:, :2] - right.states[:, :2]
         assert np.hypot(*moved.T).max() < 0.2
         assert one.health.sensors["position"].rejected["gate"] == burst.sum()

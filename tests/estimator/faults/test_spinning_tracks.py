@@ -13,7 +13,6 @@ import faulty_drives
 from conftest import sample_log
 from faulty_drives import BEGINS, SECOND, VARIANTS, motion_over, with_free_track
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.faults.spinning_tracks import (
     LEFT,
     RIGHT,
@@ -31,6 +30,7 @@ from icreckon.estimator.faults.spinning_tracks import (
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -213,7 +213,7 @@ def test_health_names_the_track_while_it_spins(robot: Robot, drive: Log) -> None
 @pytest.mark.parametrize("trajectory", ["aggressive", "spin", "stop-and-go"])
 def test_no_false_alarm_in_ordinary_drives(trajectory: str, robot: Robot) -> None:
     log = simulate(Scenario(duration=60.0, seed=3, trajectory=trajectory, fix_rate=0.0), robot)
-    (gyro,) = run_side_by_side(log, robot, ["gyro"]).values()
+    gyro = run(log, robot, "gyro")
     assert not {"spinning", "sliding"} & gyro.health.times.keys()
 
 
@@ -221,7 +221,7 @@ def test_no_false_alarm_in_ordinary_drives(trajectory: str, robot: Robot) -> Non
 def test_no_false_alarm_on_real_logs(name: str, data_dir: Path) -> None:
     robot = load_robot(LOGS[name])
     log = read_log(sample_log(data_dir, name), robot)
-    (gyro,) = run_side_by_side(log, robot, ["gyro"]).values()
+    gyro = run(log, robot, "gyro")
     assert not {"spinning", "sliding"} & gyro.health.times.keys()
 
 

@@ -10,7 +10,6 @@ from _scoreboard_put import FAULTS, SECOND
 
 from faulty_drives import with_free_tracks
 from icreckon.estimator.batch.feed_arrays import feed_arrays
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import PositionFix
 from icreckon.estimator.log.scores import interpolate_poses
@@ -21,7 +20,7 @@ from icreckon.estimator.streaming.run import run
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
-from same_runs import assert_same_run
+from same_runs import assert_same_run, fed_one_by_one
 
 ALPHA, VARIANT = load_robot("auriga-alpha"), "inertia-online"
 TRACKS = (
@@ -123,8 +122,7 @@ def test_wrong_fixes_beside_a_fault_of_the_tracks_are_no_worse_than_none(names):
 )
 def test_a_log_at_once_is_that_sample_by_sample(names: tuple[str, ...]) -> None:
     log = with_faults(*names)
-    found = run_side_by_side(log, ALPHA, [VARIANT])[VARIANT]
-    assert_same_run(found, run(log, ALPHA, VARIANT))
+    assert_same_run(run(log, ALPHA, VARIANT), fed_one_by_one(log, ALPHA, VARIANT))
 
 
 @pytest.mark.parametrize("name", [*TRACKS[2:], IMU[2]])

@@ -25,7 +25,6 @@ from icreckon import (
 )
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import quaternion_to_rpy, rpy_to_quaternion
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.motion.pose3d import pose3d_of
 from icreckon.estimator.sensors.measurement_models import WITH_HEIGHT
@@ -47,7 +46,7 @@ def hills(seed: int, terrain: Terrain = HILLS, duration: float = 60.0) -> Log:
 
 def estimated(log: Log) -> Run:
     name = "inertia-online"
-    return run_side_by_side(replace(log, truth=None), ROBOT, [name])[name]
+    return run(replace(log, truth=None), ROBOT, name)
 
 
 def true_at(log: Log, stamps: np.ndarray) -> np.ndarray:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.batch.replay import run_side_by_side
 from icreckon.estimator.filter.ekf import SHARP
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
@@ -21,6 +20,7 @@ from icreckon.estimator.log.measurements import (
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000
@@ -119,8 +119,7 @@ def test_lanes_stay_positive_too(seed):
     """With fixes at random places."""
     settings = Settings(gates=GateSettings(patience=0))
     options = {"settings": settings, "start_sigma": (1e6, 1e6, 1e3)}
-    found = run_side_by_side(positions_alone(seed, 300), ALPHA, ("inertia-online",), **options)
-    trajectory = found["inertia-online"].trajectory
+    trajectory = run(positions_alone(seed, 300), ALPHA, "inertia-online", **options).trajectory
     for covariances in (trajectory.pose_covariances, trajectory.twist_covariances):
         flaws = [flaw(0.5 * (P + P.T)) for P in covariances]
         assert flaws == [None] * len(flaws)

@@ -285,7 +285,7 @@ def test_the_pose_in_map_is_the_replay_of_the_recording(live: Any, tmp_path: Pat
     messages, recording, _ = live
     out = tmp_path / "replayed"
     icreckon(
-        "replay", recording, "--robot", ROBOT, "--variants", VARIANT, "--engine", "streaming",
+        "replay", recording, "--robot", ROBOT, "--variants", VARIANT,
         "--formats", "csv", "--out", out,
     )  # fmt: skip
     in_map = {stamp_of(one.header): one.pose.pose for one in messages["/pose_in_map"]}

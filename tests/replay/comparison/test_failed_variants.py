@@ -14,7 +14,7 @@ from icreckon.cli.common.comparing import compare_and_report
 from icreckon.cli.common.console import exit_if_failed
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.lost import LostFilter
-from icreckon.estimator.streaming.outputs import Run, Snapshot
+from icreckon.estimator.streaming.outputs import Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison import compare as comparing
@@ -137,20 +137,6 @@ def test_smoothing_that_is_lost_leaves_the_filter(monkeypatch: pytest.MonkeyPatc
         found = compare(LOG, ROBOT, ("differential",), smooth=True)
     assert list(found.runs) == ["differential"]
     assert list(found.failed) == ["differential-smoothed"]
-
-
-def test_a_variant_that_is_lost_side_by_side_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = compare(LOG, ROBOT, VARIANTS).runs
-    lost_run = replace(made["inertia-online"], states=made["inertia-online"].states * np.nan)
-
-    def run_side_by_side(*_: Any, **__: Any) -> dict[str, Run]:
-        return made | {"inertia-online": lost_run}
-
-    monkeypatch.setattr("icreckon.estimator.batch.replay.run_side_by_side", run_side_by_side)
-    monkeypatch.setattr(comparing, "MANY_SAMPLES", 100)
-    found = compare(LOG, ROBOT, VARIANTS)
-    assert list(found.runs) == ["constant-online"]
-    assert found.failed["inertia-online"].reason == "estimate is not finite from 0.0 s on"
 
 
 def test_the_command_writes_what_it_has_and_exits_with_1(monkeypatch, tmp_path, capsys):
