@@ -243,8 +243,8 @@ def feed_samples(
 ) -> Any:
     """Take the steps of samples, see `Sampled`, and fill rows.
 
-    Arguments are those of `take_sample`. It stops before a sample after a gap, or at a stamp that the filter has reached, and if the buffers of
-    readings are full.
+    Arguments are those of `take_sample`. It stops before a sample after a gap, or at a stamp that the
+    filter has reached, and if the buffers of readings are full.
     """
     record = records[0]
     hold, tracks, samples, used, stood = record.settings.hold, 0, 0, 0, 0

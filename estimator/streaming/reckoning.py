@@ -488,20 +488,20 @@ class Reckoning:
             return predictions.height_now(x)
         if quantity == "pose" and not ahead:
             return predictions.pose_now(x)
-        elapsed = (stamp - self._start(stamp)) * NANOSECOND
-        if quantity == "pose" and elapsed > 0.0:
-            # The mean of the slip, which fades meanwhile, moves the robot.
-            times = slip_times(self._disturbances.slip.time_constant, self._record.slip_factor)
-            shares = [gauss_markov(elapsed, tau).mean for tau in times]
-            model = self.ekf.twist_model(*self.track_speeds, (shares[0], shares[1], shares[2]))
-        else:
-            model = self.model()
         if not ahead:
-            return predictions.twist_now(model)
+            return predictions.twist_now(self.model())
+        elapsed = (stamp - self._start(stamp)) * NANOSECOND
+        model = self.model_over(elapsed) if quantity == "pose" else self.model()
         density = self._fast_slip_density(stamp, model)
         if quantity == "twist":
             return predictions.twist_ahead(x, model, density, self.imu_interval)
         return predictions.pose_ahead(x, model, density, elapsed)
+
+    def model_over(self, elapsed: float) -> TwistModel:
+        """Body velocity with the mean of the slip, which fades, over some time [s]."""
+        times = slip_times(self._disturbances.slip.time_constant, self._record.slip_factor)
+        x, y, w = (gauss_markov(elapsed, tau).mean for tau in times)
+        return self.ekf.twist_model(*self.track_speeds, (x, y, w))
 
     def pose_ahead(self, stamp: int) -> Prediction:
         """Predict the pose at a later stamp [ns]."""

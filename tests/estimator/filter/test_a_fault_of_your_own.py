@@ -159,7 +159,7 @@ def test_logs_are_streamed_and_lanes_refuse() -> None:
         for m in log.measurements()
     )
     assert run(fast, ALPHA, "gyro").health.finding("clipped") is not None
-    (found,) = compare(fast, ALPHA, ["gyro"], engine="auto").runs.values()
+    (found,) = compare(fast, ALPHA, ["gyro"]).runs.values()
     assert found.health.finding("clipped") is not None
 
 

@@ -70,7 +70,7 @@ def test_between_imu_samples_it_is_the_dense_update_of_the_prediction(seed):
     estimator, R = driven(), random_covariance(rng, (0.01, 0.01, 0.005))
     x, P, stamp = estimator.state, estimator.covariance, estimator.stamp
     reckoning, elapsed = estimator._reckoning, 0.013
-    model, later = reckoning.model(), stamp + round(elapsed * 1e9)
+    model, later = reckoning.model_over(elapsed), stamp + round(elapsed * 1e9)
     density = 1e4 * reckoning._fast_slip_density(later, model)
     reckoning._fast_slip_density = lambda *_: density
     predicted = pose_ahead(x, model, density, elapsed)

@@ -394,7 +394,7 @@ def test_projection_moves_neither_the_pose_nor_what_the_measurement_does_not_sho
         others = {*range(s.PARAMETERS.start, s.PARAMETERS.stop)} - {s.ETA0}
         slopes = {s.GRAVITY_X, s.GRAVITY_Y, s.ACCELEROMETER_BIAS_X, s.ACCELEROMETER_BIAS_Y}
         slopes |= {s.GYRO_BIAS_X, s.GYRO_BIAS_Y}
-        still |= {s.TRACK_SCALE, *others, *slopes}
+        still |= {s.TRACK_SCALE, s.GYRO_SCALE, *others, *slopes}
     # There is no derivative by H, and so nothing that lanes keep of it.
     moved = set(np.flatnonzero(ekf.x != before).tolist()) | {s.PARAMETERS.start}
     assert moved == set(range(s.SIZE)) - still | {s.PARAMETERS.start}

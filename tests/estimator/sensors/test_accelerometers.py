@@ -141,13 +141,13 @@ def test_a_rotated_imu_is_turned_to_base_link() -> None:
 
 
 def test_the_imu_moves_only_what_it_shows() -> None:
-    """Neither pose and height nor the track scale, and of the parameters those that the model names."""
+    """Neither pose and height nor the scales, and of the parameters those that the model names."""
     names = {
         variant: {s.STATE_NAMES[i] for i in imu_fixed(motion_model(ALPHA, found).taught_by_imu)}
         for variant in ("inertia-online", "full-linear")
         for found in (find_variant(variant),)
     }
-    always = {"x", "y", "yaw", "z", "track_scale"}
+    always = {"x", "y", "yaw", "z", "track_scale", "gyro_scale"}
     parameters = {*s.PARAMETER_NAMES}
     assert names["inertia-online"] == always | parameters - {"eta0"}
     # The linear model's coefficients of the yaw rate are in the places of epsilon1 and eta0.

@@ -12,9 +12,9 @@ import typer
 
 from icreckon.cli.common.comparing import compare_and_report
 from icreckon.cli.common.console import exit_if_failed
+from icreckon.estimator.filter.samples import COUNT, RunRows
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.lost import LostFilter
-from icreckon.estimator.streaming.outputs import Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison import compare as comparing
@@ -33,36 +33,38 @@ LOST = 12.0  # s
 FROM = int(LOG.start + LOST * 1e9)
 
 
-def nan_state(found: Snapshot) -> Snapshot:
-    return found._replace(state=found.state * np.nan)
+def nan_state(rows: RunRows, row: int) -> None:
+    rows.states[row] = np.nan
 
 
-def negative_variance(found: Snapshot) -> Snapshot:
-    covariance = found.covariance.copy()
-    covariance[3, 3] = -1e-9
-    return found._replace(covariance=covariance)
+def negative_variance(rows: RunRows, row: int) -> None:
+    rows.sigmas[row, 3] = np.sqrt(-1e-9)
 
 
-def absurd_speed(found: Snapshot) -> Snapshot:
-    return found._replace(twist=found.twist + 1e6)
+def absurd_speed(rows: RunRows, row: int) -> None:
+    rows.twists[row] += 1e6
 
 
-def breaks(_: Snapshot) -> Snapshot:
+def breaks(_rows: RunRows, _row: int) -> None:
     raise np.linalg.LinAlgError("Singular matrix")
 
 
 def lose(
     monkeypatch: pytest.MonkeyPatch,
     names: tuple[str, ...],
-    how: Callable[[Snapshot], Snapshot] = nan_state,
+    how: Callable[[RunRows, int], None] = nan_state,
 ) -> None:
     """Lose the filters of these variants at 12 s."""
 
     class Losing(PoseEstimator):
-        def snapshot(self) -> Snapshot:
-            found = super().snapshot()
-            late = self.stamp is not None and self.stamp >= FROM
-            return how(found) if late and self.variant.name in names else found
+        def feed_samples(self, *_: Any) -> tuple[int, int, int]:
+            return 0, 0, 0
+
+        @np.errstate(invalid="ignore")
+        def write_row(self, rows: RunRows) -> None:
+            super().write_row(rows)
+            if self.stamp is not None and self.stamp >= FROM and self.variant.name in names:
+                how(rows, int(rows.progress[COUNT]) - 1)
 
     monkeypatch.setattr("icreckon.estimator.streaming.run.PoseEstimator", Losing)
 
