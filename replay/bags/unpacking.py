@@ -136,11 +136,6 @@ def unpack_beginning(data: bytes, compression: str) -> bytes:
 def unpack_file(packed: Path, target: Path, most: int) -> bool:
     """Decompress a file (zstd), up to its break if it is damaged.
 
-    Args:
-        packed: the compressed file.
-        target: the file to write.
-        most: most bytes to write.
-
     Returns:
         True if all of it was decompressed.
 

@@ -28,15 +28,7 @@ def summarise_calibration(
     configuration: dict[str, Any],
     inputs: dict[str, Path],
 ) -> Results:
-    """Summarise a calibration for tables and figure.
-
-    Args:
-        found: the calibration.
-        logs: its logs.
-        headline: drift of filters with it.
-        configuration: options of the command.
-        inputs: input files, by their displayed names.
-    """
+    """Summarise a calibration for tables and figure."""
     return {
         "format": FORMAT,
         "command": "calibrate",

@@ -128,12 +128,7 @@ def proposed_ros_settings(
 
 
 def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
-    """Estimate errors of wheel odometry with the effective track of a robot.
-
-    Args:
-        logs: logs that were read with this robot.
-        robot: the robot.
-    """
+    """Estimate errors of wheel odometry with the effective track of a robot."""
     track = effective_track(robot)
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
     usual = np.sqrt(np.mean(speeds**2, axis=0))

@@ -214,10 +214,6 @@ def guess_mapping(
 ) -> TopicMap | None:
     """Guess the topics of bags; None for tables, and for bags with their own mapping.
 
-    Args:
-        path: as of `inspect`.
-        definitions: as of `inspect`.
-
     Raises:
         ReplayError: no such file, or nothing of it is readable.
     """

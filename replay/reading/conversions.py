@@ -125,12 +125,7 @@ def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:
 
 
 def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
-    """Length of a row of `message_rows.track_readers`, or of a table.
-
-    Args:
-        msgtype: message type of the rows.
-        mapped: topic or columns of the track speeds.
-    """
+    """Length of a row of `message_rows.track_readers`, or of a table."""
     return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.left) + len(mapped.right)
 
 

@@ -363,11 +363,7 @@ def all_rejections(results: Results) -> list[str]:
 
 
 def rejections_text(one: Results) -> str:
-    """Measurements that a variant rejected, of how many, by sensor and reason.
-
-    Args:
-        one: results of the variant.
-    """
+    """Measurements that a variant rejected, of how many, by sensor and reason."""
     total = dict(one["used"])
     named = [(*what.partition(": ")[::2], count) for what, count in one["rejected"].items()]
     for sensor, _, count in named:
