@@ -24,7 +24,6 @@ from icreckon.replay.reading.message_rows import (
     GEODETIC_READERS,
     HEADING_READERS,
     POSE_READERS,
-    JointReader,
     imu_row,
     track_readers,
     twist_row,
@@ -214,8 +213,6 @@ def _of_bag(
         if not messages.get(stream.topic):
             continue
         part.streams[stream.purpose] = stream
-        if isinstance(reader := stream.readers.get(JOINT_STATE), JointReader):
-            reader.apart = True
         for topic in stream.topics:
             by_topic.setdefault(topic, []).append(stream)
     total = sum(messages.get(topic, 0) for topic in by_topic)
