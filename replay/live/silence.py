@@ -45,13 +45,7 @@ def silent_topic(
 
 
 def missing_joints(topic: str, wanted: Iterable[str], seen: Iterable[str]) -> str:
-    """Text on mapped joints that are in no message; empty if all are.
-
-    Args:
-        topic: topic of the joints.
-        wanted: names of the joints in the robot file.
-        seen: names in the messages.
-    """
+    """Text on mapped joints that are in no message; empty if all are."""
     found = sorted(seen)
     missing = [name for name in wanted if name not in found]
     if not missing:
