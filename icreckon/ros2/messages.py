@@ -97,15 +97,7 @@ def fill_diagnostics(
     hardware: str,
     new: Callable[[str], Any],
 ) -> Any:
-    """Fill a diagnostic_msgs/DiagnosticArray.
-
-    Args:
-        array: the message.
-        stamp: its time [ns].
-        statuses: its statuses.
-        hardware: name of the robot.
-        new: maker of an empty message by its type.
-    """
+    """Fill a diagnostic_msgs/DiagnosticArray."""
     fill_header(array.header, stamp, "")
     array.status = []
     for one in statuses:
@@ -124,15 +116,7 @@ def fill_diagnostics(
 def fill_icr_markers(
     array: Any, stamp: int, frame: str, icrs: IcrPoints, new: Callable[[str], Any]
 ) -> Any:
-    """Fill a visualization_msgs/MarkerArray with both ICRs and the line between.
-
-    Args:
-        array: the message.
-        stamp: its time [ns].
-        frame: frame of base_link.
-        icrs: ICRs of both tracks in base_link [m].
-        new: maker of an empty message by its type.
-    """
+    """Fill a visualization_msgs/MarkerArray with both ICRs and the line between."""
     array.markers = []
     for number, (kind, size) in enumerate(ICR_MARKERS):
         marker = new(MARKER)

@@ -71,11 +71,6 @@ NO_ROS = (
 def run_node(robot: str | None, variant: str | None, arguments: list[str]) -> None:
     """Run the node until it is interrupted.
 
-    Args:
-        robot: robot file or name, None for that of the parameter.
-        variant: filter variant, None for that of the parameter.
-        arguments: arguments for ROS, as `--ros-args -p publish_tf:=false`.
-
     Raises:
         EstimatorError: no ROS 2, an argument that is not for ROS, or an invalid parameter.
         IcreckonError: a robot file or saved state that cannot be used.

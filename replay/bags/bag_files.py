@@ -252,12 +252,7 @@ def _unpacked(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _ways(path: Path, unpacked: list[Path]) -> list[list[Path]]:
-    """Methods of opening the bag, each a list of files to open together.
-
-    Args:
-        path: the bag.
-        unpacked: files of it that were compressed as a whole, unpacked.
-    """
+    """Methods of opening the bag, each a list of files to open together."""
     try:
         if path.is_file():
             files = unpacked or [path]

@@ -70,12 +70,7 @@ def limit() -> int:
 
 
 def too_large(what: str, most: int) -> ReplayError:
-    """Error of something that unpacks to more than the limit.
-
-    Args:
-        what: what it is, such as "a part of the bag".
-        most: the limit [bytes].
-    """
+    """Error of something that unpacks to more than the limit."""
     return ReplayError(
         f"{what} unpacks to more than the limit of {most / GIGABYTE:.3g} GB; --unpacked-limit raises it"
     )

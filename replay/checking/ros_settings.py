@@ -101,11 +101,6 @@ def proposed_ros_settings(
 ) -> str:
     """Format settings for ROS by a log and the robot file proposed for it.
 
-    Args:
-        proposed: text of the proposed robot file; mass and gauge may be missing.
-        paths: files of the log.
-        definitions: message types that bags lack, as for `read_log`.
-
     Raises:
         ReplayError: no track speeds in metres, since the effective radius is not known.
     """

@@ -186,14 +186,7 @@ class LiveInputs:
         arrival: int,
         steady: int | None = None,
     ) -> list[Measurement]:
-        """Convert a message.
-
-        Args:
-            subscription: one of `subscriptions`.
-            msgtype: its type, as "sensor_msgs/msg/Imu".
-            message: the message, with the attributes of its type.
-            arrival: time of arrival [ns], of the clock that stands in for missing header stamps.
-            steady: that time by a clock that nobody sets [ns]; None for `arrival`.
+        """Convert a message; arguments as of `LiveOdometry.take`.
 
         Returns:
             Measurements that are ready: none while the clocks are not chosen, then several at once.

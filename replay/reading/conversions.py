@@ -132,14 +132,7 @@ def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
 def track_values(
     rows: Floats, msgtype: str, mapped: TrackTopic | TrackColumns, vehicle: Vehicle
 ) -> TrackValues:
-    """Convert the rows of `message_rows.track_readers`, or of a table.
-
-    Args:
-        rows: (n, k) rows, see `track_width`.
-        msgtype: message type of the rows.
-        mapped: topic or columns of the track speeds.
-        vehicle: the robot's dimensions.
-    """
+    """Convert the rows of `message_rows.track_readers`, or of a table."""
     if msgtype in (ODOMETRY, TWIST):
         own = mapped.gauge if isinstance(mapped, TrackTopic) else None
         return speeds_of_twist(rows, vehicle.track_gauge if own is None else own)

@@ -96,13 +96,6 @@ def gather(
 ) -> Gathered:
     """Read the streams of a mapping.
 
-    Args:
-        paths: bags and tables that make one log.
-        mapping: topic or columns of each stream.
-        own_mapping: whether a mapping in a bag takes precedence.
-        definitions: definitions of message types that bags may lack.
-        progress: called periodically with the share of the messages that is read, 0 to 1.
-
     Raises:
         ReplayError: no bag or table, no track speeds although mapped, or an unsupported message type.
     """
@@ -231,14 +224,7 @@ def _of_bag(
 def wanted_streams(
     mapping: TopicMap, source: str, definitions: Definitions, types: dict[str, str]
 ) -> Iterator[Stream]:
-    """Yield the streams of a mapping, still empty.
-
-    Args:
-        mapping: topic of each stream.
-        source: name of the bag, for messages.
-        definitions: definitions of message types that the bag may lack.
-        types: message type of each topic.
-    """
+    """Yield the streams of a mapping, still empty."""
 
     def stream(purpose: str, topic: str, time: Clock, readers: dict[str, RowReader]) -> Stream:
         return Stream(purpose, topic, source, time, readers, definitions=definitions)

@@ -27,11 +27,6 @@ def track_readers(
 ) -> dict[str, RowReader]:
     """Build the row readers of track speeds, by message type.
 
-    Args:
-        left: joints of the left side.
-        right: joints of the right side.
-        positions: whether to use the joints' positions instead of their velocities.
-
     Returns:
         Readers with these rows: for JointState the values of the left joints, then of the right ones, in
         the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate

@@ -126,14 +126,7 @@ def compare_and_report(
 
 
 def show(folder: Path, table: Callable[..., RenderableType], *, as_json: bool, wide: bool) -> None:
-    """Print results.json of a folder, or the table of it that fits the terminal.
-
-    Args:
-        folder: folder of the results.
-        table: makes the table; its argument `narrow` leaves columns out.
-        as_json: whether to print results.json.
-        wide: whether to show all columns.
-    """
+    """Print results.json of a folder, or the table of it that fits the terminal."""
     if as_json:
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         return

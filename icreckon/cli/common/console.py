@@ -176,11 +176,6 @@ def _bar(*columns: ProgressColumn) -> Progress:
 def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary folder for results; move it into place on success.
 
-    Args:
-        wanted: the requested folder; None for the first of default, default-2, ... that is free.
-        default: name of the folder if none is requested.
-        overwrite: whether earlier results may be replaced.
-
     Yields:
         The folder, empty, under a temporary name.
 
@@ -208,13 +203,6 @@ def check_writable(path: Path | None, first_words: str, *, overwrite: bool) -> N
 
 def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite: bool) -> None:
     """Write a text file in one step, and print where it is.
-
-    Args:
-        path: the file.
-        text: its content.
-        first_words: beginning of the files that may be replaced.
-        what: name of the content, for the message.
-        overwrite: whether an earlier file may be replaced.
 
     Raises:
         ReplayError: the path exists and may not be replaced.

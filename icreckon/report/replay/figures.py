@@ -41,12 +41,7 @@ SHADES, BOUNDS = ("no fixes",), "3σ of a filter"
 
 
 def write_figure(path: Path, results: Results) -> None:
-    """Draw paths, errors with 3-sigma bounds, and the indices over time, as PNG.
-
-    Args:
-        path: the file.
-        results: output of `icreckon.replay.comparison.results.summarise`.
-    """
+    """Draw paths, errors with 3-sigma bounds, and the indices over time, as PNG."""
     results = _lifted(results)
     style: Any = {"font.size": 11, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
     with mpl.rc_context(style), any_letters():

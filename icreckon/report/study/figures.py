@@ -41,11 +41,7 @@ SPREAD = 0.5
 
 
 def study_figures(results: Results) -> list[Picture]:
-    """Draw all figures of a study.
-
-    Args:
-        results: output of `icreckon.simulation.study.results.study_results`.
-    """
+    """Draw all figures of a study."""
     figures = []
     drift = results["drift"]
     for axis, effect in zip(results["axes"], results["effects"], strict=True):
