@@ -31,7 +31,7 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
 from icreckon.replay.live.silence import silent_topic
-from icreckon.replay.live.slip import slip_statuses
+from icreckon.replay.live.slip import SlipWatch
 from icreckon.replay.live.statuses import LiveStatuses, parameter_statuses
 from icreckon.ros2.inbox import NO_TIMES, Inbox, Queue, Received
 from icreckon.ros2.messages import (
@@ -141,6 +141,7 @@ class OdometryNode:
         )
         self._warn_of_state_file()
         self._statuses = LiveStatuses(self.live)
+        self._slip_watch = SlipWatch(self.live.robot.vehicle.track_gauge)
         self._missing = list(self.live.inputs.subscriptions())
         self._inbox = Inbox()
         self._classes: dict[str, Any] = {}
@@ -419,8 +420,8 @@ class OdometryNode:
         """Publish slip and ICR markers."""
         live, gauge = self.live, self.live.robot.vehicle.track_gauge
         if live.tracks is not None:
-            slip = slip_statuses(live.newest, live.tracks, gauge)
-            self._publish_statuses(self._slip, estimate.stamp, slip)
+            found = self._slip_watch.look(live.newest, live.tracks)
+            self._publish_statuses(self._slip, estimate.stamp, found)
         if self._markers is not None:
             points = icr_points(estimate.indices, gauge)
             icrs = IcrPoints(*(live.base.point(*point) for point in points))

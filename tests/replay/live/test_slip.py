@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from icreckon.estimator.base.state import STATE_NAMES
-from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
+from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import OK, WARN, DiagnosticStatus
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
-from icreckon.replay.live.slip import slip_statuses
+from icreckon.replay.live.slip import SlipWatch
 from icreckon.replay.live.statuses import parameter_statuses
 
 ROBOT = load_robot("auriga-alpha")
@@ -38,7 +38,11 @@ def driven(*parts: tuple[int, float, float, float]) -> tuple[PoseEstimator, Trac
 
 
 def by_name(estimator: PoseEstimator, tracks: TrackSpeeds) -> dict[str, DiagnosticStatus]:
-    return {one.name: one for one in slip_statuses(estimator, tracks, GAUGE)}
+    """Statuses of the second look at one estimate."""
+    watch = SlipWatch(GAUGE)
+    first = {one.name: one for one in watch.look(estimator, tracks)}
+    assert first["stuck"].level == OK
+    return {one.name: one for one in watch.look(estimator, tracks)}
 
 
 def test_ratios_are_those_of_the_ground_to_the_tracks() -> None:
@@ -63,6 +67,32 @@ def test_tracks_that_spin_up_before_a_wall_are_a_stuck_robot() -> None:
     assert "slower than its tracks" in found["sliding"].message
     assert found["stuck"].level == WARN
     assert abs(float(found["slip"].values["left_ratio"])) < 0.2
+
+
+def test_turning_on_the_spot_against_much_friction_is_not_stuck() -> None:
+    eta, speed = 3.5, 0.4
+    found = by_name(*driven((3000, -speed, speed, 2.0 * speed / (eta * GAUGE))))
+    ratios = [float(found["slip"].values[f"{side}_ratio"]) for side in ("left", "right")]
+    assert sum(ratios) / 2.0 == pytest.approx(1.0 / eta, abs=0.05)
+    assert found["stuck"].level == OK
+
+
+def test_fixes_that_stay_while_the_tracks_drive_are_a_stuck_robot() -> None:
+    estimator, watch, levels = PoseEstimator(ROBOT, "inertia-online"), SlipWatch(GAUGE), []
+    noise = (
+        np.random.default_rng(1).normal(0.0, (0.003, 0.05, 0.05, 0.02, 0.02), (2000, 5)).tolist()
+    )
+    for k, (rate, forward, left, x, y) in enumerate(noise):
+        stamp = (k + 1) * STEP
+        tracks = TrackSpeeds(stamp, 0.5, 0.5)
+        estimator.feed(tracks)
+        estimator.feed(ImuSample(stamp, (0.0, 0.0, rate), (forward, left, 9.81)))
+        if k % 10 == 0:
+            estimator.feed(PositionFix(stamp, 0.005 * min(k, 1000) + x, y, 0.02**2))
+        if k % 20 == 0:
+            levels.append(watch.look(estimator, tracks)[1].level)
+    assert levels[:50] == [OK] * 50
+    assert levels[60:].count(WARN) > 30  # of 40, from two seconds after
 
 
 def test_parameters_have_values_and_standard_deviations() -> None:
