@@ -7,6 +7,8 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.replay.reading.wheels import TOGETHER, interpolated
 
+LONGEST = round(2.0 * TOGETHER / NANOSECOND)
+"""Longest time between messages that belong together [ns]."""
 CLEARLY_SLOWER = 0.9
 """Ratio of numbers of messages from which a wheel is the slowest in place of another."""
 
@@ -37,9 +39,11 @@ class ApartWheels:
         self._together |= bool(known.all())
         if self._together:
             return [(stamp, values)]
-        if self._rows and abs(stamp - self._rows[-1][0]) * NANOSECOND > 2.0 * TOGETHER:
+        if self._rows and abs(stamp - self._rows[-1][0]) > LONGEST:
             self._rows, self._newest = [], -1  # a hole, or a clock that was set
-        self._rows = sorted([*self._rows, (stamp, values)], key=lambda row: row[0])
+        # One wheel may never come.
+        kept = [row for row in self._rows if stamp - row[0] <= LONGEST]
+        self._rows = sorted([*kept, (stamp, values)], key=lambda row: row[0])
         self._counts = known + (self._counts if len(self._counts) else 0.0)
         if self._counts.min() < CLEARLY_SLOWER * self._counts[self._slowest] - 1.0:
             self._slowest = int(self._counts.argmin())

@@ -31,6 +31,7 @@ from bag_messages import (
 from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.apart_wheels import ApartWheels
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
@@ -265,6 +266,13 @@ def test_a_wheel_that_pauses_or_a_clock_that_is_set_ends_the_interpolation() -> 
     assert not [one for one in stamps if 2.0 <= one < 4.0]
     assert [one for one in stamps if 4.2 < one < 5.8]
     assert [one for one in stamps if one < 0.0]
+
+
+def test_a_wheel_that_never_comes_fills_no_memory() -> None:
+    wheels = ApartWheels()
+    for k in range(1000):
+        assert wheels.take(k * SECOND // 50, np.array([1.0, np.nan]), None) == []
+    assert len(wheels._rows) <= 51
 
 
 def test_fields_of_any_message_are_read(tmp_path: Path) -> None:
