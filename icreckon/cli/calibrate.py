@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from icreckon.cli.common.comparing import the_robot
+from icreckon.cli.common.comparing import kernels_of, the_robot
 from icreckon.cli.common.console import (
     check_writable,
     print_fitting,
@@ -40,6 +40,7 @@ from icreckon.replay.base.outputs import write_text
 from icreckon.replay.calibration.results import headline, summarise_calibration
 from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
+from icreckon.replay.checking.worth import VARIANT
 from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map
@@ -121,8 +122,9 @@ def command(
             )
         # Track speeds have the radius and latency of the robot by which they are read.
         again = [_read(files, found.robot, definitions) for files in logs_of]
-        with progress("filtering with the file before and after", compiles=True) as report_progress:
-            gained = headline((read, robot), (again, found.robot), report_progress)
+        kernels = kernels_of([VARIANT])
+        with progress("filtering with the file before and after", compiles=kernels) as report:
+            gained = headline((read, robot), (again, found.robot), report)
         summary = summarise_calibration(
             found,
             read,

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 from rich.text import Text
 
-from icreckon.cli.common.comparing import the_robot
+from icreckon.cli.common.comparing import kernels_of, the_robot
 from icreckon.cli.common.console import FAILED, check_writable, progress, results, write_file
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
@@ -58,7 +58,9 @@ def command(
     if len(log.tracks.stamps) and log.imu is not None:
         # Without a result with everything mended nothing has a price.
         with (
-            progress("filtering, as the file is and mended", compiles=True) as report,
+            progress(
+                "filtering, as the file is and mended", compiles=kernels_of([VARIANT])
+            ) as report,
             suppress(ReplayError),
         ):
             worth = worth_of(log, robot, checks, report)
@@ -112,6 +114,8 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str
         )
     if worth is not None and (text := _drift(worth, bool(wrong), has_truth=log.truth is not None)):
         console.print(Text(f"\n{text}"))
+    if worth is not None and worth.missing:
+        console.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
     for hint in left_out:
         console.print(Text(f"\nHint: {hint}"))
 
@@ -178,6 +182,7 @@ def _as_plain(checks: list[Check], worth: Worth | None, left_out: list[str]) -> 
                 for one in checks
             ],
             "left_out": left_out,
+            "missing_manoeuvres": [] if worth is None else worth.missing,
             "is_of_another_robot": is_of_another(checks),
             "variant": VARIANT,
             "horizon_s": None if worth is None else worth.horizon,

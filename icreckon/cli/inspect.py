@@ -22,7 +22,8 @@ from icreckon.cli.common.console import (
 )
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
 from icreckon.replay.bags.decoding import read_definitions
-from icreckon.replay.base.outputs import written_beside
+from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, proposed_ros_settings
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
@@ -33,6 +34,8 @@ from icreckon.report.printable import printable
 
 NAMES = ("topic or column", "type", "frame or file")
 NUMBERS = ("messages", "rate\nHz", "gaps", "longest\ngap, s", "header-\nrecorded, s", "repeated")
+# First bytes of a PNG.
+PNG = b"\x89PNG"
 # Numbers that a narrow terminal has no room for.
 LEFT_OUT = (2, 4)
 # Width of a terminal from which on names have columns of their own [characters].
@@ -42,6 +45,9 @@ WIDE_FROM = 120
 def command(
     paths: Logs,
     write: Annotated[Path | None, typer.Option(help="Write the proposed robot file here.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option(help="Draw the effective track over the yaw rate here (PNG).")
+    ] = None,
     ros: Ros = None,
     message_files: MessageFiles = None,
     _unpacked_limit: UnpackedLimit = 0.5,
@@ -52,6 +58,8 @@ def command(
     """List what a log holds, and propose a robot file for it."""
     check_writable(write, FIRST_WORDS, overwrite=overwrite)
     check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
+    if picture is not None:
+        check_replaceable(picture, overwrite=overwrite, starts=(PNG,))
     sizes = NO_SIZES if write is None else filled_in_sizes(write)
     definitions = read_definitions(message_files or [])
     with working(f"reading {source_name(paths)}"):
@@ -84,10 +92,26 @@ def command(
             else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
         )
         say(f"proposed robot file in {write}; complete the lines marked «fill in», {then}")
+    if picture is not None:
+        _draw(picture, found, overwrite=overwrite)
     if ros is not None:
         with working("measuring wheels and covariances"):
             settings = proposed_ros_settings(proposed, paths, definitions)
         write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
+
+
+def _draw(picture: Path, found: Inspection, *, overwrite: bool) -> None:
+    """Draw the effective track over the yaw rate, if the log shows it."""
+    if found.track is None or not found.track.bins:
+        raise ReplayError(
+            f"{picture} is not written: {found.path} does not show the effective track over the yaw "
+            "rate; that takes a gyro, both tracks, and turns of more than 0.1 rad/s for 4 s"
+        )
+    from icreckon.report.track_figure import write_track_figure
+
+    with written_beside(picture, overwrite=overwrite, starts=(PNG,)) as new:
+        write_track_figure(new, found.path.stem, found.track)
+    say(f"effective track over the yaw rate in {picture}")
 
 
 def _topics(found: Inspection, *, narrow: bool) -> Table:
@@ -138,6 +162,8 @@ def _number(value: float | None, digits: int) -> str:
 
 
 def _as_plain(found: Inspection) -> dict[str, object]:
+    track = found.track
+    bins = [] if track is None else [one._asdict() for one in track.bins]
     return {
         "path": str(found.path),
         "duration_s": found.duration,
@@ -147,4 +173,5 @@ def _as_plain(found: Inspection) -> dict[str, object]:
         "dropped": found.dropped,
         "notes": list(found.notes),
         "proposed_robot_file": found.proposed_robot_file,
+        "track": None if track is None else track._asdict() | {"bins": bins},
     }

@@ -59,8 +59,13 @@ class _Listed(TyperCommand):
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
     ) -> Any:
-        """Make the context of the command itself."""
-        return load(str(self.name)).make_context(info_name, args, parent, **extra)
+        """Make the context of the command itself; a terminal shows that it is loaded."""
+        if shown := sys.stderr.isatty():
+            typer.echo(f"loading icreckon {self.name} ...", nl=False, err=True)
+        command = load(str(self.name))
+        if shown:
+            typer.echo("\r\x1b[2K", nl=False, err=True)
+        return command.make_context(info_name, args, parent, **extra)
 
 
 for _name, _help in COMMANDS.items():
@@ -83,8 +88,7 @@ def _options(
     ] = False,
     _debug: Annotated[bool, typer.Option(DEBUG, help="Show tracebacks of errors.")] = False,
     log_level: Annotated[
-        LogLevel | None,
-        typer.Option(help="Print what is logged to stderr, from this level on."),
+        LogLevel | None, typer.Option(help="Print what is logged to stderr, from this level on.")
     ] = None,
 ) -> None:
     if log_level is not None:

@@ -111,8 +111,7 @@ class _Drive:
 def command(
     paths: Annotated[list[Path], logs(f"Logs, each by itself: {LOG_FILES}.")],
     robot_names: Annotated[
-        list[str] | None,
-        robot_option(". Required; repeatable, to compare robot files"),
+        list[str] | None, robot_option(". Required; repeatable, to compare robot files")
     ] = None,
     one_log: Annotated[
         bool, typer.Option("--one-log", help="The files are parts of one log.")

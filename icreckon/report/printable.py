@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f]")
@@ -13,6 +13,24 @@ CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f]")
 def printable(text: str) -> str:
     """Replace control characters, except for line breaks."""
     return CONTROL.sub("\ufffd", text)
+
+
+def change(ratio: float) -> str:
+    """Format a ratio as a change: 0.13 as "87 % less"."""
+    percent = 100.0 * abs(ratio - 1.0)
+    size = f"{percent:.0f}" if percent >= 1.0 else f"{percent:.1f}"
+    return f"{size} % {'less' if ratio < 1.0 else 'more'}"
+
+
+def change_range(interval: Sequence[float] | None, remark: str = "") -> str:
+    """Format the 95 % interval of a ratio as changes in brackets; nothing for none."""
+    if interval is None:
+        return ""
+    low, high = interval
+    ends = [change(high), change(low)] if high < 1.0 else [change(low), change(high)]
+    if high < 1.0 or low > 1.0:
+        ends[0] = ends[0].rpartition(" ")[0].removesuffix(" %")
+    return f" (95 %: {ends[0]} to {ends[1]}{remark})"
 
 
 @contextmanager

@@ -15,12 +15,7 @@ from icreckon.estimator.motion.pose3d import Pose3d
 from icreckon.estimator.streaming.outputs import IcrPoints
 from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.bags.message_types import KEY_VALUE, MARKER, POINT, STATUS
-from icreckon.replay.bags.messages import (
-    ICR_MARKERS,
-    PLANAR,
-    planar_covariance,
-    six_rows,
-)
+from icreckon.replay.bags.messages import ICR_MARKERS, PLANAR, planar_covariance, six_rows
 from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.live.base_frame import Pose
 from icreckon.replay.live.odometry import LiveEstimate
@@ -102,15 +97,7 @@ def fill_diagnostics(
     hardware: str,
     new: Callable[[str], Any],
 ) -> Any:
-    """Fill a diagnostic_msgs/DiagnosticArray.
-
-    Args:
-        array: the message.
-        stamp: its time [ns].
-        statuses: its statuses.
-        hardware: name of the robot.
-        new: maker of an empty message by its type.
-    """
+    """Fill a diagnostic_msgs/DiagnosticArray."""
     fill_header(array.header, stamp, "")
     array.status = []
     for one in statuses:
@@ -129,15 +116,7 @@ def fill_diagnostics(
 def fill_icr_markers(
     array: Any, stamp: int, frame: str, icrs: IcrPoints, new: Callable[[str], Any]
 ) -> Any:
-    """Fill a visualization_msgs/MarkerArray with both ICRs and the line between.
-
-    Args:
-        array: the message.
-        stamp: its time [ns].
-        frame: frame of base_link.
-        icrs: ICRs of both tracks in base_link [m].
-        new: maker of an empty message by its type.
-    """
+    """Fill a visualization_msgs/MarkerArray with both ICRs and the line between."""
     array.markers = []
     for number, (kind, size) in enumerate(ICR_MARKERS):
         marker = new(MARKER)

@@ -26,11 +26,13 @@ from icreckon.replay.bags.message_types import (
     TF,
     TRANSFORM,
 )
+from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
 from icreckon.replay.live.silence import silent_topic
-from icreckon.replay.live.statuses import LiveStatuses
+from icreckon.replay.live.slip import SlipWatch
+from icreckon.replay.live.statuses import LiveStatuses, parameter_statuses
 from icreckon.ros2.inbox import NO_TIMES, Inbox, Queue, Received
 from icreckon.ros2.messages import (
     fill_diagnostics,
@@ -51,15 +53,15 @@ from icreckon.ros2.parameters import (
 from icreckon.ros2.topics import find_topic, input_qos, message_class, overridable
 
 NODE_NAME = "icreckon"
-OUTPUTS = ("odom", "pose_in_map", "/tf", "icrs", "/diagnostics")
+OUTPUTS = ("odom", "pose_in_map", "/tf", "icrs", "slip", "learnt_parameters", "/diagnostics")
 DISCOVERY_PERIOD = 0.1
 """Time between two looks for input topics that nobody published before [s]."""
 QUIET = 0.2
 """Time without messages after which everything that is held is processed [s]."""
 SILENCE = 5.0
 """Time after which topics without messages are warned of [s]."""
-MARKER_PERIOD = 0.2
-"""Shortest time between two messages of ICR markers [s]."""
+PERIOD = 0.2
+"""Shortest time between two messages of ICR markers, or of slip [s]."""
 NO_ROS = (
     "rclpy cannot be imported ({}): source your ROS 2 (as /opt/ros/jazzy/setup.bash) and use a virtual "
     "environment made with --system-site-packages, see docs/tutorials/live.md"
@@ -68,11 +70,6 @@ NO_ROS = (
 
 def run_node(robot: str | None, variant: str | None, arguments: list[str]) -> None:
     """Run the node until it is interrupted.
-
-    Args:
-        robot: robot file or name, None for that of the parameter.
-        variant: filter variant, None for that of the parameter.
-        arguments: arguments for ROS, as `--ros-args -p publish_tf:=false`.
 
     Raises:
         EstimatorError: no ROS 2, an argument that is not for ROS, or an invalid parameter.
@@ -113,10 +110,6 @@ def run_node(robot: str | None, variant: str | None, arguments: list[str]) -> No
 class OdometryNode:
     """Node that feeds a `LiveOdometry` and publishes what it estimates.
 
-    Args:
-        robot: robot file or name; None for the parameter's.
-        variant: filter variant; None for the parameter's.
-
     Raises:
         IcreckonError: an invalid parameter, robot file or saved state.
     """
@@ -148,12 +141,13 @@ class OdometryNode:
         )
         self._warn_of_state_file()
         self._statuses = LiveStatuses(self.live)
+        self._slip_watch = SlipWatch(self.live.robot.vehicle.track_gauge)
         self._missing = list(self.live.inputs.subscriptions())
         self._inbox = Inbox()
         self._classes: dict[str, Any] = {}
         self._last_message = self._started = time.monotonic()
         self._silent = list(self._missing)
-        self._last_markers = 0
+        self._last_slow = 0
         self._check_qos()
         self._make_publishers()
         self._check_topics()
@@ -223,7 +217,10 @@ class OdometryNode:
         self._markers = None
         if options.icr_markers:
             self._markers = self._publisher("icrs", 10, MARKERS, MARKER, POINT)
-        self._diagnostics = self._publisher("/diagnostics", 10, DIAGNOSTICS, STATUS, KEY_VALUE)
+        self._slip, self._learnt, self._diagnostics = (
+            self._publisher(topic, 10, DIAGNOSTICS, STATUS, KEY_VALUE)
+            for topic in ("slip", "learnt_parameters", "/diagnostics")
+        )
 
     def _check_topics(self) -> None:
         """Refuse to listen to the node's own poses."""
@@ -401,8 +398,9 @@ class OdometryNode:
             if self._map_pose is not None and (placed := one.in_map(planar=planar)) is not None:
                 pose = self._new(POSE_WITH_COVARIANCE)
                 self._map_pose.publish(fill_pose(pose, one.stamp, options.map_frame, placed))
-            if self._markers is not None:
-                self._publish_icrs(one)
+            if abs(one.stamp - self._last_slow) >= PERIOD * 1e9:
+                self._last_slow = one.stamp
+                self._publish_slowly(one)
 
     def _transforms(self, estimate: LiveEstimate) -> list[Any]:
         options, transforms = self.options, []
@@ -418,22 +416,32 @@ class OdometryNode:
             transforms.append(fill_transform(transform, estimate.stamp, *frames, odom))
         return transforms
 
-    def _publish_icrs(self, estimate: LiveEstimate) -> None:
-        if abs(estimate.stamp - self._last_markers) < MARKER_PERIOD * 1e9 or self._markers is None:
-            return
-        self._last_markers = estimate.stamp
-        points = icr_points(estimate.indices, self.live.robot.vehicle.track_gauge)
-        icrs = IcrPoints(*(self.live.base.point(*point) for point in points))
-        array = self._new(MARKERS)
-        fill_icr_markers(array, estimate.stamp, self.options.base_frame, icrs, self._new)
-        self._markers.publish(array)
+    def _publish_slowly(self, estimate: LiveEstimate) -> None:
+        """Publish slip and ICR markers."""
+        live, gauge = self.live, self.live.robot.vehicle.track_gauge
+        if live.tracks is not None:
+            found = self._slip_watch.look(live.newest, live.tracks)
+            self._publish_statuses(self._slip, estimate.stamp, found)
+        if self._markers is not None:
+            points = icr_points(estimate.indices, gauge)
+            icrs = IcrPoints(*(live.base.point(*point) for point in points))
+            array = self._new(MARKERS)
+            fill_icr_markers(array, estimate.stamp, self.options.base_frame, icrs, self._new)
+            self._markers.publish(array)
+
+    def _publish_statuses(
+        self, publisher: Any, stamp: int, statuses: list[DiagnosticStatus]
+    ) -> None:
+        array, name = self._new(DIAGNOSTICS), self.live.robot.name
+        publisher.publish(fill_diagnostics(array, stamp, statuses, name, self._new))
 
     def _report(self) -> None:
         self._warn_of_silence()
         self._check_frame()
-        array, statuses = self._new(DIAGNOSTICS), self._statuses.report()
-        fill_diagnostics(array, self._now(), statuses, self.live.robot.name, self._new)
-        self._diagnostics.publish(array)
+        now = self._now()
+        self._publish_statuses(self._diagnostics, now, self._statuses.report())
+        if self.live.odom.stamp is not None:
+            self._publish_statuses(self._learnt, now, parameter_statuses(self.live.newest))
 
     def _check_frame(self) -> None:
         """Warn of fixes in another frame than the one that they are assumed in."""

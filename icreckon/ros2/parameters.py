@@ -125,11 +125,7 @@ QOS_POLICIES: Mapping[str, tuple[str, ...]] = {
 
 
 def unknown_parameters(given: Iterable[str]) -> list[str]:
-    """Text on each parameter that the node does not have.
-
-    Args:
-        given: names of the parameters that are set, without those of QoS.
-    """
+    """Text on each parameter that the node does not have."""
     known = list(DESCRIPTIONS)
     return [_unknown(name, known) for name in sorted(given) if name not in (*known, *OF_ROS)]
 

@@ -21,10 +21,6 @@ class Found(NamedTuple):
 def find_topic(node: Any, subscription: Subscription) -> Found | None:
     """Find a topic in the ROS graph.
 
-    Args:
-        node: the rclpy node.
-        subscription: the topic.
-
     Returns:
         Its type and reliability, or None if nobody publishes it yet.
 
@@ -73,14 +69,7 @@ def overridable() -> Any:
 def input_qos(
     subscription: Subscription, reliability: Reliability, depth: int, *, reliable: bool
 ) -> Any:
-    """QoS profile of an input.
-
-    Args:
-        subscription: the topic.
-        reliability: the node's parameter.
-        depth: length of the queue.
-        reliable: whether all publishers are reliable.
-    """
+    """QoS profile of an input."""
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
     wanted = reliable if reliability == "auto" else reliability == "reliable"

@@ -10,7 +10,6 @@ from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import TracebackType
 from typing import Protocol, Self, TypeVar
 
 from rosbags import rosbag1, rosbag2
@@ -130,12 +129,7 @@ class _IndexedBag:
                 channel = _channel(connection)
                 self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        problem: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stack.close()
 
     def messages(self, topics: Collection[str]) -> Iterator[Record]:
@@ -258,12 +252,7 @@ def _unpacked(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _ways(path: Path, unpacked: list[Path]) -> list[list[Path]]:
-    """Methods of opening the bag, each a list of files to open together.
-
-    Args:
-        path: the bag.
-        unpacked: files of it that were compressed as a whole, unpacked.
-    """
+    """Methods of opening the bag, each a list of files to open together."""
     try:
         if path.is_file():
             files = unpacked or [path]

@@ -34,11 +34,6 @@ def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Cal
 
     The decoder raises the errors of rosbags if the bytes are not such a message.
 
-    Args:
-        channel: the channel.
-        source: name of the bag, for error messages.
-        definitions: used if the bag does not define the type.
-
     Raises:
         ReplayError: an encoding or a type definition that cannot be read.
     """

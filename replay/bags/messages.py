@@ -44,11 +44,7 @@ def six_rows(covariance: Floats) -> Floats:
 
 
 class Messages:
-    """Factory and serialiser of the messages of a ROS version.
-
-    Args:
-        ros1: True for ROS 1, False for ROS 2.
-    """
+    """Factory and serialiser of the messages of a ROS version."""
 
     def __init__(self, *, ros1: bool) -> None:
         store = _store(ros1=ros1)
@@ -110,9 +106,7 @@ class Messages:
     def twist_with_covariance(self, twist: Any, covariance: Floats) -> Any:
         """geometry_msgs/TwistWithCovariance of v_x, v_y, w."""
         return self.new(
-            "geometry_msgs/msg/TwistWithCovariance",
-            twist=self.twist(twist),
-            covariance=covariance,
+            "geometry_msgs/msg/TwistWithCovariance", twist=self.twist(twist), covariance=covariance
         )
 
     def blank(self, msgtype: str, **fields: Any) -> Any:

@@ -70,12 +70,7 @@ def limit() -> int:
 
 
 def too_large(what: str, most: int) -> ReplayError:
-    """Error of something that unpacks to more than the limit.
-
-    Args:
-        what: what it is, such as "a part of the bag".
-        most: the limit [bytes].
-    """
+    """Error of something that unpacks to more than the limit."""
     return ReplayError(
         f"{what} unpacks to more than the limit of {most / GIGABYTE:.3g} GB; --unpacked-limit raises it"
     )
@@ -135,11 +130,6 @@ def unpack_beginning(data: bytes, compression: str) -> bytes:
 
 def unpack_file(packed: Path, target: Path, most: int) -> bool:
     """Decompress a file (zstd), up to its break if it is damaged.
-
-    Args:
-        packed: the compressed file.
-        target: the file to write.
-        most: most bytes to write.
 
     Returns:
         True if all of it was decompressed.

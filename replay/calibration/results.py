@@ -28,15 +28,7 @@ def summarise_calibration(
     configuration: dict[str, Any],
     inputs: dict[str, Path],
 ) -> Results:
-    """Summarise a calibration for tables and figure.
-
-    Args:
-        found: the calibration.
-        logs: its logs.
-        headline: drift of filters with it.
-        configuration: options of the command.
-        inputs: input files, by their displayed names.
-    """
+    """Summarise a calibration for tables and figure."""
     return {
         "format": FORMAT,
         "command": "calibrate",
@@ -108,13 +100,7 @@ def summarise_calibration(
 
 
 def headline(before: Read, after: Read, progress: Callable[[float], None]) -> str:
-    """Drift of filters with the robot file before and after the calibration.
-
-    Args:
-        before: logs as read with the robot file before, and that robot.
-        after: likewise, after it.
-        progress: called with the share that is done, 0 to 1.
-    """
+    """Drift of filters with the robot file before and after the calibration."""
     logs, found = len(after[0]), []
     for read, variant in ((before, VARIANT), (after, VARIANT), (after, GYRO)):
         found.append(mean_drift(*read, variant, HORIZONS[0]))

@@ -25,14 +25,7 @@ SIGMAS = {
 def robot_file_text(
     found: Calibration, sources: Sequence[str], robot_name: str, headline: str = ""
 ) -> str:
-    """Format the text of a robot file, as input of `load_robot`.
-
-    Args:
-        found: the calibration.
-        sources: names of the logs.
-        robot_name: robot with which the calibration started, a name or a file.
-        headline: drift of the filters with it.
-    """
+    """Format the text of a robot file, as input of `load_robot`."""
     header = [
         f"from {', '.join(sources)}, starting from {robot_name}.",
         *filter(None, [headline]),

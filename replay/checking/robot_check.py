@@ -69,13 +69,7 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
 
 
 def with_mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
-    """Log and robot with all contradictions mended that a check can mend.
-
-    Args:
-        log: the log, as it was checked.
-        robot: the robot, as it was checked.
-        checks: result of `check_robot`.
-    """
+    """Log and robot with all contradictions mended that a check can mend."""
     wrong = [one for one in checks if one.problem and one.mend is not None]
     log, robot = mended(log, robot, wrong)
     return log, changed_robot(robot, {key: to for one in wrong for key, to in one.settings.items()})
@@ -97,12 +91,7 @@ def _is_slight(scale: Check) -> bool:
 
 
 def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:
-    """Report streams of a bag that a robot file leaves out.
-
-    Args:
-        guessed: topics of the bag, from `guess_mapping`.
-        robot: the robot.
-    """
+    """Report streams of a bag that a robot file leaves out."""
     mapping = topic_map(robot, robot.name)
     return [
         left_out(use, there.topic, stream)

@@ -101,11 +101,6 @@ def proposed_ros_settings(
 ) -> str:
     """Format settings for ROS by a log and the robot file proposed for it.
 
-    Args:
-        proposed: text of the proposed robot file; mass and gauge may be missing.
-        paths: files of the log.
-        definitions: message types that bags lack, as for `read_log`.
-
     Raises:
         ReplayError: no track speeds in metres, since the effective radius is not known.
     """
@@ -128,12 +123,7 @@ def proposed_ros_settings(
 
 
 def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
-    """Estimate errors of wheel odometry with the effective track of a robot.
-
-    Args:
-        logs: logs that were read with this robot.
-        robot: the robot.
-    """
+    """Estimate errors of wheel odometry with the effective track of a robot."""
     track = effective_track(robot)
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
     usual = np.sqrt(np.mean(speeds**2, axis=0))

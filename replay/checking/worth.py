@@ -12,10 +12,12 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import Check, mended
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.scores import truths_of
+from icreckon.replay.live.manoeuvres import missing_manoeuvres
 
 VARIANT = "inertia-online"
 # Horizons of the drift, the first that fits the log [s].
@@ -34,12 +36,14 @@ class Worth:
         mended: drift with everything mended [% of distance]; NaN without a truth.
         costs: drift that each contradiction alone adds to that [% of distance], in the order of the
             checks; NaN if it cannot be mended, or the filter has no result with it.
+        missing: manoeuvres that would show what this log does not, see `missing_manoeuvres`.
     """
 
     horizon: float
     as_it_is: float
     mended: float
     costs: tuple[float, ...]
+    missing: tuple[str, ...] = ()
 
 
 def worth_of(
@@ -49,12 +53,6 @@ def worth_of(
 
     Fixes are not used.
 
-    Args:
-        log: the log, as it was checked.
-        robot: the robot, as it was checked.
-        checks: result of `check_robot`.
-        progress: called with the share that is done, 0 to 1.
-
     Raises:
         ReplayError: the filter has no result with everything mended.
     """
@@ -63,16 +61,18 @@ def worth_of(
     wrong = [one for one in checks if one.problem]
     count = 2 + len(wrong)
     horizon = next((one for one in HORIZONS if log.duration > 2.0 * one), HORIZONS[-1])
-    best, truth = _run(*mended(log, robot, wrong))
+    run, truth = _run(*mended(log, robot, wrong))
+    best = run.trajectory.pose_series
     reference = best if truth is None else truth
     drift_of_best = drift(best, reference, horizon).percent_mean
     report(1 / count)
 
     def drift_without(errors_mended: Sequence[Check]) -> float:
         try:
-            path, own_truth = _run(*mended(log, robot, errors_mended))
+            other, own_truth = _run(*mended(log, robot, errors_mended))
         except ReplayError:
             return float("nan")
+        path = other.trajectory.pose_series
         return drift(path, reference if own_truth is None else own_truth, horizon).percent_mean
 
     costs = []
@@ -86,7 +86,9 @@ def worth_of(
     if len(wrong) == 1 and wrong[0].mend is not None:
         costs = [as_it_is - drift_of_best]
     report(1.0)
-    return Worth(horizon, as_it_is, drift_of_best if truth is not None else np.nan, tuple(costs))
+    missing = missing_manoeuvres(run.state_names, run.state_sigmas[-1])
+    known = drift_of_best if truth is not None else np.nan
+    return Worth(horizon, as_it_is, known, tuple(costs), tuple(missing))
 
 
 def mean_drift(logs: Sequence[Log], robot: Robot, variant: str, horizon: float) -> float:
@@ -94,15 +96,14 @@ def mean_drift(logs: Sequence[Log], robot: Robot, variant: str, horizon: float) 
     found = []
     for log in logs:
         with suppress(ReplayError):
-            path, truth = _run(replace(log, fixes=None), robot, variant)
+            one, truth = _run(replace(log, fixes=None), robot, variant)
+            path = one.trajectory.pose_series
             found += [] if truth is None else [drift(path, truth, horizon).percent_mean]
     return float(np.mean(found)) if len(found) == len(logs) else float("nan")
 
 
-def _run(log: Log, robot: Robot, variant: str = VARIANT) -> tuple[PoseSeries, PoseSeries | None]:
-    """Path of a filter, and the truth aligned to it, if there is one."""
+def _run(log: Log, robot: Robot, variant: str = VARIANT) -> tuple[Run, PoseSeries | None]:
+    """Run of a filter, and the truth aligned to it, if there is one."""
     found = compare(log, robot, (variant,))
-    path = found.runs[variant].trajectory.pose_series
-    if found.log.truth is None:
-        return path, None
-    return path, truths_of(found)[variant].truth.poses
+    truth = None if found.log.truth is None else truths_of(found)[variant].truth.poses
+    return found.runs[variant], truth

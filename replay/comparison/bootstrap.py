@@ -119,11 +119,7 @@ def expanded_tail(blocks: float) -> float:
 
 
 def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
-    """Pair the drifts of one horizon on the common segments in which the robot moved.
-
-    Args:
-        drifts: drift by name of the variant, against the same truth.
-    """
+    """Pair the drifts of one horizon on the common segments in which the robot moved."""
     common = None
     for one in drifts.values():
         starts = one.starts[one.moved]
@@ -144,11 +140,7 @@ def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
 
 
 def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
-    """Join the drifts of several logs, for the variants that all of them have.
-
-    Args:
-        logs: paired drift of each log, of the same horizon.
-    """
+    """Join the drifts of several logs, for the variants that all of them have."""
     if not logs:
         raise ValueError("there is no log to pool")
     names = tuple(name for name in logs[0].names if all(name in one.names for one in logs))

@@ -79,10 +79,6 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
 
     The run of known bias takes its bias from the truth, so it is a baseline, and never the best.
 
-    Args:
-        drifts: paired drifts by the label of the horizon.
-        baseline: name of the baseline.
-
     Returns:
         The verdict, or None if no stretch is long enough for a score.
     """

@@ -76,11 +76,7 @@ def _bound(word: str) -> Bound:
 
 
 def with_truth_of_fixes(log: Log) -> Log:
-    """Log whose fixes are its truth, too, if it has none.
-
-    Args:
-        log: the log, with all of its fixes.
-    """
+    """Log whose fixes are its truth, too, if it has none."""
     fixes = log.fixes
     if log.truth is not None or fixes is None or len(fixes.stamps) < 2:
         return log
@@ -93,10 +89,6 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
     """Restrict a log's fixes to a part of it; take them from the truth if it has none.
 
     Headings without a position and pose fixes are fixes, too.
-
-    Args:
-        log: the log.
-        part: part in which fixes are used.
 
     Raises:
         ReplayError: the part is empty, or the log has neither fixes nor truth.

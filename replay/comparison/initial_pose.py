@@ -34,12 +34,6 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     It is exactly the origin if the first fixes agree with that, as those in `odom` do. Otherwise the
     path from dead reckoning is fitted to the fixes. If neither this nor a measured heading gives the
     yaw, its variance is large, and the filter estimates it as the robot drives.
-
-    Args:
-        log: the log, with the fixes that are used.
-        robot: the robot.
-        variant: variant for dead reckoning.
-        settings: settings of the pose estimator.
     """
     fixes = log.fixes
     if fixes is None or not len(fixes.stamps) or not len(log.tracks.stamps):

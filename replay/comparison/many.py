@@ -158,12 +158,7 @@ def label_of(path: Path) -> str:
 
 
 def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
-    """Make labels unique, in upper and lower case alike, by numbers behind them.
-
-    Args:
-        labels: the labels.
-        taken: labels that none may have.
-    """
+    """Make labels unique, in upper and lower case alike, by numbers behind them."""
     found: list[str] = []
     used = {one.casefold() for one in taken}
     for label in labels:
@@ -203,12 +198,6 @@ def summarise_many(
     "logs" lists each log and robot with its own scores. "pooled" holds, by robot, the scores of all logs
     together: summed errors over summed distances, with intervals over blocks of all logs. "ratios"
     compares each robot with the first, by variant, on the same segments.
-
-    Args:
-        scored: scores of each log and robot.
-        failed: logs without results.
-        command: name of the command.
-        configuration: options of the command.
 
     Raises:
         ReplayError: no log has results.

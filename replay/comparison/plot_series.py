@@ -38,12 +38,7 @@ Results = dict[str, Any]
 
 
 def series_of(comparison: Comparison, robot: Robot) -> Results:
-    """Decimate the time series; parameters and innovations have their own times.
-
-    Args:
-        comparison: the runs.
-        robot: the robot, for the axes of its IMU.
-    """
+    """Decimate the time series; parameters and innovations have their own times."""
     log = comparison.log
     first = next(iter(comparison.runs.values()))
     most = series_points((log.end - log.start) * NANOSECOND)

@@ -106,10 +106,6 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
 
     The last run's path with simulated noise, as white as the truth's and with the wander of the robot
     file's fixes, takes the place of the truth. Empty for a truth with headings, or without any.
-
-    Args:
-        comparison: the runs.
-        robot: the robot.
     """
     from scipy.signal import lfilter
 

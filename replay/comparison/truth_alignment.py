@@ -130,10 +130,6 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
 
     A filter's base_link is its mean turning centre, which depends on its model and parameters. The same
     truth therefore has another lever arm for each filter.
-
-    Args:
-        truth: poses of some point of the robot.
-        reckoned: trajectory of a filter over the same time.
     """
     lever, headings, known = np.zeros(2), None, truth.poses
     # The point's path is not that of base_link: its headings are found again without the lever arm.

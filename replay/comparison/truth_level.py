@@ -21,10 +21,6 @@ def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float
 
     Position and yaw stay. The rest is as it was if either is planar.
 
-    Args:
-        truth: true poses.
-        reckoned: run of a filter over the same time.
-
     Returns:
         The poses, and the angle by which their vertical was off [rad].
     """

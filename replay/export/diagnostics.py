@@ -48,12 +48,7 @@ class _Sensor(NamedTuple):
 
 
 def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
-    """Make the diagnostics of filtered runs, one message per second.
-
-    Args:
-        runs: the runs by name of the variant.
-        hardware: name of the robot.
-    """
+    """Make the diagnostics of filtered runs, one message per second."""
     begin = min(int(one.stamps[0]) for one in runs.values())
     end = max(int(one.stamps[-1]) for one in runs.values())
     known = np.unique(np.concatenate([one.stamps for one in runs.values()]))

@@ -22,10 +22,7 @@ TRUTH = "ground_truth"
 
 
 def write_exports(
-    folder: Path,
-    comparison: Comparison,
-    robot: Robot,
-    formats: Sequence[str] = DEFAULT_FORMATS,
+    folder: Path, comparison: Comparison, robot: Robot, formats: Sequence[str] = DEFAULT_FORMATS
 ) -> None:
     """Write a comparison's trajectories in some formats; arguments as `write_report`."""
     truth, start = comparison.log.truth, comparison.log.start

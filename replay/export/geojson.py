@@ -30,10 +30,6 @@ def write_geojson(path: Path, comparison: Comparison) -> Path:
     fixes are a MultiPoint. Coordinates are longitude and latitude [deg], WGS 84, and the height [m] of
     paths in three dimensions.
 
-    Args:
-        path: the file.
-        comparison: the runs, over a log with an origin on the globe.
-
     Returns:
         The path.
 

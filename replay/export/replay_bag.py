@@ -68,12 +68,6 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     were used, `/ground_truth/pose` and `/ground_truth/path`, and `/diagnostics`
     (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
 
-    Args:
-        path: target, as for `icreckon.replay.bags.writer.write_bag`.
-        form: "mcap", "sqlite3" or "ros1".
-        comparison: the runs.
-        robot: the robot, for its gauge.
-
     Returns:
         The path.
 

@@ -20,10 +20,6 @@ TIMES_SUFFIX = ".times"
 def write_tum(path: Path, poses: PoseSeries) -> Path:
     """Write poses as a TUM file, 9 decimals each; the stamps are exact.
 
-    Args:
-        path: the file.
-        poses: the poses.
-
     Returns:
         The path.
 
@@ -45,10 +41,6 @@ def write_kitti(path: Path, poses: PoseSeries) -> Path:
     The axes are those of the poses (x forward, y left, z up), not those of KITTI's cameras. KITTI files
     have no times. They go to the same path with the suffix `.times`, one a line, in seconds with 9
     decimals.
-
-    Args:
-        path: the file.
-        poses: the poses.
 
     Returns:
         The path.

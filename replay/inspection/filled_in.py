@@ -27,10 +27,6 @@ MARKS = f"# Values as proposed, by marks ({MARK}): inspect --overwrite keeps all
 def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
     """Take over from an earlier proposal what a person filled in, changed or added.
 
-    Args:
-        proposed: text of the new proposal.
-        path: the earlier one, if there is any.
-
     Returns:
         The text with a mark of each proposed value, by which the next proposal recognises those of a
         person, and the names of what was taken over, as "vehicle.mass", or "[soil]" for a table.

@@ -62,9 +62,6 @@ def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
 
     Columns of the truth have "truth" or "ground" in their names, or their table has. Columns of commands
     are skipped.
-
-    Args:
-        tables: all tables of a log.
     """
     times = [_time_column(table) for table in tables]
     if not times or None in times:

@@ -53,9 +53,6 @@ def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
     rates is a heading. Poses are the truth if the topic's name contains "truth" or "ground", otherwise
     fixes.
 
-    Args:
-        samples: the topics by name; those without messages are skipped.
-
     Returns:
         The mapping; None for streams that were not found.
     """

@@ -36,6 +36,7 @@ from icreckon.replay.inspection.latency import objection, track_latency, truth_l
 from icreckon.replay.inspection.robot_file import (
     NO_SIZES,
     Sizes,
+    effective_track,
     has_tracks,
     in_rates,
     robot_file_text,
@@ -46,6 +47,12 @@ from icreckon.replay.inspection.topic_survey import (
     TopicReport,
     spacing,
     survey_bag,
+)
+from icreckon.replay.inspection.track_by_rate import (
+    TrackByRate,
+    extremes,
+    track_by_rate,
+    track_windows,
 )
 from icreckon.replay.inspection.wheels import (
     FAST_TURNING,
@@ -86,6 +93,7 @@ class Inspection:
         notes: findings about the files, such as a broken index.
         proposed_robot_file: a robot file to start from, as TOML; values that no log contains are
             placeholders, marked in a comment.
+        track: effective track of the whole log and over the yaw rate, None if nothing shows it.
     """
 
     path: Path
@@ -97,6 +105,7 @@ class Inspection:
     dropped: dict[str, int]
     notes: tuple[str, ...]
     proposed_robot_file: str
+    track: TrackByRate | None = None
 
 
 def inspect(
@@ -142,7 +151,7 @@ def inspect(
         if entry is not None and entry.topic in reports:
             reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
     mounting = estimate_mounting(log) if log is not None else None
-    estimates, bias = NO_ESTIMATES, None
+    estimates, bias, track = NO_ESTIMATES, None, None
     latencies: dict[str, Lag | NoLag] = {}
     wander: FixWanderEstimate | str | None = None
     if log is not None:
@@ -152,6 +161,13 @@ def inspect(
         estimates = wheel_estimates(_in_time(log, latencies), vertical, correlation)
         bias = None if vertical is None else gyro_bias(_in_time(log, latencies), vertical)
         wander = estimate_wander(log, vertical) if log.fixes is not None else None
+        if estimates.track_ratio is not None and vertical is not None:
+            whole, unit = _track_of(mapping, estimates, sizes)
+            is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
+            value = bias.value if bias is not None and is_clear else 0.0
+            windows = track_windows(_in_time(log, latencies), vertical, value)
+            bins = track_by_rate(windows * (1.0, whole / estimates.track_ratio))
+            track = TrackByRate(whole, unit, tuple(bins))
     times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
     if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
@@ -166,6 +182,7 @@ def inspect(
         mounting=mounting,
         findings=(
             *_findings(log, mapping, mounting, estimates, clocks, latencies),
+            *_of_rates(track),
             *_of_bias(bias),
             *_of_wander(wander),
         ),
@@ -185,6 +202,7 @@ def inspect(
             held=_held(log),
             bias=bias,
         ),
+        track=track,
     )
 
 
@@ -213,10 +231,6 @@ def guess_mapping(
     path: Path | str | Sequence[Path | str], *, definitions: Definitions = ()
 ) -> TopicMap | None:
     """Guess the topics of bags; None for tables, and for bags with their own mapping.
-
-    Args:
-        path: as of `inspect`.
-        definitions: as of `inspect`.
 
     Raises:
         ReplayError: no such file, or nothing of it is readable.
@@ -395,6 +409,31 @@ def _of_track(estimates: WheelEstimates, mapping: TopicMap) -> str:
         f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"
     )
+
+
+def _track_of(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> tuple[float, str]:
+    """Effective track by the gyro, and its unit."""
+    if (metres := effective_track(mapping, estimates, sizes)) is not None:
+        return metres, "m"
+    times = "the effective radius" if in_rates(mapping) else "the controller's gauge"
+    return estimates.track_ratio or 0.0, f"times {times}"
+
+
+def _of_rates(track: TrackByRate | None) -> Iterator[str]:
+    """Report whether the effective track depends on the yaw rate."""
+    rates = sorted(abs(one.rate) for one in track.bins) if track is not None else []
+    if track is None or len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
+        return
+    text = f"tracks: from {rates[0]:.1f} to {rates[-1]:.1f} rad/s the effective track"
+    if (found := extremes(track.bins)) is None:
+        yield f"{text} does not depend significantly on the yaw rate"
+        return
+    low, high = (
+        f"{one.track:.3g} (± {one.sigma:.1g}) {track.unit} at {abs(one.rate):.2f} rad/s to the "
+        f"{'left' if one.rate > 0.0 else 'right'}"
+        for one in found
+    )
+    yield f"{text} depends on the yaw rate: {low}, {high}; --picture FILE draws it"
 
 
 def _of_bias(bias: GyroBias | None) -> Iterator[str]:

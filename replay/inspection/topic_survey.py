@@ -134,11 +134,6 @@ class Survey:
 def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Survey], list[str]]:
     """Survey all messages of a bag.
 
-    Args:
-        bag: the bag.
-        source: its name, for messages.
-        definitions: definitions of message types that it may lack.
-
     Returns:
         A survey of each of its channels, and the notes of the bag.
     """

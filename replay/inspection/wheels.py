@@ -106,9 +106,12 @@ def _turning_ratio(vertical: Floats, difference: Floats) -> tuple[float, float |
     sigma = None
     if len(vertical) >= FEWEST_SAMPLES:
         blocks = np.array_split(np.arange(len(vertical)), BLOCKS)
-        without = [ratio(np.delete(vertical, one), np.delete(difference, one)) for one in blocks]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            without = [
+                ratio(np.delete(vertical, one), np.delete(difference, one)) for one in blocks
+            ]
         sigma = jackknife_sigma(np.array(without))
-    return ratio(vertical, difference), sigma
+    return ratio(vertical, difference), sigma if sigma is not None and np.isfinite(sigma) else None
 
 
 def _distance_ratio(

@@ -20,6 +20,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import NANOSECONDS, stamp_of
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.apart_wheels import ApartWheels
 from icreckon.replay.live.clock_watch import ClockWatch
 from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
@@ -120,7 +121,8 @@ class LiveInputs:
     _streams: dict[str, Stream] = field(default_factory=dict)
     _waiting: list[_Arrived] = field(default_factory=list)
     _begun: int | None = None
-    _counter: tuple[int, np.ndarray[Any, Any]] | None = None
+    _wheels: ApartWheels = field(default_factory=ApartWheels)
+    _counter: tuple[int, Floats] | None = None
     _newest_transform: int = -1
     _went_back: int | None = None
     _ahead: int = 0
@@ -184,14 +186,7 @@ class LiveInputs:
         arrival: int,
         steady: int | None = None,
     ) -> list[Measurement]:
-        """Convert a message.
-
-        Args:
-            subscription: one of `subscriptions`.
-            msgtype: its type, as "sensor_msgs/msg/Imu".
-            message: the message, with the attributes of its type.
-            arrival: time of arrival [ns], of the clock that stands in for missing header stamps.
-            steady: that time by a clock that nobody sets [ns]; None for `arrival`.
+        """Convert a message; arguments as of `LiveOdometry.take`.
 
         Returns:
             Measurements that are ready: none while the clocks are not chosen, then several at once.
@@ -237,6 +232,7 @@ class LiveInputs:
         self.clocks.clear()
         self._watch.restart()
         self._waiting.clear()
+        self._wheels = ApartWheels()
         self._begun, self._counter, self._newest_transform, self._ahead = None, None, -1, 0
         for stream in self._streams.values():
             if isinstance(stream, TransformStream):
@@ -399,19 +395,19 @@ class LiveInputs:
     ) -> Iterator[Measurement]:
         vehicle = self.robot.vehicle
         read = track_values(rows, msgtype, mapped, vehicle)
-        if not read.adds_up:
-            yield _track_speeds(stamp, read.values, read.left)
-            return
-        before, self._counter = self._counter, (stamp, read.values[0])
-        if before is None or stamp <= before[0]:
-            return
-        stamps = np.array([before[0], stamp])
-        readings = np.stack([before[1], read.values[0]])
-        ends, speeds, lost = differences(stamps, readings, read.wrap, vehicle.max_track_speed)
-        for reason in lost:
-            self._lose("tracks", reason)
-        for k, end in enumerate(ends.tolist()):
-            yield _track_speeds(end, speeds[k : k + 1], read.left)
+        for when, values in self._wheels.take(stamp, read.values[0], read.wrap):
+            if not read.adds_up:
+                yield _track_speeds(when, values[None], read.left)
+                continue
+            before, self._counter = self._counter, (when, values)
+            if before is None or when <= before[0]:
+                continue
+            stamps, readings = np.array([before[0], when]), np.stack([before[1], values])
+            ends, speeds, lost = differences(stamps, readings, read.wrap, vehicle.max_track_speed)
+            for reason in lost:
+                self._lose("tracks", reason)
+            for k, end in enumerate(ends.tolist()):
+                yield _track_speeds(end, speeds[k : k + 1], read.left)
 
     def _fix(self, stamp: int, rows: Any, msgtype: str, mapped: FixTopic) -> Iterator[Measurement]:
         if msgtype == NAVSATFIX or mapped.latitude:

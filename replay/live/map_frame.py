@@ -40,9 +40,6 @@ class MapFrame:
     gone far enough to show the heading by positions alone. A pose that somebody gives takes precedence.
     Parameters and biases are those learnt so far.
 
-    Args:
-        start: pose at the start, if it is known.
-
     Attributes:
         estimator: the estimator; None before it starts.
     """

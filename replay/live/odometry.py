@@ -16,7 +16,13 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import compose, relative
-from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement, PositionFix
+from icreckon.estimator.log.measurements import (
+    HeadingFix,
+    HeightFix,
+    Measurement,
+    PositionFix,
+    TrackSpeeds,
+)
 from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.motion.pose3d import Pose3d, Twist3d, pose3d_of
 from icreckon.estimator.robot.robot_file import Robot
@@ -127,6 +133,7 @@ class LiveOdometry:
         odom_frame: frame of fixes that are in `odom`.
         odom: estimator without fixes.
         map: map frame; None without fixes and start.
+        tracks: newest track speeds; None before the first.
         warm: whether parameters were read from a file.
         set_aside: warning of a file of learnt parameters that could not be used, or empty.
         base: the base frame.
@@ -170,6 +177,7 @@ class LiveOdometry:
         self._interval = round(1.0 / highest_rate / NANOSECOND) if highest_rate else 0
         self._history = round(self.odom.settings.history / NANOSECOND)
         self._newest: int | None = None
+        self.tracks: TrackSpeeds | None = None
 
     def take(
         self,
@@ -257,16 +265,17 @@ class LiveOdometry:
     def save(self, path: Path) -> None:
         """Save what was learnt, with fixes if there were any, for the next start.
 
-        Args:
-            path: the file, which is replaced.
-
         Raises:
             EstimatorError: it cannot be written, or the filter is lost.
         """
-        learnt = (self.map.estimator if self.map is not None else None) or self.odom
-        if loss := loss_of(learnt):
+        if loss := loss_of(self.newest):
             raise EstimatorError(f"{path}: not written, {loss}")
-        learnt.save(path, overwrite=True)
+        self.newest.save(path, overwrite=True)
+
+    @property
+    def newest(self) -> PoseEstimator:
+        """Estimator that has all measurements: that of the map, once there is one."""
+        return (self.map.estimator if self.map is not None else None) or self.odom
 
     def _begin(self) -> PoseEstimator:
         """Start an estimator: warm if there is a usable file, else by the robot file."""
@@ -294,6 +303,8 @@ class LiveOdometry:
     def _estimates(self, groups: list[list[Measurement]]) -> Iterator[LiveEstimate]:
         for group in groups:
             for measurement in group:
+                if isinstance(measurement, TrackSpeeds):
+                    self.tracks = measurement
                 if not isinstance(measurement, FIXES):
                     self.odom.feed(measurement)
             if self.map is not None:

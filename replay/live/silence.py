@@ -17,15 +17,7 @@ def silent_topic(
     available: Mapping[str, Sequence[str]],
     waited: float,
 ) -> str:
-    """Text on a topic on which nothing has come.
-
-    Args:
-        purpose: purpose of the stream.
-        topic: the topic.
-        fitting: message types that can be read for it.
-        available: types of the topics that somebody publishes.
-        waited: time since the start [s].
-    """
+    """Text on a topic on which nothing has come."""
     if topic in available:
         return (
             f"{purpose}: {topic} has a publisher, and no message has come for {waited:.0f} s: does the "
@@ -45,13 +37,7 @@ def silent_topic(
 
 
 def missing_joints(topic: str, wanted: Iterable[str], seen: Iterable[str]) -> str:
-    """Text on mapped joints that are in no message; empty if all are.
-
-    Args:
-        topic: topic of the joints.
-        wanted: names of the joints in the robot file.
-        seen: names in the messages.
-    """
+    """Text on mapped joints that are in no message; empty if all are."""
     found = sorted(seen)
     missing = [name for name in wanted if name not in found]
     if not missing:

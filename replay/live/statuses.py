@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from icreckon.estimator.base.lag_search import BEYOND
+from icreckon.estimator.base.state import STATE_NAMES
 from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.health import Health, SensorHealth, TiltHealth
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
@@ -18,6 +21,7 @@ from icreckon.replay.base.diagnostic_status import (
     DiagnosticStatus,
     estimate_status,
 )
+from icreckon.replay.live.manoeuvres import missing_manoeuvres
 from icreckon.replay.live.odometry import LiveOdometry, loss_of
 
 CHANGED_LATENCY = 0.05
@@ -36,11 +40,7 @@ class Counts(NamedTuple):
 
 
 class LiveStatuses:
-    """Statuses of a live run, with changes since the last report.
-
-    Args:
-        live: the run.
-    """
+    """Statuses of a live run, with changes since the last report."""
 
     def __init__(self, live: LiveOdometry) -> None:
         self._live = live
@@ -54,7 +54,7 @@ class LiveStatuses:
         statuses = [self._estimate("odom", live.odom)]
         if live.map is not None:
             statuses.append(self._map())
-        newest = live.odom if live.map is None or live.map.estimator is None else live.map.estimator
+        newest = live.newest
         health = newest.health
         sensors = health.sensors
         new = {name: self._new(name, sensor) for name, sensor in sensors.items()}
@@ -64,7 +64,7 @@ class LiveStatuses:
             used = gyro_now if name == IMU else new[name].used
             statuses.append(sensor_status(name, sensor, new[name]._replace(used=used)))
         if newest.stamp is not None:
-            statuses.append(_parameters(newest))
+            statuses.append(_parameters(newest, fixes=live.inputs.mapping.fixes is not None))
             statuses += self._never_heard()
         statuses.append(self._faults(health))
         if health.tilt is not None:
@@ -205,13 +205,7 @@ class LiveStatuses:
 
 
 def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticStatus:
-    """Status of a sensor.
-
-    Args:
-        name: its name.
-        sensor: its counts and innovations.
-        new: its counts since the last report.
-    """
+    """Status of a sensor."""
     values = {"used": str(sensor.used), "late": str(sensor.late)}
     values |= {
         f"rejected: {reason}": str(count) for reason, count in sorted(sensor.rejected.items())
@@ -235,13 +229,7 @@ def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticSta
 def findings_status(
     findings: Sequence[Finding], times: Mapping[str, int], slip_factor: float
 ) -> DiagnosticStatus:
-    """Status of the faults that last.
-
-    Args:
-        findings: the faults.
-        times: number of times that each was found.
-        slip_factor: see `Health.slip_factor`.
-    """
+    """Status of the faults that last."""
     values = {f"{fault}: times": str(count) for fault, count in times.items()}
     values["slip_factor"] = f"{slip_factor:.2f}"
     for one in findings:
@@ -274,15 +262,26 @@ def tilt_status(tilt: TiltHealth) -> DiagnosticStatus:
     return DiagnosticStatus(WARN, name, text, values)
 
 
-def _parameters(estimator: PoseEstimator) -> DiagnosticStatus:
-    values = {}
-    for name, value in estimator.parameters.items():
-        one = estimator.parameter_health[name]
-        values[name] = f"{value:.6g} +- {one.sigma:.2g}"
-        if one.sigma_at_start:
-            values[f"{name} share"] = f"{one.share:.3f}"
-    values |= {name: f"{value:.6g}" for name, value in estimator.biases.items()}
+def parameter_statuses(estimator: PoseEstimator) -> list[DiagnosticStatus]:
+    """Value and standard deviation of each parameter, bias and scale, by its name."""
+    sigmas = dict(zip(STATE_NAMES, np.sqrt(estimator.covariance.diagonal()), strict=False))
+    health, found = estimator.parameter_health, []
+    for name, value in (estimator.parameters | estimator.biases).items():
+        values = {"value": f"{value:.9g}", "sigma": f"{sigmas[name]:.9g}"}
+        if (one := health.get(name)) is not None and one.sigma_at_start:
+            values |= {"share": f"{one.share:.3f}", "excitation": f"{one.excitation:.3f}"}
+        text = f"{value:.6g} +- {sigmas[name]:.2g}"
+        found.append(DiagnosticStatus(OK, name, text, values))
+    return found
+
+
+def _parameters(estimator: PoseEstimator, *, fixes: bool) -> DiagnosticStatus:
+    """Parameters in short, and the manoeuvres that are missing."""
+    values = {one.name: one.message for one in parameter_statuses(estimator)}
     estimated = [one for one in estimator.parameter_health.values() if one.sigma_at_start]
     shown = sum(one.excited for one in estimated)
     text = f"{shown} of {len(estimated)} shown by the present motion" if estimated else "kept fixed"
+    sigmas = np.sqrt(estimator.covariance.diagonal())
+    if missing := missing_manoeuvres(STATE_NAMES, sigmas, fixes=fixes):
+        text += f"; to learn more: {'; '.join(missing)}"
     return DiagnosticStatus(OK, "icreckon: parameters", text, values)

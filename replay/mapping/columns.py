@@ -32,11 +32,6 @@ NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us"
 def check_axes(rates: tuple[str, ...], forces: tuple[str, ...], what: str) -> None:
     """Refuse names of an IMU's axes that are not all there.
 
-    Args:
-        rates: names of the angular velocity's axes.
-        forces: names of the linear acceleration's axes.
-        what: kind of the names, for the message: "columns" or "fields".
-
     Raises:
         ValueError: a number of names that is not allowed.
     """

@@ -272,9 +272,6 @@ MAPPING_TOPIC = "/icreckon/topics"
 def writable_topics(own: TopicMap) -> TopicMap:
     """Complete a mapping so that every stream can be written.
 
-    Args:
-        own: the robot file's mapping.
-
     Returns:
         That mapping, with `DEFAULT_TOPICS` for streams it does not map and for track speeds without
         joint names, which are written as JointState; `DEFAULT_TOPICS` alone if two streams would

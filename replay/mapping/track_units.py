@@ -38,12 +38,6 @@ def check_unit(
 ) -> None:
     """Refuse a unit that contradicts the other settings.
 
-    Args:
-        unit: unit of the values.
-        counts_per_turn: encoder counts per turn of the sprocket, or None.
-        wrap: range of the counters, in `unit`, or None.
-        on_a_side: highest number of values of a side.
-
     Raises:
         ValueError: a setting is missing or contradictory.
     """

@@ -47,20 +47,13 @@ def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
 
     Header stamps are used if the streams' header clocks agree. If not, streams within `CLOCKS_APART`
     of the recorder's clock keep header stamps, and the others use the time of recording.
-
-    Args:
-        streams: evidence of each stream, by purpose.
     """
     agree = clocks_agree(streams)
     return {purpose: _choice(stream, agree) for purpose, stream in streams.items()}
 
 
 def clocks_agree(streams: Mapping[str, Evidence]) -> bool:
-    """Return whether the header clocks of all streams that have one agree.
-
-    Args:
-        streams: evidence of each stream, by purpose.
-    """
+    """Return whether the header clocks of all streams that have one agree."""
     usable = {
         purpose: stream.offset
         for purpose, stream in streams.items()

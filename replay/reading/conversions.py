@@ -125,26 +125,14 @@ def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:
 
 
 def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
-    """Length of a row of `message_rows.track_readers`, or of a table.
-
-    Args:
-        msgtype: message type of the rows.
-        mapped: topic or columns of the track speeds.
-    """
+    """Length of a row of `message_rows.track_readers`, or of a table."""
     return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.left) + len(mapped.right)
 
 
 def track_values(
     rows: Floats, msgtype: str, mapped: TrackTopic | TrackColumns, vehicle: Vehicle
 ) -> TrackValues:
-    """Convert the rows of `message_rows.track_readers`, or of a table.
-
-    Args:
-        rows: (n, k) rows, see `track_width`.
-        msgtype: message type of the rows.
-        mapped: topic or columns of the track speeds.
-        vehicle: the robot's dimensions.
-    """
+    """Convert the rows of `message_rows.track_readers`, or of a table."""
     if msgtype in (ODOMETRY, TWIST):
         own = mapped.gauge if isinstance(mapped, TrackTopic) else None
         return speeds_of_twist(rows, vehicle.track_gauge if own is None else own)

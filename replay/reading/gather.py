@@ -24,7 +24,6 @@ from icreckon.replay.reading.message_rows import (
     GEODETIC_READERS,
     HEADING_READERS,
     POSE_READERS,
-    JointReader,
     imu_row,
     track_readers,
     twist_row,
@@ -96,13 +95,6 @@ def gather(
     progress: Progress | None = None,
 ) -> Gathered:
     """Read the streams of a mapping.
-
-    Args:
-        paths: bags and tables that make one log.
-        mapping: topic or columns of each stream.
-        own_mapping: whether a mapping in a bag takes precedence.
-        definitions: definitions of message types that bags may lack.
-        progress: called periodically with the share of the messages that is read, 0 to 1.
 
     Raises:
         ReplayError: no bag or table, no track speeds although mapped, or an unsupported message type.
@@ -214,8 +206,6 @@ def _of_bag(
         if not messages.get(stream.topic):
             continue
         part.streams[stream.purpose] = stream
-        if isinstance(reader := stream.readers.get(JOINT_STATE), JointReader):
-            reader.apart = True
         for topic in stream.topics:
             by_topic.setdefault(topic, []).append(stream)
     total = sum(messages.get(topic, 0) for topic in by_topic)
@@ -234,14 +224,7 @@ def _of_bag(
 def wanted_streams(
     mapping: TopicMap, source: str, definitions: Definitions, types: dict[str, str]
 ) -> Iterator[Stream]:
-    """Yield the streams of a mapping, still empty.
-
-    Args:
-        mapping: topic of each stream.
-        source: name of the bag, for messages.
-        definitions: definitions of message types that the bag may lack.
-        types: message type of each topic.
-    """
+    """Yield the streams of a mapping, still empty."""
 
     def stream(purpose: str, topic: str, time: Clock, readers: dict[str, RowReader]) -> Stream:
         return Stream(purpose, topic, source, time, readers, definitions=definitions)

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_rpy, quaternion_to_yaw
-from icreckon.replay.bags.decoding import stamp_of
 from icreckon.replay.bags.message_types import (
     IMU,
     JOINT_STATE,
@@ -28,11 +27,6 @@ def track_readers(
 ) -> dict[str, RowReader]:
     """Build the row readers of track speeds, by message type.
 
-    Args:
-        left: joints of the left side.
-        right: joints of the right side.
-        positions: whether to use the joints' positions instead of their velocities.
-
     Returns:
         Readers with these rows: for JointState the values of the left joints, then of the right ones, in
         the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate
@@ -44,72 +38,33 @@ def track_readers(
     return readers
 
 
-TOGETHER = 0.5
-"""Longest time between messages whose joints make one row [s]."""
-
-
 class JointReader:
     """Reader of JointState: values of the left joints, then of the right ones.
 
-    Joints that come in messages of their own make a row once each of them is there; its stamp is that
-    of the last one. For a log that is read whole, each message is a row, without the others' values, and
-    `wheels.interpolated` fills them in.
+    Joints that a message does not have are NaN in its row; `wheels.interpolated` fills them in.
 
     Attributes:
-        apart: whether a message with some of the joints is a row by itself.
         joints: names of the joints, those of the left side first.
         seen: names of the joints found so far.
         positions: whether positions are used instead of velocities.
     """
 
     def __init__(self, left: Sequence[str], right: Sequence[str], positions: bool = False) -> None:
-        self.apart = False
         self.seen: set[str] = set()
         self.positions = positions
         self.joints = (*left, *right)
-        self._count = len({*left, *right})
         self._places: dict[tuple[str, ...], dict[str, int]] = {}
-        self._newest: dict[str, tuple[int, float]] = {}
 
     def __call__(self, message: Any) -> Row | None:  # noqa: D102
-        places = self.places(tuple(message.name))
-        if not places:
-            return None
-        values = message.position if self.positions else message.velocity
-        header = getattr(message, "header", None)
-        return self.row(0 if header is None else stamp_of(header), values, places)
-
-    def places(self, names: tuple[str, ...]) -> dict[str, int]:
-        """Indices of the mapped joints that are among some names."""
+        names = tuple(message.name)
         places = self._places.get(names)
         if places is None:
             self.seen.update(names)
             mapped = [name for name in self.joints if name in names]
             places = self._places[names] = {name: names.index(name) for name in mapped}
-        return places
-
-    def row(self, stamp: int, values: Sequence[float], places: dict[str, int]) -> Row | None:
-        """Values of all mapped joints; None until each of them is there.
-
-        Args:
-            stamp: header stamp of the message [ns].
-            values: values of its joints.
-            places: indices of the mapped joints among them.
-        """
-        if len(places) == self._count:
-            self._newest.clear()
-            return tuple(float(values[places[name]]) for name in self.joints)
-        if self.apart:
-            found = (float(values[places[one]]) if one in places else NAN for one in self.joints)
-            return tuple(found)
-        self._newest.update({name: (stamp, float(values[i])) for name, i in places.items()})
-        if len(self._newest) < self._count:
-            return None
-        newest, self._newest = self._newest, {}
-        if any(abs(stamp - when) * NANOSECOND > TOGETHER for when, _ in newest.values()):
-            self._newest = {name: newest[name] for name in places}
-            return None
-        return tuple(newest[name][1] for name in self.joints)
+        values = message.position if self.positions else message.velocity
+        row = (float(values[places[one]]) if one in places else NAN for one in self.joints)
+        return tuple(row) if places else None
 
 
 def _odometry_speeds(message: Any) -> Row:

@@ -33,14 +33,7 @@ class UnusableError(Exception):
 
 
 def unreadable(topic: str, types: Iterable[str], purpose: str, readable: Iterable[str]) -> str:
-    """Describe a topic whose messages cannot be read for a stream.
-
-    Args:
-        topic: its name.
-        types: its message types.
-        purpose: purpose of the stream.
-        readable: message types that can be read for it.
-    """
+    """Describe a topic whose messages cannot be read for a stream."""
     return (
         f"topic {topic!r} is of type {', '.join(map(repr, types))}, of which {purpose} cannot be read; "
         f"readable are {', '.join(readable)}"

@@ -267,12 +267,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
 
 
 def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
-    """Return True for several tables of which only some have the track speeds.
-
-    Args:
-        paths: files that exist.
-        columns: columns of each stream, None if the robot file maps none.
-    """
+    """Return True for several tables of which only some have the track speeds."""
     if columns is None or columns.tracks is None or not all(map(is_table, paths)):
         return False
     names = [*columns.tracks.left, *columns.tracks.right]

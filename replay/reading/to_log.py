@@ -50,11 +50,6 @@ OVERLAID = ("tracks", "imu")
 def assemble(gathered: Gathered, robot: Robot, name: str) -> Log:
     """Assemble a log from gathered streams.
 
-    Args:
-        gathered: the streams.
-        robot: the robot, for its sprocket radius and gauge.
-        name: name of the log.
-
     Raises:
         ReplayError: no usable track speeds although mapped, or values whose interpretation needs a
             setting that the robot file lacks.

@@ -10,7 +10,9 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.faults.odd_wheels import LEAST_WAY, OVER, least_apart
 from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.replay.reading.message_rows import TOGETHER
+
+TOGETHER = 0.5
+"""Longest time between two messages of a wheel, between which it is interpolated [s]."""
 
 
 class Sides(NamedTuple):
@@ -26,22 +28,20 @@ class Sides(NamedTuple):
 
 
 def mean_of_sides(values: Floats, left: int) -> Floats:
-    """Means (n, 2) of the values (n, k) of the left and the right side.
-
-    Args:
-        values: values of the left wheels, then of the right ones.
-        left: number of the left ones.
-    """
+    """Means (n, 2) of the values (n, k) of the left and the right side."""
     return np.column_stack([values[:, :left].mean(axis=1), values[:, left:].mean(axis=1)])
 
 
-def interpolated(stamps: Stamps, values: Floats, wrap: float | None) -> tuple[Stamps, Floats]:
+def interpolated(
+    stamps: Stamps, values: Floats, wrap: float | None, slowest: int | None = None
+) -> tuple[Stamps, Floats]:
     """Values of wheels with messages of their own at the stamps of the slowest.
 
     Args:
         stamps: (n,) [ns], rising.
         values: (n, k) of the wheels; NaN for those that a message does not have.
         wrap: value at which counters begin again, or None.
+        slowest: column of the slowest wheel; None for that with the fewest values.
 
     Returns:
         Stamps and values; as they are if any message has all wheels, or a wheel has none.
@@ -49,7 +49,7 @@ def interpolated(stamps: Stamps, values: Floats, wrap: float | None) -> tuple[St
     known = ~np.isnan(values)
     if not len(values) or known.all(axis=1).any() or not known.any(axis=0).all():
         return stamps, values
-    at = stamps[known[:, known.sum(axis=0).argmin()]]
+    at = stamps[known[:, known.sum(axis=0).argmin() if slowest is None else slowest]]
     whole, columns = np.ones(len(at), bool), []
     for column, there in zip(values.T, known.T, strict=True):
         own, of_own = stamps[there], column[there]

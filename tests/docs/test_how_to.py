@@ -13,6 +13,7 @@ GUIDES = (
     "how-to/lidar-odometry.md",
     "how-to/obstacles-smear.md",
     "how-to/several-logs.md",
+    "how-to/simulators.md",
     "how-to/turns-too-far.md",
     "how-to/wheels-and-gps.md",
     "how-to/where-is-the-icr.md",

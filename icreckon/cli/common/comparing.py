@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
 from icreckon.estimator.robot.settings import Settings
+from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, compare
@@ -26,6 +27,9 @@ from icreckon.replay.export.formats import DEFAULT_FORMATS, check_formats
 from icreckon.report.replay.folder import RESULTS_FILE, write_views
 from icreckon.report.replay.page_text import failures
 from icreckon.report.replay.tables import WIDE_FROM, results_table
+
+# Functions that all streaming filters compile, and those of a kind of motion model: linear, or not.
+SHARED_KERNELS, KERNELS_OF_A_KIND = 8, 9
 
 
 def compare_and_write(
@@ -61,11 +65,12 @@ def compare_and_write(
         )
     warn_unless_kept()
     title = f"filtering {log.duration:.0f} s of {log.name}"
-    with progress(title, compiles=True) as report_progress:
+    variants = variants or [*DEFAULT_VARIANTS]
+    with progress(title, compiles=kernels_of(variants)) as report_progress:
         comparison = compare(
             log,
             robot,
-            variants or DEFAULT_VARIANTS,
+            variants,
             settings=settings,
             fixes=fixes,
             smooth=smooth,
@@ -93,6 +98,12 @@ def compare_and_write(
     return summary, scored
 
 
+def kernels_of(variants: Iterable[str]) -> int:
+    """Number of functions that streaming filters of these variants compile."""
+    kinds = {find_variant(one).model == "linear" for one in variants}
+    return SHARED_KERNELS + KERNELS_OF_A_KIND * len(kinds)
+
+
 def compare_and_report(
     log: Log,
     robot: Robot,
@@ -104,14 +115,6 @@ def compare_and_report(
 ) -> list[str]:
     """Run the variants over a log, write a report, and print the table or the JSON.
 
-    Args:
-        log: the log.
-        robot: the robot.
-        folder: an existing folder.
-        as_json: whether to print results.json.
-        wide: whether to show all columns.
-        options: as for `compare_and_write`.
-
     Returns:
         Messages on variants without a result, for `exit_if_failed`.
     """
@@ -121,14 +124,7 @@ def compare_and_report(
 
 
 def show(folder: Path, table: Callable[..., RenderableType], *, as_json: bool, wide: bool) -> None:
-    """Print results.json of a folder, or the table of it that fits the terminal.
-
-    Args:
-        folder: folder of the results.
-        table: makes the table; its argument `narrow` leaves columns out.
-        as_json: whether to print results.json.
-        wide: whether to show all columns.
-    """
+    """Print results.json of a folder, or the table of it that fits the terminal."""
     if as_json:
         typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
         return
@@ -137,10 +133,6 @@ def show(folder: Path, table: Callable[..., RenderableType], *, as_json: bool, w
 
 def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:
     """Load the robot of the option --robot.
-
-    Args:
-        name: the option, None if it was left out.
-        paths: the logs, for the hint.
 
     Returns:
         The option and the robot.

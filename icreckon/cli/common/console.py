@@ -118,7 +118,7 @@ class _Title(ProgressColumn):
     waits for the compiler.
     """
 
-    def __init__(self, compiles: bool) -> None:
+    def __init__(self, compiles: int) -> None:
         super().__init__(table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
         self._compiles = compiles
         self._before = self._moved = (-1, -1.0, 0.0)
@@ -127,9 +127,10 @@ class _Title(ProgressColumn):
         """Text of the column."""
         if not self._compiles:
             return Text(task.description)
-        from icreckon.estimator.tracing.kernel_cache import kernel_files
+        from icreckon.estimator.tracing.kernel_cache import environment_digest, kernel_files
 
-        found, now = len(kernel_files()), task.elapsed or 0.0
+        own = environment_digest("estimator")
+        found, now = sum(one.parent.name == own for one in kernel_files()), task.elapsed or 0.0
         if self._before[0] < 0:
             self._before = self._moved = (found, task.completed, now)
         if task.completed != self._moved[1]:
@@ -137,16 +138,18 @@ class _Title(ProgressColumn):
         is_new = found > self._moved[0] or (not self._before[0] and not task.completed)
         if not is_new or now - self._moved[2] > LONGEST_COMPILATION:
             return Text(task.description)
-        return Text(f"compiling filters (first run only) {found}")
+        of_all = f"/{self._compiles}" if found <= self._compiles else ""
+        return Text(f"compiling filters (first run only) {found}{of_all}")
 
 
 @contextmanager
-def progress(title: str, *, compiles: bool = False) -> Iterator[Callable[[float], None]]:
+def progress(title: str, *, compiles: int = 0) -> Iterator[Callable[[float], None]]:
     """Show a progress bar; yield a function of the share done, 0 to 1.
 
     Args:
         title: name of the task.
-        compiles: whether filters may be compiled first.
+        compiles: number of functions that filters compile first, see
+            `comparing.kernels_of`.
     """
     columns = (BarColumn(BAR), TaskProgressColumn(), TimeRemainingColumn(), TextColumn("left"))
     with _bar(_Title(compiles), *columns) as bar:
@@ -156,12 +159,8 @@ def progress(title: str, *, compiles: bool = False) -> Iterator[Callable[[float]
 
 @contextmanager
 def working(title: str) -> Iterator[None]:
-    """Show a spinner with the elapsed time for work of unknown length.
-
-    Args:
-        title: name of the work.
-    """
-    with _bar(SpinnerColumn(), _Title(compiles=False), TimeElapsedColumn()) as bar:
+    """Show a spinner with the elapsed time for work of unknown length."""
+    with _bar(SpinnerColumn(), _Title(compiles=0), TimeElapsedColumn()) as bar:
         bar.add_task(title, total=None)
         yield
 
@@ -176,11 +175,6 @@ def _bar(*columns: ProgressColumn) -> Progress:
 @contextmanager
 def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
     """Yield a temporary folder for results; move it into place on success.
-
-    Args:
-        wanted: the requested folder; None for the first of default, default-2, ... that is free.
-        default: name of the folder if none is requested.
-        overwrite: whether earlier results may be replaced.
 
     Yields:
         The folder, empty, under a temporary name.
@@ -209,13 +203,6 @@ def check_writable(path: Path | None, first_words: str, *, overwrite: bool) -> N
 
 def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite: bool) -> None:
     """Write a text file in one step, and print where it is.
-
-    Args:
-        path: the file.
-        text: its content.
-        first_words: beginning of the files that may be replaced.
-        what: name of the content, for the message.
-        overwrite: whether an earlier file may be replaced.
 
     Raises:
         ReplayError: the path exists and may not be replaced.

@@ -34,11 +34,7 @@ def robot_option(more: str = "") -> Any:
 
 
 def logs(text: str) -> Any:
-    """Argument of one or more logs.
-
-    Args:
-        text: its help.
-    """
+    """Argument of one or more logs."""
     return typer.Argument(help=text, metavar="LOG...", show_default=False)
 
 

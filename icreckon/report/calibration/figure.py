@@ -30,12 +30,7 @@ TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
 
 
 def write_calibration_figure(path: Path, results: Results) -> None:
-    """Draw segment errors before and after, certainties and held-out scores as PNG.
-
-    Args:
-        path: the file.
-        results: output of `icreckon.replay.calibration.results.summarise_calibration`.
-    """
+    """Draw segment errors before and after, certainties and held-out scores as PNG."""
     with mpl.rc_context(STYLE), any_letters():
         figure = Figure(figsize=(15, 9), layout="constrained")
         grid = figure.add_gridspec(3, 2, width_ratios=(1.4, 1.0))

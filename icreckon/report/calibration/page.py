@@ -11,11 +11,7 @@ ORIGIN = ("versions", "inputs", "format")
 
 
 def calibration_page(results: Results) -> str:
-    """Render the page as HTML.
-
-    Args:
-        results: output of `icreckon.replay.calibration.results.summarise_calibration`, of JSON's types.
-    """
+    """Render the page as HTML."""
     logs = results["logs"]
     count = f"{len(logs)} {'log' if len(logs) == 1 else 'logs'}"
     distance = sum(one["distance_m"] for one in logs)

@@ -34,13 +34,7 @@ FARTHEST = 60.0
 
 
 def write_figures(folder: Path, reproduced: Reproduction, overview: str) -> None:
-    """Draw all figures as PNG: figure-3.png to figure-8.png, and the overview.
-
-    Args:
-        folder: an existing folder.
-        reproduced: map and results.
-        overview: file name of the figure of all differences.
-    """
+    """Draw all figures as PNG: figure-3.png to figure-8.png, and the overview."""
     _draw_differences(folder / overview, reproduced.rows)
     _draw_icrs(folder / "figure-3.png", reproduced)
     _draw_inertia(folder / "figure-5.png", reproduced)

@@ -23,12 +23,7 @@ ORIGIN = ("versions", "seed", "format")
 
 
 def paper_page(results: Results, folder: Path) -> str:
-    """Render the page as HTML.
-
-    Args:
-        results: results of `icreckon paper`, of JSON's types.
-        folder: folder with the figures of these results, if there are any.
-    """
+    """Render the page as HTML."""
     pictures = [
         Picture(name, caption, (folder / f"{name}.png").read_bytes(), name in WIDE)
         for name, caption in CAPTIONS.items()

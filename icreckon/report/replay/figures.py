@@ -41,12 +41,7 @@ SHADES, BOUNDS = ("no fixes",), "3σ of a filter"
 
 
 def write_figure(path: Path, results: Results) -> None:
-    """Draw paths, errors with 3-sigma bounds, and the indices over time, as PNG.
-
-    Args:
-        path: the file.
-        results: output of `icreckon.replay.comparison.results.summarise`.
-    """
+    """Draw paths, errors with 3-sigma bounds, and the indices over time, as PNG."""
     results = _lifted(results)
     style: Any = {"font.size": 11, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
     with mpl.rc_context(style), any_letters():
@@ -60,11 +55,11 @@ def write_figure(path: Path, results: Results) -> None:
         if results["truth"]:
             _draw_position_errors(errors, results)
         else:
-            _draw_uncertainty(errors, results)
+            _draw_lines(errors, results, "own 3σ of position [m]", "position_sigma_m", 3.0)
         if has_yaw_errors(results):
             _draw_yaw_errors(yaw, results)
         else:
-            _draw_yaw(yaw, results)
+            _draw_lines(yaw, results, "yaw [deg]", "yaw_rad", 180.0 / math.pi)
         errors.tick_params(labelbottom=False)
         # All axes of time share these, the narrow ones of the indices, too.
         errors.xaxis.set_major_locator(MaxNLocator(TIME_TICKS, steps=[1, 2, 5, 10]))
@@ -241,19 +236,12 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
     axes.set_title("yaw error [deg]", fontsize=11)
 
 
-def _draw_uncertainty(axes: Axes, results: Results) -> None:
+def _draw_lines(axes: Axes, results: Results, title: str, key: str, scale: float) -> None:
+    """Draw a series of all variants over time, in another unit by `scale`."""
     series = results["series"]
     for name, one in series["variants"].items():
-        bound = 3.0 * _numbers(one["position_sigma_m"])
-        axes.plot(series["t_s"], bound, color=_colour(name), label=name)
-    axes.set_title("own 3σ of position [m]", fontsize=11)
-
-
-def _draw_yaw(axes: Axes, results: Results) -> None:
-    series = results["series"]
-    for name, one in series["variants"].items():
-        axes.plot(series["t_s"], np.degrees(_numbers(one["yaw_rad"])), color=_colour(name), lw=1.2)
-    axes.set_title("yaw [deg]", fontsize=11)
+        axes.plot(series["t_s"], scale * _numbers(one[key]), color=_colour(name), label=name)
+    axes.set_title(title, fontsize=11)
 
 
 INDEX_TITLES = {

@@ -21,9 +21,6 @@ def drift_picture(results: Results) -> SimpleNamespace | None:
     """Rows of marks over a logarithmic axis, all logs first; None without scores.
 
     Places along the axis are in %, heights in px; ticks are places and texts.
-
-    Args:
-        results: output of `summarise_many`.
     """
     label = horizon_of(results)
     drifts = {

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
+from icreckon.report.printable import change, change_range
 from icreckon.report.replay.page_text import (
     doubts,
     failures,
     horizon_text,
-    interval_text,
     number,
     verdict_text,
 )
@@ -73,11 +73,10 @@ def _ratio_text(results: Results, robot: str) -> str:
         return f"{robot} cannot be compared with {ratios['to']}: no segment is scored with both."
     best = min(known, key=lambda one: float(one["drift_percent"]))["best"]
     ratio, interval = (ratios["variants"][best][f"ratio_{label}{end}"] for end in ("", "_95"))
-    times = f"{number(ratio)} times what it drifts"
+    than = "as far as" if number(ratio) == number(1.0) else f"{change(ratio)} than"
     said = (
-        f"With {robot}, {best} drifts {'as far as' if number(ratio) == number(1.0) else times} with "
-        f"{ratios['to']}{interval_text(interval, '95 % interval ')}, {horizon_text(label)} of dead "
-        "reckoning."
+        f"With {robot}, {best} drifts {than} with {ratios['to']}{change_range(interval)}, "
+        f"{horizon_text(label)} of dead reckoning."
     )
     if interval is None:
         return f"{said} The logs are too short to say whether that is more than chance."
@@ -93,10 +92,7 @@ def _learning_text(results: Results, robot: str, best: str) -> str:
     if best == LEARNS or learns is None or learns[f"ratio_{label}"] is None:
         return ""
     ratio, interval = (learns[f"ratio_{label}{end}"] for end in ("", "_95"))
-    return (
-        f" {LEARNS}, which learns as it drives, drifts {number(ratio)} times as far"
-        f"{interval_text(interval, '95 % interval ')}."
-    )
+    return f" {LEARNS}, which learns as it drives, drifts {change(ratio)}{change_range(interval)}."
 
 
 def horizon_of(results: Results) -> str:

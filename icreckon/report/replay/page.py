@@ -53,11 +53,7 @@ class Section(NamedTuple):
 
 
 def replay_page(results: Results) -> str:
-    """Render the page as HTML.
-
-    Args:
-        results: output of `icreckon.replay.comparison.results.summarise`, or content of results.json.
-    """
+    """Render the page as HTML."""
     dropped = results["log"]["dropped"]
     return render(
         "replay.html",
@@ -120,11 +116,7 @@ def _scored(results: Results) -> list[Section]:
 
 
 def drift_tables(results: Results) -> list[Table]:
-    """Drift per horizon and ratio to the baseline, with intervals.
-
-    Args:
-        results: results with "variants", "horizons" and "baseline_variant".
-    """
+    """Drift per horizon and ratio to the baseline, with intervals."""
     labels = _filled(results, "drift_percent_{}_mean")
     head = ["variant", *(horizon_text(label) for label in labels)]
     baseline = results["baseline_variant"]

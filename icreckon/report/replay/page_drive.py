@@ -33,12 +33,7 @@ Numbers = list[float | None]
 
 
 def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
-    """Input of `drive.js`; adds its columns.
-
-    Args:
-        results: results of a comparison.
-        columns: columns of the page, with those of the charts.
-    """
+    """Input of `drive.js`; adds its columns."""
     series, vehicle = results["series"], results["robot"]["vehicle"]
     contacts = _contacts(vehicle)
     for name, one in series["variants"].items():

@@ -10,6 +10,7 @@ from icreckon.replay.base.errors import OF_ROBOT_FILE
 from icreckon.replay.comparison.fixes import OF_FIXES
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
+from icreckon.report.printable import change, change_range
 
 # Sentence after the contradictions of a log to a robot file.
 CHECK_HINT = "icreckon check says what each of these costs, and what to set"
@@ -107,30 +108,29 @@ def verdict_text(found: Results, logs: int = 1) -> str:
         return f"{best} drifts {drifts}. Nothing else was run to compare it with."
     if best == baseline:
         return f"{best} drifts least: {drifts}. {_next_best(found, short)}"
-    ratio, interval = number(found["ratio"]), found["ratio_95"]
+    less, interval = change(found["ratio"]), found["ratio_95"]
     if found["ratio"] > 1.0:
         return (
             f"Nothing drifts less than {baseline}, whose gyro bias is from the truth. Of the others, "
-            f"{best} drifts least: {drifts}, {ratio} times that{interval_text(interval)}."
+            f"{best} drifts least: {drifts}, {less} than that{change_range(interval)}."
         )
     if interval is None:
         return (
-            f"{best} drifts least: {drifts}, {ratio} times what {baseline} drifts. {short} too "
-            "short to say whether that is more than chance."
+            f"{best} drifts least: {drifts}, {less} than {baseline}. {short} too short to say whether "
+            "that is more than chance."
         )
     if interval[1] >= 1.0:
         return (
-            f"No variant is shown to drift less than {baseline} on {this}. {best} has the lowest "
-            f"figure, {drifts}, {ratio} times that of {baseline}{interval_text(interval)}: that may be "
-            "chance."
+            f"No variant drifts significantly less than {baseline} on {this}. {best} has the lowest "
+            f"figure, {drifts}, {less} than {baseline}{change_range(interval)}: that may be chance."
         )
-    times = f"{ratio} times what {baseline} drifts{interval_text(interval)}"
     share = (
         ""
         if logs == 1
         else f", and less in {found['logs_with_less']} of {found['logs_scored']} logs"
     )
-    return f"{best} drifts least: {drifts}. That is {times}{share}."
+    than = f"{less} than {baseline}{change_range(interval)}"
+    return f"{best} drifts least: {drifts}. That is {than}{share}."
 
 
 def _next_best(found: Results, short: str) -> str:
@@ -139,14 +139,12 @@ def _next_best(found: Results, short: str) -> str:
         return f"{short} too short to say whether the others drift more by more than chance."
     chance, ratios = found["not_shown_worse"], found["ratios_to_best"]
     name = min(chance or ratios, key=lambda one: float(ratios[one]))
-    factor = (
-        f"{number(ratios[name])} times as much{interval_text(found['ratios_to_best_95'][name])}"
-    )
+    more = f"{change(ratios[name])}{change_range(found['ratios_to_best_95'][name])}"
     if not chance:
-        return f"All others drift more; next is {name} with {factor}."
-    more = [one for one in chance if one != name]
-    others = f", nor {'is' if len(more) == 1 else 'are'} {', '.join(more)}" if more else ""
-    return f"But {name}, with {factor}, is not shown to drift more{others}."
+        return f"All others drift more; next is {name} with {more}."
+    others = [one for one in chance if one != name]
+    rest = f", nor {'is' if len(others) == 1 else 'are'} {', '.join(others)}" if others else ""
+    return f"But {name}, with {more}, is not shown to drift more{rest}."
 
 
 def _with_fixes_throughout(results: Results) -> str:
@@ -221,13 +219,13 @@ def remarks(results: Results) -> list[str]:
     if results["truth"] and found is not None:
         chance = found["not_shown_worse"]
         if chance and found["best"] != found["baseline"]:
-            lines.append(f"Not shown to drift more than {found['best']}: {', '.join(chance)}.")
+            lines.append(f"Not significantly worse than {found['best']}: {', '.join(chance)}.")
         best = results["variants"][found["best"]]
         if best["nees_pose_mean"] is not None:
-            sure = math.sqrt(best["nees_pose_mean"] / 3.0)
+            nees = best["nees_pose_mean"]
             lines.append(
-                f"Errors of {found['best']} are {number(sure)} times its own standard deviations "
-                "(root of its pose NEES over 3; ideal is 1)."
+                f"Errors of {found['best']} are {change(math.sqrt(nees / 3.0))} than it predicts (pose "
+                f"NEES {number(nees)}, ideal 3)."
             )
         lines.append(
             "One log is one run, and the best was picked on the log it is scored on."
@@ -363,11 +361,7 @@ def all_rejections(results: Results) -> list[str]:
 
 
 def rejections_text(one: Results) -> str:
-    """Measurements that a variant rejected, of how many, by sensor and reason.
-
-    Args:
-        one: results of the variant.
-    """
+    """Measurements that a variant rejected, of how many, by sensor and reason."""
     total = dict(one["used"])
     named = [(*what.partition(": ")[::2], count) for what, count in one["rejected"].items()]
     for sensor, _, count in named:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable
+from functools import partial
 from itertools import cycle
 from typing import Any
 
@@ -40,11 +41,7 @@ SPREAD = 0.5
 
 
 def study_figures(results: Results) -> list[Picture]:
-    """Draw all figures of a study.
-
-    Args:
-        results: output of `icreckon.simulation.study.results.study_results`.
-    """
+    """Draw all figures of a study."""
     figures = []
     drift = results["drift"]
     for axis, effect in zip(results["axes"], results["effects"], strict=True):
@@ -56,15 +53,9 @@ def study_figures(results: Results) -> list[Picture]:
             caption = (
                 f"{_capital(title)} against {axis['name']}{others}: means and their 95 % intervals."
             )
-
-            def draw(
-                axes: Axes,
-                axis: dict[str, Any] = axis,
-                effect: dict[str, Any] = effect,
-                statistic: str = statistic,
-            ) -> None:
-                _draw_effect(axes, results, axis, effect, statistic)
-
+            draw = partial(
+                _draw_effect, results=results, axis=axis, effect=effect, statistic=statistic
+            )
             figures.append(_drawn(f"{short}-{_file_name(axis['name'])}", caption, draw))
         if _known(results, drift) and len(results["variants"]) > 1:
             figures.append(_ratio_figure(results, axis, effect))

@@ -20,12 +20,7 @@ PROVENANCE = ("versions", "seed", "engine", "runs", "true_motions", "format")
 
 
 def study_page(results: Results, figures: Sequence[Picture]) -> str:
-    """Render the page as HTML.
-
-    Args:
-        results: output of `icreckon.simulation.study.results.study_results`.
-        figures: figures of these results.
-    """
+    """Render the page as HTML."""
     return render(
         "study.html",
         title=results["name"],

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from icreckon.report.printable import change, change_range
 from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
 
 # Most cells of a table by cell; with more, tables are by axis.
@@ -68,12 +69,9 @@ def _comparison(results: Results, name: str) -> str:
     drift, baseline = results["drift"], results["baseline"]
     typical = results["typical"][name]
     low, high = typical["ratio_low"], typical["ratio_high"]
-    clear = not (_finite(low) and _finite(high)) or not low <= 1.0 <= high
-    text = f"{name} drifts {_change(typical['ratio'])} than {baseline}"
+    text = f"{name} drifts {change(typical['ratio'])} than {baseline}"
     if _finite(low) and _finite(high):
-        sides = [_change(high), _change(low)] if high < 1.0 else [_change(low), _change(high)]
-        sides[0] = sides[0].rpartition(" ")[0].removesuffix(" %") if clear else sides[0]
-        text += f" (95 %: {sides[0]} to {sides[1]}{'' if clear else '; not significant'})"
+        text += change_range((low, high), "; not significant" if low <= 1.0 <= high else "")
     ratios = [(cell["variants"][name][drift], _values_of(cell)) for cell in results["cells"]]
     ratios = [one for one in ratios if _finite(one[0]["ratio"]) and _finite(one[0]["ratio_low"])]
     if len(ratios) > 1:
@@ -88,23 +86,14 @@ def _comparison(results: Results, name: str) -> str:
             if found
         ]
         if ends:
-            text += ": " + ", ".join(f"{_change(one['ratio'])} at {place}" for one, place in ends)
+            text += ": " + ", ".join(f"{change(one['ratio'])} at {place}" for one, place in ends)
     end = results["overall"][name][FINAL_ERROR]
     against = _finite(end["ratio_low"]) and (
         (typical["ratio"] < 1.0 < end["ratio_low"]) or (end["ratio_high"] < 1.0 < typical["ratio"])
     )
     if against:
-        text += (
-            f". Its error at the end is {_change(end['ratio'])} ({_between(end, 'ratio')} times)"
-        )
+        text += f". Its error at the end is {change(end['ratio'])} ({_between(end, 'ratio')} times)"
     return f"{text}."
-
-
-def _change(ratio: float) -> str:
-    """Format a ratio as a change: 0.13 as "87 % less"."""
-    percent = 100.0 * abs(ratio - 1.0)
-    size = f"{percent:.0f}" if percent >= 1.0 else f"{percent:.1f}"
-    return f"{size} % {'less' if ratio < 1.0 else 'more'}"
 
 
 def _values_of(cell: dict[str, Any]) -> str:

@@ -33,6 +33,7 @@ def test_a_file_that_fits(folder: Path):
     assert "Nothing in the log contradicts the robot file." in done.stdout
     assert "Drift of inertia-online after 30 s without fixes: " in done.stdout
     assert "! " not in done.stdout
+    assert "turn on the spot" not in done.stdout  # it turned
 
 
 def test_a_radius_that_is_a_diameter(folder: Path):
@@ -53,6 +54,7 @@ def test_as_json(folder: Path):
     assert scale["cost_percent"] > 20.0
     assert found["drift_percent_mended"] < 3.0 < 20.0 < found["drift_percent_as_it_is"]
     assert found["is_of_another_robot"] is False
+    assert isinstance(found["missing_manoeuvres"], list)
     # A program needs no words: it reads the numbers, and sets what `set` says.
     measured = scale["measured"]
     assert abs(measured["value"] - 0.5) < 0.05
@@ -73,6 +75,16 @@ def test_a_file_that_maps_no_imu_is_not_called_right(folder: Path) -> None:
     assert "Nothing could be checked: that takes track speeds and an IMU." in done.stdout
     assert "Nothing in the log contradicts" not in done.stdout
     assert "[log.imu]" in done.stdout
+
+
+def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path) -> None:
+    robot = load_robot("auriga-alpha")
+    scenario = Scenario(duration=25.0, seed=2, trajectory="straight", fix_rate=0.0)
+    write_log(simulate(scenario, robot), tmp_path / "drive", "mcap", robot)
+    done = icreckon("check", "drive", "--robot", "auriga-alpha", cwd=tmp_path)
+    assert (
+        "To learn more in the next log: turn on the spot once to each side (eta0 ± " in done.stdout
+    )
 
 
 def test_a_stream_that_the_file_leaves_out(folder: Path):

@@ -81,15 +81,14 @@ def test_the_variant_that_learns_is_compared_too_where_another_is_best(results):
     of["inertia-online"] = dict(of["gyro"]) | {"ratio_30s": 0.96, "ratio_30s_95": [0.66, 1.36]}
     results["pooled"]["mine"] = pooled("inertia-fixed", 0.8)
     assert many_headline(results).endswith(
-        " inertia-online, which learns as it drives, drifts 0.96 times as far (95 % interval 0.66 to "
-        "1.36)."
+        " inertia-online, which learns as it drives, drifts 4 % less (95 %: 34 % less to 36 % more)."
     )
 
 
 def test_robot_files_are_compared_by_the_variant_that_drifts_least(results: dict[str, Any]) -> None:
     assert many_headline(results) == (
-        "With mine, inertia-online drifts 0.50 times what it drifts with maker (95 % interval 0.40 to "
-        "0.60), after 30 s of dead reckoning."
+        "With mine, inertia-online drifts 50 % less than with maker (95 %: 40 to 60 % less), after 30 s "
+        "of dead reckoning."
     )
     of_each = many_remarks(results)[:2]
     assert of_each[0].startswith("maker: gyro drifts least: 3.00 %")
@@ -120,7 +119,7 @@ def test_one_robot_file_has_the_verdict_over_all_logs(results: dict[str, Any]) -
     del results["pooled"]["maker"]
     results["ratios"] = {}
     assert many_headline(results).startswith("inertia-online drifts least: 1.50 % of the distance")
-    assert many_headline(results).endswith("(0.40 to 0.60), and less in 2 of 3 logs.")
+    assert many_headline(results).endswith("(95 %: 40 to 60 % less), and less in 2 of 3 logs.")
     results["pooled"]["mine"]["verdict"]["ratio_95"] = [0.8, 1.2]
     assert "on these 3 logs" in many_headline(results)
     results["pooled"]["mine"] |= {"verdict": None, "logs": 0}

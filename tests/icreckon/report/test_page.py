@@ -23,6 +23,7 @@ from icreckon.replay.comparison.plot_series import (
     SERIES_POINTS,
 )
 from icreckon.replay.comparison.results import summarise, write_results
+from icreckon.report.printable import change, change_range
 from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_charts import page_data
@@ -223,17 +224,38 @@ def test_the_verdict_stands_first_and_names_horizon_and_interval(results, page):
     horizon = found["horizon"]
     assert f"after {horizon[:-1]} {horizon[-1]}" in told
     assert "95 % interval" in told
-    assert f"{number(found['ratio'])} times what constant-online drifts" in told
+    assert f"That is {change(found['ratio'])} than constant-online (95 %: " in told
     assert page.index(escape(told)) < page.index("<h2>")
 
 
 def test_a_lead_that_may_be_chance_is_called_so(results: dict[str, Any]) -> None:
     told = said(results, ratio=0.9, ratio_95=[0.7, 1.1])
-    assert told.startswith("No variant is shown to drift less than constant-online on this log.")
-    assert "0.90 times that of constant-online (0.70 to 1.10): that may be chance." in told
+    assert told.startswith("No variant drifts significantly less than constant-online on this log.")
+    assert "10 % less than constant-online (95 %: 30 % less to 10 % more): that may be" in told
     told = said(results, ratio_95=None, drift_percent_95=None)
     assert "The log is too short to say" in told
     assert "interval" not in told
+
+
+@pytest.mark.parametrize(
+    ("ratio", "interval", "text"),
+    [
+        (0.33, (0.24, 0.45), "67 % less (95 %: 55 to 76 % less)"),
+        (1.2, (1.1, 1.3), "20 % more (95 %: 10 to 30 % more)"),
+        (0.995, (0.9, 1.1), "0.5 % less (95 %: 10 % less to 10 % more)"),
+        (0.5, None, "50 % less"),
+    ],
+)
+def test_ratios_are_changes(ratio, interval, text) -> None:
+    assert change(ratio) + change_range(interval) == text
+
+
+def test_errors_are_compared_with_what_the_filter_predicts(results: dict[str, Any]) -> None:
+    other = copy.deepcopy(results)
+    other["variants"][other["verdict"]["best"]]["nees_pose_mean"] = 0.75
+    assert any(
+        "are 50 % less than it predicts (pose NEES 0.75, ideal 3)" in one for one in remarks(other)
+    )
 
 
 def test_without_truth_none_is_called_best(blind: dict[str, Any]) -> None:

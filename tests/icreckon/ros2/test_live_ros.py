@@ -33,6 +33,8 @@ OUTPUTS = {
     "/tf": "tf2_msgs/msg/TFMessage",
     "/pose_in_map": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "/icrs": "visualization_msgs/msg/MarkerArray",
+    "/slip": "diagnostic_msgs/msg/DiagnosticArray",
+    "/learnt_parameters": "diagnostic_msgs/msg/DiagnosticArray",
     "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
 }
 """Recorded topics. Subscriptions are announced in this order, and only the last one has messages before
@@ -335,6 +337,16 @@ def test_diagnostics_and_markers(live: Any) -> None:
     assert len(messages["/icrs"]) > 0.5 * SECONDS * 5.0
     left, right = messages["/icrs"][-1].markers[0].points
     assert left.y > 0.0 > right.y
+    assert len(messages["/slip"]) > 0.5 * SECONDS * 5.0
+    slip = messages["/slip"][len(messages["/slip"]) // 2]
+    assert [one.name for one in slip.status] == ["slip", "stuck", "spinning", "sliding"]
+    assert [one.level for one in slip.status] == [0, 0, 0, 0]
+    ratios = {one.key: float(one.value) for one in slip.status[0].values}
+    assert 0.2 < ratios["left_ratio"] < 5.0
+    learnt = {one.name: one for one in messages["/learnt_parameters"][-1].status}
+    values = {one.key: float(one.value) for one in learnt["eta0"].values}
+    assert values["value"] > 1.0
+    assert 0.0 < values["sigma"] < 1.0
 
 
 def test_starts_warm_and_again_after_a_kill(live, ros, bag, short_bag, tmp_path):

@@ -31,6 +31,7 @@ from bag_messages import (
 from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.live.apart_wheels import ApartWheels
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
@@ -225,6 +226,53 @@ def test_a_message_for_each_wheel_with_any_name(tmp_path: Path) -> None:
     replayed = list(read_log(bag, robot).measurements())
     assert len(replayed) == len(STAMPS)
     same(through(bag, robot), replayed)
+
+
+@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize("unit", ["rad/s", "counts"])
+def test_wheels_in_messages_of_their_own_are_interpolated(every, unit, tmp_path: Path) -> None:
+    """Wheels 17 ms apart, the right one in each message or in every second one."""
+    stream = []
+    for k, stamp in enumerate(STAMPS):
+        found = [(stamp, "l", 1.0 + 0.5 * k)]
+        found += [(stamp + 17_000_000, "r", 2.0 - 0.2 * k)] if k % every == 0 else []
+        for when, name, value in found:
+            message = joints(when, (value,), (name,))
+            message.position = np.array([7.0 * value % 100.0])
+            stream.append(("/js", message))
+    given = {} if unit == "rad/s" else {"unit": unit, "counts_per_turn": 1e3, "wrap": 100.0}
+    robot = robot_with(tracks=JOINTS | given)
+    bag = write_bag(tmp_path / "bag", stream)
+    replayed = [one for one in read_log(bag, robot).measurements() if one.stamp > STAMPS[20]]
+    assert len(replayed) > 15 / every
+    live = [one for one in through(bag, robot) if one.stamp > STAMPS[20]]
+    same(live, replayed)
+
+
+def test_a_wheel_that_pauses_or_a_clock_that_is_set_ends_the_interpolation() -> None:
+    robot = robot_with(tracks=JOINTS)
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    (tracks,) = inputs.subscriptions()
+    found: list[Measurement] = []
+    for k in range(80):
+        back = 3600 * SECOND if k >= 60 else 0
+        for turn, name in enumerate("lr"):
+            if name == "r" and 20 <= k < 40:
+                continue
+            stamp = T0 + (2 * k + turn) * SECOND // 20 - back
+            message = joints(stamp, (1.0,), (name,))
+            found += inputs.take(tracks, message.__msgtype__, message, stamp + back)
+    stamps = [(one.stamp - T0) / SECOND for one in found]
+    assert not [one for one in stamps if 2.0 <= one < 4.0]
+    assert [one for one in stamps if 4.2 < one < 5.8]
+    assert [one for one in stamps if one < 0.0]
+
+
+def test_a_wheel_that_never_comes_fills_no_memory() -> None:
+    wheels = ApartWheels()
+    for k in range(1000):
+        assert wheels.take(k * SECOND // 50, np.array([1.0, np.nan]), None) == []
+    assert len(wheels._rows) <= 51
 
 
 def test_fields_of_any_message_are_read(tmp_path: Path) -> None:

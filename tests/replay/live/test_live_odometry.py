@@ -368,6 +368,9 @@ def test_statuses_name_what_is_wrong(robot: Robot, messages: list[Arrived]) -> N
     for name in ("pose in odom", "pose in map", "gyro", "tracks", "position", "clocks"):
         assert running[f"icreckon: {name}"].level == OK, running[f"icreckon: {name}"]
     assert set(live.odom.parameters) <= set(running["icreckon: parameters"].values)
+    assert "shown by the present motion" in running["icreckon: parameters"].message
+    assert live.newest is live.map.estimator
+    assert abs(live.tracks.stamp - live.odom.stamp) < 1e8
     silent = {one.name: one for one in statuses.report()}
     assert silent["icreckon: gyro"].level == STALE
     wild = [

@@ -1,0 +1,115 @@
+"""Effective track over the yaw rate: friction at the contacts depends on it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations, pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.integral import running_integral
+from icreckon.estimator.log.log import Log
+from icreckon.replay.inspection.imu_mounting import are_usable
+
+WINDOW = 0.5
+"""Time over which the turning by the gyro and by the tracks is compared [s]."""
+EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)
+"""Bounds of the bins of the yaw rate, to either side [rad/s]."""
+STEADY = 0.15
+"""Change of the yaw rate to the windows beside one that counts, over its own rate [-]."""
+FEWEST = 8
+"""Windows that make a bin."""
+SURE = 4.0
+"""Standard errors between two of all bins that are a difference."""
+
+
+class RateBin(NamedTuple):
+    """Effective track at some yaw rates, to one side.
+
+    Attributes:
+        rate: mean yaw rate by the gyro, positive to the left [rad/s].
+        track: V_r - V_l over the yaw rate.
+        sigma: its standard error.
+        seconds: time in the bin [s].
+    """
+
+    rate: float
+    track: float
+    sigma: float
+    seconds: float
+
+
+class TrackByRate(NamedTuple):
+    """Effective track of a log.
+
+    Attributes:
+        whole: that of the whole log.
+        unit: unit of all tracks: "m", or what they are multiples of.
+        bins: effective track by the yaw rate, from the right to the left.
+    """
+
+    whole: float
+    unit: str
+    bins: tuple[RateBin, ...]
+
+
+def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
+    """Mean yaw rates and V_r - V_l (n, 2) of windows in which the log has no hole.
+
+    Args:
+        log: the log; its track speeds may be rates.
+        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s].
+        bias: bias of that rate [rad/s].
+    """
+    if log.imu is None or not are_usable(log.tracks):
+        return np.zeros((0, 2))
+    tracks, imu, step = log.tracks.stamps, log.imu.stamps, round(WINDOW / NANOSECOND)
+    edges = np.arange(max(tracks[0], imu[0]), min(tracks[-1], imu[-1]) + 1, step)
+    turning = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
+    sides = ((imu, vertical - bias), (tracks, turning))
+    whole = np.ones(max(0, len(edges) - 1), bool)
+    for stamps, _ in sides:
+        held = np.diff(stamps, prepend=stamps[0])[np.searchsorted(stamps, edges[1:])]
+        whole &= held < step
+    columns = [np.diff(np.interp(edges, at, running_integral(at, one))) for at, one in sides]
+    found = np.column_stack(columns) / WINDOW
+    # Where the rate changes, what remains of a latency would count as a narrower track.
+    steps = np.abs(np.diff(found[:, 0]))
+    whole[1:] &= steps < STEADY * np.abs(found[1:, 0])
+    whole[:-1] &= steps < STEADY * np.abs(found[:-1, 0])
+    return found[whole]
+
+
+def track_by_rate(windows: Floats) -> list[RateBin]:
+    """Effective track in bins of the yaw rate, from the right to the left.
+
+    Args:
+        windows: (n, 2) of `track_windows`, of one log or several.
+    """
+    found = []
+    for side in (-1.0, 1.0):
+        rates, turning = side * windows.T
+        for low, high in pairwise(EDGES):
+            inside = (rates >= low) & (rates < high)
+            if inside.sum() >= FEWEST:
+                rate, mean = float(rates[inside].mean()), float(turning[inside].mean())
+                off = turning[inside] - mean / rate * rates[inside]
+                sigma = float(off.std(ddof=1) / np.sqrt(inside.sum()) / rate)
+                found.append(RateBin(side * rate, mean / rate, sigma, WINDOW * int(inside.sum())))
+    return sorted(found)
+
+
+def extremes(bins: Sequence[RateBin]) -> tuple[RateBin, RateBin] | None:
+    """Bins with a narrow and a wide track that differ most significantly, if any do."""
+
+    def apart(pair: tuple[RateBin, RateBin]) -> float:
+        one, other = pair
+        return abs(one.track - other.track) / max(1e-9, float(np.hypot(one.sigma, other.sigma)))
+
+    pair = max(combinations(bins, 2), key=apart, default=None)
+    if pair is None or apart(pair) < SURE:
+        return None
+    low, high = sorted(pair, key=lambda one: one.track)
+    return low, high

@@ -1,0 +1,62 @@
+"""Wheels that come in messages of their own, interpolated as in a replay."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.replay.reading.wheels import TOGETHER, interpolated
+
+LONGEST = round(2.0 * TOGETHER / NANOSECOND)
+"""Longest time between messages that belong together [ns]."""
+CLEARLY_SLOWER = 0.9
+"""Ratio of numbers of messages from which a wheel is the slowest in place of another."""
+
+
+class ApartWheels:
+    """Newest values of wheels, until those of all can be interpolated.
+
+    A row is ready once each wheel has a value at its stamp or later: up to an interval of the wheels
+    after its message. The slowest wheel is that with the fewest messages so far.
+    """
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[int, Floats]] = []
+        self._counts = np.zeros(0)
+        self._slowest = 0
+        self._newest = -1
+        self._together = False
+
+    def take(self, stamp: int, values: Floats, wrap: float | None) -> list[tuple[int, Floats]]:
+        """Add a message; return the rows (k,) that it completes, with their stamps [ns].
+
+        Args:
+            stamp: its stamp [ns].
+            values: (k,) of the wheels, NaN for those that it does not have.
+            wrap: value at which counters begin again, or None.
+        """
+        known = ~np.isnan(values)
+        self._together |= bool(known.all())
+        if self._together:
+            return [(stamp, values)]
+        if self._rows and abs(stamp - self._rows[-1][0]) > LONGEST:
+            self._rows, self._newest = [], -1  # a hole, or a clock that was set
+        # One wheel may never come.
+        kept = [row for row in self._rows if stamp - row[0] <= LONGEST]
+        self._rows = sorted([*kept, (stamp, values)], key=lambda row: row[0])
+        self._counts = known + (self._counts if len(self._counts) else 0.0)
+        if self._counts.min() < CLEARLY_SLOWER * self._counts[self._slowest] - 1.0:
+            self._slowest = int(self._counts.argmin())
+        table = np.array([row for _, row in self._rows])
+        if np.isnan(table).all(axis=0).any():
+            return []
+        stamps = np.array([when for when, _ in self._rows])
+        found = zip(*interpolated(stamps, table, wrap, self._slowest), strict=True)
+        ready = [(int(when), row) for when, row in found if when > self._newest]
+        if ready:
+            self._newest = ready[-1][0]
+            # The value of each wheel before is needed for the next row.
+            before = stamps <= self._newest
+            first = min(stamps[before & ~np.isnan(column)].max() for column in table.T)
+            self._rows = [row for row in self._rows if row[0] >= first]
+        return ready

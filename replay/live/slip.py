@@ -1,0 +1,59 @@
+"""Slip of the tracks: statuses of the topic `slip`."""
+
+from __future__ import annotations
+
+import math
+
+from icreckon.estimator.log.measurements import TrackSpeeds
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.replay.base.diagnostic_status import OK, WARN, DiagnosticStatus
+
+LEAST_SPEED = 0.1
+"""Track speed from which a ratio is computed [m/s]."""
+STUCK_BELOW, MOST_ETA = 0.35, 5.0
+"""Share of the expected motion below which a robot is stuck, on both sides, and most steering efficiency
+that is expected [-]: where RTK shows that the robot stands, the estimate moves by up to 0.27."""
+
+
+class SlipWatch:
+    """Watch over the slip of the tracks, by looks at the estimate some times a second.
+
+    A robot is stuck if two looks in a row show it: when it starts, its tracks are ahead for a moment.
+
+    Args:
+        gauge: track gauge [m].
+    """
+
+    def __init__(self, gauge: float) -> None:
+        self._gauge, self._stands = gauge, False
+
+    def look(self, estimator: PoseEstimator, tracks: TrackSpeeds) -> list[DiagnosticStatus]:
+        """Statuses slip, stuck, spinning and sliding, WARN while it lasts.
+
+        Args:
+            estimator: the estimator of the pose.
+            tracks: newest track speeds.
+        """
+        findings = estimator.health.findings
+        forward, sideways, w = estimator.twist.tolist()
+        # During a slide the filter keeps the speed of the tracks, and makes it uncertain.
+        forward += sum(one.size or 0.0 for one in findings if one.fault == "sliding")
+        # A robot that turns on the spot slips without being stuck: by its effective track it does not.
+        width = self._gauge * min(max(1.0, estimator.indices.eta), MOST_ETA)
+        ratios, shares = {}, []
+        for side, speed, place in (("left", tracks.left, -0.5), ("right", tracks.right, 0.5)):
+            drives = abs(speed) >= LEAST_SPEED
+            ratios[side] = (forward + place * self._gauge * w) / speed if drives else math.nan
+            shares += [abs((forward + place * width * w) / speed)] if drives else []
+        before, self._stands = self._stands, bool(shares) and max(shares) < STUCK_BELOW
+        stuck = "the tracks drive and the robot does not"
+        flags = {"stuck": stuck if before and self._stands else ""}
+        for fault in ("spinning", "sliding"):
+            flags[fault] = "; ".join(one.text for one in findings if one.fault == fault)
+        values = {f"{side}_ratio": f"{ratio:.4f}" for side, ratio in ratios.items()}
+        values["sideways_m_s"] = f"{sideways:.4f}"
+        text = ", ".join(f"{side} {ratio:.2f}" for side, ratio in ratios.items())
+        found = [DiagnosticStatus(OK, "slip", f"ground speed over track speed: {text}", values)]
+        for name, on in flags.items():
+            found.append(DiagnosticStatus(WARN if on else OK, name, on or "no", {}))
+        return found

@@ -1,0 +1,70 @@
+"""Progress on a terminal: from the first second on, and of how many."""
+
+import os
+import pty
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rich.progress import Task
+
+from icreckon.cli.common import console
+from icreckon.cli.common.comparing import kernels_of
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.tracing import kernel_cache
+
+COUNTED = """
+from icreckon import ImuSample, Log, TrackSpeeds, load_robot, run
+from icreckon.estimator.tracing.kernel_cache import CodeFiles
+names, load = set(), CodeFiles.load
+CodeFiles.load = lambda self, *key: names.add(key) or load(self, *key)
+stamps = range(0, 1_000_000_000, 10_000_000)
+tracks = [TrackSpeeds(stamp, 0.5, 0.5) for stamp in stamps]
+imu = [ImuSample(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)) for stamp in stamps]
+for variant in {}:
+    run(Log.from_measurements([*tracks, *imu]), load_robot("auriga-alpha"), variant)
+print(len(names))
+"""
+
+
+@pytest.mark.parametrize("variants", [["gyro"], [*VARIANTS]])
+def test_the_total_is_that_of_the_functions_that_filters_compile(variants: list[str]) -> None:
+    """Two filters: one process has the same functions only once."""
+    done = subprocess.run(
+        [sys.executable, "-c", COUNTED.format(variants)], capture_output=True, text=True, check=True
+    )
+    assert int(done.stdout) == kernels_of(variants)
+
+
+def title(monkeypatch, tmp_path: Path, counts: list[int], compiles: int) -> list[str]:
+    """Texts of the bar, one after the other, with so many kernels on disk."""
+    folder = tmp_path / kernel_cache.environment_digest("estimator")
+    column, found = console._Title(compiles), []
+    task = Task(0, "filtering", 1.0, 0.0, _get_time=lambda: 0.0)  # type: ignore[arg-type]
+    for count in counts:
+        files = [folder / str(k) for k in range(count)] + [tmp_path / "other" / "kernel"]
+        monkeypatch.setattr(kernel_cache, "kernel_files", lambda files=files: files)
+        found.append(column.render(task).plain)
+    return found
+
+
+def test_compiled_functions_are_counted_with_their_total(monkeypatch, tmp_path: Path) -> None:
+    text = "compiling filters (first run only)"
+    found = title(monkeypatch, tmp_path, [0, 3, 22, 23], 22)
+    assert found == [f"{text} 0/22", f"{text} 3/22", f"{text} 22/22", f"{text} 23"]
+    assert title(monkeypatch, tmp_path, [30, 30], 22) == ["filtering"] * 2
+    assert title(monkeypatch, tmp_path, [0], 0) == ["filtering"]
+
+
+def test_a_terminal_shows_at_once_what_is_done(tmp_path: Path) -> None:
+    main, side = pty.openpty()
+    command = [Path(sys.executable).parent / "icreckon", "replay", "none.bag"]
+    started = time.monotonic()
+    running = subprocess.Popen(command, cwd=tmp_path, stdout=side, stderr=side)
+    os.close(side)
+    assert os.read(main, 1000).startswith(b"loading icreckon replay")
+    assert time.monotonic() - started < 20.0  # a busy machine
+    running.wait()
+    os.close(main)
