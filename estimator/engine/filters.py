@@ -265,7 +265,7 @@ class BatchFilter:
             since_first,
             estimates,
             lanes.fixes,
-            _places(self.layout, self._wander, all_outputs),
+            work_places(self.layout, self._wander, all_outputs=all_outputs),
         )
 
     def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
@@ -340,7 +340,8 @@ class BatchFilter:
 
 
 @cache
-def _places(layout: Layout, wander: FixWander, all_outputs: bool) -> Places:
+def work_places(layout: Layout, wander: FixWander, *, all_outputs: bool = False) -> Places:
+    """Places of a layout that `work_through` needs."""
     rows, more = layout.rows, layout.more_outputs if all_outputs else ()
     pose = [rows[f"x{i}"] for i in range(3)]
     covariance = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
