@@ -1,87 +1,107 @@
 """Filter of one robot and variant as C sources.
 
-Its steps and its inputs are those of the Python filter: kernels of traced numbers (`tracing.c_kernel`) and
-functions over the record (`tracing.c_functions`). `icreckon_filter.c.in` puts them together, as
+Its steps and its inputs are those of the Python filter: kernels of traced numbers (`tracing.c_kernel`)
+and functions over the record (`tracing.c_functions`). A template puts them together, as
 `streaming.reckoning` does.
 """
 
 from __future__ import annotations
 
-import ctypes
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from functools import partial
+from importlib.metadata import metadata
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import msgspec
 import numpy as np
 
 from icreckon import __version__
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.base.records import CLOCK, _hints, shared_record
-from icreckon.estimator.engine import model
-from icreckon.estimator.engine.constants import shared_constants
+from icreckon.estimator.base.records import shared_record
+from icreckon.estimator.embedded.c_records import Records
+from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.engine.filters import BatchFilter, work_places
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
-from icreckon.estimator.engine.lane import FilterShape, Lane
+from icreckon.estimator.engine.lane import FilterShape
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
-from icreckon.estimator.engine.layout import INPUTS, covariance_name
-from icreckon.estimator.engine.model import SlipConstants
+from icreckon.estimator.engine.layout import FACTORS, INPUTS, TREND, TWIST, covariance_name
 from icreckon.estimator.engine.one_lane import OF_SAMPLE, OF_TIME
-from icreckon.estimator.engine.step import step_kernel
+from icreckon.estimator.engine.step import first_kernel, motion_kernel, step_kernel
 from icreckon.estimator.engine.work import Places, follow_in_lane, let_wander, relocate_lane
-from icreckon.estimator.faults.odd_wheels import WheelsRecord
 from icreckon.estimator.faults.repeating_fixes import repeats
-from icreckon.estimator.faults.scattering_fixes import TakenFix, wanders
+from icreckon.estimator.faults.scattering_fixes import ScatterRecord, wanders
 from icreckon.estimator.faults.sliding_robot import slides
 from icreckon.estimator.faults.spinning_tracks import certain_side
 from icreckon.estimator.faults.stuck_tracks import frozen_from, stuck_from
-from icreckon.estimator.filter.filter_record import FilterRecord, ends_step, take_track_speeds
+from icreckon.estimator.filter.filter_record import (
+    DEPARTURE,
+    FilterRecord,
+    FixesRecord,
+    ends_step,
+    take_track_speeds,
+)
+from icreckon.estimator.filter.gate import LONGEST_COUNTED
 from icreckon.estimator.filter.initial_state import assumptions
-from icreckon.estimator.filter.reacquisition import add_rejected
+from icreckon.estimator.filter.reacquisition import RejectedRecord, add_rejected
 from icreckon.estimator.log import input_checks
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant, state_names
 from icreckon.estimator.sensors import imu_clock
-from icreckon.estimator.sensors.held_tracks import is_hole, smoothing_share, speeds_at
-from icreckon.estimator.sensors.imu_tilt import TiltRecord
+from icreckon.estimator.sensors.held_tracks import TrackRecord, is_hole, smoothing_share, speeds_at
+from icreckon.estimator.sensors.imu_clock import ClockRecord
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
+from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.estimator.sensors.standstill import StandstillRecord, is_carried
+from icreckon.estimator.sensors.standstill import is_carried
 from icreckon.estimator.tracing import trace
-from icreckon.estimator.tracing.c_functions import (
-    BOOL,
-    COMPLEX_C,
-    INT,
-    INTEGERS,
-    REAL,
-    Code,
-    Functions,
-    Type,
-)
+from icreckon.estimator.tracing.c_functions import Functions
 from icreckon.estimator.tracing.c_kernel import kernel_in_c, literal
+from icreckon.estimator.tracing.c_types import INT, REAL, Code, Type
 from icreckon.estimator.tracing.kernel import Kernel
 
-FOLDER = Path(__file__).parent
-# Fields that the filter in C does not use: rates for the watch of the latency, gates of fixes, and what
-# position fixes change, which its workspace holds.
-WITHOUT = {
-    "settings",
-    "poses",
-    "gyro",
-    "accelerometer_x",
-    "accelerometer_y",
-    "turning",
-    "yaw_rates",
-    *("slip_factor", "present_factor", "trend_forward", "trend_left", "trend_size"),
-    *("departed_for", "departed_from_x", "departed_from_y", "departed_by_x", "departed_by_y"),
-}
+TEMPLATES = Path(__file__).parent / "templates"
+SOURCE = TEMPLATES / "icreckon_filter.c.in"
+# Standard deviations within which the self-test holds a filter to that in Python, by bits of a number.
+TOLERANCE = {64: 1e-6, 32: 0.02}
+# Fields that the filter in C does not need: settings are constants, the workspace has the gates and what
+# position fixes change, and nobody watches latencies.
+WITHOUT = frozenset(
+    {"settings", "poses", *IMU_SENSORS, "turning", "yaw_rates", *FACTORS, *TREND, *DEPARTURE}
+)
+RECORD = f"icr_{FilterRecord.__name__}"
+SETTINGS, PLACES = Type("record", "icr_InputSettings"), Type("record", "Places")
+LEARNT = range(s.LEARNT.start, s.LEARNT.stop)
+# Highest rate of an IMU [Hz].
+FASTEST_IMU = 10_000.0
 # Constants of a kernel that differ from step to step.
 VARYING = ("dt", "smoothing", "interval")
-# Rows that are set at the start.
-ONES = ("slip_factor", "present_factor", "trend_size")
+# Gates whose number of used measurements the filter reads.
+GATES = ("gyro", "heading")
+# Rows that the filter reads, by their names in C.
+ROWS = {"STOOD": "stood", "TWIST": "v_x", "MOTION": "zeta", "PREDICTED": "predicted_x"} | {
+    "UPDATED": "updated_x",
+    "INNOVATION": "position_z_x",
+    **{f"USED_{gate}".upper(): f"{gate}_used" for gate in GATES},
+}
+UPDATE = OF_SAMPLE._replace(draws=False, moves=False, resumes=True)
+FIX, AHEAD = FixKind(fast_slip=True), FixKind(fast_slip=True, ahead=True)
+# Kernels by their names in C.
+KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
+    "imu_step": partial(step_kernel, kind=OF_SAMPLE),
+    "imu_update": partial(step_kernel, kind=UPDATE),
+    "time_step": partial(step_kernel, kind=OF_TIME),
+    "position": partial(position_kernel, kind=FIX),
+    "position_ahead": partial(position_kernel, kind=AHEAD),
+    "heading": partial(heading_kernel, kind=FIX),
+    "heading_ahead": partial(heading_kernel, kind=AHEAD),
+    "start": first_kernel,
+    "motion": motion_kernel,
+}
 
 
 class Exported(NamedTuple):
@@ -89,11 +109,11 @@ class Exported(NamedTuple):
 
     Attributes:
         files: text of each file, by name.
-        names: names of the states, in their order.
+        states: indices of its states, in their order.
     """
 
     files: dict[str, str]
-    names: tuple[str, ...]
+    states: list[int]
 
 
 def filter_in_c(
@@ -109,8 +129,12 @@ def filter_in_c(
         imu_rate: highest rate of the IMU, for the size of a buffer [Hz].
 
     Raises:
-        EstimatorError: the variant has no form in C, or see `PoseEstimator`.
+        EstimatorError: the rate is not above zero; or see `BatchFilter`.
     """
+    if not 0.0 < imu_rate <= FASTEST_IMU:
+        raise EstimatorError(
+            f"the rate of the IMU must be above 0 and at most {FASTEST_IMU:g} Hz, found {imu_rate!r}"
+        )
     return _Export(robot, variant, settings or Settings(), bits, imu_rate).exported()
 
 
@@ -120,320 +144,181 @@ class _Export:
     def __init__(
         self, robot: Robot, variant: Variant, settings: Settings, bits: int, imu_rate: float
     ) -> None:
-        if not imu_rate > 0.0:
-            raise EstimatorError(f"imu_rate must be above 0 Hz, found {imu_rate!r}")
-        self.robot, self.variant, self.settings, self.bits = robot, variant, settings, bits
-        self.filter = batch = BatchFilter(robot, variant, settings, bits, width=1)
-        self.shape: FilterShape = batch.shape
-        self.rows, self.layout = batch.rows, batch.layout
-        self.readings = int(settings.standstill.duration * imu_rate) + 4
-        record = shared_record(FilterRecord(input_settings(robot, settings)))
-        self.record: Any = record
-        self.lanes = batch.begin(np.zeros((1, 2)), np.zeros(3), np.zeros(3))
-        for axis in range(3):
+        self._robot, self._variant, self._settings, self._bits = robot, variant, settings, bits
+        self._imu_rate, self._readings = imu_rate, int(settings.standstill.duration * imu_rate) + 4
+        filter_ = BatchFilter(robot, variant, settings, bits, width=1)
+        self._shape, self._layout, self._rows = filter_.shape, filter_.layout, filter_.rows
+        self._states = [i for i in self._shape.states if i < s.SIZE]
+        self._inputs = input_settings(robot, settings)
+        self._record: Any = shared_record(FilterRecord(self._inputs))
+        lanes = filter_.begin(np.zeros((1, 2)), np.zeros(3), np.zeros(3))
+        for slip in range(s.SLIP.start, s.SLIP.stop):
             # The first track speeds add it.
-            self.lanes.workspace[self.rows[covariance_name(s.SLIP_X + axis, s.SLIP_X + axis)]] = 0.0
-        self.constants = self.lanes.constants
-        self.assumed = assumptions(robot, variant, settings)
-
-    @property
-    def states(self) -> list[int]:
-        """Indices of the uncertain states, without the wander of fixes."""
-        return [i for i in self.shape.states if i < s.SIZE]
-
-    def number(self, value: float) -> str:
-        """Number in C."""
-        return literal(float(value), self.bits)
+            lanes.workspace[self._rows[covariance_name(slip, slip)]] = 0.0
+        self._workspace, self._constants = lanes.workspace[:, 0].tolist(), lanes.constants.tolist()
+        self._records = Records(bits, {FilterRecord: WITHOUT})
 
     def exported(self) -> Exported:
         """Make all files."""
-        self.types: dict[type, Type] = {InputSettings: Type("record", "icr_InputSettings")}
-        self.structs: list[str] = []
-        self._type_of(type(self.record))
+        self._records.add(type(self._record))
         tables, constants = self._places()
-        functions = Functions(self.bits, self.types, constants)
+        types = {**self._records.types, Places: PLACES, InputSettings: SETTINGS}
+        functions = Functions(self._bits, types, constants, self._records.integers)
         self._translate(functions)
-        called = [*functions.text, (FOLDER / "icreckon_filter.c.in").read_text(encoding="utf-8")]
-        kernels = [kernel_in_c(kernel, kernel.name, self.bits) for kernel in self._kernels()]
-        values = self._values()
+        called = "\n".join([*functions.text, SOURCE.read_text(encoding="utf-8")])
         parts = {
-            "COMPLEX": COMPLEX_C,
             "TUPLES": "\n".join(functions.tuples.values()),
-            "PLACES": "\n".join(
-                table for name, table in tables.items() if any(name in text for text in called)
-            ),
+            "PLACES": "\n".join(text for name, text in tables.items() if name in called),
             "FUNCTIONS": "\n".join(functions.text),
-            "KERNELS": "\n".join(kernels),
-            "STRUCTS": "\n".join(self.structs),
-            **values,
+            "KERNELS": "\n".join(self._kernel(name) for name in KERNELS),
+            "STRUCTS": "\n".join(self._records.text),
+            **self._names(),
+            **self._tables(),
         }
-        digest = zlib.crc32(repr(sorted(parts.items())).encode())
-        parts["DIGEST"] = f"0x{digest:08X}u"
-        files = {
-            f"icreckon_filter.{kind}": _filled(FOLDER / f"icreckon_filter.{kind}.in", parts)
-            for kind in "hc"
-        }
-        names = state_names(self.variant)
-        return Exported(files, tuple(names[i] for i in self.states))
-
-    # --- records ---------------------------------------------------------------------------------
-
-    def _type_of(self, memory: Any) -> Type:
-        """C type of a record, by its memory that Python and numba share."""
-        kind = memory.kind
-        if kind in self.types:
-            return self.types[kind]
-        name, hints = f"icr_{kind.__name__}", _hints(kind)
-        fields, lines = [], []
-        for field, of in memory._fields_:
-            if kind is FilterRecord and field in WITHOUT:
-                continue
-            if hasattr(of, "kind"):
-                found = self._type_of(of)
-                lines.append(f"    {found.name} {field};")
-            elif issubclass(of, ctypes.Array):
-                found = Type("array", "real", shape=(of._length_,))
-                lines.append(f"    icr_real {field}[{of._length_}];")
-            elif of is ctypes.c_double:
-                found = REAL
-                lines.append(f"    icr_real {field};")
-            else:
-                found, size = INT, "int64_t"
-                if CLOCK not in getattr(hints[field], "__metadata__", ()):
-                    size = INTEGERS[name, field] = "int32_t"
-                lines.append(f"    {size} {field};")
-            fields.append((field, found))
-        self.types[kind] = Type("record", name, tuple(fields))
-        self.structs.append("typedef struct {\n" + "\n".join(lines) + f"\n}} {name};\n")
-        return self.types[kind]
-
-    def _initial(self, record: Any, path: str) -> list[str]:
-        """Assignments of the initial values of a record that are not zero."""
-        found: list[str] = []
-        for field, of in record._fields_:
-            value, place = getattr(record, field), f"{path}.{field}"
-            if record.kind is FilterRecord and field in WITHOUT:
-                continue
-            if hasattr(of, "kind"):
-                found += self._initial(value, place)
-            elif not issubclass(of, ctypes.Array) and value:
-                is_real = of is ctypes.c_double
-                text = self.number(value) if is_real else f"INT64_C({value})"
-                cast = INTEGERS.get((f"icr_{record.kind.__name__}", field))
-                found.append(f"    {place} = {f'({cast})' if cast else ''}{text};")
-        return found
-
-    # --- functions -------------------------------------------------------------------------------
+        parts["DIGEST"] = f"0x{zlib.crc32(repr(parts).encode()):08X}u"
+        files = {one.stem: _filled(one, parts) for one in sorted(TEMPLATES.glob("*.in"))}
+        return Exported(files, self._states)
 
     def _places(self) -> tuple[dict[str, str], dict[tuple[str, str], Code]]:
         """Tables of places in the workspace, and constants in place of fields."""
-        self.types[Places] = Type("record", "Places")
-        found = work_places(self.layout, wander_of(self.robot, self.settings))
-        tables, constants = {}, {}
-        for name, value in zip(Places._fields, found, strict=True):
+        tables, constants = {}, {(RECORD, "settings"): Code("SETTINGS", SETTINGS)}
+        places = work_places(self._layout, wander_of(self._robot, self._settings))._asdict()
+        for name, value in places.items():
             if isinstance(value, np.ndarray):
                 table = f"places_{name}"
-                numbers = ", ".join(map(str, value.ravel().tolist()))
-                tables[table] = f"static const uint16_t {table}[{value.size}] = {{{numbers}}};"
-                of = Type("array", "place", shape=value.shape)
-                constants["Places", name] = Code(table, of)
+                tables[table] = self._array(f"uint16_t {table}[{value.size}]", value.ravel())
+                constants[PLACES.name, name] = Code(table, Type("array", "place", (), value.shape))
             else:
-                is_real = isinstance(value, float)
-                text = self.number(value) if is_real else str(value)
-                constants["Places", name] = Code(text, REAL if is_real else INT, value)
-        for name, value in input_settings(self.robot, self.settings)._asdict().items():
-            is_real = isinstance(value, float)
-            text = self.number(value) if is_real else f"INT64_C({value})"
-            constants["icr_InputSettings", name] = Code(text, REAL if is_real else INT, value)
-        of = self.types[InputSettings]
-        constants["icr_FilterRecord", "settings"] = Code("SETTINGS", of)
+                constants[PLACES.name, name] = self._constant(value)
+        for name, value in self._inputs._asdict().items():
+            constants[SETTINGS.name, name] = self._constant(value)
         return tables, constants
+
+    def _constant(self, value: float | int) -> Code:
+        if isinstance(value, float):
+            return Code(self._number(value), REAL, value)
+        return Code(f"INT64_C({value})", INT, value)
 
     def _translate(self, functions: Functions) -> None:
         """Translate what the template calls."""
-        of = self.types
-        record, fixes = of[FilterRecord], of[type(self.record.fixes).kind]
-        lanes = Type("array", "real", shape=(len(self.rows), 1))
+        lanes = Type("array", "real", shape=(len(self._rows), 1))
         inputs = Type("array", "real", shape=(len(INPUTS), 1))
-        stamps = Type("array", "int", shape=(self.readings,))
-        rates = Type("array", "real", shape=(self.readings,))
+        before = Type("array", "real", shape=(len(self._states),))
+        stamps, rates = (Type("array", of, shape=(self._readings,)) for of in ("int", "real"))
+        types = functions.records
+        record, fixes = types[FilterRecord], types[FixesRecord]
         four = functions.tuple_type([(f"_{k}", REAL) for k in range(4)])
-        three = functions.tuple_type([(f"_{k}", REAL) for k in range(3)])
-        before = Type("array", "real", shape=(len(self.states),))
-        taken = functions.of_annotation(TakenFix)
-        assert taken is not None  # noqa: S101 - a named tuple has a type
-        tracks, clock, still = of[type(self.record.tracks).kind], of[type(self.record.imu).kind], of[
-            StandstillRecord
-        ]
-        spin, slide = of[type(self.record.tracks.spin).kind], of[type(self.record.tracks.forward).kind]
-        repeating = of[type(self.record.tracks.repeating_left).kind]
-        sample = record, stamps, rates, inputs, INT, INT, four, REAL, REAL, BOOL
-        calls: list[tuple[Callable[..., Any], tuple[Type, ...]]] = [
-            (sample_inputs, sample),
-            (move_inputs, (record, inputs, INT, INT)),
-            (take_track_speeds, (record, INT, REAL, REAL)),
-            (ends_step, (record,)),
-            (imu_clock.is_due_after, (clock, INT)),
-            (imu_clock.is_alive, (clock, INT, REAL)),
-            (imu_clock.take_stamp, (clock, INT, REAL)),
-            (imu_clock.interval_start, (clock, INT)),
-            (imu_clock.interval_start, (tracks, INT)),
-            (is_hole, (tracks, INT, REAL)),
-            (speeds_at, (tracks, INT, INT)),
-            (smoothing_share, (REAL, REAL)),
-            (repeats, (of[type(self.record.positions).kind], INT, REAL, REAL, REAL)),
-            (add_rejected, (of[type(self.record.fixes.rejected).kind], three, three, REAL)),
-            (let_wander, (lanes, INT, fixes, INT, of[Places])),
-            (relocate_lane, (lanes, INT, of[type(self.record.fixes.rejected).kind], of[Places])),
-            (
-                follow_in_lane,
-                (lanes, INT, of[type(self.record.fixes.scatter).kind], taken, before, of[Places]),
-            ),
-            (stuck_from, (repeating, REAL)),
-            (frozen_from, (repeating, repeating, REAL)),
-            (certain_side, (spin,)),
-            (slides, (slide,)),
-            (is_carried, (still,)),
-            (wanders, (of[type(self.record.fixes.scatter).kind],)),
-        ]
-        for function, types in calls:
-            functions.translate(function, *types)
+        readings = {"stamps": stamps, "rates": rates}
+        functions.translate(sample_inputs, record=record, inputs=inputs, gyro=four, **readings)
+        functions.translate(move_inputs, record=record, inputs=inputs)
+        functions.translate(imu_clock.interval_start, clock=types[ClockRecord])
+        functions.translate(imu_clock.interval_start, clock=types[TrackRecord])
+        for of_clock in (imu_clock.is_due_after, imu_clock.is_alive, imu_clock.take_stamp):
+            functions.translate(of_clock, clock=types[ClockRecord])
+        functions.translate(is_hole, held=types[TrackRecord])
+        functions.translate(let_wander, workspace=lanes, fixes=fixes)
+        functions.translate(relocate_lane, workspace=lanes, rejected=types[RejectedRecord])
+        scatter = types[ScatterRecord]
+        functions.translate(follow_in_lane, workspace=lanes, scatter=scatter, before=before)
+        of_records = take_track_speeds, ends_step, speeds_at, smoothing_share, repeats, add_rejected
+        findings = stuck_from, frozen_from, certain_side, slides, is_carried, wanders
+        for function in (*of_records, *findings):
+            functions.translate(function)
 
-    # --- kernels ---------------------------------------------------------------------------------
+    def _kernel(self, name: str) -> str:
+        """Kernel in C; its constants are literals."""
+        places = self._layout.constants
+        varying = {places[constant] for constant in VARYING}
+        values = enumerate(self._constants)
+        known = {("constants", k): value for k, value in values if k not in varying}
+        with trace.with_known(known):
+            return kernel_in_c(KERNELS[name](name, self._shape), self._bits)
 
-    def _kernels(self) -> list[Kernel]:
-        """Kernels in traced numbers, each of a graph of its own, one at a time."""
-        places = self.layout.constants
-        varying = {places[name] for name in VARYING}
-        known = {
-            ("constants", k): float(value)
-            for k, value in enumerate(self.constants)
-            if k not in varying
-        }
-        shape = self.shape
-        update = OF_SAMPLE._replace(draws=False, moves=False, resumes=True)
-        fix, ahead = FixKind(fast_slip=True), FixKind(fast_slip=True, ahead=True)
-        makers: list[Callable[[], Kernel]] = [
-            lambda: step_kernel("imu_step", shape, OF_SAMPLE),
-            lambda: step_kernel("imu_update", shape, update),
-            lambda: step_kernel("time_step", shape, OF_TIME),
-            lambda: position_kernel("position", shape, fix),
-            lambda: position_kernel("position_ahead", shape, ahead),
-            lambda: heading_kernel("heading", shape, fix),
-            lambda: heading_kernel("heading_ahead", shape, ahead),
-            lambda: start_kernel("start", shape),
-            lambda: motion_kernel("motion", shape),
-        ]
-        for make in makers:
-            with trace.with_known(known):
-                yield_of = make()
-            yield yield_of  # type: ignore[misc]
-
-    # --- values ----------------------------------------------------------------------------------
-
-    def _values(self) -> dict[str, str]:
-        """Numbers, names and tables of the template."""
-        rows, places, shape = self.rows, self.layout.constants, self.shape
-        names = state_names(self.variant)
-        states = self.states
-        workspace, number = self.lanes.workspace[:, 0], self.number
-        start = [
-            f"    lanes[{k}] = {number(value)};" for k, value in enumerate(workspace.tolist()) if value
-        ]
-        uses_force = self.settings.use_accelerometer and self.variant.accelerometers
-        mounting = SensorModels(self.robot).mounting
+    def _names(self) -> dict[str, str]:
+        """Names and sizes."""
+        rows, places = self._rows, self._layout.constants
+        names = state_names(self._variant)
+        learnt = [i for i in self._states if i in LEARNT]
         defines = {
-            "ROWS": len(rows),
             "INPUTS": len(INPUTS),
-            "CONSTANTS": places["interval"] + 1,
-            "READINGS": self.readings,
-            "STATES": len(states),
-            "DT": places["dt"],
-            "SMOOTHING": places["smoothing"],
-            "INTERVAL": places["interval"],
-            "ROW_STOOD": rows["stood"],
-            "ROW_TWIST": rows["v_x"],
-            "ROW_MOTION": rows["zeta"],
-            "ROW_PREDICTED": rows["predicted_x"],
-            "ROW_UPDATED": rows["updated_x"],
-            "ROW_INNOVATION": rows["position_z_x"],
-            **{f"ROW_{gate}".upper(): rows[f"{gate}_rejected_for"] for gate in GATES},
+            "CONSTANTS": 1 + max(places[constant] for constant in VARYING),
+            "READINGS": self._readings,
+            "STATES": len(self._states),
+            "WANDERS": int(s.WANDER_X in self._shape.states),
+            **{constant.upper(): places[constant] for constant in VARYING},
+            **{f"ROW_{name}": rows[row] for name, row in ROWS.items()},
             **{f"IN_{name}".upper(): INPUTS[name] for name in INPUTS.names},
         }
-        parameters = [k for k, i in enumerate(states) if s.PARAMETERS.start <= i < s.PARAMETERS.stop]
         return {
             "VERSION": __version__,
-            "ROBOT": self.robot.name,
-            "VARIANT": self.variant.name,
-            "REAL": "double" if self.bits == 64 else "float",
+            "LICENSE": metadata("icreckon")["License-Expression"],
+            "ROBOT": self._robot.name,
+            "VARIANT": self._variant.name,
+            "REAL": "double" if self._bits == 64 else "float",
+            "TOLERANCE": f"{TOLERANCE[self._bits]:g}",
+            "IMU_RATE": f"{self._imu_rate:g}",
             "DEFINES": "\n".join(f"#define {name} {value}" for name, value in defines.items()),
-            "STATE_COUNT": str(len(states)),
             "ROW_COUNT": str(len(rows)),
-            "READING_COUNT": str(self.readings),
-            "STATE_ENUM": "\n".join(f"    ICR_{names[i].upper()}," for i in states),
-            "STATE_NAMES": ", ".join(f'"{names[i]}"' for i in states),
-            "PARAMETERS": ", ".join(map(str, parameters)) or "0",
-            "PARAMETER_COUNT": str(len(parameters)),
-            "LEARNT": ", ".join(
-                str(k) for k, i in enumerate(states) if s.LEARNT.start <= i < s.LEARNT.stop
-            ),
-            "WALKS": ", ".join(
-                number(self.assumed.disturbances.bias_walk[i] ** 2)
-                for i in states
-                if s.LEARNT.start <= i < s.LEARNT.stop
-            ),
-            "LEARNT_COUNT": str(sum(s.LEARNT.start <= i < s.LEARNT.stop for i in states)),
-            "COVARIANCES": ", ".join(
-                str(rows[covariance_name(i, j)]) for i in states for j in states
-            ),
-            "REGRESSORS": self._regressors(),
-            "START": "\n".join([*start, *self._initial(self.record, "filter->record")]),
-            "MOUNTING": ", ".join(number(value) for value in mounting.ravel()),
-            "USES_FORCE": "true" if uses_force else "false",
-            "WANDERS": "1" if s.WANDER_X in shape.states else "0",
-            "HOLD": number(self.settings.hold),
-            "HOLD_NS": f"INT64_C({int(self.settings.hold / 1e-9)})",
-            "SLOW": number(self.settings.standstill.track_speed),
-            "GAUGE": number(self.robot.vehicle.track_gauge),
-            "ABSURD_SPEED": number(input_checks.ABSURD_SPEED * self.robot.vehicle.max_track_speed),
-            "LONGEST_GAP": f"INT64_C({int(self.settings.longest_gap / 1e-9)})",
-            "NANOSECOND": number(1e-9),
-            "SMOOTHING_TIME": number(0.05),
+            "READING_COUNT": str(self._readings),
+            "LEARNT_COUNT": str(len(learnt)),
+            "STATE_ENUM": "\n".join(f"    ICR_{names[i].upper()}," for i in self._states),
+            "STATE_NAMES": ", ".join(f'"{names[i]}"' for i in self._states),
         }
 
-    def _regressors(self) -> str:
-        """Copies of the derivatives by the parameters, for a first update without a step."""
-        return "\n".join(
-            f"    lanes[{self.rows[f'r{axis}_{i}']}] = lanes[{self.rows[f'{name}_by_{i}']}];"
-            for axis, name in enumerate(("v_x", "v_y", "w"))
-            for i in self.layout.parameters
-        )
+    def _tables(self) -> dict[str, str]:
+        """Numbers of the robot and its filter."""
+        rows, settings, number = self._rows, self._settings, self._number
+        walks = assumptions(self._robot, self._variant, settings).disturbances.bias_walk ** 2
+        learnt = [k for k, i in enumerate(self._states) if i in LEARNT]
+        pairs = product(self._states, self._states)
+        values = enumerate(self._workspace)
+        start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
+        derivatives = [
+            f"    lanes[{rows[f'r{axis}_{i}']}] = lanes[{rows[f'{name}_by_{i}']}];"
+            for axis, name in enumerate(TWIST[:3])
+            for i in self._layout.parameters
+        ]
+        uses_force = settings.use_accelerometer and self._variant.accelerometers
+        fastest = self._robot.vehicle.max_track_speed
+        return {
+            "MOUNTING": self._array(
+                "real MOUNTING[18]", SensorModels(self._robot).mounting.ravel()
+            ),
+            "COVARIANCES": self._array(
+                "uint16_t COVARIANCES[STATES * STATES]",
+                [rows[covariance_name(i, j)] for i, j in pairs],
+            ),
+            "LEARNT": self._array("uint16_t LEARNT[]", learnt),
+            "WALKS": self._array("real WALKS[]", [walks[self._states[k]] for k in learnt]),
+            "START": "\n".join([*start, *self._records.initial(self._record, "filter->record")]),
+            "DERIVATIVES": "\n".join(derivatives),
+            "USES_FORCE": "true" if uses_force else "false",
+            "HOLD": number(self._inputs.hold),
+            "HOLD_NS": f"INT64_C({self._inputs.hold_ns})",
+            "SLOW": number(self._inputs.track_speed),
+            "GAUGE": number(self._robot.vehicle.track_gauge),
+            "NANOSECOND": number(NANOSECOND),
+            "SMOOTHING_TIME": number(REGRESSOR_SMOOTHING),
+            "LONGEST_COUNTED": number(LONGEST_COUNTED),
+            "LONGEST_GAP": f"INT64_C({int(settings.longest_gap / NANOSECOND)})",
+            "WITNESSES": str(input_checks.CLOCK_WITNESSES),
+            "EARLIEST": f"INT64_C({input_checks.EARLIEST})",
+            "LATEST": f"INT64_C({input_checks.LATEST})",
+            "ABSURD_SPEED": number(input_checks.ABSURD_SPEED * fastest),
+            "ABSURD_RATE": number(input_checks.ABSURD_RATE),
+            "ABSURD_FORCE": number(input_checks.ABSURD_FORCE),
+            "ABSURD_DISTANCE": number(input_checks.ABSURD_DISTANCE),
+            "ABSURD_LEVER": number(input_checks.ABSURD_LEVER),
+        }
 
+    def _number(self, value: float) -> str:
+        return literal(float(value), self._bits)
 
-GATES = ("gyro", "position", "heading")
-# Types that only records of these modules have.
-_ = WheelsRecord, TiltRecord, msgspec
-
-
-def start_kernel(name: str, shape: FilterShape) -> Kernel:
-    """Make the kernel of the first track speeds: the robot may be moving already, with a slip."""
-    lane = Lane(shape)
-    slip = SlipConstants(*(lane.constant(field) for field in SlipConstants._fields))
-    smooth = lane.input("smooth_left"), lane.input("smooth_right")
-    gauge, factor = lane.constant("gauge"), lane.row("slip_factor")
-    sigmas = model.slip_at(*smooth, slip, gauge, lane.eta, False, factor)
-    for axis, sigma in enumerate(sigmas):
-        lane.P.add(s.SLIP_X + axis, s.SLIP_X + axis, sigma * sigma)
-    return lane.kernel(name)
-
-
-def motion_kernel(name: str, shape: FilterShape) -> Kernel:
-    """Make the kernel of the outputs: body velocity with covariance, derivatives and indices."""
-    lane = Lane(shape, with_fast_slip=True)
-    now = lane.twist_model(lane.input("left"), lane.input("right"))
-    lane.store_motion(now)
-    lane.store_twist(lane.with_smoothed_derivatives(now))
-    return lane.kernel(name, with_fast_slip=True)
+    def _array(self, declared: str, values: Iterable[Any]) -> str:
+        """Constant array in C."""
+        is_real = declared.startswith("real")
+        texts = (self._number(one) if is_real else str(int(one)) for one in values)
+        return f"static const {declared} = {{{', '.join(texts)}}};"
 
 
 def _filled(template: Path, parts: dict[str, str]) -> str:

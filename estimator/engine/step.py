@@ -114,6 +114,29 @@ def twist_kernel(name: str, shape: FilterShape, numbers: Numbers | None = None) 
     return lane.kernel(name, with_fast_slip=True)
 
 
+def first_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make the kernel of the first track speeds: the robot may be moving already, with a slip."""
+    lane = Lane(shape)
+    slip = model.SlipConstants(*(lane.constant(field) for field in model.SlipConstants._fields))
+    smooth, factor = (
+        (lane.input("smooth_left"), lane.input("smooth_right")),
+        lane.row("slip_factor"),
+    )
+    sigmas = model.slip_at(*smooth, slip, lane.constant("gauge"), lane.eta, False, factor)
+    for state, sigma in zip((s.SLIP_X, s.SLIP_Y, s.SLIP_W), sigmas, strict=True):
+        lane.P.add(state, state, sigma * sigma)
+    return lane.kernel(name)
+
+
+def motion_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make the kernel of a body velocity with its covariance, derivatives and indices."""
+    lane = Lane(shape, with_fast_slip=True)
+    now = lane.twist_model(lane.input("left"), lane.input("right"))
+    lane.store_motion(now)
+    lane.store_twist(lane.with_smoothed_derivatives(now))
+    return lane.kernel(name, with_fast_slip=True)
+
+
 class Step:
     """Step of a lane: inputs and intermediate results that its parts use."""
 

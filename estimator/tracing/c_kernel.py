@@ -28,15 +28,14 @@ def function_name(name: str, bits: int) -> str:
     return name if bits == 64 else f"{name}f"
 
 
-def kernel_in_c(kernel: Kernel, name: str, bits: int) -> str:
+def kernel_in_c(kernel: Kernel, bits: int) -> str:
     """C function of `lanes`, `inputs` and `constants` that returns the kernel's flags.
 
     Args:
-        kernel: kernel in traced numbers.
-        name: name of the function.
+        kernel: kernel in traced numbers; the function has its name.
         bits: number of bits of each number, 64 or 32.
     """
-    return _Writer(kernel, bits).function(name)
+    return _Writer(kernel, bits).function()
 
 
 class _Writer:
@@ -48,23 +47,25 @@ class _Writer:
         self._lines: list[str] = []
         self._indent = "    "
 
-    def function(self, name: str) -> str:
+    def function(self) -> str:
+        """Write the function."""
         kernel = self._kernel
         wanted = [store.value for store in kernel.stores] + list(kernel.flags)
         waiting = defaultdict(list)
         for store in kernel.stores:
             waiting[store.value].append(store)
         nodes = reachable(wanted)
-        loads = {node.extra: node for node in reachable(wanted, with_bodies=True) if node.op == "load"}
+        loads = {
+            node.extra: node for node in reachable(wanted, with_bodies=True) if node.op == "load"
+        }
         last_uses = _last_uses(nodes, kernel.flags)
         for node in sorted(nodes, key=_number):
             self._name(node)
             for store in waiting.get(node, ()):
                 value = self._name(node)
                 before = loads.get((store.array, store.row))
-                if before is not None and before not in self._names:
-                    if last_uses.get(before, -1) > node.number or before is node:
-                        self._keep(before)
+                if before is not None and self._is_read_after(before, node, last_uses):
+                    self._keep(before)
                 self._add(f"{store.array}[{store.row}] = {value};")
         flags = [
             f"((uint32_t){self._name(flag)} << {place * FLAG_BITS})"
@@ -73,7 +74,11 @@ class _Writer:
         parameters = "real *lanes, const real *inputs, const real *constants"
         unused = [f"    (void){array};" for array in ("lanes", "inputs", "constants")]
         body = [*unused, *self._lines, f"    return {' | '.join(flags) or '0'};"]
-        return "\n".join([f"static uint32_t {name}({parameters})", "{", *body, "}", ""])
+        return "\n".join([f"static uint32_t {kernel.name}({parameters})", "{", *body, "}", ""])
+
+    def _is_read_after(self, load: Traced, node: Traced, last_uses: dict[Traced, int]) -> bool:
+        """Return True if a row is overwritten at a node, and its value before that is still needed."""
+        return load not in self._names and (load is node or last_uses.get(load, -1) > node.number)
 
     def _add(self, line: str) -> None:
         self._lines.append(self._indent + line)
@@ -155,9 +160,9 @@ class _Writer:
         self._add("}")
         self._names = known
         self._names[of] = ""
-        for name, result in zip([*names, again], _results_of(of), strict=True):
-            if result is not None:
-                self._names[result] = name
+        for name, found in zip([*names, again], _results_of(of), strict=True):
+            if found is not None:
+                self._names[found] = name
 
 
 def _number(node: Traced) -> int:
