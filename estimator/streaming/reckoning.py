@@ -7,6 +7,7 @@ end. So the twist is predicted and updated at the start of the step, and then mo
 from __future__ import annotations
 
 from functools import partial
+from typing import cast
 
 import numpy as np
 
@@ -38,7 +39,7 @@ from icreckon.estimator.filter.health import (
     add_findings,
 )
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
-from icreckon.estimator.filter.process_noise import twist_covariance
+from icreckon.estimator.filter.process_noise import slip_times, twist_covariance
 from icreckon.estimator.filter.reacquisition import add_rejected, relocate
 from icreckon.estimator.filter.samples import SampleArrays
 from icreckon.estimator.log.input_checks import STREAMS, Admission, Event
@@ -52,7 +53,7 @@ from icreckon.estimator.log.measurements import (
     Vector3,
 )
 from icreckon.estimator.motion.motion_model import TwistModel
-from icreckon.estimator.motion.propagation import step_on_se2
+from icreckon.estimator.motion.propagation import Triple, gauss_markov, step_on_se2
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant, state_names
@@ -481,13 +482,19 @@ class Reckoning:
             return predictions.height_now(x)
         if quantity == "pose" and not ahead:
             return predictions.pose_now(x)
+        if quantity == "pose":
+            # The slip fades meanwhile: its mean moves the robot, as in a step.
+            elapsed = (stamp - self._start(stamp)) * NANOSECOND
+            x_y_w = slip_times(self._disturbances.slip.time_constant, self._record.slip_factor)
+            shares = tuple(gauss_markov(elapsed, tau).mean for tau in x_y_w)
+            model = self.ekf.twist_model(*self.track_speeds, cast(Triple, shares))
+            density = self._fast_slip_density(stamp, model)
+            return predictions.pose_ahead(x, model, density, elapsed)
         model = self.model()
         if not ahead:
             return predictions.twist_now(model)
         density = self._fast_slip_density(stamp, model)
-        if quantity == "twist":
-            return predictions.twist_ahead(x, model, density, self.imu_interval)
-        return predictions.pose_ahead(x, model, density, (stamp - self._start(stamp)) * NANOSECOND)
+        return predictions.twist_ahead(x, model, density, self.imu_interval)
 
     def pose_ahead(self, stamp: int) -> Prediction:
         """Predict the pose at a later stamp [ns]."""
