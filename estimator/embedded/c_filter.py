@@ -17,25 +17,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon import __version__
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.records import shared_record
+from icreckon.estimator.embedded.c_kernels import derivatives_kernel, first_kernel, motion_kernel
 from icreckon.estimator.embedded.c_records import Records
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.engine.filters import BatchFilter, work_places
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FilterShape
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
-from icreckon.estimator.engine.layout import FACTORS, INPUTS, TREND, TWIST, covariance_name
-from icreckon.estimator.engine.one_lane import OF_SAMPLE, OF_TIME
-from icreckon.estimator.engine.step import first_kernel, motion_kernel, step_kernel
+from icreckon.estimator.engine.layout import FACTORS, INPUTS, MOTION, TREND, covariance_name
+from icreckon.estimator.engine.one_lane import OF_TIME
+from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.work import Places, follow_in_lane, let_wander, relocate_lane
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import ScatterRecord, wanders
 from icreckon.estimator.faults.sliding_robot import slides
-from icreckon.estimator.faults.spinning_tracks import certain_side
+from icreckon.estimator.faults.spinning_tracks import is_found
 from icreckon.estimator.faults.stuck_tracks import frozen_from, stuck_from
 from icreckon.estimator.filter.filter_record import (
     DEPARTURE,
@@ -83,24 +83,30 @@ VARYING = ("dt", "smoothing", "interval")
 # Gates whose number of used measurements the filter reads.
 GATES = ("gyro", "heading")
 # Rows that the filter reads, by their names in C.
-ROWS = {"STOOD": "stood", "TWIST": "v_x", "MOTION": "zeta", "PREDICTED": "predicted_x"} | {
-    "UPDATED": "updated_x",
+ROWS = {
+    "STOOD": "stood",
+    "TWIST": "v_x",
+    "MOTION": "zeta",
+    "PREDICTED": "predicted_x",
     "INNOVATION": "position_z_x",
     **{f"USED_{gate}".upper(): f"{gate}_used" for gate in GATES},
 }
-UPDATE = OF_SAMPLE._replace(draws=False, moves=False, resumes=True)
-FIX, AHEAD = FixKind(fast_slip=True), FixKind(fast_slip=True, ahead=True)
+# A step is taken in parts, so that an IMU sample at the stamp of the estimate and a step without one need
+# no kernels of their own, and standstills cost nothing while driving.
+BEGIN = OF_TIME._replace(moves=False)
+PART = StepKind(draws=False, moves=False, resumes=True, fast_slip=True, in_step=True)
+AHEAD = FixKind(fast_slip=True, ahead=True, updated=False)
 # Kernels by their names in C.
 KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
-    "imu_step": partial(step_kernel, kind=OF_SAMPLE),
-    "imu_update": partial(step_kernel, kind=UPDATE),
-    "time_step": partial(step_kernel, kind=OF_TIME),
-    "position": partial(position_kernel, kind=FIX),
-    "position_ahead": partial(position_kernel, kind=AHEAD),
-    "heading": partial(heading_kernel, kind=FIX),
-    "heading_ahead": partial(heading_kernel, kind=AHEAD),
+    "begin": partial(step_kernel, kind=BEGIN),
+    "stand": partial(step_kernel, kind=PART._replace(imu=False, stands=True)),
+    "update": partial(step_kernel, kind=PART._replace(may_lack_force=True)),
+    "propagate": partial(step_kernel, kind=PART._replace(imu=False, moves=True)),
+    "position": partial(position_kernel, kind=AHEAD),
+    "heading": partial(heading_kernel, kind=AHEAD),
     "start": first_kernel,
     "motion": motion_kernel,
+    "derivatives": derivatives_kernel,
 }
 
 
@@ -129,7 +135,7 @@ def filter_in_c(
         imu_rate: highest rate of the IMU, for the size of a buffer [Hz].
 
     Raises:
-        EstimatorError: the rate is not above zero; or see `BatchFilter`.
+        EstimatorError: the rate is not above zero, or the variant has no form in C.
     """
     if not 0.0 < imu_rate <= FASTEST_IMU:
         raise EstimatorError(
@@ -146,7 +152,10 @@ class _Export:
     ) -> None:
         self._robot, self._variant, self._settings, self._bits = robot, variant, settings, bits
         self._imu_rate, self._readings = imu_rate, int(settings.standstill.duration * imu_rate) + 4
-        filter_ = BatchFilter(robot, variant, settings, bits, width=1)
+        try:
+            filter_ = BatchFilter(robot, variant, settings, bits, width=1)
+        except BatchError as problem:
+            raise EstimatorError(f"{variant.name!r} has no form in C: {problem}") from None
         self._shape, self._layout, self._rows = filter_.shape, filter_.layout, filter_.rows
         self._states = [i for i in self._shape.states if i < s.SIZE]
         self._inputs = input_settings(robot, settings)
@@ -221,7 +230,7 @@ class _Export:
         scatter = types[ScatterRecord]
         functions.translate(follow_in_lane, workspace=lanes, scatter=scatter, before=before)
         of_records = take_track_speeds, ends_step, speeds_at, smoothing_share, repeats, add_rejected
-        findings = stuck_from, frozen_from, certain_side, slides, is_carried, wanders
+        findings = stuck_from, frozen_from, is_found, slides, is_carried, wanders
         for function in (*of_records, *findings):
             functions.translate(function)
 
@@ -250,7 +259,7 @@ class _Export:
             **{f"IN_{name}".upper(): INPUTS[name] for name in INPUTS.names},
         }
         return {
-            "VERSION": __version__,
+            "VERSION": metadata("icreckon")["Version"],
             "LICENSE": metadata("icreckon")["License-Expression"],
             "ROBOT": self._robot.name,
             "VARIANT": self._variant.name,
@@ -258,7 +267,8 @@ class _Export:
             "TOLERANCE": f"{TOLERANCE[self._bits]:g}",
             "IMU_RATE": f"{self._imu_rate:g}",
             "DEFINES": "\n".join(f"#define {name} {value}" for name, value in defines.items()),
-            "ROW_COUNT": str(len(rows)),
+            # Rows behind these are outputs of other kernels.
+            "ROW_COUNT": str(rows[MOTION[2]] + 1),
             "READING_COUNT": str(self._readings),
             "LEARNT_COUNT": str(len(learnt)),
             "STATE_ENUM": "\n".join(f"    ICR_{names[i].upper()}," for i in self._states),
@@ -273,11 +283,6 @@ class _Export:
         pairs = product(self._states, self._states)
         values = enumerate(self._workspace)
         start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
-        derivatives = [
-            f"    lanes[{rows[f'r{axis}_{i}']}] = lanes[{rows[f'{name}_by_{i}']}];"
-            for axis, name in enumerate(TWIST[:3])
-            for i in self._layout.parameters
-        ]
         uses_force = settings.use_accelerometer and self._variant.accelerometers
         fastest = self._robot.vehicle.max_track_speed
         return {
@@ -291,7 +296,6 @@ class _Export:
             "LEARNT": self._array("uint16_t LEARNT[]", learnt),
             "WALKS": self._array("real WALKS[]", [walks[self._states[k]] for k in learnt]),
             "START": "\n".join([*start, *self._records.initial(self._record, "filter->record")]),
-            "DERIVATIVES": "\n".join(derivatives),
             "USES_FORCE": "true" if uses_force else "false",
             "HOLD": number(self._inputs.hold),
             "HOLD_NS": f"INT64_C({self._inputs.hold_ns})",

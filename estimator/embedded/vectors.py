@@ -1,4 +1,4 @@
-"""Measurements and what the Python filter makes of them, for the self-test of a filter in C."""
+"""Test vectors of a filter in C: measurements and the estimates in Python."""
 
 from __future__ import annotations
 

@@ -42,6 +42,7 @@ class StepKind(NamedTuple):
         twist: compute the body velocity at its end.
         innovations: store innovations and their covariances.
         fast_slip: store the fast slip at its end.
+        in_step: it is a part of a step, whose other parts are other kernels.
     """
 
     draws: bool = True
@@ -54,6 +55,7 @@ class StepKind(NamedTuple):
     twist: bool = False
     innovations: bool = False
     fast_slip: bool = False
+    in_step: bool = False
 
     def reporting(self) -> StepKind:
         """Add the outputs of an estimate."""
@@ -89,15 +91,17 @@ def step_kernel(
     step = Step(lane, kind)
     if kind.draws:
         step.draw_fast_slip()
+    if kind.stands:
+        step.update_standstill()
     if kind.imu:
-        if kind.stands:
-            step.update_standstill()
         step.update_gyro()
         if kind.accelerometer:
             for axis in range(2):
                 step.update_accelerometer(axis)
         lane.cover_rounding()
         lane.keep_inside_bounds(by_imu=True)
+    elif kind.stands:
+        lane.cover_rounding()
     if kind.moves:
         step.propagate()
     if kind.twist:
@@ -111,29 +115,6 @@ def twist_kernel(name: str, shape: FilterShape, numbers: Numbers | None = None) 
     shares = [lane.constant(name) for name in SLIP_SHARES]
     now = lane.twist_model(lane.input("left"), lane.input("right"), shares)
     lane.store_motion(now)
-    return lane.kernel(name, with_fast_slip=True)
-
-
-def first_kernel(name: str, shape: FilterShape) -> Kernel:
-    """Make the kernel of the first track speeds: the robot may be moving already, with a slip."""
-    lane = Lane(shape)
-    slip = model.SlipConstants(*(lane.constant(field) for field in model.SlipConstants._fields))
-    smooth, factor = (
-        (lane.input("smooth_left"), lane.input("smooth_right")),
-        lane.row("slip_factor"),
-    )
-    sigmas = model.slip_at(*smooth, slip, lane.constant("gauge"), lane.eta, False, factor)
-    for state, sigma in zip((s.SLIP_X, s.SLIP_Y, s.SLIP_W), sigmas, strict=True):
-        lane.P.add(state, state, sigma * sigma)
-    return lane.kernel(name)
-
-
-def motion_kernel(name: str, shape: FilterShape) -> Kernel:
-    """Make the kernel of a body velocity with its covariance, derivatives and indices."""
-    lane = Lane(shape, with_fast_slip=True)
-    now = lane.twist_model(lane.input("left"), lane.input("right"))
-    lane.store_motion(now)
-    lane.store_twist(lane.with_smoothed_derivatives(now))
     return lane.kernel(name, with_fast_slip=True)
 
 
@@ -161,7 +142,7 @@ class Step:
             mean = step_input("quiet_mean")
             self.stands = mean == mean
             slow = slow & ~self.stands
-        elif not kind.imu:
+        elif not kind.imu or kind.in_step:
             slow = slow & (lane.row("stood") < 0.5)
         else:
             lane.stores["stood"] = 0.0
@@ -183,8 +164,9 @@ class Step:
         return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]
 
     def _shares(self) -> list[Any]:
-        """Shares of the slip in its mean over the step, which is measured, and moves the robot."""
-        is_moment = self.kind.imu and not self.kind.moves
+        """Factors on the slip: its mean over the step is measured and moves the robot."""
+        kind = self.kind
+        is_moment = kind.imu and not (kind.moves or kind.in_step)
         return [1.0, 1.0, 1.0] if is_moment else [one.mean for one in self._fades()]
 
     def _sigma(self) -> Any:

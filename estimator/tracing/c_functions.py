@@ -45,7 +45,7 @@ class Functions:
         self._names: set[str] = set()
 
     def translate(self, function: Callable[..., Any], **types: Type) -> None:
-        """Translate a function; types are those of parameters that its annotations leave open."""
+        """Translate a function; types of the parameters without annotations are given."""
         hints = get_type_hints(function)
         names = inspect.signature(function).parameters
         found = [types.get(name) or self.of_annotation(hints[name]) for name in names]

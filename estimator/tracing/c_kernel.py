@@ -71,13 +71,13 @@ class _Writer:
             f"((uint32_t){self._name(flag)} << {place * FLAG_BITS})"
             for place, flag in enumerate(kernel.flags)
         ]
-        parameters = "real *lanes, const real *inputs, const real *constants"
+        parameters = "real *lanes, const real *restrict inputs, const real *restrict constants"
         unused = [f"    (void){array};" for array in ("lanes", "inputs", "constants")]
         body = [*unused, *self._lines, f"    return {' | '.join(flags) or '0'};"]
         return "\n".join([f"static uint32_t {kernel.name}({parameters})", "{", *body, "}", ""])
 
     def _is_read_after(self, load: Traced, node: Traced, last_uses: dict[Traced, int]) -> bool:
-        """Return True if a row is overwritten at a node, and its value before that is still needed."""
+        """Return True if a row is overwritten while its old value is still needed."""
         return load not in self._names and (load is node or last_uses.get(load, -1) > node.number)
 
     def _add(self, line: str) -> None:
@@ -133,7 +133,7 @@ class _Writer:
         return f"{function_name(FUNCTIONS[node.op], self._bits)}({args[0]})"
 
     def _loop(self, of: Traced) -> None:
-        """Write a loop: its carried values are variables, which its results are afterwards."""
+        """Write a loop; its carried values are variables, and its results after it."""
         loop: Loop
         loop, most = of.extra
         needed, *begin = [self._name(arg) for arg in of.args]
@@ -179,7 +179,7 @@ def _results_of(of: Traced) -> list[Traced | None]:
 
 
 def _last_uses(nodes: Iterable[Traced], flags: Iterable[Traced]) -> dict[Traced, int]:
-    """Number of the newest node that needs each; what a loop's body needs, the loop needs."""
+    """Number of the newest node that needs each, also in the body of a loop."""
     found: dict[Traced, int] = {}
     top = set(nodes)
     for node in top:

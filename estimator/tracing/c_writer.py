@@ -1,4 +1,4 @@
-"""Body of one plain Python function as C99, statement by statement; see `c_functions`."""
+"""Body of one Python function as C99, statement by statement, see `c_functions`."""
 
 from __future__ import annotations
 
@@ -26,11 +26,7 @@ from icreckon.estimator.tracing.c_types import (
 
 LIBRARY = "icreckon."
 ARITHMETIC = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-RELATION = {
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
+RELATION = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="} | {
     ast.Eq: "==",
     ast.NotEq: "!=",
 }
@@ -53,7 +49,7 @@ OF_MATH = ("sqrt", "exp", "expm1", "cos", "sin", "atan2")
 
 
 class Translation(Protocol):
-    """What a function in C needs of the others.
+    """Types and functions that a function in C refers to.
 
     Attributes:
         bits: number of bits of each number, 64 or 32.
@@ -111,7 +107,7 @@ class FunctionWriter:
 
     def _fail(self, node: ast.AST, what: str = "") -> NotImplementedError:
         return NotImplementedError(
-            f"{self._function.__qualname__}: {what or ast.unparse(node)} has no form in C"
+            f"{self._function.__qualname__}: {what or ast.unparse(node).splitlines()[0]} has no form in C"
         )
 
     def _add(self, line: str) -> None:
@@ -160,11 +156,11 @@ class FunctionWriter:
                     self._add("} else {")
                     self._block(orelse)
                 self._add("}")
-            case ast.While(test=test, body=body):
+            case ast.While(test=test, body=body, orelse=[]):
                 self._add(f"while ({self._truth(test)}) {{")
                 self._block(body)
                 self._add("}")
-            case ast.For(target=ast.Name(id=name), iter=over, body=body):
+            case ast.For(target=ast.Name(id=name), iter=over, body=body, orelse=[]):
                 self._for(name, over, body)
             case ast.Return(value=None):
                 self._add("return;")
@@ -194,7 +190,11 @@ class FunctionWriter:
                         self._statement(statement)
                     del self._known[name]
                 return
-            falls = len(bounds) > 2 and bounds[2].value < 0
+            stride = bounds[2].value if len(bounds) > 2 else 1
+            if stride not in (1, -1):
+                raise self._fail(over)
+            stop = stop if stop.value is not None else self._kept(stop)
+            falls = stride < 0
             relation, step = (">", "--") if falls else ("<", "++")
             self._local(name, INT)
             at = _safe(name)
@@ -276,9 +276,9 @@ class FunctionWriter:
                 array = self._code(target.value)
                 place = f"k_{self._count}"
                 self._count += 1
-                size = math.prod(array.type.shape)
+                size, kept = math.prod(array.type.shape), self._kept(self._as(code, REAL))
                 self._add(f"for (int {place} = 0; {place} < {size}; {place}++) {{")
-                self._add(f"    {array.text}[{place}] = {self._as(code, REAL).text};")
+                self._add(f"    {array.text}[{place}] = {kept.text};")
                 self._add("}")
             case ast.Subscript() | ast.Attribute():
                 found = self._code(target)
@@ -336,7 +336,7 @@ class FunctionWriter:
             case ast.Name(id=name) if name in self._locals:
                 return Code(_safe(name), self._locals[name])
             case ast.Name(id=name):
-                return self._constant(self._globals[name], node)
+                return self._constant(self._globals.get(name), node)
             case ast.Attribute():
                 return self._attribute(node)
             case ast.Subscript():

@@ -142,7 +142,7 @@ def start(bits: int = 64) -> None:
 
 @contextmanager
 def with_known(values: Mapping[tuple[str, int], float]) -> Iterator[None]:
-    """Replace uniform inputs by these constants, by array and index, in all graphs meanwhile."""
+    """Replace uniform inputs by constants in all graphs, by array and index."""
     Traced._known = values
     try:
         yield
