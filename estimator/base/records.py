@@ -132,7 +132,7 @@ def shifted(record: Record, by: int) -> Record:
 
 def _later(value: Any, is_stamp: bool, by: int) -> Any:
     if _names(value):
-        hints, names = _hints(cast(Any, type(value))), _names(value)
+        hints, names = field_types(cast(Any, type(value))), _names(value)
         fields = {name: _later(getattr(value, name), _is_stamp(hints[name]), by) for name in names}
         is_tuple = isinstance(value, tuple)
         return value._replace(**fields) if is_tuple else msgspec.structs.replace(value, **fields)
@@ -144,7 +144,8 @@ def _later(value: Any, is_stamp: bool, by: int) -> Any:
 
 
 @cache
-def _hints(kind: Any) -> dict[str, Any]:
+def field_types(kind: Any) -> dict[str, Any]:
+    """Types of the fields of a record or named tuple, with what is known of them."""
     return get_type_hints(kind, include_extras=True)
 
 

@@ -219,7 +219,7 @@ class BatchFilter:
             since_first,
             estimates,
             lanes.fixes,
-            _places(self.layout, self._wander),
+            work_places(self.layout, self._wander),
         )
 
     def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
@@ -285,7 +285,8 @@ class BatchFilter:
 
 
 @cache
-def _places(layout: Layout, wander: FixWander) -> Places:
+def work_places(layout: Layout, wander: FixWander) -> Places:
+    """Places of a layout that `work_through` needs."""
     rows = layout.rows
     pose = [rows[f"x{i}"] for i in range(3)]
     covariance = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]

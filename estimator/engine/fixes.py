@@ -39,11 +39,13 @@ class FixKind(NamedTuple):
         fast_slip: the fast slip of the newest step is still a state.
         twist: compute the body velocity after it.
         ahead: it lies between the end of the last step and that of the next.
+        updated: compute the place of the antenna after it.
     """
 
     fast_slip: bool = False
     twist: bool = False
     ahead: bool = False
+    updated: bool = True
 
 
 def position_kernel(
@@ -142,8 +144,10 @@ def position_kernel(
     lane.stores["present_factor"] = select(taken, after, present)
     for row, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
         lane.stores[row] = select(taken, after_it, before_it)
-    updated, _, _ = _antenna(lane, _predicted(lane, kind))
-    for when, at in (("predicted", place), ("updated", updated)):
+    places = {"predicted": place}
+    if kind.updated:
+        places["updated"] = list(_antenna(lane, _predicted(lane, kind)).values)
+    for when, at in places.items():
         lane.stores |= {f"{when}_{axis}": one for axis, one in zip(PLACE, at, strict=True)}
     innovation = {"z_x": z[0], "z_y": z[1], "S_xx": xx, "S_xy": xy, "S_yy": yy}
     for part, value in innovation.items():

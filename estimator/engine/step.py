@@ -42,6 +42,7 @@ class StepKind(NamedTuple):
         twist: compute the body velocity at its end.
         innovations: store innovations and their covariances.
         fast_slip: store the fast slip at its end.
+        in_step: it is a part of a step, whose other parts are other kernels.
     """
 
     draws: bool = True
@@ -54,6 +55,7 @@ class StepKind(NamedTuple):
     twist: bool = False
     innovations: bool = False
     fast_slip: bool = False
+    in_step: bool = False
 
     def reporting(self) -> StepKind:
         """Add the outputs of an estimate."""
@@ -89,15 +91,17 @@ def step_kernel(
     step = Step(lane, kind)
     if kind.draws:
         step.draw_fast_slip()
+    if kind.stands:
+        step.update_standstill()
     if kind.imu:
-        if kind.stands:
-            step.update_standstill()
         step.update_gyro()
         if kind.accelerometer:
             for axis in range(2):
                 step.update_accelerometer(axis)
         lane.cover_rounding()
         lane.keep_inside_bounds(by_imu=True)
+    elif kind.stands:
+        lane.cover_rounding()
     if kind.moves:
         step.propagate()
     if kind.twist:
@@ -138,7 +142,7 @@ class Step:
             mean = step_input("quiet_mean")
             self.stands = mean == mean
             slow = slow & ~self.stands
-        elif not kind.imu:
+        elif not kind.imu or kind.in_step:
             slow = slow & (lane.row("stood") < 0.5)
         else:
             lane.stores["stood"] = 0.0
@@ -160,8 +164,9 @@ class Step:
         return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]
 
     def _shares(self) -> list[Any]:
-        """Shares of the slip in its mean over the step, which moves the robot."""
-        is_moment = self.kind.imu and not self.kind.moves
+        """Factors on the slip: its mean over the step is measured and moves the robot."""
+        kind = self.kind
+        is_moment = kind.imu and not (kind.moves or kind.in_step)
         return [1.0, 1.0, 1.0] if is_moment else [one.mean for one in self._fades()]
 
     def _sigma(self) -> Any:

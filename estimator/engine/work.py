@@ -311,6 +311,8 @@ def follow_in_lane(
     found = follow_scatter(scatter, fix, correction)
     for k in range(len(before) * found):
         moved = scatter.moved[places.states[k]]
-        for row in places.variances[k : k + 1] if k > s.Y else places.variances[:2]:
-            workspace[row, lane] += moved * moved
+        # A correction of x or y may be one of the other.
+        first, end = (0, s.Y + 1) if k <= s.Y else (k, k + 1)
+        for place in range(first, end):
+            workspace[places.variances[place], lane] += moved * moved
     return found

@@ -7,7 +7,7 @@ the machine's registers.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from operator import attrgetter
 from typing import Any
 
@@ -15,7 +15,7 @@ import llvmlite.binding as llvm
 from llvmlite import ir
 
 from icreckon.estimator.tracing.kernel import ARRAYS, FLAG_BITS, Kernel, Store
-from icreckon.estimator.tracing.trace import Traced
+from icreckon.estimator.tracing.trace import Traced, reachable
 
 BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 # Multiply-add may round once instead of twice; no other change of rounding is allowed.
@@ -276,18 +276,3 @@ class _Emitter:
 
 IN_ORDER = attrgetter("number")
 INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}
-
-
-def reachable(wanted: Iterable[Traced], *, with_bodies: bool = False) -> set[Traced]:
-    """Nodes that some numbers depend on, with or without those in the bodies of loops."""
-    found: set[Traced] = set()
-    left = list(wanted)
-    while left:
-        node = left.pop()
-        if node not in found:
-            found.add(node)
-            left.extend(node.args)
-            if with_bodies and node.op == "loop":
-                loop, _ = node.extra
-                left += [*loop.results, loop.again]
-    return found

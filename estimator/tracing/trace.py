@@ -15,7 +15,8 @@ from __future__ import annotations
 import builtins
 import math
 import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
@@ -41,6 +42,7 @@ class Traced:
     # NumPy's arrays leave operations with traced numbers to this class.
     __array_ufunc__ = None
     _nodes: ClassVar[dict[Any, Traced]] = {}
+    _known: ClassVar[Mapping[tuple[str, int], float]] = {}
     bits: ClassVar[int] = 64
 
     op: str
@@ -138,6 +140,16 @@ def start(bits: int = 64) -> None:
     Traced._nodes, Traced.bits = {}, bits
 
 
+@contextmanager
+def with_known(values: Mapping[tuple[str, int], float]) -> Iterator[None]:
+    """Replace uniform inputs by constants in all graphs, by array and index."""
+    Traced._known = values
+    try:
+        yield
+    finally:
+        Traced._known = {}
+
+
 def lift(value: Any) -> Traced:
     """Make a traced number of a plain one."""
     if isinstance(value, Traced):
@@ -152,7 +164,8 @@ def lane_input(array: str, row: int) -> Traced:
 
 def uniform_input(array: str, index: int) -> Traced:
     """Input that is the same in all lanes, from an array."""
-    return _make("scalar", (), (array, index), uniform=True)
+    value = Traced._known.get((array, index))
+    return _make("scalar", (), (array, index), uniform=True) if value is None else lift(value)
 
 
 def select(condition: Any, yes: Any, no: Any) -> Any:
@@ -281,6 +294,21 @@ def where_needed(
         return chosen, lift_truth(False)
 
     return repeat(needed, usual, a_round, 1)[:-1]
+
+
+def reachable(wanted: Iterable[Traced], *, with_bodies: bool = False) -> set[Traced]:
+    """Nodes that some numbers depend on, with or without those in the bodies of loops."""
+    found: set[Traced] = set()
+    left = list(wanted)
+    while left:
+        node = left.pop()
+        if node not in found:
+            found.add(node)
+            left.extend(node.args)
+            if with_bodies and node.op == "loop":
+                loop, _ = node.extra
+                left += [*loop.results, loop.again]
+    return found
 
 
 # --- graph ----------------------------------------------------------------------------------------

@@ -36,6 +36,7 @@ COMMANDS = {
     "robots": "List the robots that ship with icreckon, for --robot.",
     "check": "Check a robot file against a log: units, signs, mounting, latency.",
     "calibrate": "Calibrate a robot from logs with a ground truth.",
+    "export": "Write the filter of a robot in C, for microcontrollers and C++ programs.",
     "paper": "Reproduce the paper: its numbers, its Table II, its figures.",
     "prepare": "Compile all filters ahead, for an image or before a robot's first drive.",
     "study": "Simulate many runs over a sweep of parameters, and summarise them.",

@@ -18,6 +18,7 @@ GUIDES = (
     "how-to/wheels-and-gps.md",
     "how-to/where-is-the-icr.md",
     "how-to/which-gyro.md",
+    "tutorials/microcontroller.md",
     "tutorials/simulate-and-study.md",
 )
 ELSEWHERE = {"check.md", "embedding.md", "from-robot-localization.md", "three-dimensions.md"}

@@ -1,0 +1,332 @@
+"""Filter of one robot and variant as C sources.
+
+Its steps and its inputs are those of the Python filter: kernels of traced numbers (`tracing.c_kernel`)
+and functions over the record (`tracing.c_functions`). A template puts them together, as
+`streaming.reckoning` does.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable
+from functools import partial
+from importlib.metadata import metadata
+from itertools import product
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.errors import BatchError, EstimatorError
+from icreckon.estimator.base.records import shared_record
+from icreckon.estimator.embedded.c_kernels import derivatives_kernel, first_kernel, motion_kernel
+from icreckon.estimator.embedded.c_records import Records
+from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
+from icreckon.estimator.engine.filters import BatchFilter, work_places
+from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
+from icreckon.estimator.engine.lane import FilterShape
+from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
+from icreckon.estimator.engine.layout import FACTORS, INPUTS, MOTION, TREND, covariance_name
+from icreckon.estimator.engine.one_lane import OF_TIME
+from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.engine.work import Places, follow_in_lane, let_wander, relocate_lane
+from icreckon.estimator.faults.repeating_fixes import repeats
+from icreckon.estimator.faults.scattering_fixes import ScatterRecord, wanders
+from icreckon.estimator.faults.sliding_robot import slides
+from icreckon.estimator.faults.spinning_tracks import is_found
+from icreckon.estimator.faults.stuck_tracks import frozen_from, stuck_from
+from icreckon.estimator.filter.filter_record import (
+    DEPARTURE,
+    FilterRecord,
+    FixesRecord,
+    ends_step,
+    take_track_speeds,
+)
+from icreckon.estimator.filter.gate import LONGEST_COUNTED
+from icreckon.estimator.filter.initial_state import assumptions
+from icreckon.estimator.filter.reacquisition import RejectedRecord, add_rejected
+from icreckon.estimator.log import input_checks
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.settings import Settings, wander_of
+from icreckon.estimator.robot.variants import Variant, state_names
+from icreckon.estimator.sensors import imu_clock
+from icreckon.estimator.sensors.held_tracks import TrackRecord, is_hole, smoothing_share, speeds_at
+from icreckon.estimator.sensors.imu_clock import ClockRecord
+from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
+from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
+from icreckon.estimator.sensors.sensor_models import SensorModels
+from icreckon.estimator.sensors.standstill import is_carried
+from icreckon.estimator.tracing import trace
+from icreckon.estimator.tracing.c_functions import Functions
+from icreckon.estimator.tracing.c_kernel import kernel_in_c, literal
+from icreckon.estimator.tracing.c_types import INT, REAL, Code, Type
+from icreckon.estimator.tracing.kernel import Kernel
+
+TEMPLATES = Path(__file__).parent / "templates"
+SOURCE = TEMPLATES / "icreckon_filter.c.in"
+# Standard deviations within which the self-test holds a filter to that in Python, by bits of a number.
+TOLERANCE = {64: 1e-6, 32: 0.02}
+# Fields that the filter in C does not need: settings are constants, the workspace has the gates and what
+# position fixes change, and nobody watches latencies.
+WITHOUT = frozenset(
+    {"settings", "poses", *IMU_SENSORS, "turning", "yaw_rates", *FACTORS, *TREND, *DEPARTURE}
+)
+RECORD = f"icr_{FilterRecord.__name__}"
+SETTINGS, PLACES = Type("record", "icr_InputSettings"), Type("record", "Places")
+LEARNT = range(s.LEARNT.start, s.LEARNT.stop)
+# Highest rate of an IMU [Hz].
+FASTEST_IMU = 10_000.0
+# Constants of a kernel that differ from step to step.
+VARYING = ("dt", "smoothing", "interval")
+# Gates whose number of used measurements the filter reads.
+GATES = ("gyro", "heading")
+# Rows that the filter reads, by their names in C.
+ROWS = {
+    "STOOD": "stood",
+    "TWIST": "v_x",
+    "MOTION": "zeta",
+    "PREDICTED": "predicted_x",
+    "INNOVATION": "position_z_x",
+    **{f"USED_{gate}".upper(): f"{gate}_used" for gate in GATES},
+}
+# A step is taken in parts, so that an IMU sample at the stamp of the estimate and a step without one need
+# no kernels of their own, and standstills cost nothing while driving.
+BEGIN = OF_TIME._replace(moves=False)
+PART = StepKind(draws=False, moves=False, resumes=True, fast_slip=True, in_step=True)
+AHEAD = FixKind(fast_slip=True, ahead=True, updated=False)
+# Kernels by their names in C.
+KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
+    "begin": partial(step_kernel, kind=BEGIN),
+    "stand": partial(step_kernel, kind=PART._replace(imu=False, stands=True)),
+    "update": partial(step_kernel, kind=PART._replace(may_lack_force=True)),
+    "propagate": partial(step_kernel, kind=PART._replace(imu=False, moves=True)),
+    "position": partial(position_kernel, kind=AHEAD),
+    "heading": partial(heading_kernel, kind=AHEAD),
+    "start": first_kernel,
+    "motion": motion_kernel,
+    "derivatives": derivatives_kernel,
+}
+
+
+class Exported(NamedTuple):
+    """Filter in C.
+
+    Attributes:
+        files: text of each file, by name.
+        states: indices of its states, in their order.
+    """
+
+    files: dict[str, str]
+    states: list[int]
+
+
+def filter_in_c(
+    robot: Robot, variant: Variant, settings: Settings | None = None, *, bits: int, imu_rate: float
+) -> Exported:
+    """Write the filter of a robot and variant in C99.
+
+    Args:
+        robot: the robot.
+        variant: the filter variant.
+        settings: settings of the filter; None for the usual ones.
+        bits: number of bits of each number, 64 or 32.
+        imu_rate: highest rate of the IMU, for the size of a buffer [Hz].
+
+    Raises:
+        EstimatorError: the rate is not above zero, or the variant has no form in C.
+    """
+    if not 0.0 < imu_rate <= FASTEST_IMU:
+        raise EstimatorError(
+            f"the rate of the IMU must be above 0 and at most {FASTEST_IMU:g} Hz, found {imu_rate!r}"
+        )
+    return _Export(robot, variant, settings or Settings(), bits, imu_rate).exported()
+
+
+class _Export:
+    """Export of one filter."""
+
+    def __init__(
+        self, robot: Robot, variant: Variant, settings: Settings, bits: int, imu_rate: float
+    ) -> None:
+        self._robot, self._variant, self._settings, self._bits = robot, variant, settings, bits
+        self._imu_rate, self._readings = imu_rate, int(settings.standstill.duration * imu_rate) + 4
+        try:
+            filter_ = BatchFilter(robot, variant, settings, bits, width=1)
+        except BatchError as problem:
+            raise EstimatorError(f"{variant.name!r} has no form in C: {problem}") from None
+        self._shape, self._layout, self._rows = filter_.shape, filter_.layout, filter_.rows
+        self._states = [i for i in self._shape.states if i < s.SIZE]
+        self._inputs = input_settings(robot, settings)
+        self._record: Any = shared_record(FilterRecord(self._inputs))
+        lanes = filter_.begin(np.zeros((1, 2)), np.zeros(3), np.zeros(3))
+        for slip in range(s.SLIP.start, s.SLIP.stop):
+            # The first track speeds add it.
+            lanes.workspace[self._rows[covariance_name(slip, slip)]] = 0.0
+        self._workspace, self._constants = lanes.workspace[:, 0].tolist(), lanes.constants.tolist()
+        self._records = Records(bits, {FilterRecord: WITHOUT})
+
+    def exported(self) -> Exported:
+        """Make all files."""
+        self._records.add(type(self._record))
+        tables, constants = self._places()
+        types = {**self._records.types, Places: PLACES, InputSettings: SETTINGS}
+        functions = Functions(self._bits, types, constants, self._records.integers)
+        self._translate(functions)
+        called = "\n".join([*functions.text, SOURCE.read_text(encoding="utf-8")])
+        parts = {
+            "TUPLES": "\n".join(functions.tuples.values()),
+            "PLACES": "\n".join(text for name, text in tables.items() if name in called),
+            "FUNCTIONS": "\n".join(functions.text),
+            "KERNELS": "\n".join(self._kernel(name) for name in KERNELS),
+            "STRUCTS": "\n".join(self._records.text),
+            **self._names(),
+            **self._tables(),
+        }
+        parts["DIGEST"] = f"0x{zlib.crc32(repr(parts).encode()):08X}u"
+        files = {one.stem: _filled(one, parts) for one in sorted(TEMPLATES.glob("*.in"))}
+        return Exported(files, self._states)
+
+    def _places(self) -> tuple[dict[str, str], dict[tuple[str, str], Code]]:
+        """Tables of places in the workspace, and constants in place of fields."""
+        tables, constants = {}, {(RECORD, "settings"): Code("SETTINGS", SETTINGS)}
+        places = work_places(self._layout, wander_of(self._robot, self._settings))._asdict()
+        for name, value in places.items():
+            if isinstance(value, np.ndarray):
+                table = f"places_{name}"
+                tables[table] = self._array(f"uint16_t {table}[{value.size}]", value.ravel())
+                constants[PLACES.name, name] = Code(table, Type("array", "place", (), value.shape))
+            else:
+                constants[PLACES.name, name] = self._constant(value)
+        for name, value in self._inputs._asdict().items():
+            constants[SETTINGS.name, name] = self._constant(value)
+        return tables, constants
+
+    def _constant(self, value: float | int) -> Code:
+        if isinstance(value, float):
+            return Code(self._number(value), REAL, value)
+        return Code(f"INT64_C({value})", INT, value)
+
+    def _translate(self, functions: Functions) -> None:
+        """Translate what the template calls."""
+        lanes = Type("array", "real", shape=(len(self._rows), 1))
+        inputs = Type("array", "real", shape=(len(INPUTS), 1))
+        before = Type("array", "real", shape=(len(self._states),))
+        stamps, rates = (Type("array", of, shape=(self._readings,)) for of in ("int", "real"))
+        types = functions.records
+        record, fixes = types[FilterRecord], types[FixesRecord]
+        four = functions.tuple_type([(f"_{k}", REAL) for k in range(4)])
+        readings = {"stamps": stamps, "rates": rates}
+        functions.translate(sample_inputs, record=record, inputs=inputs, gyro=four, **readings)
+        functions.translate(move_inputs, record=record, inputs=inputs)
+        functions.translate(imu_clock.interval_start, clock=types[ClockRecord])
+        functions.translate(imu_clock.interval_start, clock=types[TrackRecord])
+        for of_clock in (imu_clock.is_due_after, imu_clock.is_alive, imu_clock.take_stamp):
+            functions.translate(of_clock, clock=types[ClockRecord])
+        functions.translate(is_hole, held=types[TrackRecord])
+        functions.translate(let_wander, workspace=lanes, fixes=fixes)
+        functions.translate(relocate_lane, workspace=lanes, rejected=types[RejectedRecord])
+        scatter = types[ScatterRecord]
+        functions.translate(follow_in_lane, workspace=lanes, scatter=scatter, before=before)
+        of_records = take_track_speeds, ends_step, speeds_at, smoothing_share, repeats, add_rejected
+        findings = stuck_from, frozen_from, is_found, slides, is_carried, wanders
+        for function in (*of_records, *findings):
+            functions.translate(function)
+
+    def _kernel(self, name: str) -> str:
+        """Kernel in C; its constants are literals."""
+        places = self._layout.constants
+        varying = {places[constant] for constant in VARYING}
+        values = enumerate(self._constants)
+        known = {("constants", k): value for k, value in values if k not in varying}
+        with trace.with_known(known):
+            return kernel_in_c(KERNELS[name](name, self._shape), self._bits)
+
+    def _names(self) -> dict[str, str]:
+        """Names and sizes."""
+        rows, places = self._rows, self._layout.constants
+        names = state_names(self._variant)
+        learnt = [i for i in self._states if i in LEARNT]
+        defines = {
+            "INPUTS": len(INPUTS),
+            "CONSTANTS": 1 + max(places[constant] for constant in VARYING),
+            "READINGS": self._readings,
+            "STATES": len(self._states),
+            "WANDERS": int(s.WANDER_X in self._shape.states),
+            **{constant.upper(): places[constant] for constant in VARYING},
+            **{f"ROW_{name}": rows[row] for name, row in ROWS.items()},
+            **{f"IN_{name}".upper(): INPUTS[name] for name in INPUTS.names},
+        }
+        return {
+            "VERSION": metadata("icreckon")["Version"],
+            "LICENSE": metadata("icreckon")["License-Expression"],
+            "ROBOT": self._robot.name,
+            "VARIANT": self._variant.name,
+            "REAL": "double" if self._bits == 64 else "float",
+            "TOLERANCE": f"{TOLERANCE[self._bits]:g}",
+            "IMU_RATE": f"{self._imu_rate:g}",
+            "DEFINES": "\n".join(f"#define {name} {value}" for name, value in defines.items()),
+            # Rows behind these are outputs of other kernels.
+            "ROW_COUNT": str(rows[MOTION[2]] + 1),
+            "READING_COUNT": str(self._readings),
+            "LEARNT_COUNT": str(len(learnt)),
+            "STATE_ENUM": "\n".join(f"    ICR_{names[i].upper()}," for i in self._states),
+            "STATE_NAMES": ", ".join(f'"{names[i]}"' for i in self._states),
+        }
+
+    def _tables(self) -> dict[str, str]:
+        """Numbers of the robot and its filter."""
+        rows, settings, number = self._rows, self._settings, self._number
+        walks = assumptions(self._robot, self._variant, settings).disturbances.bias_walk ** 2
+        learnt = [k for k, i in enumerate(self._states) if i in LEARNT]
+        pairs = product(self._states, self._states)
+        values = enumerate(self._workspace)
+        start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
+        uses_force = settings.use_accelerometer and self._variant.accelerometers
+        fastest = self._robot.vehicle.max_track_speed
+        return {
+            "MOUNTING": self._array(
+                "real MOUNTING[18]", SensorModels(self._robot).mounting.ravel()
+            ),
+            "COVARIANCES": self._array(
+                "uint16_t COVARIANCES[STATES * STATES]",
+                [rows[covariance_name(i, j)] for i, j in pairs],
+            ),
+            "LEARNT": self._array("uint16_t LEARNT[]", learnt),
+            "WALKS": self._array("real WALKS[]", [walks[self._states[k]] for k in learnt]),
+            "START": "\n".join([*start, *self._records.initial(self._record, "filter->record")]),
+            "USES_FORCE": "true" if uses_force else "false",
+            "HOLD": number(self._inputs.hold),
+            "HOLD_NS": f"INT64_C({self._inputs.hold_ns})",
+            "SLOW": number(self._inputs.track_speed),
+            "GAUGE": number(self._robot.vehicle.track_gauge),
+            "NANOSECOND": number(NANOSECOND),
+            "SMOOTHING_TIME": number(REGRESSOR_SMOOTHING),
+            "LONGEST_COUNTED": number(LONGEST_COUNTED),
+            "LONGEST_GAP": f"INT64_C({int(settings.longest_gap / NANOSECOND)})",
+            "WITNESSES": str(input_checks.CLOCK_WITNESSES),
+            "EARLIEST": f"INT64_C({input_checks.EARLIEST})",
+            "LATEST": f"INT64_C({input_checks.LATEST})",
+            "ABSURD_SPEED": number(input_checks.ABSURD_SPEED * fastest),
+            "ABSURD_RATE": number(input_checks.ABSURD_RATE),
+            "ABSURD_FORCE": number(input_checks.ABSURD_FORCE),
+            "ABSURD_DISTANCE": number(input_checks.ABSURD_DISTANCE),
+            "ABSURD_LEVER": number(input_checks.ABSURD_LEVER),
+        }
+
+    def _number(self, value: float) -> str:
+        return literal(float(value), self._bits)
+
+    def _array(self, declared: str, values: Iterable[Any]) -> str:
+        """Constant array in C."""
+        is_real = declared.startswith("real")
+        texts = (self._number(one) if is_real else str(int(one)) for one in values)
+        return f"static const {declared} = {{{', '.join(texts)}}};"
+
+
+def _filled(template: Path, parts: dict[str, str]) -> str:
+    text = template.read_text(encoding="utf-8")
+    for name, value in parts.items():
+        text = text.replace(f"@{name}@", value)
+    return text

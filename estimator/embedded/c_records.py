@@ -1,0 +1,74 @@
+"""Records of the filter as C structures, and their initial values."""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+from icreckon.estimator.base.records import CLOCK, field_types
+from icreckon.estimator.tracing.c_kernel import literal
+from icreckon.estimator.tracing.c_types import INT, REAL, Type
+
+
+class Records:
+    """Structures in C of the types of records.
+
+    Args:
+        bits: number of bits of each number, 64 or 32.
+        without: fields that the structure of a type of record does not get.
+
+    Attributes:
+        types: C type of each type of record.
+        text: definitions of the structures.
+        integers: types of whole numbers that are no `int64_t`, by structure and field.
+    """
+
+    def __init__(self, bits: int, without: dict[type, frozenset[str]]) -> None:
+        self._bits, self._without = bits, without
+        self.types: dict[type, Type] = {}
+        self.text: list[str] = []
+        self.integers: dict[tuple[str, str], str] = {}
+
+    def add(self, memory: Any) -> Type:
+        """Add a type of record and those in it, by the memory that Python and numba share."""
+        kind = memory.kind
+        if kind in self.types:
+            return self.types[kind]
+        name, hints = f"icr_{kind.__name__}", field_types(kind)
+        fields, lines = [], []
+        for field, of in self._fields(memory):
+            if hasattr(of, "kind"):
+                found = self.add(of)
+                lines.append(f"    {found.name} {field};")
+            elif issubclass(of, ctypes.Array):
+                found = Type("array", "real", shape=(of._length_,))
+                lines.append(f"    icr_real {field}[{of._length_}];")
+            elif of is ctypes.c_double:
+                found = REAL
+                lines.append(f"    icr_real {field};")
+            else:
+                found, size = INT, "int64_t"
+                if CLOCK not in getattr(hints[field], "__metadata__", ()):
+                    size = self.integers[name, field] = "int32_t"
+                lines.append(f"    {size} {field};")
+            fields.append((field, found))
+        self.types[kind] = Type("record", name, tuple(fields))
+        self.text.append("\n".join(["typedef struct {", *lines, f"}} {name};", ""]))
+        return self.types[kind]
+
+    def initial(self, record: Any, path: str) -> list[str]:
+        """Assignments in C of the values of a record that are not zero."""
+        found: list[str] = []
+        for field, of in self._fields(record):
+            value, place = getattr(record, field), f"{path}.{field}"
+            if hasattr(of, "kind"):
+                found += self.initial(value, place)
+            elif of is ctypes.c_double and value:
+                found.append(f"    {place} = {literal(value, self._bits)};")
+            elif of is ctypes.c_int64 and value:
+                found.append(f"    {place} = INT64_C({value});")
+        return found
+
+    def _fields(self, memory: Any) -> list[tuple[str, Any]]:
+        without = self._without.get(memory.kind, frozenset())
+        return [(field, of) for field, of in memory._fields_ if field not in without]

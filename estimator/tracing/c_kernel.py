@@ -1,0 +1,211 @@
+"""Kernels of traced numbers as C99, for one lane."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+
+from icreckon.estimator.tracing.kernel import FLAG_BITS, Kernel
+from icreckon.estimator.tracing.trace import Loop, Traced, reachable
+
+OPERATORS = {"add": "+", "sub": "-", "mul": "*", "and": "&&", "or": "||"}
+FUNCTIONS = {"sqrt": "sqrt", "abs": "fabs", "round": "rint"}
+
+
+def literal(value: float, bits: int) -> str:
+    """Number in C, of so many bits."""
+    if math.isnan(value):
+        return "NAN"
+    if math.isinf(value):
+        return "INFINITY" if value > 0.0 else "-INFINITY"
+    text = repr(float(value))
+    return text if bits == 64 else f"{text}f"
+
+
+def function_name(name: str, bits: int) -> str:
+    """Name of a function of `math.h`, for numbers of so many bits."""
+    return name if bits == 64 else f"{name}f"
+
+
+def kernel_in_c(kernel: Kernel, bits: int) -> str:
+    """C function of `lanes`, `inputs` and `constants` that returns the kernel's flags.
+
+    Args:
+        kernel: kernel in traced numbers; the function has its name.
+        bits: number of bits of each number, 64 or 32.
+    """
+    return _Writer(kernel, bits).function()
+
+
+class _Writer:
+    """Writer of one kernel."""
+
+    def __init__(self, kernel: Kernel, bits: int) -> None:
+        self._kernel, self._bits = kernel, bits
+        self._names: dict[Traced, str] = {}
+        self._lines: list[str] = []
+        self._indent = "    "
+
+    def function(self) -> str:
+        """Write the function."""
+        kernel = self._kernel
+        wanted = [store.value for store in kernel.stores] + list(kernel.flags)
+        waiting = defaultdict(list)
+        for store in kernel.stores:
+            waiting[store.value].append(store)
+        nodes = reachable(wanted)
+        loads = {
+            node.extra: node for node in reachable(wanted, with_bodies=True) if node.op == "load"
+        }
+        last_uses = _last_uses(nodes, kernel.flags)
+        for node in sorted(nodes, key=_number):
+            self._name(node)
+            for store in waiting.get(node, ()):
+                value = self._name(node)
+                before = loads.get((store.array, store.row))
+                if before is not None and self._is_read_after(before, node, last_uses):
+                    self._keep(before)
+                self._add(f"{store.array}[{store.row}] = {value};")
+        flags = [
+            f"((uint32_t){self._name(flag)} << {place * FLAG_BITS})"
+            for place, flag in enumerate(kernel.flags)
+        ]
+        parameters = "real *lanes, const real *restrict inputs, const real *restrict constants"
+        unused = [f"    (void){array};" for array in ("lanes", "inputs", "constants")]
+        body = [*unused, *self._lines, f"    return {' | '.join(flags) or '0'};"]
+        return "\n".join([f"static uint32_t {kernel.name}({parameters})", "{", *body, "}", ""])
+
+    def _is_read_after(self, load: Traced, node: Traced, last_uses: dict[Traced, int]) -> bool:
+        """Return True if a row is overwritten while its old value is still needed."""
+        return load not in self._names and (load is node or last_uses.get(load, -1) > node.number)
+
+    def _add(self, line: str) -> None:
+        self._lines.append(self._indent + line)
+
+    def _name(self, node: Traced) -> str:
+        """Expression of a node that has been computed, or of one that needs no line."""
+        found = self._names.get(node)
+        if found is not None:
+            return found
+        match node.op:
+            case "constant":
+                if node.truth:
+                    return "true" if node.extra else "false"
+                return literal(node.extra, self._bits)
+            case "load" | "scalar":
+                array, row = node.extra
+                return f"{array}[{row}]"
+            case "loop":
+                self._loop(node)
+                return ""
+            case "result":
+                self._name(node.args[0])
+                return self._names[node]
+        return self._keep(node)
+
+    def _keep(self, node: Traced) -> str:
+        """Compute a node in a line of its own."""
+        kind = "bool" if node.truth else "real"
+        code = self._name(node) if node.op == "load" else self._code(node)
+        self._names[node] = name = f"v{node.number}"
+        self._add(f"const {kind} {name} = {code};")
+        return name
+
+    def _code(self, node: Traced) -> str:
+        args = [self._name(arg) for arg in node.args]
+        match node.op:
+            case "neg":
+                return f"-({args[0]})"
+            case "not":
+                return f"!{args[0]}"
+            case "compare":
+                return f"{args[0]} {node.extra} {args[1]}"
+            case "select":
+                return f"{args[0]} ? {args[1]} : {args[2]}"
+            case "reciprocal":
+                return f"{literal(1.0, self._bits)} / {args[0]}"
+            case "power_of_two":
+                one = literal(1.0, self._bits)
+                return f"{function_name('ldexp', self._bits)}({one}, (int){args[0]})"
+        if node.op in OPERATORS:
+            return f"{args[0]} {OPERATORS[node.op]} {args[1]}"
+        return f"{function_name(FUNCTIONS[node.op], self._bits)}({args[0]})"
+
+    def _loop(self, of: Traced) -> None:
+        """Write a loop; its carried values are variables, and its results after it."""
+        loop: Loop
+        loop, most = of.extra
+        needed, *begin = [self._name(arg) for arg in of.args]
+        names = [f"l{of.number}_{k}" for k in range(len(begin))]
+        again = f"l{of.number}_again"
+        for name, value in zip(names, begin, strict=True):
+            self._add(f"real {name} = {value};")
+        self._add(f"bool {again} = {needed};")
+        round_ = f"l{of.number}_round"
+        self._add(f"for (int {round_} = 0; {again} && {round_} < {most}; {round_}++) {{")
+        outer, self._indent = self._indent, self._indent + "    "
+        known = dict(self._names)
+        self._names.update(zip(loop.carried, names, strict=True))
+        inside = reachable([*loop.results, loop.again]) - set(known) - set(loop.carried)
+        for node in sorted(inside, key=_number):
+            self._name(node)
+        results = [self._name(result) for result in loop.results]
+        for k, result in enumerate(results):
+            self._add(f"const real {names[k]}_next = {result};")
+        self._add(f"{again} = {self._name(loop.again)};")
+        for name in names:
+            self._add(f"{name} = {name}_next;")
+        self._indent = outer
+        self._add("}")
+        self._names = known
+        self._names[of] = ""
+        for name, found in zip([*names, again], _results_of(of), strict=True):
+            if found is not None:
+                self._names[found] = name
+
+
+def _number(node: Traced) -> int:
+    return node.number
+
+
+def _results_of(of: Traced) -> list[Traced | None]:
+    """Results of a loop, in their order; None for those that nobody asked for."""
+    found: list[Traced | None] = [None] * len(of.args)
+    for node in Traced._nodes.values():
+        if node.op == "result" and node.args[0] is of:
+            found[node.extra] = node
+    return found
+
+
+def _last_uses(nodes: Iterable[Traced], flags: Iterable[Traced]) -> dict[Traced, int]:
+    """Number of the newest node that needs each, also in the body of a loop."""
+    found: dict[Traced, int] = {}
+    top = set(nodes)
+    for node in top:
+        needs = list(node.args)
+        if node.op == "loop":
+            needs += _needs_of_body(node, top)
+        for one in needs:
+            found[one] = max(found.get(one, -1), node.number)
+    for flag in flags:
+        found[flag] = 2**62
+    return found
+
+
+def _needs_of_body(of: Traced, top: set[Traced]) -> set[Traced]:
+    """Nodes that the rounds of a loop read, down to those that are computed before it."""
+    found: set[Traced] = set()
+    left = [of]
+    while left:
+        node = left.pop()
+        if node in found:
+            continue
+        found.add(node)
+        if node is not of and node in top and node.number < of.number:
+            continue
+        left += node.args if node is not of else ()
+        if node.op == "loop":
+            loop, _ = node.extra
+            left += [*loop.results, loop.again]
+    return found

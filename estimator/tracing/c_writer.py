@@ -1,0 +1,600 @@
+"""Body of one Python function as C99, statement by statement, see `c_functions`."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Protocol, get_type_hints
+
+import numpy as np
+
+from icreckon.estimator.tracing.c_kernel import function_name, literal
+from icreckon.estimator.tracing.c_types import (
+    BOOL,
+    COMPLEX,
+    ELEMENTS,
+    INT,
+    NONE,
+    NUMBERS,
+    REAL,
+    Code,
+    Type,
+)
+
+LIBRARY = "icreckon."
+ARITHMETIC = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+RELATION = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="} | {
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
+OF_COMPLEX = {ast.Add: "sum", ast.Sub: "difference", ast.Mult: "product"}
+RESERVED = (
+    "new",
+    "this",
+    "real",
+    "short",
+    "long",
+    "int",
+    "float",
+    "double",
+    "j0",
+    "y0",
+    "y1",
+    "yn",
+)
+OF_MATH = ("sqrt", "exp", "expm1", "cos", "sin", "atan2")
+
+
+class Translation(Protocol):
+    """Types and functions that a function in C refers to.
+
+    Attributes:
+        bits: number of bits of each number, 64 or 32.
+        constants: see `Functions`.
+        integers: see `Functions`.
+    """
+
+    bits: int
+    constants: dict[tuple[str, str], Code]
+    integers: dict[tuple[str, str], str]
+
+    def called(self, function: Callable[..., Any], types: Sequence[Type]) -> tuple[str, Type]:
+        """Name and result of a function for arguments of these types."""
+        ...
+
+    def of_annotation(self, hint: Any) -> Type | None:
+        """Type that an annotation states; None if it leaves it open."""
+        ...
+
+    def tuple_type(self, fields: Sequence[tuple[str, Type]], name: str = "") -> Type:
+        """Type of a tuple, which is defined if it is new."""
+        ...
+
+
+class FunctionWriter:
+    """Writer of one function for certain types of its parameters."""
+
+    def __init__(
+        self,
+        functions: Translation,
+        function: Callable[..., Any],
+        parameters: dict[str, Type],
+        result: Type | None,
+    ) -> None:
+        self._all, self._function, self._parameters = functions, function, parameters
+        self.result = result
+        self._globals = function.__globals__
+        tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
+        self._tree: Any = tree.body[0]
+        self._locals = dict(parameters)
+        self._known: dict[str, int] = {}
+        self._lines: list[str] = []
+        self._declared: list[str] = []
+        self._indent = "    "
+        self._count = 0
+
+    def function(self, name: str) -> str:
+        """Write the function with a name in C."""
+        for statement in self._tree.body:
+            self._statement(statement)
+        parameters = [f"{of.c}{_gap(of)}{_safe(one)}" for one, of in self._parameters.items()]
+        head = f"static {(self.result or NONE).c} {name}({', '.join(parameters) or 'void'})"
+        unused = [f"    (void){_safe(one)};" for one in self._parameters]
+        return "\n".join([head, "{", *unused, *self._declared, *self._lines, "}", ""])
+
+    def _fail(self, node: ast.AST, what: str = "") -> NotImplementedError:
+        return NotImplementedError(
+            f"{self._function.__qualname__}: {what or ast.unparse(node).splitlines()[0]} has no form in C"
+        )
+
+    def _add(self, line: str) -> None:
+        self._lines.append(self._indent + line)
+
+    def _local(self, name: str, of: Type, *, is_alias: bool = False) -> None:
+        before = self._locals.get(name)
+        if before is None:
+            self._locals[name] = of
+            name = _safe(name)
+            size = math.prod(of.shape)
+            if of.kind == "array" and is_alias:
+                self._declared.append(f"    {of.c}{name} = NULL;")
+            elif of.kind == "array":
+                self._declared.append(f"    {ELEMENTS[of.name]} {name}[{size}] = {{0}};")
+            elif of in NUMBERS and of != COMPLEX:
+                self._declared.append(f"    {of.c} {name} = 0;")
+            elif of.kind == "record":
+                self._declared.append(f"    {of.c}{name} = NULL;")
+            else:
+                self._declared.append(f"    {of.c} {name};")
+            self._declared.append(f"    (void){name};")
+
+    # --- statements ------------------------------------------------------------------------------
+
+    def _statement(self, node: ast.stmt) -> None:
+        match node:
+            case ast.Expr(value=ast.Constant()) | ast.Raise():
+                return
+            case ast.Expr(value=value):
+                self._add(f"{self._code(value).text};")
+            case ast.Assign(targets=targets, value=value):
+                self._assign(targets, value)
+            case ast.AnnAssign(target=target, value=value) if value is not None:
+                self._assign([target], value)
+            case ast.AugAssign(target=target, op=op, value=value):
+                self._store(
+                    target, self._arithmetic(node, op, self._code(target), self._code(value))
+                )
+            case ast.If(test=test, body=body, orelse=orelse):
+                if all(isinstance(one, ast.Raise) for one in body) and not orelse:
+                    return
+                self._add(f"if ({self._truth(test)}) {{")
+                self._block(body)
+                if orelse:
+                    self._add("} else {")
+                    self._block(orelse)
+                self._add("}")
+            case ast.While(test=test, body=body, orelse=[]):
+                self._add(f"while ({self._truth(test)}) {{")
+                self._block(body)
+                self._add("}")
+            case ast.For(target=ast.Name(id=name), iter=over, body=body, orelse=[]):
+                self._for(name, over, body)
+            case ast.Return(value=None):
+                self._add("return;")
+            case ast.Return(value=value) if value is not None:
+                self._return(value)
+            case ast.Break() | ast.Continue():
+                self._add(f"{type(node).__name__.lower()};")
+            case _:
+                raise self._fail(node)
+
+    def _block(self, body: Sequence[ast.stmt]) -> None:
+        outer, self._indent = self._indent, self._indent + "    "
+        for statement in body:
+            self._statement(statement)
+        self._indent = outer
+
+    def _for(self, name: str, over: ast.expr, body: Sequence[ast.stmt]) -> None:
+        if isinstance(over, ast.Call) and _name_of(over.func) == "range":
+            bounds = [self._code(arg) for arg in over.args]
+            start, stop = (
+                (bounds[0], bounds[1]) if len(bounds) > 1 else (Code("0", INT, 0), bounds[0])
+            )
+            if self._indexes_tuple(name, body):
+                for k in range(start.value, stop.value):
+                    self._known[name] = k
+                    for statement in body:
+                        self._statement(statement)
+                    del self._known[name]
+                return
+            stride = bounds[2].value if len(bounds) > 2 else 1
+            if stride not in (1, -1):
+                raise self._fail(over)
+            stop = stop if stop.value is not None else self._kept(stop)
+            falls = stride < 0
+            relation, step = (">", "--") if falls else ("<", "++")
+            self._local(name, INT)
+            at = _safe(name)
+            self._add(f"for ({at} = {start.text}; {at} {relation} {stop.text}; {at}{step}) {{")
+            self._block(body)
+            self._add("}")
+            return
+        array = self._code(over)
+        if array.type.kind != "array" or len(array.type.shape) != 1:
+            raise self._fail(over)
+        place = f"k_{self._count}"
+        self._count += 1
+        element = REAL if array.type.name == "real" else INT
+        self._local(name, element)
+        self._add(f"for (int {place} = 0; {place} < {array.type.shape[0]}; {place}++) {{")
+        self._add(f"    {_safe(name)} = {array.text}[{place}];")
+        self._block(body)
+        self._add("}")
+
+    def _indexes_tuple(self, name: str, body: Sequence[ast.stmt]) -> bool:
+        """Return True if a loop's variable is the index of a tuple."""
+        for node in _walk(body):
+            if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
+                of = self._locals.get(node.value.id)
+                if of is not None and of.kind == "tuple" and _name_of(node.slice) == name:
+                    return True
+        return False
+
+    def _return(self, value: ast.expr) -> None:
+        found = self._code(value, self.result)
+        if self.result is None:
+            self.result = found.type
+        self._add(f"return {self._as(found, self.result).text};")
+
+    def _assign(self, targets: Sequence[ast.expr], value: ast.expr) -> None:
+        first = targets[0]
+        if len(targets) > 1:
+            found = self._code(value)
+            if not _is_simple(value):
+                found = self._kept(found)
+            for target in targets:
+                self._store(target, found)
+        elif isinstance(first, ast.Tuple) and isinstance(value, ast.Tuple):
+            kept = [
+                found if _is_simple(one) else self._kept(found)
+                for one in value.elts
+                for found in [self._code(one)]
+            ]
+            for target, one in zip(first.elts, kept, strict=True):
+                self._store(target, one)
+        elif isinstance(first, ast.Tuple):
+            found = self._kept(self._code(value))
+            for target, (name, of) in zip(first.elts, found.type.fields, strict=True):
+                self._store(target, Code(f"{found.text}.{name}", of))
+        else:
+            self._store(first, self._code(value))
+
+    def _kept(self, code: Code) -> Code:
+        """Value of an expression in a variable of its own."""
+        if code.type.kind in ("record", "array"):
+            return code
+        name = f"t_{self._count}"
+        self._count += 1
+        self._add(f"const {code.type.c} {name} = {code.text};")
+        return Code(name, code.type)
+
+    def _store(self, target: ast.expr, code: Code) -> None:
+        match target:
+            case ast.Name(id=name):
+                if code.type.kind == "array" and name not in self._locals and code.text == "{0}":
+                    self._local(name, code.type)
+                    return
+                self._local(name, code.type, is_alias=True)
+                of = self._locals[name]
+                if of == INT and code.type == REAL:
+                    raise self._fail(target, f"{name}, first a whole number and then a real one,")
+                self._add(f"{_safe(name)} = {self._as(code, of).text};")
+            case ast.Subscript(slice=ast.Slice(lower=None, upper=None)):
+                array = self._code(target.value)
+                place = f"k_{self._count}"
+                self._count += 1
+                size, kept = math.prod(array.type.shape), self._kept(self._as(code, REAL))
+                self._add(f"for (int {place} = 0; {place} < {size}; {place}++) {{")
+                self._add(f"    {array.text}[{place}] = {kept.text};")
+                self._add("}")
+            case ast.Subscript() | ast.Attribute():
+                found = self._code(target)
+                value = self._as(code, found.type).text
+                if isinstance(target, ast.Attribute) and found.type in (INT, BOOL):
+                    owner = self._code(target.value).type.name
+                    value = f"({self._all.integers.get((owner, target.attr), 'int64_t')})({value})"
+                self._add(f"{found.text} = {value};")
+            case _:
+                raise self._fail(target)
+
+    # --- expressions -----------------------------------------------------------------------------
+
+    def _as(self, code: Code, of: Type) -> Code:
+        """Convert a number to another type."""
+        if code.type == of or code.type.kind in ("tuple", "record", "array"):
+            return code
+        if of == REAL and code.type in (INT, BOOL):
+            if code.value is not None:
+                return Code(literal(float(code.value), self._all.bits), REAL, float(code.value))
+            return Code(f"(real)({code.text})", REAL)
+        if of == INT and code.type == BOOL:
+            return Code(f"(int64_t)({code.text})", INT)
+        if of == BOOL:
+            return Code(f"({code.text} != 0)", BOOL)
+        if of == COMPLEX:
+            zero = literal(0.0, self._all.bits)
+            return Code(f"complex_of({self._as(code, REAL).text}, {zero})", COMPLEX)
+        raise NotImplementedError(
+            f"{self._function.__qualname__}: {code.text} is {code.type.kind}, not {of.kind}"
+        )
+
+    def _truth(self, node: ast.expr) -> str:
+        text = self._as(self._code(node), BOOL).text
+        return text[1:-1] if _is_enclosed(text) else text
+
+    def _constant(self, value: Any, node: ast.AST) -> Code:
+        if isinstance(value, bool | np.bool_):
+            return Code("true" if value else "false", BOOL, bool(value))
+        if isinstance(value, int | np.integer):
+            return Code(_whole(int(value)), INT, int(value))
+        if isinstance(value, float):
+            return Code(literal(value, self._all.bits), REAL, value)
+        if isinstance(value, complex):
+            parts = ", ".join(literal(one, self._all.bits) for one in (value.real, value.imag))
+            return Code(f"complex_of({parts})", COMPLEX)
+        raise self._fail(node)
+
+    def _code(self, node: ast.expr, wanted: Type | None = None) -> Code:
+        match node:
+            case ast.Constant(value=value):
+                return self._constant(value, node)
+            case ast.Name(id=name) if name in self._known:
+                return self._constant(self._known[name], node)
+            case ast.Name(id=name) if name in self._locals:
+                return Code(_safe(name), self._locals[name])
+            case ast.Name(id=name):
+                return self._constant(self._globals.get(name), node)
+            case ast.Attribute():
+                return self._attribute(node)
+            case ast.Subscript():
+                return self._subscript(node)
+            case ast.BinOp(left=left, op=op, right=right):
+                return self._arithmetic(node, op, self._code(left), self._code(right))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return Code(f"!({self._truth(operand)})", BOOL)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                found = self._code(operand)
+                if found.value is not None:
+                    return self._constant(-found.value, node)
+                return Code(f"-({found.text})", INT if found.type == BOOL else found.type)
+            case ast.BoolOp(op=op, values=values):
+                return self._boolean(op, values)
+            case ast.Compare():
+                return self._comparison(node)
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                return self._choice(test, body, orelse)
+            case ast.Tuple(elts=elements):
+                return self._tuple([self._code(one) for one in elements], wanted)
+            case ast.Call():
+                return self._call(node)
+        raise self._fail(node)
+
+    def _attribute(self, node: ast.Attribute) -> Code:
+        if isinstance(node.value, ast.Name) and node.value.id not in self._locals:
+            return self._constant(getattr(self._globals[node.value.id], node.attr), node)
+        owner = self._code(node.value)
+        if owner.type == COMPLEX:
+            return Code(f"({owner.text}).{node.attr[:2]}", REAL)
+        replaced = self._all.constants.get((owner.type.name, node.attr))
+        if replaced is not None:
+            return replaced
+        of = owner.type.field(node.attr)
+        text = (
+            f"{owner.text}->{node.attr}"
+            if owner.type.kind == "record"
+            else f"{owner.text}.{node.attr}"
+        )
+        return Code(f"(&{text})" if of.kind == "record" else text, of)
+
+    def _subscript(self, node: ast.Subscript) -> Code:
+        owner = self._code(node.value)
+        if owner.type.kind == "tuple":
+            place = self._code(node.slice).value
+            if place is None:
+                raise self._fail(node)
+            name, of = owner.type.fields[place]
+            return Code(f"{owner.text}.{name}", of)
+        parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
+        places = [self._code(one) for one in parts]
+        text = ""
+        for place, size in zip(places, owner.type.shape, strict=False):
+            text = f"({text}) * {size} + {place.text}" if text else place.text
+        rest = owner.type.shape[len(places) :]
+        if rest:
+            return Code(
+                f"({owner.text} + ({text}) * {math.prod(rest)})", owner.type._replace(shape=rest)
+            )
+        element = REAL if owner.type.name == "real" else INT
+        return Code(f"{owner.text}[{text}]", element)
+
+    def _arithmetic(self, node: ast.AST, op: ast.operator, left: Code, right: Code) -> Code:
+        if isinstance(op, ast.Pow):
+            return self._power(node, left, right)
+        if type(op) not in ARITHMETIC:
+            raise self._fail(node)
+        of = max(left.type, right.type, key=NUMBERS.index)
+        if isinstance(op, ast.Div):
+            of = max(of, REAL, key=NUMBERS.index)
+        of = INT if of == BOOL else of
+        if left.value is not None and right.value is not None:
+            return self._constant(_computed(op, left.value, right.value), node)
+        a, b = self._as(left, of).text, self._as(right, of).text
+        if of == COMPLEX:
+            return Code(f"complex_{OF_COMPLEX[type(op)]}({a}, {b})", of)
+        return Code(f"({a} {ARITHMETIC[type(op)]} {b})", of)
+
+    def _power(self, node: ast.AST, base: Code, power: Code) -> Code:
+        if base.value is not None and power.value is not None:
+            return self._constant(base.value**power.value, node)
+        base = self._as(base, REAL)
+        if power.value == 2:
+            kept = self._kept(base) if not base.text.isidentifier() else base
+            return Code(f"({kept.text} * {kept.text})", REAL)
+        name = function_name("pow", self._all.bits)
+        return Code(f"{name}({base.text}, {self._as(power, REAL).text})", REAL)
+
+    def _boolean(self, op: ast.boolop, values: Sequence[ast.expr]) -> Code:
+        sign = " && " if isinstance(op, ast.And) else " || "
+        return Code("(" + sign.join(f"({self._truth(one)})" for one in values) + ")", BOOL)
+
+    def _comparison(self, node: ast.Compare) -> Code:
+        found = [self._code(one) for one in (node.left, *node.comparators)]
+        parts = []
+        for op, a, b in zip(node.ops, found, found[1:], strict=False):
+            of = max(a.type, b.type, key=NUMBERS.index)
+            if of == COMPLEX:
+                zero = literal(0.0, self._all.bits)
+                if not isinstance(op, ast.NotEq) or b.value != 0.0:
+                    raise self._fail(node)
+                parts.append(f"({a.text}.re != {zero} || {a.text}.im != {zero})")
+                continue
+            parts.append(f"({self._as(a, of).text} {RELATION[type(op)]} {self._as(b, of).text})")
+        return Code(parts[0] if len(parts) == 1 else f"({' && '.join(parts)})", BOOL)
+
+    def _choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Code:
+        one, other = self._code(body), self._code(orelse)
+        of = one.type
+        if of in NUMBERS:
+            of = max(of, other.type, key=NUMBERS.index)
+        return Code(
+            f"(({self._truth(test)}) ? {self._as(one, of).text} : {self._as(other, of).text})", of
+        )
+
+    def _tuple(self, values: Sequence[Code], of: Type | None = None) -> Code:
+        if of is None or of.kind != "tuple":
+            of = self._all.tuple_type([(f"_{k}", one.type) for k, one in enumerate(values)])
+        name = f"t_{self._count}"
+        self._count += 1
+        self._declared.append(f"    {of.name} {name};")
+        for (field, kind), one in zip(of.fields, values, strict=True):
+            self._add(f"{name}.{field} = {self._as(one, kind).text};")
+        return Code(name, of)
+
+    def _call(self, node: ast.Call) -> Code:
+        name = _name_of(node.func)
+        if isinstance(node.func, ast.Attribute):
+            return self._method(node, node.func)
+        args: list[Code] = []
+        for arg in node.args:
+            if isinstance(arg, ast.Starred):
+                whole = self._kept(self._code(arg.value))
+                args += [Code(f"{whole.text}.{field}", of) for field, of in whole.type.fields]
+            else:
+                args.append(self._code(arg))
+        if name in self._globals:
+            return self._call_of(node, self._globals[name], args)
+        match name:
+            case "abs":
+                return self._absolute(args[0])
+            case "min" | "max":
+                return self._extreme(name, args)
+            case "int":
+                return (
+                    self._as(args[0], INT)
+                    if args[0].type in (INT, BOOL)
+                    else Code(f"(int64_t)({args[0].text})", INT)
+                )
+            case "float":
+                return self._as(args[0], REAL)
+            case "complex":
+                parts = ", ".join(self._as(one, REAL).text for one in args)
+                return Code(f"complex_of({parts})", COMPLEX)
+            case "len":
+                return self._constant(args[0].type.shape[0], node)
+        raise self._fail(node)
+
+    def _call_of(self, node: ast.Call, called: Any, args: list[Code]) -> Code:
+        if isinstance(called, type) and issubclass(called, tuple):
+            return self._tuple(args, self._all.of_annotation(called))
+        if getattr(called, "__name__", "") == "select":
+            of = max(args[1].type, args[2].type, key=NUMBERS.index)
+            a, b = self._as(args[1], of).text, self._as(args[2], of).text
+            return Code(f"({self._as(args[0], BOOL).text} ? {a} : {b})", of)
+        if not str(getattr(called, "__module__", "")).startswith(LIBRARY):
+            raise self._fail(node)
+        signature = inspect.signature(called)
+        bound = list(signature.parameters.values())
+        args += [self._default(missing.default, node) for missing in bound[len(args) :]]
+        name, result = self._all.called(called, [one.type for one in args])
+        hints = get_type_hints(called)
+        given = []
+        for parameter, one in zip(bound, args, strict=True):
+            stated = self._all.of_annotation(hints.get(parameter.name))
+            given.append(self._as(one, stated).text if stated in NUMBERS and stated else one.text)
+        return Code(f"{name}({', '.join(given)})", result)
+
+    def _default(self, value: Any, node: ast.AST) -> Code:
+        if isinstance(value, tuple):
+            return self._tuple([self._constant(one, node) for one in value])
+        return self._constant(value, node)
+
+    def _method(self, node: ast.Call, func: ast.Attribute) -> Code:
+        owner = _name_of(func.value)
+        if owner == "np" and func.attr in ("empty", "zeros"):
+            shape = node.args[0]
+            sizes = shape.elts if isinstance(shape, ast.Tuple) else [shape]
+            of = Type("array", "real", shape=tuple(self._code(one).value for one in sizes))
+            return Code("{0}", of)
+        args = [self._code(arg) for arg in node.args]
+        if owner == "math" and func.attr in OF_MATH:
+            name = function_name(func.attr, self._all.bits)
+            return Code(f"{name}({', '.join(self._as(one, REAL).text for one in args)})", REAL)
+        if func.attr == "conjugate":
+            found = self._kept(self._code(func.value))
+            return Code(f"complex_of({found.text}.re, -{found.text}.im)", COMPLEX)
+        raise self._fail(node)
+
+    def _absolute(self, code: Code) -> Code:
+        if code.type == INT:
+            return Code(f"larger_int({code.text}, -({code.text}))", INT)
+        return Code(f"{function_name('fabs', self._all.bits)}({self._as(code, REAL).text})", REAL)
+
+    def _extreme(self, name: str, args: Sequence[Code]) -> Code:
+        of = max((one.type for one in args), key=NUMBERS.index)
+        of = INT if of == BOOL else of
+        called = {"min": "smaller", "max": "larger"}[name] + ("_int" if of == INT else "")
+        text = self._as(args[0], of).text
+        for one in args[1:]:
+            text = f"{called}({text}, {self._as(one, of).text})"
+        return Code(text, of)
+
+
+def _safe(name: str) -> str:
+    """Name of a variable that C, C++ and `math.h` do not have."""
+    return f"{name}_" if name in (*OF_MATH, *RESERVED) else name
+
+
+def _gap(of: Type) -> str:
+    return "" if of.c.endswith("*") else " "
+
+
+def _whole(value: int) -> str:
+    return str(value) if -(2**31) < value < 2**31 else f"INT64_C({value})"
+
+
+def _computed(op: ast.operator, a: Any, b: Any) -> Any:
+    match op:
+        case ast.Add():
+            return a + b
+        case ast.Sub():
+            return a - b
+        case ast.Mult():
+            return a * b
+    return a / b
+
+
+def _is_enclosed(text: str) -> bool:
+    """Return True if the first parenthesis of a text is closed by its last."""
+    depth = 0
+    for place, letter in enumerate(text):
+        depth += (letter == "(") - (letter == ")")
+        if depth == 0:
+            return letter == ")" and place == len(text) - 1
+    return False
+
+
+def _name_of(node: ast.AST) -> str:
+    return node.id if isinstance(node, ast.Name) else ""
+
+
+def _is_simple(node: ast.expr) -> bool:
+    """Return True for a constant, which no assignment changes."""
+    return isinstance(node, ast.Constant)
+
+
+def _walk(body: Sequence[ast.stmt]) -> Iterator[ast.AST]:
+    for statement in body:
+        yield from ast.walk(statement)

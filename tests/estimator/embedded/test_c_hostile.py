@@ -1,0 +1,74 @@
+"""Exported filters under sanitizers: random and hostile measurements; warnings of the compilers."""
+
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from c_filters import compiler
+from icreckon.estimator.embedded.c_filter import filter_in_c
+from icreckon.estimator.robot.variants import VARIANTS
+from same_runs import ROBOT
+
+HOSTILE = Path(__file__).parent / "hostile.c"
+SANITIZED = "-O1", "-g0", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"
+WARNINGS = "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-O0"
+
+
+@cache
+def files(variant: str, bits: int) -> dict[str, str]:
+    return filter_in_c(ROBOT, VARIANTS[variant], bits=bits, imu_rate=100.0).files
+
+
+def written(folder: Path, variant: str, bits: int) -> Path:
+    for name, text in files(variant, bits).items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def survives(folder: Path, seconds: float, seed: int, cc: str = "gcc") -> None:
+    program = folder / "hostile"
+    if not program.exists():
+        sources = [str(HOSTILE), str(folder / "icreckon_filter.c")]
+        command = [compiler(cc), "-std=c99", *SANITIZED, f"-I{folder}", *sources, "-lm"]
+        subprocess.run([*command, "-o", str(program)], check=True, timeout=300)
+    done = subprocess.run(
+        [program, str(seconds), str(seed)], capture_output=True, text=True, check=False, timeout=900
+    )
+    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("bits", [64, 32])
+def test_a_hostile_minute(bits: int, tmp_path: Path) -> None:
+    survives(written(tmp_path, "inertia-online", bits), 90.0, 1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cc", ["gcc", "clang"])
+@pytest.mark.parametrize("bits", [64, 32])
+@pytest.mark.parametrize("variant", ["gyro", "full-linear", "inertia-online"])
+def test_ten_hostile_minutes(variant: str, bits: int, cc: str, tmp_path: Path) -> None:
+    folder = written(tmp_path, variant, bits)
+    for seed in range(1, 4):
+        survives(folder, 600.0, seed, cc)
+
+
+@pytest.mark.parametrize(
+    ("cc", "language"),
+    [
+        ("gcc", ("-std=c99",)),
+        ("g++", ("-std=c++17", "-x", "c++")),
+        pytest.param("clang", ("-std=c99",), marks=pytest.mark.slow),
+        pytest.param("clang++", ("-std=c++17", "-x", "c++"), marks=pytest.mark.slow),
+    ],
+)
+def test_compilers_do_not_warn(cc: str, language: tuple[str, ...], tmp_path: Path) -> None:
+    folder = written(tmp_path, "inertia-online", 32)
+    user = folder / "user.cpp"
+    user.write_text('#include "icreckon_filter.hpp"\nicreckon::Filter filter(1.0f, 2.0f, 0.5f);\n')
+    sources = ["icreckon_filter.c", "example.c", "selftest.c"]
+    for source in (*sources, *(["user.cpp"] if "++" in cc else [])):
+        command = [compiler(cc), *language, *WARNINGS, "-c", source, "-o", "unused.o"]
+        subprocess.run(command, check=True, cwd=folder, timeout=300)

@@ -1,0 +1,132 @@
+"""Exported filters on a Cortex-M of QEMU: self-test, size and cost.
+
+`pytest -n 0 -s -m slow tests/estimator/embedded/test_cortex_m.py` prints the figures of the docs. It
+needs gcc-arm-none-eabi, libnewlib-arm-none-eabi and qemu-system-arm.
+"""
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from icreckon.estimator.embedded.c_filter import filter_in_c
+from icreckon.estimator.embedded.vectors import vectors_of
+from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.simulation.scenario import Scenario
+from icreckon.simulation.simulate import simulate
+from same_runs import ROBOT
+
+HERE = Path(__file__).parent
+PROGRAM = HERE / "cortex_m"
+KIB = 1024
+
+
+class Board(NamedTuple):
+    """Board of QEMU, flags of its compiler, and the limits of the filter on it."""
+
+    machine: str
+    cpu: str
+    flags: tuple[str, ...]
+    bits: int
+    clock: float  # [Hz]
+    share: float
+    struct: int
+    stack: int
+
+
+BOARDS = {
+    "Cortex-M4F, float": Board(
+        "mps2-an386",
+        "cortex-m4",
+        ("-mcpu=cortex-m4", "-mfpu=fpv4-sp-d16"),
+        32,
+        168e6,
+        0.05,
+        6 * KIB,
+        6 * KIB,
+    ),
+    "Cortex-M7, double": Board(
+        "mps2-an500",
+        "cortex-m7",
+        ("-mcpu=cortex-m7", "-mfpu=fpv5-d16"),
+        64,
+        400e6,
+        0.05,
+        12 * KIB,
+        12 * KIB,
+    ),
+}
+LARGEST_CODE = {"inertia-online": 160 * KIB, "gyro": 128 * KIB}
+
+
+def tool(name: str) -> str:
+    if shutil.which(name) is None:
+        pytest.skip(f"no {name} here: install it to run exported filters on a Cortex-M")
+    return name
+
+
+def built(board: Board, folder: Path, program: Path) -> Path:
+    target = folder / f"{program.stem}.elf"
+    sources = [PROGRAM / "boot.c", program, folder / "icreckon_filter.c"]
+    command = [tool("arm-none-eabi-gcc"), "-std=c99", "-Os", "-mthumb", "-mfloat-abi=hard"]
+    command += [*board.flags, "--specs=rdimon.specs", "-T", str(PROGRAM / "mps2.ld"), f"-I{folder}"]
+    subprocess.run(
+        [*command, *map(str, sources), "-lm", "-o", str(target)], check=True, timeout=300
+    )
+    return target
+
+
+def output_of(board: Board, program: Path) -> str:
+    machine = ["-M", board.machine, "-cpu", board.cpu, "-nographic", "-icount", "shift=0"]
+    semihosting = ["-semihosting-config", "enable=on,target=native", "-kernel", program.name]
+    done = subprocess.run(
+        [tool("qemu-system-arm"), *machine, *semihosting],
+        cwd=program.parent,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def code_size(board: Board, folder: Path) -> int:
+    """Code and constants of the filter alone [bytes]."""
+    target = folder / "filter.o"
+    command = [tool("arm-none-eabi-gcc"), "-std=c99", "-Os", "-mthumb", "-mfloat-abi=hard"]
+    command += [*board.flags, "-c", str(folder / "icreckon_filter.c"), "-o", str(target)]
+    subprocess.run(command, check=True, timeout=300)
+    sizes = subprocess.run(
+        ["arm-none-eabi-size", str(target)], check=True, capture_output=True, text=True
+    )
+    return int(sizes.stdout.splitlines()[1].split()[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", ["gyro", "inertia-online"])
+@pytest.mark.parametrize("name", BOARDS)
+def test_on_a_cortex_m(name: str, variant: str, tmp_path: Path) -> None:
+    board = BOARDS[name]
+    exported = filter_in_c(ROBOT, VARIANTS[variant], bits=board.bits, imu_rate=200.0)
+    for file, text in exported.files.items():
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    log = simulate(Scenario(duration=20.0, fix_rate=1.0), ROBOT)
+    vectors = vectors_of(ROBOT, VARIANTS[variant], exported.states, log.measurements())
+    (tmp_path / "test_vectors.csv").write_text(vectors, encoding="utf-8")
+    result = output_of(board, built(board, tmp_path, tmp_path / "selftest.c"))
+    mean, most, struct, stack = map(
+        int, output_of(board, built(board, tmp_path, PROGRAM / "cost.c")).split()
+    )
+    code = code_size(board, tmp_path)
+    share = 100.0 * mean / board.clock
+    of_step = f"{mean} instructions a pair, {most} at most: {share:.2%} of {board.clock:.3g} Hz"
+    sizes = f"code {code / KIB:.0f} KiB, filter {struct} B, stack {stack} B"
+    print(f"\n{name}, {variant}, -Os: {of_step} at 100 Hz; {sizes}; {result}")  # noqa: T201
+    assert share < board.share
+    assert struct <= board.struct
+    assert stack <= board.stack
+    if board.bits == 32:
+        assert code <= LARGEST_CODE[variant]
