@@ -22,7 +22,9 @@ from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Terrain
 from same_runs import (
+    FEW_DIGITS,
     ROBOT,
+    ROUNDING,
     drive,
     every,
     without,
@@ -42,6 +44,7 @@ class Scene:
     variants: tuple[str, ...] = ("constant-online",)
     settings: Settings = DEFAULT
     robot: Robot = ROBOT
+    rounding: float = ROUNDING
     seen: Callable[[Run], bool] = lambda _: True
     start: tuple[float, float, float] = START["start"]
 
@@ -215,7 +218,7 @@ SCENES = {
     "fixes of a turned path that wander": Scene(
         lambda: with_fixes(turn), ("inertia-online",), WANDERING, seen=rejected("position", "gate")
     ),
-    "wrong headings": Scene(wrong_headings, seen=taken_back("heading")),
+    "wrong headings": Scene(wrong_headings, rounding=FEW_DIGITS, seen=taken_back("heading")),
     "an antenna": Scene(lambda: antenna(turned=False), ("inertia-online",)),
     "an antenna on a turned path": Scene(
         lambda: antenna(turned=True), seen=rejected("position", "gate")
@@ -230,9 +233,12 @@ SCENES = {
     "a fix with the first track speeds": Scene(lambda: first_fix_at(0)),
     "a fix 3 ms after the first track speeds": Scene(lambda: first_fix_at(3)),
     "a fix 6 ms after the first track speeds": Scene(lambda: first_fix_at(6)),
-    "track speeds that are seldom told": Scene(lambda: every(drive(), "tracks", 25)),
+    "track speeds that are seldom told": Scene(
+        lambda: every(drive(), "tracks", 25), rounding=FEW_DIGITS
+    ),
     "a track that is stuck": Scene(
         lambda: with_stuck_track(drive()),
+        rounding=FEW_DIGITS,
         seen=lambda one: one.health.times["stuck"] > 0,
     ),
     "a gyro that jumps": Scene(
