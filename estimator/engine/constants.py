@@ -68,7 +68,6 @@ def shared_constants(
         "patience": settings.gates.patience,
         "imu_patience": imu_patience(settings.gates),
         "standstill_duration": settings.standstill.duration,
-        "resting_speed": settings.standstill.track_speed,
         **{f"fixed{i}": value for i, value in enumerate(state)},
         **{f"walk{i}": value for i, value in enumerate(walks)},
     }

@@ -66,7 +66,6 @@ CONSTANTS = (
     "interval",
     *SLIP_SHARES,
     "standstill_duration",
-    "resting_speed",
     "position_threshold",
 )
 # Columns of a bound.

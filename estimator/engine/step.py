@@ -178,14 +178,12 @@ class Step:
     def draw_fast_slip(self) -> None:
         """Draw the fast slip anew, independent of all states, and smooth the regressors."""
         lane, now = self.lane, self.model
-        smoothing, resting = lane.constant("smoothing"), lane.constant("resting_speed")
-        # Tracks that rest show no parameter: their speeds are noise.
-        moves = (abs(self.smooth[0]) >= resting) | (abs(self.smooth[1]) >= resting)
+        smoothing = lane.constant("smoothing")
         for axis, row in enumerate(now.rows):
             for i in lane.layout.parameters:
                 if i in row:
-                    before, value = lane.row(f"r{axis}_{i}"), select(moves, row[i], 0.0)
-                    row[i] = lane.stores[f"r{axis}_{i}"] = before + smoothing * (value - before)
+                    before = lane.row(f"r{axis}_{i}")
+                    row[i] = lane.stores[f"r{axis}_{i}"] = before + smoothing * (row[i] - before)
         density = self._density(now)
         per_dt = 1.0 / lane.constant("dt")
         entries = {

@@ -150,11 +150,9 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             speeds = left * of_left, right * of_right
             self.model.begin_step(dt, *speeds, x[s.PARAMETERS], gravity_in(x))
 
-    def smooth_regressors(self, dt: float, left: float, right: float, *, moves: bool) -> None:
+    def smooth_regressors(self, dt: float, left: float, right: float) -> None:
         """Smooth the derivatives by the parameters, at the start of a step."""
         now, before = self._evaluate(left, right, WHOLE).jacobian[:, s.PARAMETERS], self.regressors
-        # Tracks that rest show no parameter: their speeds are noise.
-        now = now * moves
         if before is not None:
             now = before + smoothing_share(dt, REGRESSOR_SMOOTHING) * (now - before)
         self.regressors = now.copy()

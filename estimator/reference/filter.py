@@ -129,9 +129,7 @@ class ReferenceFilter:
         if dt > 0.0:
             ekf.x[s.FAST_SLIP] = 0.0
             ekf.begin_step(dt, left, right)
-            smooth = record.tracks.smooth_left, record.tracks.smooth_right
-            moves = max(map(abs, smooth)) >= self._settings.standstill.track_speed
-            ekf.smooth_regressors(dt, left, right, moves=moves)
+            ekf.smooth_regressors(dt, left, right)
             ekf.renew_fast_slip(self._density(m.stamp) / dt)
         # Update with what the IMU shows of it: standstill, yaw rate, specific force.
         if record.stands:
