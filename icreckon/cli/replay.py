@@ -61,25 +61,15 @@ from icreckon.report.replay.many_text import many_failures
 
 @dataclass(frozen=True)
 class _Drive:
-    """One log of a command, with what all logs share.
+    """One log of a command, with what all logs share."""
 
-    Attributes:
-        paths: files of the log.
-        robot_name: the option --robot.
-        robot: that robot.
-        message_files: definitions of message types.
-        definitions: their content.
-        configuration: options of the command, for the results.
-        options: arguments of `compare_and_write` that all logs share.
-    """
-
-    paths: list[Path]
-    robot_name: str
-    robot: Robot
-    message_files: list[Path]
-    definitions: Definitions
-    configuration: dict[str, Any]
-    options: dict[str, Any]
+    paths: list[Path]  # files of the log
+    robot_name: str  # the option --robot
+    robot: Robot  # that robot
+    message_files: list[Path]  # definitions of message types
+    definitions: Definitions  # their content
+    configuration: dict[str, Any]  # options of the command, for the results
+    options: dict[str, Any]  # arguments of `compare_and_write` that all logs share
 
     def log(self) -> Log:
         """Read the log; its notes include contradictions to the robot file."""

@@ -50,19 +50,12 @@ class Received(NamedTuple):
 
 
 class Queue(NamedTuple):
-    """Queue of an input in ROS.
+    """Queue of an input in ROS."""
 
-    Attributes:
-        subscription: its topic.
-        msgtype: type of its messages.
-        ros: subscription of rclpy.
-        depth: longest length.
-    """
-
-    subscription: Subscription
-    msgtype: str
-    ros: Any
-    depth: int
+    subscription: Subscription  # its topic
+    msgtype: str  # type of its messages
+    ros: Any  # subscription of rclpy
+    depth: int  # longest length
 
     def take_all(self) -> list[Received]:
         """Take out the messages that wait."""

@@ -35,16 +35,11 @@ MARGIN = 1.2
 
 
 class Sizes(NamedTuple):
-    """Lengths of a robot that a person filled in [m]; None if unknown.
+    """Lengths of a robot that a person filled in [m]; None if unknown."""
 
-    Attributes:
-        gauge: track gauge.
-        radius: sprocket radius.
-        of_controller: gauge of the controller whose odometry gives the track speeds.
-    """
-
-    gauge: float | None = None
-    radius: float | None = None
+    gauge: float | None = None  # track gauge
+    radius: float | None = None  # sprocket radius
+    # gauge of the controller whose odometry gives the track speeds
     of_controller: float | None = None
 
 

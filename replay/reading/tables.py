@@ -210,17 +210,11 @@ class Table:
 
 
 class _Strays(NamedTuple):
-    """Cells of a column of texts that are no numbers.
+    """Cells of a column of texts that are no numbers."""
 
-    Attributes:
-        where: their mask.
-        number: number of them.
-        text: description of the first.
-    """
-
-    where: Any
-    number: int
-    text: str
+    where: Any  # their mask
+    number: int  # number of them
+    text: str  # description of the first
 
 
 def _strays(column: Any) -> _Strays | None:
