@@ -13,6 +13,7 @@ from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import (
     CHECK_HINT,
     all_rejections,
+    arm_text,
     calibration_hint,
     doubts,
     failures,
@@ -190,11 +191,7 @@ def _footnotes(results: Results) -> list[str]:
         parts = ", ".join(f"{start:.0f}-{end:.0f} s" for start, end in truth["scored_s"])
         lines.append(f"Scored without fixes: {parts or 'nowhere long enough'}.{nees_text(results)}")
         if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
-            x, y = truth["lever_arm_m"]
-            lines.append(
-                f"Truth corrected before scoring: {lag_text(truth)}, lever arm of {x:.2f} m forward and "
-                f"{y:.2f} m left, per variant."
-            )
+            lines.append(f"Truth corrected before scoring: {lag_text(truth)}, {arm_text(results)}.")
         if is_spatial(results):
             lines.append(level_text(results))
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
