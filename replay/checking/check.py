@@ -23,7 +23,7 @@ from icreckon.replay.mapping.topics import TrackTopic, topic_map
 # Standard errors from which a difference is one.
 SIGMAS = 3.0
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
-SCALE, TRACK = "scale of the tracks", "effective track"
+SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
 
 Mend = Callable[[Log, Robot], tuple[Log, Robot]]
 

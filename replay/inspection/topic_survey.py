@@ -44,7 +44,7 @@ class TopicReport:
         msgtype: message type.
         frame_id: frame of the first message, "" if it has none.
         count: number of messages.
-        mean_rate: messages per second of recording [Hz], or None for fewer than two.
+        mean_rate: rate by the median interval between two messages [Hz], or None for fewer than two.
         largest_gap: longest time between two messages, by recording [s], or None likewise.
         gaps: number of intervals longer than `GAP` times the usual one, or None.
         clock_offset: median of header stamp minus time of recording [s], or None without headers.
@@ -79,7 +79,7 @@ def spacing(times: Stamps) -> Spacing:
     # As floats: far-off times would overflow.
     steps = np.diff(times.astype(np.float64)) * NANOSECOND
     return Spacing(
-        mean_rate=len(steps) / float(steps.sum()),
+        mean_rate=1.0 / float(np.median(steps) or steps.mean()),
         largest_gap=float(steps.max()),
         gaps=int((steps > GAP * np.median(steps)).sum()),
     )
