@@ -27,6 +27,7 @@ from icreckon.replay.base.errors import OF_STAMPS, ReplayError
 from icreckon.replay.checking.check import Check
 from icreckon.replay.checking.robot_check import (
     check_robot,
+    far_centre,
     is_of_another,
     topics_left_out,
     with_mended,
@@ -61,6 +62,7 @@ def command(
     with progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
         guessed = guess_mapping(paths, definitions=definitions)
+    log = replace(log, notes=(*log.notes, *far_centre(robot)))
     checks = check_robot(log, robot)
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:

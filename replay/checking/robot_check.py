@@ -69,6 +69,16 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
     return found
 
 
+def far_centre(robot: Robot) -> list[str]:
+    """Note on a turning centre that is beyond the contact of the tracks."""
+    zeta0, half = robot.indices.zeta0, robot.vehicle.half_contact_length
+    if abs(zeta0) <= half:
+        return []
+    return [
+        f"zeta0 = {zeta0:.2f} m is beyond half_contact_length = {half:g} m: is [imu] position right?"
+    ]
+
+
 def with_mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
     """Log and robot with all contradictions mended that a check can mend."""
     wrong = [one for one in checks if one.problem and one.mend is not None]

@@ -16,7 +16,12 @@ from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
-from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
+from icreckon.replay.checking.robot_check import (
+    check_robot,
+    far_centre,
+    is_of_another,
+    topics_left_out,
+)
 from icreckon.replay.checking.worth import judged, worth_of
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.mapping.topics import (
@@ -384,6 +389,12 @@ def test_a_contradiction_whose_mending_drifts_more_is_a_note(log: Log, robot: Ro
     (kept,), _, notes = judged(log, robot, [replace(wrong, name="unit")])
     assert kept.problem
     assert not notes
+
+
+def test_a_turning_centre_beyond_the_contact_is_noted(robot: Robot) -> None:
+    assert far_centre(robot) == []
+    far = with_values(robot, indices=with_values(robot.indices, zeta0=-0.9))
+    assert "is [imu] position right?" in far_centre(far)[0]
 
 
 def test_remedies_of_tables_name_keys_of_tables(robot: Robot) -> None:
