@@ -30,6 +30,7 @@ from icreckon.cli.common.options import (
     Wide,
     logs,
 )
+from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.models import MODELS
 from icreckon.estimator.log.log import Log
@@ -43,7 +44,7 @@ from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import VARIANT
 from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
-from icreckon.replay.mapping.topics import topic_map
+from icreckon.replay.mapping.topics import topic_map, with_column_keys
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
@@ -111,15 +112,18 @@ def command(
     with results_folder(out, f"icreckon-calibrate-{paths[0].stem}", overwrite=overwrite) as folder:
         read = [_read(files, robot, definitions) for files in logs_of]
         with progress(f"calibrating {robot.name} from {len(read)} log(s)") as report_progress:
-            found = calibrate(
-                read,
-                robot,
-                segment=segment,
-                lever_arm=arm,
-                models=names,
-                speeds_by_radius=in_rates(topic_map(robot, robot_name)),
-                progress=report_progress,
-            )
+            try:
+                found = calibrate(
+                    read,
+                    robot,
+                    segment=segment,
+                    lever_arm=arm,
+                    models=names,
+                    speeds_by_radius=in_rates(topic_map(robot, robot_name)),
+                    progress=report_progress,
+                )
+            except IcreckonError as problem:
+                raise ReplayError(with_column_keys(str(problem), robot)) from None
         # Track speeds have the radius and latency of the robot by which they are read.
         again = [_read(files, found.robot, definitions) for files in logs_of]
         kernels = kernels_of([VARIANT])

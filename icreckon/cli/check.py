@@ -5,33 +5,42 @@ from __future__ import annotations
 import json
 import math
 from contextlib import suppress
+from dataclasses import replace
 from typing import Annotated, Any
 
 import typer
 from rich.text import Text
 
 from icreckon.cli.common.comparing import kernels_of, the_robot
-from icreckon.cli.common.console import FAILED, check_writable, progress, results, write_file
+from icreckon.cli.common.console import (
+    FAILED,
+    check_writable,
+    print_banner,
+    progress,
+    results,
+    write_file,
+)
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import OF_STAMPS, ReplayError
 from icreckon.replay.checking.check import Check
 from icreckon.replay.checking.robot_check import (
     check_robot,
+    far_centre,
     is_of_another,
     topics_left_out,
     with_mended,
 )
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
-from icreckon.replay.checking.worth import VARIANT, Worth, worth_of
+from icreckon.replay.checking.worth import LEAST_COST, VARIANT, Worth, judged
 from icreckon.replay.comparison.results import json_types
 from icreckon.replay.inspection.inspect import guess_mapping
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
 
-# Smallest cost that counts [% of the distance], and as a share of the drift [-].
-LEAST_COST, LEAST_SHARE = 0.05, 0.2
+# Smallest cost that counts, as a share of the drift [-].
+LEAST_SHARE = 0.2
 
 
 def command(
@@ -53,6 +62,7 @@ def command(
     with progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
         guessed = guess_mapping(paths, definitions=definitions)
+    log = replace(log, notes=(*log.notes, *far_centre(robot)))
     checks = check_robot(log, robot)
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
@@ -63,7 +73,8 @@ def command(
             ) as report,
             suppress(ReplayError),
         ):
-            worth = worth_of(log, robot, checks, report)
+            checks, worth, kept = judged(log, robot, checks, report)
+            log = replace(log, notes=(*log.notes, *kept))
     hints = [] if guessed is None else topics_left_out(guessed, robot)
     left_out = [one for one in hints if one not in log.notes]
     if as_json:
@@ -91,9 +102,10 @@ def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]
 
 def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str]) -> None:
     console = results()
+    print_banner(log.notes)
     for what, count in log.dropped.items():
         console.print(Text(f"Dropped from the log: {count} x {what}"))
-    for note in log.notes:
+    for note in (one for one in log.notes if not one.startswith(OF_STAMPS)):
         console.print(Text(f"Note: {note}"))
     for one in checks:
         mark = "!" if one.problem else "-"

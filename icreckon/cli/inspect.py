@@ -14,6 +14,7 @@ from rich.text import Text
 
 from icreckon.cli.common.console import (
     check_writable,
+    print_banner,
     print_fitting,
     results,
     say,
@@ -22,12 +23,12 @@ from icreckon.cli.common.console import (
 )
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
 from icreckon.replay.bags.decoding import read_definitions
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import OF_STAMPS, ReplayError
 from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, proposed_ros_settings
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
-from icreckon.replay.inspection.robot_file import FIRST_WORDS, NO_SIZES, has_tracks
+from icreckon.replay.inspection.robot_file import FILL_IN, FIRST_WORDS, NO_SIZES, has_tracks
 from icreckon.replay.inspection.topic_survey import TopicReport
 from icreckon.replay.reading.gather import source_name
 from icreckon.report.printable import printable
@@ -91,7 +92,11 @@ def command(
             if has_tracks(found.mapping)
             else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
         )
-        say(f"proposed robot file in {write}; complete the lines marked «fill in», {then}")
+        if FILL_IN in proposed:
+            say(f"proposed robot file in {write}; complete the lines marked «fill in», {then}")
+        else:
+            check = f"icreckon check {' '.join(map(str, paths))} --robot {write}"
+            say(f"proposed robot file in {write}; all is filled in: {check}")
     if picture is not None:
         _draw(picture, found, overwrite=overwrite)
     if ros is not None:
@@ -131,13 +136,14 @@ def _topics(found: Inspection, *, narrow: bool) -> Table:
 
 
 def _show(found: Inspection, *, wide: bool, with_file: bool) -> None:
+    print_banner(found.notes)
     print_fitting(partial(_topics, found), wide=wide, wide_from=WIDE_FROM)
     console = results()
     for finding in found.findings:
         console.print(Text(f"Found: {finding}"))
     for what, count in found.dropped.items():
         console.print(Text(f"Would be dropped: {count} x {what}"))
-    for note in found.notes:
+    for note in (one for one in found.notes if not one.startswith(OF_STAMPS)):
         console.print(Text(f"Note: {note}"))
     if with_file:
         console.print(Text("\nProposed robot file (--write FILE saves it):\n"))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -38,6 +39,7 @@ from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.base.outputs import MANIFEST
 from icreckon.replay.checking.robot_check import check_robot
+from icreckon.replay.checking.worth import BY_PATH, judged
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS
 from icreckon.replay.comparison.fixes import parse_part
 from icreckon.replay.comparison.many import (
@@ -61,25 +63,15 @@ from icreckon.report.replay.many_text import many_failures
 
 @dataclass(frozen=True)
 class _Drive:
-    """One log of a command, with what all logs share.
+    """One log of a command, with what all logs share."""
 
-    Attributes:
-        paths: files of the log.
-        robot_name: the option --robot.
-        robot: that robot.
-        message_files: definitions of message types.
-        definitions: their content.
-        configuration: options of the command, for the results.
-        options: arguments of `compare_and_write` that all logs share.
-    """
-
-    paths: list[Path]
-    robot_name: str
-    robot: Robot
-    message_files: list[Path]
-    definitions: Definitions
-    configuration: dict[str, Any]
-    options: dict[str, Any]
+    paths: list[Path]  # files of the log
+    robot_name: str  # the option --robot
+    robot: Robot  # that robot
+    message_files: list[Path]  # definitions of message types
+    definitions: Definitions  # their content
+    configuration: dict[str, Any]  # options of the command, for the results
+    options: dict[str, Any]  # arguments of `compare_and_write` that all logs share
 
     def log(self) -> Log:
         """Read the log; its notes include contradictions to the robot file."""
@@ -93,10 +85,12 @@ class _Drive:
         )
         # A stream that is missing has a note by the reader.
         found = [one for one in check_robot(log, self.robot) if one.name != "IMU"]
-        problems = tuple(one.problem for one in found if one.problem)
-        if not problems:
-            return log
-        return replace(log, notes=(*log.notes, *(f"{OF_ROBOT_FILE}{one}" for one in problems)))
+        notes: list[str] = []
+        if log.truth is not None and any(one.problem and one.name in BY_PATH for one in found):
+            with progress("filtering, as the file is and corrected"), suppress(ReplayError):
+                found, _, notes = judged(log, self.robot, found)
+        notes += [f"{OF_ROBOT_FILE}{one.problem}" for one in found if one.problem]
+        return replace(log, notes=(*log.notes, *notes))
 
     def all_options(self) -> dict[str, Any]:
         """Arguments of `compare_and_write`, without log, robot and folder."""

@@ -23,6 +23,8 @@ def write_track_figure(path: Path, title: str, track: TrackByRate) -> None:
         axes = figure.add_subplot()
         for side, name, colour, marker in SIDES:
             bins = [one for one in track.bins if one.rate * side > 0.0]
+            if not bins:
+                continue
             axes.errorbar(
                 [abs(one.rate) for one in bins],
                 [one.track for one in bins],
@@ -36,7 +38,7 @@ def write_track_figure(path: Path, title: str, track: TrackByRate) -> None:
         axes.axhline(track.whole, color="0.4", ls="--", label=f"whole log: {track.whole:.3g}")
         axes.set_xlabel("yaw rate by the gyro [rad/s]")
         axes.set_ylabel(f"effective track {unit}")
-        axes.set_xlim(left=0.0)
+        axes.set_xlim(0.0, 1.1 * max(abs(one.rate) for one in track.bins))
         axes.set_title(printable(f"{title}: effective track, ± 2σ"), fontsize=11)
         axes.legend(fontsize=10)
         figure.savefig(path, dpi=DOTS, format="png")

@@ -19,19 +19,13 @@ NO_TIMES: Mapping[str, Any] = {"source_timestamp": 0, "received_timestamp": 0}
 
 
 class Received(NamedTuple):
-    """Message with the times that the middleware gives.
+    """Message with the times that the middleware gives."""
 
-    Attributes:
-        subscription: its topic.
-        msgtype: its type, as "sensor_msgs/msg/Imu".
-        message: the message.
-        info: `source_timestamp` and `received_timestamp`, of the sender's and this computer's clock [ns];
-            0 where it gives none.
-    """
-
-    subscription: Subscription
-    msgtype: str
+    subscription: Subscription  # its topic
+    msgtype: str  # its type, as "sensor_msgs/msg/Imu"
     message: Any
+    # `source_timestamp` and `received_timestamp`, of the sender's and this computer's clock [ns];
+    # 0 where it gives none
     info: Mapping[str, Any]
 
     @property
@@ -50,19 +44,12 @@ class Received(NamedTuple):
 
 
 class Queue(NamedTuple):
-    """Queue of an input in ROS.
+    """Queue of an input in ROS."""
 
-    Attributes:
-        subscription: its topic.
-        msgtype: type of its messages.
-        ros: subscription of rclpy.
-        depth: longest length.
-    """
-
-    subscription: Subscription
-    msgtype: str
-    ros: Any
-    depth: int
+    subscription: Subscription  # its topic
+    msgtype: str  # type of its messages
+    ros: Any  # subscription of rclpy
+    depth: int  # longest length
 
     def take_all(self) -> list[Received]:
         """Take out the messages that wait."""

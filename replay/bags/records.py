@@ -8,19 +8,12 @@ from rosbags.interfaces import MessageDefinition
 
 
 class Channel(NamedTuple):
-    """A topic with its message type.
+    """A topic with its message type."""
 
-    Attributes:
-        topic: name.
-        msgtype: message type, as ROS 2 writes it: `sensor_msgs/msg/Imu`.
-        definition: the type's definition in the bag, perhaps none.
-        encoding: "cdr" (ROS 2), "ros1", or an unsupported one.
-    """
-
-    topic: str
-    msgtype: str
-    definition: MessageDefinition
-    encoding: str
+    topic: str  # name
+    msgtype: str  # message type, as ROS 2 writes it: `sensor_msgs/msg/Imu`
+    definition: MessageDefinition  # the type's definition in the bag, perhaps none
+    encoding: str  # "cdr" (ROS 2), "ros1", or an unsupported one
 
 
 class Record(NamedTuple):

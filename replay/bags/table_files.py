@@ -51,17 +51,11 @@ def _is_parquet(path: Path) -> bool:
 
 
 class Read(NamedTuple):
-    """Content of a table file.
+    """Content of a table file."""
 
-    Attributes:
-        table: columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries.
-        others: types of the other columns, such as lists, by name.
-        notes: what was left out.
-    """
-
-    table: Any
-    others: dict[str, str]
-    notes: list[str]
+    table: Any  # columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries
+    others: dict[str, str]  # types of the other columns, such as lists, by name
+    notes: list[str]  # what was left out
 
 
 def are_few(count: int, rows: int) -> bool:

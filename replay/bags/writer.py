@@ -54,21 +54,13 @@ LARGEST_STAMP = 2**31 * NANOSECONDS
 
 
 class Outbox(NamedTuple):
-    """Messages of one topic.
+    """Messages of one topic."""
 
-    Attributes:
-        topic: the topic.
-        msgtype: their type.
-        stamps: (n,) their stamps [ns].
-        make: function that makes the i-th message.
-        latched: whether who subscribes later gets the newest message, too.
-    """
-
-    topic: str
-    msgtype: str
-    stamps: Stamps
-    make: Callable[[Messages, int], Any]
-    latched: bool = False
+    topic: str  # the topic
+    msgtype: str  # their type
+    stamps: Stamps  # (n,) their stamps [ns]
+    make: Callable[[Messages, int], Any]  # function that makes the i-th message
+    latched: bool = False  # whether who subscribes later gets the newest message, too
 
     def serialised(self, messages: Messages) -> Iterator[bytes]:
         """Yield the serialised messages in order."""

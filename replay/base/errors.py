@@ -1,4 +1,6 @@
-"""Error type of the replay package."""
+"""Error types of the replay package, and first words of notes of weight."""
+
+from collections.abc import Iterable
 
 from icreckon.estimator.base.errors import IcreckonError
 
@@ -7,5 +9,16 @@ class ReplayError(IcreckonError):
     """A log cannot be read, mapped or replayed as requested."""
 
 
+class EqualStampsError(ReplayError):
+    """All times of a table are equal."""
+
+
+OF_STAMPS = "stamps: "
+"""First words of the notes on stamps so coarse that they come before all else."""
 OF_ROBOT_FILE = "robot file: "
 """First words of the notes on a log that contradict the robot file."""
+
+
+def coarse_stamps(notes: Iterable[str]) -> list[str]:
+    """Notes on coarse stamps, among those of a log."""
+    return [one for one in notes if one.startswith(OF_STAMPS)]

@@ -13,6 +13,7 @@ import numpy as np
 from icreckon.estimator.calibration import Calibration
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.checking.robot_check import far_centre
 from icreckon.replay.checking.worth import HORIZONS, VARIANT, mean_drift
 from icreckon.replay.comparison.known_bias import GYRO
 from icreckon.replay.comparison.results import FORMAT, Results, digest, versions
@@ -38,7 +39,7 @@ def summarise_calibration(
         "inputs": {name: digest(path) for name, path in inputs.items()},
         "headline": headline,
         "verdict": found.verdict,
-        "notes": list(found.notes),
+        "notes": [*found.notes, *far_centre(found.robot)],
         "supported_model": found.comparison.supported,
         "parameters": {
             one.name: {

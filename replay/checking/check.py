@@ -23,25 +23,18 @@ from icreckon.replay.mapping.topics import TrackTopic, topic_map
 # Standard errors from which a difference is one.
 SIGMAS = 3.0
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
-SCALE, TRACK = "scale of the tracks", "effective track"
+SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
 
 Mend = Callable[[Log, Robot], tuple[Log, Robot]]
 
 
 class Measured(NamedTuple):
-    """Quantity that a log shows.
+    """Quantity that a log shows."""
 
-    Attributes:
-        value: the estimate.
-        unit: "m", "s", ...; "-" for none.
-        expected: value by the robot file, None if the file has none.
-        sigma: standard error of the estimate, None if unknown.
-    """
-
-    value: float
-    unit: str
-    expected: float | None = None
-    sigma: float | None = None
+    value: float  # the estimate
+    unit: str  # "m", "s", ...; "-" for none
+    expected: float | None = None  # value by the robot file, None if the file has none
+    sigma: float | None = None  # standard error of the estimate, None if unknown
 
 
 @dataclass(frozen=True)

@@ -20,29 +20,18 @@ STRAIGHT = 0.2
 
 
 class Scale(NamedTuple):
-    """Scale of the track speeds.
+    """Scale of the track speeds."""
 
-    Attributes:
-        ratio: distance over ground over that of the tracks [-].
-        sigma: its standard error, None if unknown.
-        source: source of the distance over ground, "truth" or "fixes".
-    """
-
-    ratio: float
-    sigma: float | None
-    source: str
+    ratio: float  # distance over ground over that of the tracks [-]
+    sigma: float | None  # its standard error, None if unknown
+    source: str  # source of the distance over ground, "truth" or "fixes"
 
 
 class TrueMotion(NamedTuple):
-    """Motion of a truth in windows of equal length.
+    """Motion of a truth in windows of equal length."""
 
-    Attributes:
-        edges: (n + 1,) stamps of their starts and ends [ns].
-        moved: (n, 3) pose at the end of each in that at its start [m, m, rad].
-    """
-
-    edges: Stamps
-    moved: Floats
+    edges: Stamps  # (n + 1,) stamps of their starts and ends [ns]
+    moved: Floats  # (n, 3) pose at the end of each in that at its start [m, m, rad]
 
 
 def effective_track(robot: Robot) -> float:

@@ -8,6 +8,7 @@ a diameter) does not show up as several.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
@@ -26,7 +27,7 @@ from icreckon.replay.checking.track_checks import (
     check_track,
     check_turning,
 )
-from icreckon.replay.mapping.topics import TopicMap, topic_map
+from icreckon.replay.mapping.topics import TopicMap, topic_map, with_column_keys
 from icreckon.replay.reading.gather import left_out
 
 # Streams that a robot file can leave out, and what they are.
@@ -63,9 +64,19 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
     found: list[Check] = []
     for look in CHECKS:
         for one in look(log, robot):
-            found.append(one)
+            found.append(replace(one, remedy=with_column_keys(one.remedy, robot)))
             log, robot = mended(log, robot, [one])
     return found
+
+
+def far_centre(robot: Robot) -> list[str]:
+    """Note on a turning centre that is beyond the contact of the tracks."""
+    zeta0, half = robot.indices.zeta0, robot.vehicle.half_contact_length
+    if abs(zeta0) <= half:
+        return []
+    return [
+        f"zeta0 = {zeta0:.2f} m is beyond half_contact_length = {half:g} m: is [imu] position right?"
+    ]
 
 
 def with_mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:

@@ -49,19 +49,12 @@ Estimate = tuple[float, float | None]
 
 
 class TwistErrors(NamedTuple):
-    """Root mean square errors of wheel odometry while it drives.
+    """Root mean square errors of wheel odometry while it drives."""
 
-    Attributes:
-        forward: of v_x [m/s].
-        forward_by: reference of v_x, empty for none.
-        turning: of w [rad/s].
-        turning_by: reference of w, empty for none.
-    """
-
-    forward: float
-    forward_by: str
-    turning: float
-    turning_by: str
+    forward: float  # of v_x [m/s]
+    forward_by: str  # reference of v_x, empty for none
+    turning: float  # of w [rad/s]
+    turning_by: str  # reference of w, empty for none
 
 
 def ros_settings(

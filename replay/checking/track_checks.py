@@ -17,6 +17,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import (
+    LATENCY,
     SCALE,
     SIGMAS,
     TRACK,
@@ -196,14 +197,14 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
         return
     late = track_latency(log.tracks, log.imu, in_base(log.imu, robot)[0])
     if not isinstance(late, Lag):
-        yield Check("latency of the tracks", "", f"not seen: {late.reason}")
+        yield Check(LATENCY, "", f"not seen: {late.reason}")
         return
     mapped = mapped_tracks(robot)
     of_file = 0.0 if mapped is None else mapped.latency
     stated = f"{of_file:g} s"
     measured = Measured(of_file + late.seconds, "s", of_file, late.sigma)
     shown = f"{of_file + late.seconds:.3f} ± {late.sigma:.3f} s after the gyro"
-    found = Check("latency of the tracks", stated, shown, measured=measured)
+    found = Check(LATENCY, stated, shown, measured=measured)
     if objection(late) or abs(late.seconds) <= max(LEAST_LATENCY, SIGMAS * late.sigma):
         if abs(late.seconds) > SIGMAS * late.sigma:
             found = replace(found, in_log=f"{shown}; counts from {LEAST_LATENCY:g} s on")

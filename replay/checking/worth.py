@@ -14,7 +14,7 @@ from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import Check, mended
+from icreckon.replay.checking.check import LATENCY, SCALE, TRACK, Check, mended
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
@@ -22,6 +22,10 @@ from icreckon.replay.live.manoeuvres import missing_manoeuvres
 VARIANT = "inertia-online"
 # Horizons of the drift, the first that fits the log [s].
 HORIZONS = (30.0, 10.0)
+# Smallest cost that counts [% of the distance].
+LEAST_COST = 0.05
+# Quantities that the path shows, too: its drift decides about a contradiction.
+BY_PATH = (LATENCY, SCALE, TRACK)
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,27 @@ def worth_of(
     missing = missing_manoeuvres(run.state_names, run.state_sigmas[-1])
     known = drift_of_best if truth is not None else np.nan
     return Worth(horizon, as_it_is, known, tuple(costs), tuple(missing))
+
+
+def judged(
+    log: Log, robot: Robot, checks: Sequence[Check], progress: Callable[[float], None] | None = None
+) -> tuple[list[Check], Worth, list[str]]:
+    """Checks without those that only make the drift larger, worth, and notes on these.
+
+    Raises:
+        ReplayError: as of `worth_of`.
+    """
+    worth, notes = worth_of(log, robot, checks, progress), []
+    wrong = [one for one in checks if one.problem]
+    kept = list(checks)
+    for one, cost in zip(wrong, worth.costs, strict=True):
+        if one.name in BY_PATH and log.truth is not None and cost < -LEAST_COST:
+            notes.append(
+                f"{one.problem}; but with that set {VARIANT} drifts {-cost:.1f} points more after "
+                f"{worth.horizon:g} s: file value kept"
+            )
+            kept[kept.index(one)] = replace(one, problem="", mend=None, settings={})
+    return (kept, worth_of(log, robot, kept, progress) if notes else worth, notes)
 
 
 def mean_drift(logs: Sequence[Log], robot: Robot, variant: str, horizon: float) -> float:

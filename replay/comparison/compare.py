@@ -15,6 +15,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar, TypeVar
 
+import numpy as np
+
+from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.base.worker_processes import worker_processes
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
@@ -43,7 +46,7 @@ from icreckon.replay.comparison.fixes import (
 from icreckon.replay.comparison.holes import holes_of, within_reach
 from icreckon.replay.comparison.initial_pose import start_from_fixes
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS, KnownBias, known_bias
-from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth
+from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth, own_alignment
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
 # Variant against which the lag and the lever arm of a truth are estimated.
@@ -59,6 +62,7 @@ Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.
 Outcome = tuple[Run | LostFilter, ...]
 Found = TypeVar("Found")
+Place = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -97,7 +101,8 @@ def compare(
     """Run filter variants over a log.
 
     The lag and lever arm of a logged truth (one without twists) are removed first. Runs start at the
-    truth's pose if there is one, otherwise at the pose from the fixes or at the origin.
+    truth's pose if there is one (without fixes at that by their own lever arm), otherwise at the pose
+    from the fixes or at the origin.
 
     A variant that is lost or raises an exception has no run; `Comparison.failed` lists it, and the others
     continue.
@@ -154,6 +159,8 @@ def compare(
     if not kept:
         raise _all_failed([*failed.values()])
     kept, bias = _with_known_bias(task, kept)
+    if alignment is not None and log.fixes is None:
+        kept = {name: _from_own_start(one, log, alignment, start) for name, one in kept.items()}
     holes, fastest = holes_of(log), robot.vehicle.max_track_speed
     kept = {name: within_reach(one, holes, fastest) for name, one in kept.items()}
     return Comparison(log, kept, alignment, failed, bias)
@@ -222,6 +229,19 @@ def _aligned(
     return replace(log, truth=found.truth, notes=notes), found
 
 
+def _from_own_start(one: Run, log: Log, common: TruthAlignment, start: Place) -> Run:
+    """Run without fixes, moved to the truth's first place by its own lever arm."""
+    if log.truth is None or log.truth.source == OF_FIXES:
+        return one
+    own = own_alignment(common, one.trajectory)
+    away = np.subtract(_pose_at(own.truth, log.start), start) * (1.0, 1.0, 0.0)
+    states = one.states.copy()
+    states[:, s.POSE] += away
+    return replace(
+        one, states=states, trajectory=replace(one.trajectory, poses=one.trajectory.poses + away)
+    )
+
+
 def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
     return ReplayError(f"no variant has a result: {'; '.join(map(str, failed))}")
 
@@ -241,7 +261,7 @@ def _unreported(_: float) -> None:
     """Progress that is not reported."""
 
 
-def _pose_at(truth: Truth, stamp: int) -> tuple[float, float, float]:
+def _pose_at(truth: Truth, stamp: int) -> Place:
     x, y, yaw = interpolate_poses(truth.poses, truth.poses.stamps[:1] * 0 + stamp)[0].tolist()
     return x, y, yaw
 
@@ -251,8 +271,8 @@ class _Task:
     log: Log
     robot: Robot
     settings: Settings | None
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    start_sigma: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: Place = (0.0, 0.0, 0.0)
+    start_sigma: Place = (0.0, 0.0, 0.0)
     smooth: bool = False
 
     def run(self, variant: str, progress: Progress) -> Outcome:

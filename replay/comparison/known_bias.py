@@ -32,17 +32,11 @@ LARGEST = 1.0
 
 @dataclass(frozen=True)
 class KnownBias:
-    """Bias of the gyro by the truth, if `gyro` used another.
+    """Bias of the gyro by the truth, if `gyro` used another."""
 
-    Attributes:
-        used: mean of the bias that `gyro` used [rad/s].
-        shown: the bias that the truth shows [rad/s].
-        sigma: its standard error [rad/s].
-    """
-
-    used: float
-    shown: float
-    sigma: float
+    used: float  # mean of the bias that `gyro` used [rad/s]
+    shown: float  # the bias that the truth shows [rad/s]
+    sigma: float  # its standard error [rad/s]
 
     def robot(self, robot: Robot) -> Robot:
         """Copy of a robot that has this bias."""

@@ -59,19 +59,12 @@ class Case(NamedTuple):
 
 @dataclass(frozen=True)
 class CaseScores:
-    """Scores of a robot file over a log, without the runs.
+    """Scores of a robot file over a log, without the runs."""
 
-    Attributes:
-        case: labels of both.
-        results: output of `summarise`, without the series.
-        drifts: drift of all variants, see `comparison_drifts`; empty without a truth.
-        lag: lag of the truth that was removed [s].
-    """
-
-    case: Case
-    results: Results
-    drifts: Drifts
-    lag: float
+    case: Case  # labels of both
+    results: Results  # output of `summarise`, without the series
+    drifts: Drifts  # drift of all variants, see `comparison_drifts`; empty without a truth
+    lag: float  # lag of the truth that was removed [s]
 
 
 class FailedCase(NamedTuple):

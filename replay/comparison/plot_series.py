@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.base.frames import rotate, wrap_angle
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate, interpolate_poses, path_length
 from icreckon.estimator.log.series import Truth
@@ -20,6 +20,7 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.holes import largest_sigma
+from icreckon.replay.comparison.scores import truths_of
 
 # Rows of the series: one each `SERIES_STEP` [s], but at least and at most so many. With all nine
 # variants, 1500 rows make a page of 2.6 MB, 4000 rows one of 5.7 MB.
@@ -37,22 +38,25 @@ DECIMALS = 4
 Results = dict[str, Any]
 
 
-def series_of(comparison: Comparison, robot: Robot) -> Results:
-    """Decimate the time series; parameters and innovations have their own times."""
+def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
+    """Decimate the time series; parameters and innovations have their own times.
+
+    Paths of all runs are those of the point that the variant `headline` calls base_link, errors those
+    against the truth by each run's own lever arm.
+    """
     log = comparison.log
     first = next(iter(comparison.runs.values()))
     most = series_points((log.end - log.start) * NANOSECOND)
     stamps = first.stamps[_picks(len(first.stamps), most)]
-    truth = None if log.truth is None else log.truth.poses
+    truths = {} if log.truth is None else truths_of(comparison)
+    shown = truths[headline] if truths else None
+    truth = None if shown is None else shown.truth.poses
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
-    true_poses = None
-    if log.truth is not None:
-        true_poses = true_poses_at(log.truth, stamps)
-        series["truth"] = _pose_columns(true_poses)
-        if log.truth.poses.spatial is not None:
-            levels = log.truth.poses.spatial
-            series["truth"] |= _spatial_columns(interpolate(log.truth.poses.stamps, levels, stamps))
+    if log.truth is not None and truth is not None and shown is not None:
+        series["truth"] = _pose_columns(true_poses_at(shown.truth, stamps))
+        if truth.spatial is not None:
+            series["truth"] |= _spatial_columns(interpolate(truth.stamps, truth.spatial, stamps))
         if log.truth.twists is not None:
             twists = log.truth.twists
             series["truth"] |= _twist_columns(_nearest(twists.stamps, twists.twists, stamps))
@@ -70,7 +74,12 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
     for name, one in comparison.runs.items():
         rows = np.minimum(np.searchsorted(one.stamps, stamps), len(one.stamps) - 1)
         poses, covariances = one.trajectory.poses[rows], one.trajectory.pose_covariances[rows]
-        columns = _pose_columns(poses) | _twist_columns(one.trajectory.twists[rows])
+        away = np.zeros(2)
+        if shown is not None:
+            away = np.subtract(truths[name].lever_arm, shown.lever_arm)
+        columns = _pose_columns(_at_point(poses, away)) | _twist_columns(
+            one.trajectory.twists[rows]
+        )
         columns |= {
             "nis_per_dof": _rounded(_nis(one, rows)),
             "position_sigma_m": _rounded(largest_sigma(covariances)),
@@ -79,13 +88,13 @@ def series_of(comparison: Comparison, robot: Robot) -> Results:
             "epsilon_m": _rounded(one.indices[rows, 1]),
             "eta": _rounded(one.indices[rows, 2]),
         }
-        columns["ellipses"] = _ellipses(one)
+        columns["ellipses"] = _ellipses(one, away)
         path = one.trajectory
         if path.spatial is not None and path.spatial_sigmas is not None:
             columns |= _spatial_columns(path.spatial[rows])
             columns |= _spatial_columns(path.spatial_sigmas[rows], "_sigma")
-        if true_poses is not None:
-            apart = poses - true_poses
+        if truths:
+            apart = poses - true_poses_at(truths[name].truth, stamps)
             columns["position_error_m"] = _rounded(np.hypot(apart[:, 0], apart[:, 1]))
             columns["yaw_error_rad"] = _rounded(np.asarray(wrap_angle(apart[:, 2])))
         columns["parameters"] = _parameters(one, log.start)
@@ -117,13 +126,21 @@ def _measured(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     return np.where(_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
 
 
-def _ellipses(one: Run) -> list[list[float | None]]:
+def _at_point(poses: Floats, point: Floats) -> Floats:
+    """Poses (n, 3) of a point (2,) in base_link [m]."""
+    moved = poses.copy()
+    moved[:, :2] += rotate(point, poses[:, 2])
+    return moved
+
+
+def _ellipses(one: Run, point: Floats) -> list[list[float | None]]:
     """Ellipses of one sigma: x, y, half axes [m], direction of the larger one [rad]."""
     rows = _picks(len(one.stamps), ELLIPSES)
     variances, axes = np.linalg.eigh(one.trajectory.pose_covariances[rows, :2, :2])
     minor, major = np.sqrt(np.maximum(variances, 0.0)).T
     turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
-    table = np.column_stack([one.trajectory.poses[rows, :2], major, minor, turn])
+    places = _at_point(one.trajectory.poses[rows], point)[:, :2]
+    table = np.column_stack([places, major, minor, turn])
     return [_rounded(row) for row in table]
 
 

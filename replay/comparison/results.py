@@ -78,11 +78,14 @@ def summarise(
     scored, holes = scored_intervals(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
     reference, baseline = filters[-1], baseline_of(filters)
-    variants, found = {}, None
+    variants, found, arm = {}, None, (0.0, 0.0)
+    headline = reference
     if log.truth is not None:
         truths = truths_of(comparison)
         paired = paired_drifts(comparison_drifts(comparison) if drifts is None else drifts)
         found = verdict(paired, baseline)
+        headline = reference if found is None else found["best"]
+        arm = truths[headline].lever_arm
         for name, one in comparison.runs.items():
             variants[name] = scores(one, truths[name], scored, holes)
             variants[name] |= drift_scores(paired, name, baseline)
@@ -111,7 +114,7 @@ def summarise(
             "start_ns": log.start,
             "origin": log.origin,
         },
-        "truth": _truth_summary(comparison, robot, scored),
+        "truth": _truth_summary(comparison, robot, scored, arm),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
         "horizons": list(horizon_labels()),
@@ -122,7 +125,7 @@ def summarise(
             for name, lost in comparison.failed.items()
         },
         "variants": variants,
-        "series": series_of(comparison, robot) if series else {},
+        "series": series_of(comparison, robot, headline) if series else {},
     }
     cleaned: Results = json_types(results)
     return cleaned
@@ -217,7 +220,10 @@ def fix_correlation(one: Run) -> float | None:
 
 
 def _truth_summary(
-    comparison: Comparison, robot: Robot, scored: list[tuple[int, int]]
+    comparison: Comparison,
+    robot: Robot,
+    scored: list[tuple[int, int]],
+    lever_arm: tuple[float, float],
 ) -> Results | None:
     truth, alignment = comparison.log.truth, comparison.alignment
     if truth is None:
@@ -229,7 +235,7 @@ def _truth_summary(
         "distance_m": float(path_length(truth.poses)[-1]),
         "lag_s": 0.0 if alignment is None else alignment.lag,
         "lag_sigma_s": None if alignment is None else alignment.lag_sigma,
-        "lever_arm_m": [0.0, 0.0] if alignment is None else list(alignment.lever_arm),
+        "lever_arm_m": list(lever_arm),
         "tilt_deg": 0.0 if alignment is None else math.degrees(alignment.tilt),
         "noise_drift_percent": noise_drifts(comparison, robot),
         "scored_s": [[(a - start) * NANOSECOND, (b - start) * NANOSECOND] for a, b in scored],

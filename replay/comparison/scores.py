@@ -30,7 +30,7 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.drift_table import horizon_labels
 from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
 from icreckon.replay.comparison.holes import before_holes, largest_sigma
-from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_place
+from icreckon.replay.comparison.truth_alignment import TruthAlignment, own_alignment
 from icreckon.replay.comparison.truth_level import spatial_scores
 
 Results = dict[str, Any]
@@ -49,12 +49,8 @@ def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
         raise ValueError("there is no truth to score against")
     if alignment is None:
         return dict.fromkeys(comparison.runs, TruthAlignment(0.0, (0.0, 0.0), truth))
-    found = {}
-    for name, one in comparison.runs.items():
-        own = align_place(truth, one.trajectory)
-        x, y = (a + b for a, b in zip(alignment.lever_arm, own.lever_arm, strict=True))
-        found[name] = TruthAlignment(alignment.lag, (x, y), own.truth, tilt=own.tilt)
-    return found
+    runs = comparison.runs.items()
+    return {name: own_alignment(alignment, one.trajectory) for name, one in runs}
 
 
 def scores(

@@ -148,6 +148,13 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     return TruthAlignment(0.0, arm, moved, headings=headings, tilt=tilt)
 
 
+def own_alignment(common: TruthAlignment, reckoned: Trajectory) -> TruthAlignment:
+    """Align a truth that is aligned to one variant to the run of another."""
+    own = align_place(common.truth, reckoned)
+    x, y = (a + b for a, b in zip(common.lever_arm, own.lever_arm, strict=True))
+    return replace(own, lag=common.lag, lever_arm=(x, y))
+
+
 def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:
     """Starts and ends [ns] of windows on an even grid that both series cover."""
     low = max(truth.stamps[0], reckoned.stamps[0])

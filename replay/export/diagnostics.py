@@ -32,19 +32,12 @@ ENOUGH = 5
 
 
 class _Sensor(NamedTuple):
-    """One component of a sensor at the times of the messages, (m,) each.
+    """One component of a sensor at the times of the messages, (m,) each."""
 
-    Attributes:
-        name: name of the component.
-        newest: latest normalised innovation, NaN if there is none in the window.
-        mean_square: mean square of the normalised innovations in the window, NaN likewise.
-        counted: number of innovations in the window.
-    """
-
-    name: str
-    newest: Floats
-    mean_square: Floats
-    counted: Floats
+    name: str  # name of the component
+    newest: Floats  # latest normalised innovation, NaN if there is none in the window
+    mean_square: Floats  # mean square of the normalised innovations in the window, NaN likewise
+    counted: Floats  # number of innovations in the window
 
 
 def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:

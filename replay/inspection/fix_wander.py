@@ -91,19 +91,12 @@ class FixWanderEstimate(NamedTuple):
 
 
 class _Window(NamedTuple):
-    """Fixes of a window.
+    """Fixes of a window."""
 
-    Attributes:
-        seconds: (n,) times [s].
-        places: (n,) fixes [m].
-        design: (n, k) orthonormal columns of the fit.
-        path: (n,) path by odometry, in units of the tracks.
-    """
-
-    seconds: Floats
-    places: Floats
-    design: Floats
-    path: Floats
+    seconds: Floats  # (n,) times [s]
+    places: Floats  # (n,) fixes [m]
+    design: Floats  # (n, k) orthonormal columns of the fit
+    path: Floats  # (n,) path by odometry, in units of the tracks
 
 
 class _Fit(NamedTuple):

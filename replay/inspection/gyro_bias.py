@@ -31,17 +31,11 @@ LEAST_BY_TRACKS = 0.005
 
 
 class GyroBias(NamedTuple):
-    """Bias of the rate about the vertical.
+    """Bias of the rate about the vertical."""
 
-    Attributes:
-        value: the bias [rad/s].
-        sigma: its standard error [rad/s].
-        source: "standstill", "truth" or "tracks".
-    """
-
-    value: float
-    sigma: float
-    source: str
+    value: float  # the bias [rad/s]
+    sigma: float  # its standard error [rad/s]
+    source: str  # "standstill", "truth" or "tracks"
 
     def differs(self, expected: float, sigma: float = 0.0) -> bool:
         """Return True if the bias is not the expected one with its sigma [rad/s]."""

@@ -21,7 +21,7 @@ from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.table_files import is_table
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_stamps
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
 from icreckon.replay.inspection.guess_topics import Sample, guess_topics
@@ -143,6 +143,8 @@ def inspect(
             notes.append(note)
             gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
             log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
+    except EqualStampsError:
+        raise
     except ReplayError as problem:
         if not tables or mapping.columns is not None:
             notes.append(f"the proposed topics cannot be read: {problem}")
@@ -187,7 +189,7 @@ def inspect(
             *_of_wander(wander),
         ),
         dropped=log.dropped if log is not None else {},
-        notes=tuple(notes),
+        notes=(*coarse_stamps(log.notes if log else ()), *notes),
         proposed_robot_file=robot_file_text(
             paths[0],
             _with_clocks(mapping, clocks),

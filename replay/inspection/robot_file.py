@@ -35,16 +35,11 @@ MARGIN = 1.2
 
 
 class Sizes(NamedTuple):
-    """Lengths of a robot that a person filled in [m]; None if unknown.
+    """Lengths of a robot that a person filled in [m]; None if unknown."""
 
-    Attributes:
-        gauge: track gauge.
-        radius: sprocket radius.
-        of_controller: gauge of the controller whose odometry gives the track speeds.
-    """
-
-    gauge: float | None = None
-    radius: float | None = None
+    gauge: float | None = None  # track gauge
+    radius: float | None = None  # sprocket radius
+    # gauge of the controller whose odometry gives the track speeds
     of_controller: float | None = None
 
 
@@ -216,7 +211,10 @@ def _imu(mounting: Mounting | None, log: Log | None, found: GyroBias | None) -> 
     roll, pitch, yaw = mounting.rotation_rpy_deg
     lines.append(f"rotation_rpy_deg = [{_round(roll)}, {_round(pitch)}, {_round(yaw)}]")
     if mounting.up_shown_by == "gravity":
-        lines.append(f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up)")
+        lines.append(
+            f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up); "
+            "leave 0 if not measured: a wrong value shifts zeta0"
+        )
     if mounting.gyro_axes == "z":
         lines.append('gyro_axes = "z"    # the x and y gyros read zero all the time')
     if mounting.gyro_bias is not None:

@@ -44,7 +44,7 @@ class TopicReport:
         msgtype: message type.
         frame_id: frame of the first message, "" if it has none.
         count: number of messages.
-        mean_rate: messages per second of recording [Hz], or None for fewer than two.
+        mean_rate: rate by the median interval between two messages [Hz], or None for fewer than two.
         largest_gap: longest time between two messages, by recording [s], or None likewise.
         gaps: number of intervals longer than `GAP` times the usual one, or None.
         clock_offset: median of header stamp minus time of recording [s], or None without headers.
@@ -79,7 +79,7 @@ def spacing(times: Stamps) -> Spacing:
     # As floats: far-off times would overflow.
     steps = np.diff(times.astype(np.float64)) * NANOSECOND
     return Spacing(
-        mean_rate=len(steps) / float(steps.sum()),
+        mean_rate=1.0 / float(np.median(steps) or steps.mean()),
         largest_gap=float(steps.max()),
         gaps=int((steps > GAP * np.median(steps)).sum()),
     )
@@ -87,23 +87,16 @@ def spacing(times: Stamps) -> Spacing:
 
 @dataclass
 class Survey:
-    """Data gathered from a topic.
+    """Data gathered from a topic."""
 
-    Attributes:
-        channel: the topic and its type.
-        recorded: times of recording [ns].
-        offsets: header stamp minus time of recording [ns], of messages with a header.
-        frame_id: frame of the first message that has one.
-        messages: some decoded ones, of the types in `SHAPE_CHECKS`.
-        sampled: bytes of the messages that were decoded.
-    """
-
-    channel: Channel
-    recorded: array[int] = field(default_factory=lambda: array("q"))
+    channel: Channel  # the topic and its type
+    recorded: array[int] = field(default_factory=lambda: array("q"))  # times of recording [ns]
+    # header stamp minus time of recording [ns], of messages with a header
     offsets: array[int] = field(default_factory=lambda: array("q"))
-    frame_id: str = ""
+    frame_id: str = ""  # frame of the first message that has one
+    # some decoded ones, of the types in `SHAPE_CHECKS`
     messages: list[Any] = field(default_factory=list)
-    sampled: int = 0
+    sampled: int = 0  # bytes of the messages that were decoded
 
     def wants(self, size: int) -> bool:
         """Return True if a message of a size [bytes] is to be decoded."""

@@ -26,33 +26,20 @@ SURE = 4.0
 
 
 class RateBin(NamedTuple):
-    """Effective track at some yaw rates, to one side.
+    """Effective track at some yaw rates, to one side."""
 
-    Attributes:
-        rate: mean yaw rate by the gyro, positive to the left [rad/s].
-        track: V_r - V_l over the yaw rate.
-        sigma: its standard error.
-        seconds: time in the bin [s].
-    """
-
-    rate: float
-    track: float
-    sigma: float
-    seconds: float
+    rate: float  # mean yaw rate by the gyro, positive to the left [rad/s]
+    track: float  # V_r - V_l over the yaw rate
+    sigma: float  # its standard error
+    seconds: float  # time in the bin [s]
 
 
 class TrackByRate(NamedTuple):
-    """Effective track of a log.
+    """Effective track of a log."""
 
-    Attributes:
-        whole: that of the whole log.
-        unit: unit of all tracks: "m", or what they are multiples of.
-        bins: effective track by the yaw rate, from the right to the left.
-    """
-
-    whole: float
-    unit: str
-    bins: tuple[RateBin, ...]
+    whole: float  # that of the whole log
+    unit: str  # unit of all tracks: "m", or what they are multiples of
+    bins: tuple[RateBin, ...]  # effective track by the yaw rate, from the right to the left
 
 
 def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:

@@ -41,17 +41,11 @@ class _Stream(Generic[T]):
 
 
 class Watched(NamedTuple, Generic[T]):
-    """Outcome of a message.
+    """Outcome of a message."""
 
-    Attributes:
-        ready: messages that can be used, in the order of their coming.
-        step: time by which the clock was set forward before these [ns], 0 if it was not.
-        lost: number of messages that were held back and are not used.
-    """
-
-    ready: list[T]
-    step: int = 0
-    lost: int = 0
+    ready: list[T]  # messages that can be used, in the order of their coming
+    step: int = 0  # time by which the clock was set forward before these [ns], 0 if it was not
+    lost: int = 0  # number of messages that were held back and are not used
 
 
 class ClockWatch(Generic[T]):

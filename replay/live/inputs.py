@@ -63,18 +63,12 @@ TRANSFORM_MEMORY = 2 * NANOSECONDS
 
 
 class Subscription(NamedTuple):
-    """Topic that is subscribed to.
+    """Topic that is subscribed to."""
 
-    Attributes:
-        purpose: "tracks", "imu", "fixes" or "heading".
-        topic: its name.
-        types: supported message types; empty if any type is read by field paths.
-        latched: whether late subscribers get the last messages (transient local), as of /tf_static.
-    """
-
-    purpose: str
-    topic: str
-    types: tuple[str, ...]
+    purpose: str  # "tracks", "imu", "fixes" or "heading"
+    topic: str  # its name
+    types: tuple[str, ...]  # supported message types; empty if any type is read by field paths
+    # whether late subscribers get the last messages (transient local), as of /tf_static
     latched: bool = False
 
 

@@ -7,21 +7,13 @@ from typing import NamedTuple
 
 
 class Need(NamedTuple):
-    """State of the filter, and the manoeuvre that shows it.
+    """State of the filter, and the manoeuvre that shows it."""
 
-    Attributes:
-        state: its name in `STATE_NAMES`.
-        enough: standard deviation with which it counts as known, in its own unit.
-        unit: that unit, with a blank before it.
-        manoeuvre: what to drive.
-        fixes: whether that takes position fixes, too.
-    """
-
-    state: str
-    enough: float
-    unit: str
-    manoeuvre: str
-    fixes: bool = False
+    state: str  # its name in `STATE_NAMES`
+    enough: float  # standard deviation with which it counts as known, in its own unit
+    unit: str  # that unit, with a blank before it
+    manoeuvre: str  # what to drive
+    fixes: bool = False  # whether that takes position fixes, too
 
 
 # On real logs without fixes, standing brings gyro_bias to 0.0003 and turning eta0 from 0.4 to 0.1, the

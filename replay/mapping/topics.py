@@ -6,6 +6,7 @@ own mapping, as JSON on `MAPPING_TOPIC`.
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Literal, TypeVar
 
 import msgspec
@@ -267,6 +268,7 @@ DEFAULT_TOPICS = TopicMap(
     DEFAULT_TRACKS, ImuTopic("/imu/data_raw"), FixTopic("/fix/pose"), truth=DEFAULT_TRUTH
 )
 MAPPING_TOPIC = "/icreckon/topics"
+LOG_KEY = re.compile(r"\[log\.(tracks|imu|fixes|truth|heading)\]")
 
 
 def writable_topics(own: TopicMap) -> TopicMap:
@@ -301,6 +303,15 @@ def writable_topics(own: TopicMap) -> TopicMap:
 
 def _in_time(stream: _Topic) -> _Topic:
     return stream and msgspec.structs.replace(stream, latency=0.0)
+
+
+def with_column_keys(text: str, robot: Robot) -> str:
+    """Message with the keys of tables for those of bags, if the robot file has them."""
+    streams = robot.log.get("columns")
+    if not isinstance(streams, dict):
+        return text
+    text = LOG_KEY.sub(r"[log.columns.\1]", text)
+    return text.replace(" its topic in [log.col", " its columns in [log.col")
 
 
 def topic_map(robot: Robot, source: str) -> TopicMap:

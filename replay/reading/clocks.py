@@ -19,19 +19,12 @@ DAY = 86_400.0
 
 
 class Evidence(NamedTuple):
-    """Evidence about the clock of a stream.
+    """Evidence about the clock of a stream."""
 
-    Attributes:
-        topic: its topic.
-        asked: the robot file's setting.
-        offset: typical header stamp minus time of recording [s]; None without headers.
-        constant: whether all of several header stamps are equal.
-    """
-
-    topic: str
-    asked: Clock
-    offset: float | None
-    constant: bool = False
+    topic: str  # its topic
+    asked: Clock  # the robot file's setting
+    offset: float | None  # typical header stamp minus time of recording [s]; None without headers
+    constant: bool = False  # whether all of several header stamps are equal
 
 
 class Choice(NamedTuple):

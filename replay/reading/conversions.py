@@ -98,19 +98,12 @@ def fix_heights(
 
 
 class TrackValues(NamedTuple):
-    """Speeds of tracks or of their wheels, or readings of cumulative counters.
+    """Speeds of tracks or of their wheels, or readings of cumulative counters."""
 
-    Attributes:
-        values: (n, k) of the left wheels, then of the right ones [m/s], or [m] if they add up.
-        left: number of those of the left side.
-        adds_up: whether the values are counters, whose differences are the motion.
-        wrap: range of the counters [m], or None.
-    """
-
-    values: Floats
-    left: int = 1
-    adds_up: bool = False
-    wrap: float | None = None
+    values: Floats  # (n, k) of the left wheels, then of the right ones [m/s], or [m] if they add up
+    left: int = 1  # number of those of the left side
+    adds_up: bool = False  # whether the values are counters, whose differences are the motion
+    wrap: float | None = None  # range of the counters [m], or None
 
 
 def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:

@@ -40,23 +40,15 @@ Progress = Callable[[float], None]
 
 @dataclass
 class Gathered:
-    """Streams gathered from some files.
+    """Streams gathered from some files."""
 
-    Attributes:
-        source: name of the files, for messages.
-        mapping: the mapping that was used.
-        streams: the available streams, by purpose.
-        found: the available topics with their types; columns for tables.
-        notes: findings about the files, for the user.
-        truth_source: name of the truth's reference system in the files, or None.
-    """
-
-    source: str
-    mapping: TopicMap
-    streams: dict[str, Stream] = field(default_factory=dict)
+    source: str  # name of the files, for messages
+    mapping: TopicMap  # the mapping that was used
+    streams: dict[str, Stream] = field(default_factory=dict)  # the available streams, by purpose
+    # the available topics with their types; columns for tables
     found: dict[str, int] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-    truth_source: str | None = None
+    notes: list[str] = field(default_factory=list)  # findings about the files, for the user
+    truth_source: str | None = None  # name of the truth's reference system in the files, or None
 
 
 def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:

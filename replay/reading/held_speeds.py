@@ -33,17 +33,11 @@ HOLE = 1.0
 
 
 class _Runs(NamedTuple):
-    """Values of one track, each with its repetitions.
+    """Values of one track, each with its repetitions."""
 
-    Attributes:
-        first: (r,) index of the first sample of each value.
-        ends: (r,) index of the first sample of the next value, or of the end.
-        lasts: (r,) time until the next value [s]; NaN before a hole and for the last one.
-    """
-
-    first: NDArray[np.int64]
-    ends: NDArray[np.int64]
-    lasts: Floats
+    first: NDArray[np.int64]  # (r,) index of the first sample of each value
+    ends: NDArray[np.int64]  # (r,) index of the first sample of the next value, or of the end
+    lasts: Floats  # (r,) time until the next value [s]; NaN before a hole and for the last one
 
 
 def without_holding(log: Log, held: Held) -> Log:

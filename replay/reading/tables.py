@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.replay.bags.message_types import NAVSATFIX
 from icreckon.replay.bags.table_files import are_few, is_table, read_table
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import OF_STAMPS, EqualStampsError, ReplayError
 from icreckon.replay.mapping.columns import (
     NANOSECONDS_OF,
     ColumnMap,
@@ -27,6 +27,12 @@ from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 MOST_NAMED = 5
 """Most columns that a message names."""
+RESOLUTIONS = [10.0**digits for digits in range(15, 5, -1)]
+"""Resolutions of stamps that are looked for, from 1e6 to 0.001 s [ns]."""
+ROUNDING = 2e3
+"""Largest error of a stamp by its binary digits [ns]."""
+MOST_REPEATED = 0.05
+"""Share of repeated stamps that is reported."""
 LARGEST_TIME = 2.0**62
 """Times from here on are damage: differences of them overflow int64 nanoseconds."""
 NUMBER_OR_EMPTY = r"^\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|NaN|NAN|Inf))?\s*$"
@@ -210,17 +216,11 @@ class Table:
 
 
 class _Strays(NamedTuple):
-    """Cells of a column of texts that are no numbers.
+    """Cells of a column of texts that are no numbers."""
 
-    Attributes:
-        where: their mask.
-        number: number of them.
-        text: description of the first.
-    """
-
-    where: Any
-    number: int
-    text: str
+    where: Any  # their mask
+    number: int  # number of them
+    text: str  # description of the first
 
 
 def _strays(column: Any) -> _Strays | None:
@@ -249,7 +249,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
     Raises:
         ReplayError: a column holds no numbers, or no times.
     """
-    found = []
+    found: list[Stream] = []
     for purpose, spec, names in wanted_columns(columns):
         time = spec.time or columns.time
         if not table.has([time, *names]):
@@ -260,10 +260,29 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream = Stream(purpose, f"columns {', '.join(names)}", str(table.path), "auto", {})
         stream.from_table = True
         stream.lose("no time", int((own & ~timed).sum()))
+        note = _coarse(f"{table.path.name}: column {time!r}", stamps[own & timed])
+        stream.notes += [] if note is None or any(note in one.notes for one in found) else [note]
         stream.msgtype, rows = _rows(spec, names, values)
         stream.add(stamps[own & timed], rows[own & timed])
         found.append(stream)
     return found
+
+
+def _coarse(column: str, stamps: Stamps) -> str | None:
+    """Note on stamps (n,) that repeat for too few digits, None if they do not.
+
+    Raises:
+        EqualStampsError: all are equal.
+    """
+    times = np.unique(stamps)
+    off = [np.abs(times - np.round(times / one) * one).max(initial=0) for one in RESOLUTIONS]
+    step = next((one for one, of in zip(RESOLUTIONS, off, strict=True) if of < ROUNDING), None)
+    if step is None or len(times) > (1.0 - MOST_REPEATED) * len(stamps) or len(stamps) < 3:
+        return None
+    text = f"{column} has a resolution of {step * NANOSECOND:g} s: written with too few digits?"
+    if len(times) == 1:
+        raise EqualStampsError(f"{text} All {len(stamps)} times are {times[0] * NANOSECOND:.6g} s")
+    return f"{OF_STAMPS}{text} {1.0 - len(times) / len(stamps):.0%} of its times are repeated"
 
 
 def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:

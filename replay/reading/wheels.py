@@ -16,15 +16,10 @@ TOGETHER = 0.5
 
 
 class Sides(NamedTuple):
-    """Track speeds by the wheels of both sides.
+    """Track speeds by the wheels of both sides."""
 
-    Attributes:
-        tracks: track speeds, with those of the wheels if any disagree.
-        notes: findings about wheels that do, for the user.
-    """
-
-    tracks: TrackSpeedSeries
-    notes: list[str]
+    tracks: TrackSpeedSeries  # track speeds, with those of the wheels if any disagree
+    notes: list[str]  # findings about wheels that do, for the user
 
 
 def mean_of_sides(values: Floats, left: int) -> Floats:

@@ -34,15 +34,10 @@ LONGEST_REASON = 300
 
 
 class RunScores(NamedTuple):
-    """Statistics of some runs of a filter.
+    """Statistics of some runs of a filter."""
 
-    Attributes:
-        values: (count, n) in the order of `icreckon.simulation.study.statistics.statistics`.
-        reasons: (count,) reason of each failed run; empty for the others.
-    """
-
-    values: Floats
-    reasons: tuple[str, ...]
+    values: Floats  # (count, n) in the order of `icreckon.simulation.study.statistics.statistics`
+    reasons: tuple[str, ...]  # (count,) reason of each failed run; empty for the others
 
 
 def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:

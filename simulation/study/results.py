@@ -29,8 +29,6 @@ COMMAND = "study"
 # Preferred horizon at which drift is reported [s].
 USUAL_HORIZON = 30.0
 FINAL_ERROR = "final_position_error_m"
-# Beginnings of the names of statistics whose intervals are those of the logarithm of the mean.
-POSITIVE = ("nees_", "nis_")
 # Percentiles that represent the distribution of the final error.
 PERCENTILES = tuple(range(101))
 # Number of stored distributions, of cells that lie far apart.
@@ -181,14 +179,8 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
         )
         found.append(
             [
-                summarise(
-                    means[:, k],
-                    others[:, k],
-                    motions,
-                    paired[:, k],
-                    positive=statistic.name.startswith(POSITIVE),
-                )
-                for k, statistic in enumerate(runs.statistics)
+                summarise(means[:, k], others[:, k], motions, paired[:, k])
+                for k in range(len(runs.statistics))
             ]
         )
     return found

@@ -97,31 +97,19 @@ def statistics(horizons: Sequence[float]) -> tuple[Statistic, ...]:
 
 
 class TrueTicks(NamedTuple):
-    """Truth of one run, or of several side by side, at the stamps of their estimates.
+    """Truth of one run, or of several side by side, at the stamps of their estimates."""
 
-    Attributes:
-        poses: (n, ..., 3) [m, m, rad].
-        twists: (n, ..., 3) [m/s, m/s, rad/s].
-        lengths: (n, ...) length of the path so far [m].
-    """
-
-    poses: Floats
-    twists: Floats
-    lengths: Floats
+    poses: Floats  # (n, ..., 3) [m, m, rad]
+    twists: Floats  # (n, ..., 3) [m/s, m/s, rad/s]
+    lengths: Floats  # (n, ...) length of the path so far [m]
 
 
 class Segments(NamedTuple):
-    """Segments over which drift is scored.
+    """Segments over which drift is scored."""
 
-    Attributes:
-        horizon: their length [s].
-        first: (n,) indices of their starts.
-        last: (n,) indices of their ends.
-    """
-
-    horizon: float
-    first: Places
-    last: Places
+    horizon: float  # their length [s]
+    first: Places  # (n,) indices of their starts
+    last: Places  # (n,) indices of their ends
 
 
 def scored_segments(

@@ -3,10 +3,10 @@
 Runs of the same true motion are not independent. So the standard error of a mean is that of sums over
 true motions (cluster-robust; Cameron and Miller, A practitioner's guide to cluster-robust inference,
 2015). The interval is that of Student's t, with one degree of freedom less than there are true motions.
-If each run has its own true motion, that is the usual t interval. Of NEES and NIS, which are positive and
-skewed, it is that of the logarithm of the mean (delta method), which cannot reach below zero. Ratios are
-those of two means over the same runs, their intervals by the delta method. Nothing here is drawn at
-random.
+If each run has its own true motion, that is the usual t interval. Statistics are positive and skewed, so
+it is that of the logarithm of the mean (delta method), which cannot reach below zero. Ratios are those of
+two means over the same runs, their intervals likewise; only differences have intervals that lie evenly
+about them. Nothing here is drawn at random.
 """
 
 from __future__ import annotations
@@ -68,8 +68,6 @@ def summarise(
     baseline: Floats,
     motions: Ints,
     paired: Floats | None = None,
-    *,
-    positive: bool = False,
 ) -> Summary:
     """Summarise a statistic.
 
@@ -78,13 +76,12 @@ def summarise(
         baseline: (n,) values of the same runs by the baseline.
         motions: (n,) index of the true motion of each run.
         paired: (n,) values of the runs over the cells that the baseline has too; `values` by default.
-        positive: whether the interval of the mean is that of its logarithm.
     """
     paired = values if paired is None else paired
     known = np.isfinite(values)
     some, of = values[known], motions[known]
     both = np.isfinite(paired) & np.isfinite(baseline)
-    mean = mean_interval(some, of, positive=positive)
+    mean = mean_interval(some, of, positive=True)
     apart = mean_interval(paired[both] - baseline[both], motions[both])
     times = ratio_interval(paired[both], baseline[both], motions[both])
     median, p05, p95 = np.percentile(some, (50.0, 5.0, 95.0)) if len(some) else [math.nan] * 3
@@ -116,8 +113,7 @@ def mean_interval(
     mean = float(values.mean())
     half = _half_width(values - mean, motions)
     if positive and mean > 0.0:
-        factor = math.exp(half / mean)
-        return mean, mean / factor, mean * factor
+        return _on_log_scale(mean, half)
     return mean, mean - half, mean + half
 
 
@@ -128,7 +124,14 @@ def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[flo
         return math.nan, math.nan, math.nan
     ratio = float(values.mean()) / below
     half = _half_width((values - ratio * baseline) / below, motions)
-    return ratio, ratio - half, ratio + half
+    return _on_log_scale(ratio, half) if ratio > 0.0 else (ratio, ratio - half, ratio + half)
+
+
+def _on_log_scale(value: float, half: float) -> tuple[float, float, float]:
+    """Positive value and the interval of its logarithm, by the half-width of its own."""
+    with np.errstate(over="ignore"):
+        factor = float(np.exp(half / value))
+    return value, value / factor, value * factor
 
 
 def half_of_jackknife(without: Floats) -> float:

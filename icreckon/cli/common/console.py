@@ -27,6 +27,7 @@ from rich.table import Column
 from rich.text import Text
 
 from icreckon.estimator.base.errors import IcreckonError
+from icreckon.replay.base.errors import coarse_stamps
 from icreckon.replay.base.outputs import (
     NO_ROOM,
     check_replaceable,
@@ -93,6 +94,12 @@ def results() -> Console:
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = TABLE_WIDTH
     return console
+
+
+def print_banner(notes: Sequence[str]) -> None:
+    """Print notes on coarse stamps, which come before all else."""
+    for note in coarse_stamps(notes):
+        results().print(Text(note, style="bold yellow"))
 
 
 def print_fitting(table: Callable[..., RenderableType], *, wide: bool, wide_from: int) -> None:

@@ -23,15 +23,10 @@ SOON = 0.05
 
 
 class Stop:
-    """Signal that stops a command, and what to say of it.
+    """Signal that stops a command, and what to say of it."""
 
-    Attributes:
-        number: the signal, 0 if none came.
-        advice: how to go on, set by the command.
-    """
-
-    number = 0
-    advice = ""
+    number = 0  # the signal, 0 if none came
+    advice = ""  # how to go on, set by the command
 
     @classmethod
     def handle(cls, number: int, _: FrameType | None) -> None:

@@ -84,9 +84,6 @@ def replay_page(results: Results) -> str:
     )
 
 
-# --- tables ----------------------------------------------------------------------------------------
-
-
 def _scored(results: Results) -> list[Section]:
     """Drift or differences, and other scores."""
     variants = results["variants"]
@@ -171,9 +168,6 @@ def _score_table(results: Results, columns: Sequence[Column]) -> Table:
         for name, one in results["variants"].items()
     ]
     return Table("", ["variant", *(head.replace("\n", ", ") for head, _, _ in columns)], rows)
-
-
-# --- parameters, innovations, what was dropped -----------------------------------------------------
 
 
 def _drive_note(results: Results) -> str:

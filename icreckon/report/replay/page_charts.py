@@ -85,9 +85,6 @@ def _switch(name: str, colour: str, dash: str, *, shown: bool = True) -> Results
     return {"name": name, "colour": colour, "dark": on_dark(colour), "dash": dash, "shown": shown}
 
 
-# --- columns ---------------------------------------------------------------------------------------
-
-
 def _columns(results: Results) -> dict[str, Numbers]:
     """Columns that charts share; those of a variant begin with its name."""
     series = results["series"]
@@ -117,9 +114,6 @@ def breaks_of(times: Numbers) -> list[int]:
         return []
     longest = max(LONGEST_BRIDGE, USUAL_INTERVALS * float(np.median(steps)))
     return (np.flatnonzero(steps > longest) + 1).tolist()
-
-
-# --- charts ----------------------------------------------------------------------------------------
 
 
 def _errors(results: Results, columns: dict[str, Numbers]) -> list[Chart]:

@@ -276,6 +276,16 @@ def lag_text(truth: Results) -> str:
     return f"{truth['lag_s']:.2f} s{error} of lag"
 
 
+def arm_text(results: Results) -> str:
+    """Lever arm of the truth, and the variant whose it is."""
+    x, y = results["truth"]["lever_arm_m"]
+    found = results["verdict"]
+    name = [*filtered(results)][-1] if found is None else found["best"]
+    return (
+        f"lever arm of {x:.2f} m forward and {y:.2f} m left for {name}, other variants by their own"
+    )
+
+
 def doubts(results: Results) -> list[str]:
     """Contradictions of the log to the robot file."""
     found = results["log"]["notes"]
@@ -286,12 +296,10 @@ def notes(results: Results) -> list[str]:
     """Findings about the log, and the corrections made."""
     lines, truth = [], results["truth"]
     if truth:
-        x, y = truth["lever_arm_m"]
-        if truth["lag_s"] != 0.0 or x or y:
+        if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
             lines.append(
-                f"Truth ({truth['source']}): {lag_text(truth)} and a lever arm of {x:.2f} m "
-                f"forward and {y:.2f} m left were estimated and removed. Scores estimate the lever arm "
-                "anew for each variant, since the position of base_link depends on the filter."
+                f"Truth ({truth['source']}) corrected before scoring: {lag_text(truth)}, "
+                f"{arm_text(results)}: the position of base_link depends on the filter."
             )
         else:
             lines.append(f"Truth: {truth['source']}, taken as it is.")

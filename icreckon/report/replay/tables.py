@@ -8,11 +8,12 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.replay.base.errors import OF_ROBOT_FILE
+from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, coarse_stamps
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_text import (
     CHECK_HINT,
     all_rejections,
+    arm_text,
     calibration_hint,
     doubts,
     failures,
@@ -27,6 +28,7 @@ from icreckon.report.replay.page_text import (
 
 Column = tuple[str, str, int]
 # Heading, key, digits.
+BANNERS = (OF_ROBOT_FILE, OF_STAMPS)
 SCORE_COLUMNS = (
     ("drift 10 s\n% of distance", "drift_percent_10s_mean", 2),
     ("drift 30 s\n% of distance", "drift_percent_30s_mean", 2),
@@ -102,6 +104,7 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
     if is_spatial(results):
         compared = [key for _, key, _ in SPATIAL_COLUMNS[:3]]
         tables.append(_table(results, "Height, roll and pitch", SPATIAL_COLUMNS, compared))
+    coarse = coarse_stamps(results["log"]["notes"])
     doubtful = [f"- {one}" for one in doubts(results)]
     if doubtful:
         doubtful = [
@@ -111,7 +114,7 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
             "",
         ]
     return Group(
-        *(Text(line, style="bold yellow") for line in doubtful),
+        *(Text(line, style="bold yellow") for line in (*coarse, *doubtful)),
         Text(headline(results)),
         *(Text(line, style="yellow") for line in calibration_hint(results)),
         Text(),
@@ -190,15 +193,11 @@ def _footnotes(results: Results) -> list[str]:
         parts = ", ".join(f"{start:.0f}-{end:.0f} s" for start, end in truth["scored_s"])
         lines.append(f"Scored without fixes: {parts or 'nowhere long enough'}.{nees_text(results)}")
         if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
-            x, y = truth["lever_arm_m"]
-            lines.append(
-                f"Truth corrected before scoring: {lag_text(truth)}, lever arm of {x:.2f} m forward and "
-                f"{y:.2f} m left, per variant."
-            )
+            lines.append(f"Truth corrected before scoring: {lag_text(truth)}, {arm_text(results)}.")
         if is_spatial(results):
             lines.append(level_text(results))
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
-    lines += [f"Note: {note}" for note in log["notes"] if not note.startswith(OF_ROBOT_FILE)]
+    lines += [f"Note: {note}" for note in log["notes"] if not note.startswith(BANNERS)]
     return lines + all_rejections(results)
 
 

@@ -160,9 +160,9 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
     shared = "" if motions == runs else f" of {motions} true motions"
     how = "Student's t, over true motions"
     intervals = (
-        f"± half of the 95 % interval of the mean ({how})"
+        f"×/÷ the factor of the 95 % interval of the mean ({how})"
         if narrow
-        else f"in brackets 95 % intervals of the mean ({how}; of NEES on a log scale)"
+        else f"in brackets 95 % intervals of the mean ({how}; on a log scale)"
     )
     percentile = "" if narrow else ", and 95th percentile of the runs"
     return [
@@ -196,7 +196,7 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
 
     Args:
         results: output of `icreckon.simulation.study.results.study_results`.
-        narrow: whether to leave columns out, and halves of intervals, to fit 80 characters.
+        narrow: whether to leave columns out, and to give intervals as factors, to fit 80 characters.
     """
     cells = results["cells"]
     axes = [axis["name"] for axis in results["axes"]]
@@ -246,7 +246,7 @@ def _table(
         ratios = f"ratio to {results['baseline']}"
         numbers = [drifts, ratios, "final error, m", "95th percentile, m", "NEES at the end"]
     head = [*(_last_parts(axes) if narrow else axes), "variant", *numbers]
-    interval = _with_half_interval if narrow else _with_interval
+    interval = _with_factor if narrow else _with_interval
     rows, untold = [], bool(_untold_noise(results))
     for values, variants, inside in places:
         for number, (name, one) in enumerate(variants.items()):
@@ -303,13 +303,12 @@ def _with_interval(summary: dict[str, Any], key: str) -> str:
     return f"{_number(summary[key])} ({_between(summary, key)})"
 
 
-def _with_half_interval(summary: dict[str, Any], key: str) -> str:
-    """Format a mean and half of its interval, which lies evenly about it."""
-    low, high = summary[f"{key}_low"], summary[f"{key}_high"]
-    if not (_finite(summary[key]) and _finite(low) and _finite(high)):
-        return _number(summary[key]) if _finite(summary[key]) else NO_VALUE
-    form = _form(summary[key])
-    return f"{summary[key]:{form}} ± {(high - low) / 2.0:{form}}"
+def _with_factor(summary: dict[str, Any], key: str) -> str:
+    """Format a mean and the factor of its interval, which is even on a log scale."""
+    value, high = summary[key], summary[f"{key}_high"]
+    if not (_finite(value) and _finite(high) and value > 0.0):
+        return _number(value) if _finite(value) else NO_VALUE
+    return f"{_number(value)} ×/÷ {high / value:.2f}"
 
 
 def _between(summary: dict[str, Any], key: str) -> str:

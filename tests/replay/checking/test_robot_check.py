@@ -15,11 +15,22 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK
-from icreckon.replay.checking.robot_check import check_robot, is_of_another, topics_left_out
-from icreckon.replay.checking.worth import worth_of
+from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
+from icreckon.replay.checking.robot_check import (
+    check_robot,
+    far_centre,
+    is_of_another,
+    topics_left_out,
+)
+from icreckon.replay.checking.worth import judged, worth_of
 from icreckon.replay.comparison.compare import compare
-from icreckon.replay.mapping.topics import FixTopic, ImuTopic, TopicMap, TrackTopic
+from icreckon.replay.mapping.topics import (
+    FixTopic,
+    ImuTopic,
+    TopicMap,
+    TrackTopic,
+    with_column_keys,
+)
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -28,7 +39,7 @@ ALPHA = load_robot("auriga-alpha")
 MAPPED = with_values(
     ALPHA, log={"tracks": {"topic": "/joint_states", "left": ["l"], "right": ["r"]}}
 )
-TURNING, LATENCY, BIAS = "sense of turning", "latency of the tracks", "gyro bias"
+TURNING, BIAS = "sense of turning", "gyro bias"
 RADIUS = ALPHA.vehicle.sprocket_radius
 
 
@@ -360,3 +371,37 @@ def test_both_report_the_jackal(data_dir: Path) -> None:
     times = found.partition(" times")[0].rpartition(" ")[2]
     assert f"the odometry's yaw rate is {times} times the gyro's" in one.problem
     assert "gauge in [log.tracks]" in one.remedy
+
+
+def test_a_contradiction_whose_mending_drifts_more_is_a_note(log: Log, robot: Robot) -> None:
+    """Latency by the gyro may differ from that by the path, which decides."""
+
+    def shifted(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        stamps = log.tracks.stamps - 500_000_000
+        return replace(log, tracks=replace(log.tracks, stamps=stamps)), robot
+
+    wrong = Check(LATENCY, "0 s", "0.5 s").contradicted("tracks are late", "add", shifted)
+    (kept,), worth, notes = judged(log, robot, [wrong])
+    assert not kept.problem
+    assert worth.costs == ()
+    assert notes[0].startswith("tracks are late; but with that set inertia-online drifts")
+    # What is no matter of the path is not decided by it.
+    (kept,), _, notes = judged(log, robot, [replace(wrong, name="unit")])
+    assert kept.problem
+    assert not notes
+
+
+def test_a_turning_centre_beyond_the_contact_is_noted(robot: Robot) -> None:
+    assert far_centre(robot) == []
+    far = with_values(robot, indices=with_values(robot.indices, zeta0=-0.9))
+    assert "is [imu] position right?" in far_centre(far)[0]
+
+
+def test_remedies_of_tables_name_keys_of_tables(robot: Robot) -> None:
+    table = with_values(robot, log={"columns": {"time": "t"}})
+    text = "rate_unit in [log.imu]; name its topic in [log.truth]"
+    assert with_column_keys(text, robot) == text
+    assert (
+        with_column_keys(text, table)
+        == "rate_unit in [log.columns.imu]; name its columns in [log.columns.truth]"
+    )

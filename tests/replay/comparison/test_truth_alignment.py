@@ -4,11 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
+from icreckon.replay.comparison.results import summarise
 from icreckon.replay.comparison.truth_alignment import align_truth
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -67,3 +70,24 @@ def test_fixes_from_a_truth_without_headings_have_none(robot: Robot) -> None:
         fixes = with_fixes_within(one, parse_part("0:50%")).fixes
         assert np.isfinite(fixes.poses[:, 2]).all() == headed
     assert np.isfinite(log.truth.poses.poses).all()
+
+
+def test_runs_start_at_the_truth_by_their_own_lever_arm(robot: Robot) -> None:
+    """A variant without zeta0 has its base_link elsewhere: neither its NEES nor its end is off."""
+    log = simulate(Scenario(duration=60.0, trajectory="aggressive", truth="kinematic"), robot)
+    assert log.truth is not None
+    log = replace(log, fixes=None, truth=replace(log.truth, twists=None, tracks=None))
+    ahead = structs.replace(
+        robot, constant_icr=None, indices=structs.replace(robot.indices, zeta0=0.5)
+    )
+    found = summarise(compare(log, ahead, ("gyro", "constant-fixed")), ahead)
+    scores, series = found["variants"], found["series"]["variants"]
+    arms = [scores[name]["lever_arm_m"] for name in scores]
+    assert arms[1][0] - arms[0][0] == pytest.approx(0.55, abs=0.15)
+    assert found["truth"]["lever_arm_m"] == scores[found["verdict"]["best"]]["lever_arm_m"]
+    for name, one in scores.items():
+        assert one["nees_pose_mean"] < 10.0, name
+        errors = series[name]["position_error_m"]
+        assert errors[0] == pytest.approx(0.0, abs=0.02)
+        assert errors[-1] == pytest.approx(one["final_position_error_m"], abs=0.01)
+        assert series[name]["x_m"][0] == pytest.approx(found["series"]["truth"]["x_m"][0], abs=0.02)

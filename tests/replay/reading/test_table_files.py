@@ -47,6 +47,24 @@ def test_track_speeds(tmp_path: Path) -> None:
     assert log.notes == ()
 
 
+def test_stamps_of_too_few_digits_are_named(tmp_path: Path) -> None:
+    """As by '%g': all are equal; as by '%.1f': most are repeated, which all commands name first."""
+    times = 1_700_000_000.0 + 0.02 * np.arange(100)
+
+    def written(form: str) -> Path:
+        rows = "".join(f"{form % one},0.1,0.2\n" for one in times)
+        return write(tmp_path / "run.csv", f"t,l,r\n{rows}")
+
+    with pytest.raises(ReplayError, match=r"column 't' has a resolution of 1e.06 s: .* digits"):
+        read(written("%.5g"), tracks=SPEEDS)
+    with pytest.raises(ReplayError, match=r"All 100 times are"):
+        inspect(written("%.5g"))
+    log = read(written("%.1f"), tracks=SPEEDS)
+    assert "column 't' has a resolution of 0.1 s: written with too few digits?" in log.notes[0]
+    assert inspect(written("%.1f")).notes[0] == log.notes[0]
+    assert read(written("%.3f"), tracks=SPEEDS).notes == ()
+
+
 @pytest.mark.parametrize(
     ("unit", "factor"),
     [("rad/s", 0.5), ("rpm", 0.5 * 2.0 * np.pi / 60.0), ("mm/s", 1e-3), ("km/h", 1.0 / 3.6)],

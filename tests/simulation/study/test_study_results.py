@@ -67,6 +67,14 @@ def test_runs_that_share_their_motion_count_as_one():
     )
 
 
+def test_intervals_of_positive_statistics_stay_above_zero():
+    motions, one = np.arange(4), np.ones(4)
+    found = summarise(np.array([0.1, 0.1, 0.2, 2.6]), one, motions)
+    assert 0.0 < found.mean_low < found.mean < found.mean_high
+    assert 0.0 < found.ratio_low < found.ratio < found.ratio_high
+    assert found.difference_low < found.difference < found.difference_high
+
+
 @pytest.mark.parametrize("runs_of_each", [1, 5])
 def test_intervals_hold_the_truth_as_often_as_they_say(runs_of_each):
     rng = np.random.default_rng(3)
