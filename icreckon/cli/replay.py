@@ -38,8 +38,9 @@ from icreckon.estimator.robot.variants import find_variant
 from icreckon.replay.bags.decoding import Definitions, read_definitions
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.base.outputs import MANIFEST
+from icreckon.replay.checking.check import LATENCY
 from icreckon.replay.checking.robot_check import check_robot
-from icreckon.replay.checking.worth import BY_PATH, judged
+from icreckon.replay.checking.worth import judged
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS
 from icreckon.replay.comparison.fixes import parse_part
 from icreckon.replay.comparison.many import (
@@ -86,7 +87,7 @@ class _Drive:
         # A stream that is missing has a note by the reader.
         found = [one for one in check_robot(log, self.robot) if one.name != "IMU"]
         notes: list[str] = []
-        if log.truth is not None and any(one.problem and one.name in BY_PATH for one in found):
+        if log.truth is not None and any(one.problem and one.name == LATENCY for one in found):
             with progress("filtering, as the file is and corrected"), suppress(ReplayError):
                 found, _, notes = judged(log, self.robot, found)
         notes += [f"{OF_ROBOT_FILE}{one.problem}" for one in found if one.problem]
