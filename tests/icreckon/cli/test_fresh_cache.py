@@ -72,7 +72,7 @@ def test_replays_at_once_say_what_one_after_prepare_says(prepared, tmp_path, tmp
     shared = tmp_path_factory.mktemp("shared")
     simulated = ("--duration", "60", "--fix-rate", "1", "--truth", "kinematic")
     finished(icreckon(prepared, tmp_path, "simulate", "--out", "log", *simulated))
-    command = ("replay", "log", "--robot", "auriga-alpha", "--engine", "batch", "--formats", "none")
+    command = ("replay", "log", "--robot", "auriga-alpha", "--formats", "none")
 
     def replay(cache: Path, out: str) -> subprocess.Popen[str]:
         return icreckon(cache, tmp_path, *command, "--variants", "gyro", "--out", out)
