@@ -56,10 +56,10 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
         of_tracks, of_imu, more = estimator.feed_samples(samples, Rows(0).arrays)
         samples, used = samples.after(of_tracks, of_imu), used + more
         # What is left begins with a sample that needs more than a step.
-        left = [int(one[0]) for one in (samples.track_stamps, samples.imu_stamps) if len(one)]
-        if left:
-            used += _feed_each(estimator, log.between(min(left), min(left)))
-            samples = samples_of(log.between(min(left) + 1, end))
+        first = samples.first
+        if first is not None:
+            used += _feed_each(estimator, log.between(first, first))
+            samples = samples_of(log.between(first + 1, end))
     return used + _feed_each(estimator, log.between(end + 1, log.end))
 
 
