@@ -14,7 +14,7 @@ with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as _stub:  # pathlib 
 _HOMES = {words[5]: (words[1], words[3]) for words in _LINES}
 
 __all__ = sorted(_HOMES)  # noqa: PLE0605 - the stub is the one list of names
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 # A program decides where the records of `icreckon` and the loggers below it go.
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 

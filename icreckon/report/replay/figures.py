@@ -73,7 +73,7 @@ def write_figure(path: Path, results: Results) -> None:
         figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=10)
         title = "\n".join([_title(results), *failures(results)])
         figure.suptitle(printable(title), fontsize=12)
-        figure.savefig(path, dpi=DOTS)
+        figure.savefig(path, dpi=DOTS, metadata={"Title": title})
 
 
 def _shades(axes: Axes) -> list[Any]:
@@ -116,7 +116,8 @@ def _title(results: Results) -> str:
     }
     text = ", ".join(f"{name} {value:.2f} %" for name, value in drifts.items() if value is not None)
     drift = f"\ndrift after 30 s without fixes: {text}" if text else ""
-    return f"{title}, truth: {truth['source']}{drift}"
+    simulated = "simulated: " if results["command"] == "demo" else ""
+    return f"{simulated}{title}, truth: {truth['source']}{drift}"
 
 
 def _detailed(results: Results) -> list[str]:
