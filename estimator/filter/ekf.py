@@ -92,8 +92,7 @@ class Ekf:
         model: the motion model.
 
     Attributes:
-        regressors: (3, 9) smoothed derivatives of the twist by the parameters; None before the first
-            step.
+        regressors: (3, 9) smoothed derivatives of the twist by the parameters, of the steps before.
         clones: stochastic clones, None if there are none; they change nothing else.
         observer: observer of all changes, or None.
         considered: consider states: updates do not move them, but their covariance counts
@@ -104,7 +103,7 @@ class Ekf:
     evaluation: Evaluation
 
     def __init__(self, model: MotionModel) -> None:
-        self.regressors: Floats | None = None
+        self.regressors: Floats = np.zeros((3, s.PARAMETER_COUNT))
         self.clones: Clones | None = None
         self.observer: Observer | None = None
         self.considered: tuple[int, ...] = ()
@@ -157,13 +156,11 @@ class Ekf:
             right: measured speed of the right track [m/s].
             slip_shares: factors on the slip, for its mean over a step.
         """
-        smoothed = b"" if self.regressors is None else self.regressors.tobytes()
-        memory = self.model.memory.tobytes()
-        at = (left, right, *slip_shares, self.x.tobytes(), memory, smoothed)
+        arrays = self.x.tobytes(), self.model.memory.tobytes(), self.regressors.tobytes()
+        at = (left, right, *slip_shares, *arrays)
         if at != self._evaluated_at:
             model = self.evaluation(self, left, right, slip_shares)
-            if self.regressors is not None:
-                model.jacobian[:, s.PARAMETERS] = self.regressors
+            model.jacobian[:, s.PARAMETERS] = self.regressors
             self._evaluated, self._evaluated_at = model, at
         return self._evaluated
 
