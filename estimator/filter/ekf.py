@@ -9,8 +9,8 @@ Parameters, biases and scales are constants or random walks. The fast slip is wh
 next, and contains the error of the track speeds. It is part of the state because one error both moves the
 pose and shows in the gyro's innovation. It also keeps fast motion from moving the parameters. With slow
 slip alone, quick changes would count for too much, and noisy track speeds are bad regressors for them
-(errors in variables). For the same reason the derivatives by the parameters are smoothed in time: their
-noise is that of the track speeds, which is in the innovation, too.
+(errors in variables). For the same reason the derivatives by the parameters are those of the turn that
+tracks and yaw rate both show, smoothed in time: noise of the track speeds is in the innovation, too.
 
 The steps are those of `icreckon.estimator.engine.step`.
 
