@@ -21,7 +21,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.records import shared_record
-from icreckon.estimator.embedded.c_kernels import first_kernel, motion_kernel
+from icreckon.estimator.embedded.c_kernels import derivatives_kernel, first_kernel, motion_kernel
 from icreckon.estimator.embedded.c_records import Records
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.engine.filters import BatchFilter, work_places
@@ -106,6 +106,7 @@ KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
     "heading": partial(heading_kernel, kind=AHEAD),
     "start": first_kernel,
     "motion": motion_kernel,
+    "derivatives": derivatives_kernel,
 }
 
 

@@ -30,3 +30,11 @@ def motion_kernel(name: str, shape: FilterShape) -> Kernel:
     lane.stores.update(zip(MOTION, now.motion.indices, strict=False))
     lane.store_twist(lane.with_smoothed_derivatives(now))
     return lane.kernel(name, with_fast_slip=True)
+
+
+def derivatives_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make the kernel of the regressors before the first step, not smoothed."""
+    lane = Lane(shape, with_fast_slip=True)
+    for axis, row in enumerate(lane.twist_model(lane.input("left"), lane.input("right")).rows):
+        lane.stores |= {f"r{axis}_{i}": row[i] for i in lane.layout.parameters if i in row}
+    return lane.kernel(name, with_fast_slip=True)

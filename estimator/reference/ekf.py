@@ -85,8 +85,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         model: the motion model.
 
     Attributes:
-        regressors: (3, 9) smoothed derivatives of the twist by the parameters, of the steps before; None
-            for those of the present speeds.
+        regressors: (3, 9) smoothed derivatives of the twist by the parameters; None before the first
+            step.
     """
 
     def __init__(self, model: MotionModel) -> None:
@@ -150,21 +150,12 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             speeds = left * of_left, right * of_right
             self.model.begin_step(dt, *speeds, x[s.PARAMETERS], gravity_in(x))
 
-    def _derivatives_of_the_turn(self, left: float, right: float, shares: Triple) -> Floats:
-        """Derivatives by the parameters at the turn that both tracks and yaw rate show.
-
-        So noise of either teaches no parameter (errors in variables).
-        """
-        x, now = self.x, self._evaluate(left, right, shares)
-        of_tracks = now.twist[2] - (shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP][2])
-        both = min(now.twist[2], of_tracks, key=abs) if now.twist[2] * of_tracks > 0.0 else 0.0
-        by = now.by_speeds[2]
-        left, right = np.array((left, right)) + by * ((both - of_tracks) / by.dot(by))
-        self.x = x.copy()
-        self.x[s.SLIP] = self.x[s.FAST_SLIP] = 0.0
-        found = self._evaluate(left, right, shares).jacobian[:, s.PARAMETERS]
-        self.x = x
-        return found
+    def smooth_regressors(self, dt: float, left: float, right: float) -> None:
+        """Smooth the derivatives by the parameters, at the start of a step."""
+        now, before = self._evaluate(left, right, WHOLE).jacobian[:, s.PARAMETERS], self.regressors
+        if before is not None:
+            now = before + smoothing_share(dt, REGRESSOR_SMOOTHING) * (now - before)
+        self.regressors = now.copy()
 
     def predict_motion(
         self,
@@ -187,10 +178,6 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             *(gauss_markov(dt, tau) for tau in noise.time_constants), strict=True
         )
         model, gravity = self.twist_model(left, right, mean), self.x[s.GRAVITY].tolist()
-        if self.regressors is not None:
-            self.regressors += smoothing_share(dt, REGRESSOR_SMOOTHING) * (
-                self._derivatives_of_the_turn(left, right, mean) - self.regressors
-            )
         biases, down = self.x[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]], down_of(gravity)
         roll_rate, pitch_rate = (np.array(tilt_rates) - biases).tolist()
         known = not math.isnan(roll_rate)

@@ -74,7 +74,6 @@ class ReferenceFilter:
         model, state, sigmas, self._disturbances = assumptions(robot, of_variant, settings)
         state[s.POSE], sigmas[s.POSE] = start, start_sigma
         self.ekf = IcrEkf(model)
-        self.ekf.regressors = np.zeros((3, s.PARAMETER_COUNT))
         self.ekf.x, self.ekf.P = state, np.diag(sigmas**2)
         self._settings, self._uses_force = settings, of_variant.accelerometers
         self._sensors = SensorModels(robot)
@@ -130,6 +129,7 @@ class ReferenceFilter:
         if dt > 0.0:
             ekf.x[s.FAST_SLIP] = 0.0
             ekf.begin_step(dt, left, right)
+            ekf.smooth_regressors(dt, left, right)
             ekf.renew_fast_slip(self._density(m.stamp) / dt)
         # Update with what the IMU shows of it: standstill, yaw rate, specific force.
         if record.stands:
