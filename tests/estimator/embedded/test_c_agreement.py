@@ -96,8 +96,8 @@ def with_velocities(log: Log) -> list[Measurement]:
     [
         ("inertia-online", Settings()),
         ("gyro", Settings()),
-        ("constant-online", Settings(considered=("eta0",))),
-        ("inertia-online", Settings(wander=FixWander(sigma=2.0, time=60.0))),
+        thorough("constant-online", Settings(considered=("eta0",))),
+        thorough("inertia-online", Settings(wander=FixWander(sigma=2.0, time=60.0))),
     ],
 )
 def test_velocities_and_zero_velocities(variant: str, settings: Settings) -> None:
