@@ -19,11 +19,13 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.log.input_checks import RANKS
 from icreckon.estimator.log.measurements import (
+    BodyVelocity,
     HeadingFix,
     ImuSample,
     Measurement,
     PositionFix,
     TrackSpeeds,
+    ZeroVelocity,
 )
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
@@ -124,6 +126,8 @@ class CFilter:
         lib.icr_imu.argtypes = [at, stamp, at, at]
         lib.icr_position.argtypes = [at, stamp] + [real] * 5
         lib.icr_heading.argtypes = [at, stamp, real, real]
+        lib.icr_velocity.argtypes = [at, stamp] + [real] * 3
+        lib.icr_zero_velocity.argtypes = [at, stamp, at]
         lib.icr_load.argtypes = [at, at, real]
         lib.icr_load.restype = ctypes.c_bool
         learnt = sum(one in LEARNT for one in self.states)
@@ -159,6 +163,10 @@ class CFilter:
                 return int(lib.icr_position(of, m.stamp, *values))
             case HeadingFix():
                 return int(lib.icr_heading(of, m.stamp, m.yaw, m.variance))
+            case BodyVelocity():
+                return int(lib.icr_velocity(of, m.stamp, m.v_x, m.v_y, m.variance))
+            case ZeroVelocity():
+                return int(lib.icr_zero_velocity(of, m.stamp, self.three(*m.sigma)))
         raise AssertionError(m)
 
     @property
@@ -221,7 +229,7 @@ def compare(
         if used != (result == USED):
             off.results += 1
             off.at = off.at or f"{measurement}: {used}, {result}"
-        is_fix = isinstance(measurement, PositionFix | HeadingFix)
+        is_fix = not isinstance(measurement, TrackSpeeds | ImuSample)
         if expected.stamp is not None and (is_fix or number % every == 0):
             add_difference(off, found, expected, measurement)
     return off

@@ -21,12 +21,12 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.records import shared_record
-from icreckon.estimator.embedded.c_kernels import derivatives_kernel, first_kernel, motion_kernel
+from icreckon.estimator.embedded.c_kernels import first_kernel, inside_kernel, motion_kernel
 from icreckon.estimator.embedded.c_records import Records
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.engine.filters import BatchFilter, work_places
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
-from icreckon.estimator.engine.lane import FilterShape
+from icreckon.estimator.engine.lane import FAST, FilterShape
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
 from icreckon.estimator.engine.layout import FACTORS, INPUTS, MOTION, TREND, covariance_name
 from icreckon.estimator.engine.one_lane import OF_TIME
@@ -37,6 +37,7 @@ from icreckon.estimator.faults.scattering_fixes import ScatterRecord, wanders
 from icreckon.estimator.faults.sliding_robot import slides
 from icreckon.estimator.faults.spinning_tracks import is_found
 from icreckon.estimator.faults.stuck_tracks import frozen_from, stuck_from
+from icreckon.estimator.filter.ekf import LEAST_VARIANCE, ROUNDING_SHARE, SHARP
 from icreckon.estimator.filter.filter_record import (
     DEPARTURE,
     FilterRecord,
@@ -44,10 +45,11 @@ from icreckon.estimator.filter.filter_record import (
     ends_step,
     take_track_speeds,
 )
-from icreckon.estimator.filter.gate import LONGEST_COUNTED
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LARGEST_INFLATION, LONGEST_COUNTED
 from icreckon.estimator.filter.initial_state import assumptions
 from icreckon.estimator.filter.reacquisition import RejectedRecord, add_rejected
 from icreckon.estimator.log import input_checks
+from icreckon.estimator.log.measurements import STANDSTILL_SIGMA
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings, wander_of
 from icreckon.estimator.robot.variants import Variant, state_names
@@ -55,12 +57,12 @@ from icreckon.estimator.sensors import imu_clock
 from icreckon.estimator.sensors.held_tracks import TrackRecord, is_hole, smoothing_share, speeds_at
 from icreckon.estimator.sensors.imu_clock import ClockRecord
 from icreckon.estimator.sensors.input_settings import InputSettings, input_settings
-from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
+from icreckon.estimator.sensors.measurement_models import IMU_SENSORS, POSE_FIXED, STANDING_FIXED
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import is_carried
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.c_functions import Functions
-from icreckon.estimator.tracing.c_kernel import kernel_in_c, literal
+from icreckon.estimator.tracing.c_kernel import function_name, kernel_in_c, literal
 from icreckon.estimator.tracing.c_types import INT, REAL, Code, Type
 from icreckon.estimator.tracing.kernel import Kernel
 
@@ -76,6 +78,7 @@ WITHOUT = frozenset(
 RECORD = f"icr_{FilterRecord.__name__}"
 SETTINGS, PLACES = Type("record", "icr_InputSettings"), Type("record", "Places")
 LEARNT = range(s.LEARNT.start, s.LEARNT.stop)
+SLIP_STATES = s.SLIP_X, s.SLIP_Y, s.SLIP_W
 # Highest rate of an IMU [Hz].
 FASTEST_IMU = 10_000.0
 # Constants of a kernel that differ from step to step.
@@ -85,8 +88,6 @@ GATES = ("gyro", "heading")
 # Rows that the filter reads, by their names in C.
 ROWS = {
     "STOOD": "stood",
-    "TWIST": "v_x",
-    "MOTION": "zeta",
     "PREDICTED": "predicted_x",
     "INNOVATION": "position_z_x",
     **{f"USED_{gate}".upper(): f"{gate}_used" for gate in GATES},
@@ -106,7 +107,7 @@ KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
     "heading": partial(heading_kernel, kind=AHEAD),
     "start": first_kernel,
     "motion": motion_kernel,
-    "derivatives": derivatives_kernel,
+    "inside": inside_kernel,
 }
 
 
@@ -158,6 +159,7 @@ class _Export:
             raise EstimatorError(f"{variant.name!r} has no form in C: {problem}") from None
         self._shape, self._layout, self._rows = filter_.shape, filter_.layout, filter_.rows
         self._states = [i for i in self._shape.states if i < s.SIZE]
+        self._all_states = *self._shape.states, *FAST
         self._inputs = input_settings(robot, settings)
         self._record: Any = shared_record(FilterRecord(self._inputs))
         lanes = filter_.begin(np.zeros((1, 2)), np.zeros(3), np.zeros(3))
@@ -248,11 +250,20 @@ class _Export:
         rows, places = self._rows, self._layout.constants
         names = state_names(self._variant)
         learnt = [i for i in self._states if i in LEARNT]
+        parameters = self._layout.parameters
         defines = {
             "INPUTS": len(INPUTS),
             "CONSTANTS": 1 + max(places[constant] for constant in VARYING),
             "READINGS": self._readings,
             "STATES": len(self._states),
+            "STATES_AND_WANDER": len(self._shape.states),
+            "ALL": len(self._all_states),
+            "INDICES": 9,
+            "DERIVATIVES": 12,
+            "MOTION_COUNT": 12 + 3 * len(self._all_states),
+            "PARAMETERS": len(parameters),
+            "FIRST_PARAMETER": self._states.index(parameters[0]) if parameters else 0,
+            "ROW_REGRESSORS": rows[f"r0_{parameters[0]}"] if parameters else 0,
             "WANDERS": int(s.WANDER_X in self._shape.states),
             **{constant.upper(): places[constant] for constant in VARYING},
             **{f"ROW_{name}": rows[row] for name, row in ROWS.items()},
@@ -264,11 +275,12 @@ class _Export:
             "ROBOT": self._robot.name,
             "VARIANT": self._variant.name,
             "REAL": "double" if self._bits == 64 else "float",
+            "SQRT": function_name("sqrt", self._bits),
             "TOLERANCE": f"{TOLERANCE[self._bits]:g}",
             "IMU_RATE": f"{self._imu_rate:g}",
             "DEFINES": "\n".join(f"#define {name} {value}" for name, value in defines.items()),
             # Rows behind these are outputs of other kernels.
-            "ROW_COUNT": str(rows[MOTION[2]] + 1),
+            "ROW_COUNT": str(rows[MOTION[0]]),
             "READING_COUNT": str(self._readings),
             "LEARNT_COUNT": str(len(learnt)),
             "STATE_ENUM": "\n".join(f"    ICR_{names[i].upper()}," for i in self._states),
@@ -280,7 +292,10 @@ class _Export:
         rows, settings, number = self._rows, self._settings, self._number
         walks = assumptions(self._robot, self._variant, settings).disturbances.bias_walk ** 2
         learnt = [k for k, i in enumerate(self._states) if i in LEARNT]
-        pairs = product(self._states, self._states)
+        places, unmoved = self._all_states, {*self._shape.considered, s.WANDER_X, s.WANDER_Y}
+        pairs = product(places, places)
+        of_velocity, of_standing = ({*fixed, *unmoved} for fixed in (POSE_FIXED, STANDING_FIXED))
+        fixed = [(i in of_velocity) + 2 * (i in of_standing) for i in places]
         values = enumerate(self._workspace)
         start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
         uses_force = settings.use_accelerometer and self._variant.accelerometers
@@ -289,20 +304,32 @@ class _Export:
             "MOUNTING": self._array(
                 "real MOUNTING[18]", SensorModels(self._robot).mounting.ravel()
             ),
+            "VALUES": self._array("uint16_t VALUES[ALL]", [rows[f"x{i}"] for i in places]),
+            "FIXED": self._array("uint8_t FIXED[ALL]", fixed)
+            + self._array("uint8_t SLIP_PLACE[3]", [places.index(i) for i in SLIP_STATES]),
             "COVARIANCES": self._array(
-                "uint16_t COVARIANCES[STATES * STATES]",
+                "uint16_t COVARIANCES[ALL * ALL]",
                 [rows[covariance_name(i, j)] for i, j in pairs],
             ),
             "LEARNT": self._array("uint16_t LEARNT[]", learnt),
             "WALKS": self._array("real WALKS[]", [walks[self._states[k]] for k in learnt]),
             "START": "\n".join([*start, *self._records.initial(self._record, "filter->record")]),
             "USES_FORCE": "true" if uses_force else "false",
+            "FASTEST": number(fastest),
             "HOLD": number(self._inputs.hold),
             "HOLD_NS": f"INT64_C({self._inputs.hold_ns})",
             "SLOW": number(self._inputs.track_speed),
             "GAUGE": number(self._robot.vehicle.track_gauge),
             "NANOSECOND": number(NANOSECOND),
             "SMOOTHING_TIME": number(REGRESSOR_SMOOTHING),
+            "SHARP": number(SHARP),
+            "ROUNDING_SHARE": number(ROUNDING_SHARE),
+            "LEAST_VARIANCE": number(LEAST_VARIANCE),
+            "THRESHOLD_2": number(CHI_SQUARE_1E4[2]),
+            "THRESHOLD_3": number(CHI_SQUARE_1E4[3]),
+            "PATIENCE": number(settings.gates.patience),
+            "LARGEST_INFLATION": number(LARGEST_INFLATION),
+            "STANDSTILL_SIGMA": ", ".join(map(number, STANDSTILL_SIGMA)),
             "LONGEST_COUNTED": number(LONGEST_COUNTED),
             "LONGEST_GAP": f"INT64_C({int(settings.longest_gap / NANOSECOND)})",
             "WITNESSES": str(input_checks.CLOCK_WITNESSES),

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
-from icreckon.estimator.engine.lane import FilterShape, Lane
-from icreckon.estimator.engine.layout import MOTION
-from icreckon.estimator.tracing.kernel import Kernel
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, array_rows
+from icreckon.estimator.engine.step import Step, StepKind
+from icreckon.estimator.tracing import trace
+from icreckon.estimator.tracing.kernel import Kernel, Store
 
 
 def first_kernel(name: str, shape: FilterShape) -> Kernel:
@@ -24,17 +25,23 @@ def first_kernel(name: str, shape: FilterShape) -> Kernel:
 
 
 def motion_kernel(name: str, shape: FilterShape) -> Kernel:
-    """Make the kernel of a body velocity with its covariance and indices."""
+    """Make the kernel of a body velocity.
+
+    It stores into an array: the twist (3,), the density of the fast slip (3, 3) above its diagonal, the
+    indices (3,), and the derivatives (3, n) of the twist by all states, which are not smoothed.
+    """
     lane = Lane(shape, with_fast_slip=True)
     now = lane.twist_model(lane.input("left"), lane.input("right"))
-    lane.stores.update(zip(MOTION, now.motion.indices, strict=False))
-    lane.store_twist(lane.with_smoothed_derivatives(now))
-    return lane.kernel(name, with_fast_slip=True)
+    density = Step(lane, StepKind(draws=False, moves=False, imu=False)).density(now)
+    values = [*now.twist, *(density[i][j] for i in range(3) for j in range(i, 3))]
+    values += now.motion.indices
+    values += [row.get(i, 0.0) for row in now.rows for i in (*shape.states, *FAST)]
+    stores = [Store("found", place, trace.lift(value)) for place, value in enumerate(values)]
+    return Kernel(name, array_rows(shape.layout), stores, (), [])
 
 
-def derivatives_kernel(name: str, shape: FilterShape) -> Kernel:
-    """Make the kernel of the regressors before the first step, not smoothed."""
+def inside_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make the kernel that projects the parameters onto their bounds."""
     lane = Lane(shape, with_fast_slip=True)
-    for axis, row in enumerate(lane.twist_model(lane.input("left"), lane.input("right")).rows):
-        lane.stores |= {f"r{axis}_{i}": row[i] for i in lane.layout.parameters if i in row}
+    lane.keep_inside_bounds()
     return lane.kernel(name, with_fast_slip=True)

@@ -6,11 +6,13 @@ from collections.abc import Iterable
 
 from icreckon.estimator.log.input_checks import RANKS
 from icreckon.estimator.log.measurements import (
+    BodyVelocity,
     HeadingFix,
     ImuSample,
     Measurement,
     PositionFix,
     TrackSpeeds,
+    ZeroVelocity,
 )
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.variants import Variant
@@ -36,7 +38,7 @@ def vectors_of(
         robot: the robot.
         variant: the filter variant.
         states: indices of the states that the filter in C estimates.
-        measurements: track speeds, IMU samples, position and heading fixes, in any order.
+        measurements: those that the filter in C takes, in any order.
     """
     estimator, rows = PoseEstimator(robot, variant.name), [HEADER]
     ordered = sorted(measurements, key=lambda one: (one.stamp, RANKS[type(one)]))
@@ -66,4 +68,8 @@ def values_of(measurement: Measurement) -> tuple[str, list[float]] | None:
             return "position", [x, y, variance, forward, left]
         case HeadingFix(yaw=yaw, variance=variance):
             return "heading", [yaw, variance]
+        case BodyVelocity(v_x=v_x, v_y=v_y, variance=variance):
+            return "velocity", [v_x, v_y, variance]
+        case ZeroVelocity(sigma=sigma):
+            return "zero", [*sigma]
     return None

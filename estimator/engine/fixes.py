@@ -130,7 +130,7 @@ def position_kernel(
     for axis in (s.X, s.Y):
         rest = z[axis] - shift_of(rows[axis], x, before)
         lane.update(rest, rows[axis], R[axis], fixed=shape.considered, only=used)
-    lane.cover_rounding()
+    lane.cover_rounding(of_fix=True)
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, tested, interval)
     factor, present = (select(found, LARGEST_FACTOR, lane.row(name)) for name in FACTORS)
@@ -176,7 +176,7 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         patience=lane.constant("patience"),
         interval=lane.input("heading_interval"),
     )
-    lane.cover_rounding()
+    lane.cover_rounding(of_fix=True)
     lane.keep_inside_bounds()
     return _finished(lane, name, (), kind)
 

@@ -30,6 +30,8 @@ from icreckon.estimator.tracing.trace import minimum, select
 FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
 # A value that violates a bound by less is inside: that is rounding. By bits of a number.
 OUTSIDE = {64: ROUNDING, 32: 1e-6}
+# As `ekf.SHARP` and `ekf.ROUNDING_SHARE`, by bits of a number.
+SHARP_UPDATES = {64: (SHARP, ROUNDING_SHARE), 32: (1e-3, 2.0**-18)}
 # A factor and a vector.
 Part = tuple[Any, Vector]
 
@@ -263,7 +265,7 @@ class Lane:
         fixed: Iterable[int],
         stand_in: int | None = None,
     ) -> None:
-        is_sharp = (R * inverse_S < SHARP) & (inverse_S > 0.0)
+        is_sharp = (R * inverse_S < SHARP_UPDATES[self.shape.bits][0]) & (inverse_S > 0.0)
         more = select(is_sharp, 1.0, 0.0)
         self._sharp, fixed = self._sharp + more, tuple(fixed)
         gains = self.P.update(cross, inverse_S, fixed, None if stand_in is None else (stand_in, H))
@@ -367,14 +369,17 @@ class Lane:
         else:
             self.report("motion", (yaw,), (s.YAW,))
 
-    def cover_rounding(self) -> None:
+    def cover_rounding(self, *, of_fix: bool = False) -> None:
         """Inflate the states after sharp updates, as `Ekf.update_scalar` after each.
 
-        Single precision is for studies, whose sensors are not sharp.
+        In single precision only fixes are sharp, after hours without any: standstills, which come often,
+        would inflate all states for no reason.
         """
-        if self.shape.bits == 64:
-            for i, more in self.P.inflate(ROUNDING_SHARE * self._sharp).items():
-                self.report("inflated", (more,), (i,))
+        if self.shape.bits == 32 and not of_fix:
+            return
+        share = SHARP_UPDATES[self.shape.bits][1]
+        for i, more in self.P.inflate(share * self._sharp).items():
+            self.report("inflated", (more,), (i,))
 
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `bounds.inside`, if a lane is outside."""

@@ -184,7 +184,7 @@ class Step:
                 if i in row:
                     before = lane.row(f"r{axis}_{i}")
                     row[i] = lane.stores[f"r{axis}_{i}"] = before + smoothing * (row[i] - before)
-        density = self._density(now)
+        density = self.density(now)
         per_dt = 1.0 / lane.constant("dt")
         entries = {
             (FAST[i], FAST[j]): density[i][j] * per_dt for i in range(3) for j in range(i, 3)
@@ -204,7 +204,7 @@ class Step:
         """
         lane = self.lane
         dt, now = lane.constant("dt"), lane.with_smoothed_derivatives(self.model)
-        density = self._density(now)
+        density = self.density(now)
         step, by_yaw, M = model.step_on_se2(lane.x[s.YAW], [part * dt for part in now.twist])
         yaws = (by_yaw[0], by_yaw[1], 0.0)
         rows: list[Vector] = []
@@ -225,7 +225,7 @@ class Step:
         ]
         return PredictedPose([lane.x[i] + step[i] for i in range(3)], rows, covariance)
 
-    def _density(self, now: model.TracedTwist) -> Any:
+    def density(self, now: model.TracedTwist) -> Any:
         """Density (3, 3) of the fast slip."""
         lane = self.lane
         return model.fast_slip_density(

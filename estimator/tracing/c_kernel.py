@@ -31,6 +31,8 @@ def function_name(name: str, bits: int) -> str:
 def kernel_in_c(kernel: Kernel, bits: int) -> str:
     """C function of `lanes`, `inputs` and `constants` that returns the kernel's flags.
 
+    A kernel that stores into an array `found` has it as its fourth argument.
+
     Args:
         kernel: kernel in traced numbers; the function has its name.
         bits: number of bits of each number, 64 or 32.
@@ -72,6 +74,8 @@ class _Writer:
             for place, flag in enumerate(kernel.flags)
         ]
         parameters = "real *lanes, const real *restrict inputs, const real *restrict constants"
+        if any(store.array == "found" for store in kernel.stores):
+            parameters += ", real *restrict found"
         unused = [f"    (void){array};" for array in ("lanes", "inputs", "constants")]
         body = [*unused, *self._lines, f"    return {' | '.join(flags) or '0'};"]
         return "\n".join([f"static uint32_t {kernel.name}({parameters})", "{", *body, "}", ""])

@@ -10,8 +10,15 @@ from agreement_scenes import SCENES
 from c_filters import CFilter, Difference, compare, in_order
 from conftest import sample, thorough
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
+from icreckon.estimator.log.measurements import (
+    BodyVelocity,
+    ImuSample,
+    Measurement,
+    TrackSpeeds,
+    ZeroVelocity,
+)
 from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
@@ -62,6 +69,47 @@ def test_all_variants_can_be_exported(variant: str) -> None:
     )
     found, expected = CFilter(ROBOT, variant), PoseEstimator(ROBOT, variant)
     off = compare(found, expected, simulate(scenario, ROBOT).measurements())
+    assert off.results == 0, off.at
+    assert off.state < DOUBLE, off.at
+    assert max(off.covariance, off.twist) < 1e-8, off.at
+
+
+def with_velocities(log: Log) -> list[Measurement]:
+    """Measurements of a simulated log, and velocities, wrong ones for 15 s."""
+    truth, found = log.truth, list(log.measurements())
+    assert truth is not None
+    assert truth.twists is not None
+    rng = np.random.default_rng(0)
+    for k in range(10, len(truth.twists.stamps), 10):
+        stamp = int(truth.twists.stamps[k]) + (k % 3) * 3_000_000
+        v_x, v_y, w = truth.twists.twists[k]
+        wrong = 1.0 if 20.0 < (stamp - log.start) * 1e-9 < 35.0 else 0.0
+        noise = 0.02 * rng.normal(size=2)
+        found.append(BodyVelocity(stamp, v_x + wrong + noise[0], v_y + noise[1], 4e-4))
+        if abs(v_x) + abs(w) < 1e-6:
+            found.append(ZeroVelocity(stamp + 1_000_000 * (k % 2)))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("variant", "settings"),
+    [
+        ("inertia-online", Settings()),
+        ("gyro", Settings()),
+        thorough("constant-online", Settings(considered=("eta0",))),
+        thorough("inertia-online", Settings(wander=FixWander(sigma=2.0, time=60.0))),
+    ],
+)
+def test_velocities_and_zero_velocities(variant: str, settings: Settings) -> None:
+    scenario = Scenario(duration=60.0, seed=8, trajectory="stop-and-go", fix_rate=0.5)
+    log = simulate(scenario, ROBOT)
+    found = CFilter(ROBOT, variant, settings)
+    expected = PoseEstimator(ROBOT, variant, settings=settings)
+    off = compare(found, expected, with_velocities(log))
+    counts = expected.health.sensors["body velocity"]
+    assert counts.reacquired > 0
+    assert sum(counts.rejected.values()) > 50
+    assert expected.health.sensors["zero velocity"].used > 20
     assert off.results == 0, off.at
     assert off.state < DOUBLE, off.at
     assert max(off.covariance, off.twist) < 1e-8, off.at
