@@ -21,7 +21,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.records import shared_record
-from icreckon.estimator.embedded.c_kernels import first_kernel, inside_kernel, motion_kernel
+from icreckon.estimator.embedded import c_kernels
 from icreckon.estimator.embedded.c_records import Records
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.engine.filters import BatchFilter, work_places
@@ -105,9 +105,9 @@ KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
     "propagate": partial(step_kernel, kind=PART._replace(imu=False, moves=True)),
     "position": partial(position_kernel, kind=AHEAD),
     "heading": partial(heading_kernel, kind=AHEAD),
-    "start": first_kernel,
-    "motion": motion_kernel,
-    "inside": inside_kernel,
+    "start": c_kernels.first_kernel,
+    "motion": c_kernels.motion_kernel,
+    "inside": c_kernels.inside_kernel,
 }
 
 
@@ -258,9 +258,9 @@ class _Export:
             "STATES": len(self._states),
             "STATES_AND_WANDER": len(self._shape.states),
             "ALL": len(self._all_states),
-            "INDICES": 9,
-            "DERIVATIVES": 12,
-            "MOTION_COUNT": 12 + 3 * len(self._all_states),
+            "INDICES": c_kernels.INDICES,
+            "DERIVATIVES": c_kernels.DERIVATIVES,
+            "MOTION_COUNT": c_kernels.DERIVATIVES + 3 * len(self._all_states),
             "PARAMETERS": len(parameters),
             "FIRST_PARAMETER": self._states.index(parameters[0]) if parameters else 0,
             "ROW_REGRESSORS": rows[f"r0_{parameters[0]}"] if parameters else 0,
@@ -292,10 +292,10 @@ class _Export:
         rows, settings, number = self._rows, self._settings, self._number
         walks = assumptions(self._robot, self._variant, settings).disturbances.bias_walk ** 2
         learnt = [k for k, i in enumerate(self._states) if i in LEARNT]
-        places, unmoved = self._all_states, {*self._shape.considered, s.WANDER_X, s.WANDER_Y}
-        pairs = product(places, places)
+        states, unmoved = self._all_states, {*self._shape.considered, s.WANDER_X, s.WANDER_Y}
+        pairs = product(states, states)
         of_velocity, of_standing = ({*fixed, *unmoved} for fixed in (POSE_FIXED, STANDING_FIXED))
-        fixed = [(i in of_velocity) + 2 * (i in of_standing) for i in places]
+        fixed = [(i in of_velocity) + 2 * (i in of_standing) for i in states]
         values = enumerate(self._workspace)
         start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
         uses_force = settings.use_accelerometer and self._variant.accelerometers
@@ -304,9 +304,9 @@ class _Export:
             "MOUNTING": self._array(
                 "real MOUNTING[18]", SensorModels(self._robot).mounting.ravel()
             ),
-            "VALUES": self._array("uint16_t VALUES[ALL]", [rows[f"x{i}"] for i in places]),
+            "VALUES": self._array("uint16_t VALUES[ALL]", [rows[f"x{i}"] for i in states]),
             "FIXED": self._array("uint8_t FIXED[ALL]", fixed)
-            + self._array("uint8_t SLIP_PLACE[3]", [places.index(i) for i in SLIP_STATES]),
+            + self._array("uint8_t SLIP_PLACE[3]", [states.index(i) for i in SLIP_STATES]),
             "COVARIANCES": self._array(
                 "uint16_t COVARIANCES[ALL * ALL]",
                 [rows[covariance_name(i, j)] for i, j in pairs],

@@ -9,6 +9,9 @@ from icreckon.estimator.engine.step import Step, StepKind
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.kernel import Kernel, Store
 
+# Places of the indices and of the derivatives in what `motion_kernel` stores.
+INDICES, DERIVATIVES = 9, 12
+
 
 def first_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make the kernel of the first track speeds: a moving robot may slip already."""

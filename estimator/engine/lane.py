@@ -30,7 +30,7 @@ from icreckon.estimator.tracing.trace import minimum, select
 FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
 # A value that violates a bound by less is inside: that is rounding. By bits of a number.
 OUTSIDE = {64: ROUNDING, 32: 1e-6}
-# As `ekf.SHARP` and `ekf.ROUNDING_SHARE`, by bits of a number.
+# As `ekf.SHARP` and `ekf.ROUNDING_SHARE`, by bits of a number; of 32 by `test_c_day.py`.
 SHARP_UPDATES = {64: (SHARP, ROUNDING_SHARE), 32: (1e-3, 2.0**-18)}
 # A factor and a vector.
 Part = tuple[Any, Vector]

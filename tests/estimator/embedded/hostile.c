@@ -68,6 +68,12 @@ int main(int argc, char **argv)
                                   value(0.2, share), value(0.1, share));
         } else if (k % 200 == 51) {
             result = icr_heading(&filter, stamp, value(symmetric(3.0), 10.0 * share), value(0.01, 10.0 * share));
+        } else if (k % 200 == 101) {
+            result = icr_velocity(&filter, stamp, value(speed + symmetric(0.1), 10.0 * share),
+                                  value(symmetric(0.1), 10.0 * share), value(0.01, 10.0 * share));
+        } else if (k % 200 == 151) {
+            const icr_real sigma[3] = {value(1.0, 10.0 * share), value(1.0, 10.0 * share), value(0.5, 10.0 * share)};
+            result = icr_zero_velocity(&filter, stamp, share > 0.0 && k % 400 == 151 ? NULL : sigma);
         }
         if (result < ICR_USED || result > ICR_NO_TRACKS) {
             printf("result %d\n", result);
