@@ -50,7 +50,7 @@ COMMON = {
     "imu_forward": "imu.forward",
     "imu_left": "imu.left",
 }
-"""Parameters that all models have, beside the difference of the radii: name in the results by name."""
+"""Parameters of all models, apart from the difference of the radii: name in the results by name."""
 BY_TRACKS_ALONE = (
     "models are compared by the tracks alone, and all of them go into the file; which filter variant to "
     "run, with the gyro, icreckon replay shows on a log that was not calibrated with"

@@ -68,7 +68,7 @@ def common_bias(robot: Robot, main: Fit) -> CommonBias:
 
     The mean over the logs is written if the robot file's is not within its error. Its standard deviation
     is that of the bias of another log, about what is written. The robot file's counts as one more log,
-    since few logs say little of others.
+    since few logs show little of others.
     """
     recording, imu = main.problem.recording, robot.imu
     scale = main.value("gyro_scale")
