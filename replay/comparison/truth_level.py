@@ -20,9 +20,10 @@ ROUNDS = 10
 
 
 def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float]:
-    """Turn height, roll and pitch of a truth to the mean vertical of a run, in the map and in the robot.
+    """Turn height, roll and pitch of a truth to the mean vertical of a run.
 
-    Position and yaw stay. The rest is as it was if either is planar.
+    Tilts of the map and of the truth's axes in the robot are corrected. Position and yaw do not change,
+    nor does anything if either is planar.
 
     Returns:
         The poses, and the angle by which the vertical of the map was off [rad].
