@@ -5,7 +5,7 @@ by one or as arrays. Of arrays the newest second (`Settings.history`) is fed one
 depends on the length of the drive, which is ten minutes.
 
 The plain EKF does the same algebra (a prediction and two scalar updates with as many states) without any
-motion model, gate or bookkeeping. "C" is what `icreckon export` writes, in double precision, compiled with
+motion model, gate or bookkeeping. "C" is what `icreckon export` writes, in double precision, built with
 $CC and $CFLAGS (gcc -O2); without a compiler it is left out. All are timed in turn, and the
 best of several runs counts, in processor time: what else the machine does makes a run longer, never
 shorter. With --cold, it also prints how long the compiled engine takes when it is used for the first
