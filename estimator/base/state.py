@@ -52,6 +52,8 @@ SLIP: Final = slice(4, 7)
 SLIP_X, SLIP_Y, SLIP_W = range(4, 7)
 PARAMETERS: Final = slice(7, 16)
 PARAMETER_COUNT: Final = 9
+# Derivatives by the parameters, and last the yaw rate, by which the gyro's scale counts.
+REGRESSOR_COUNT: Final = PARAMETER_COUNT + 1
 PARAMETER_NAMES: Final[tuple[str, ...]] = STATE_NAMES[PARAMETERS]
 ZETA0, ZETA1, EPSILON0, EPSILON1, ETA0, ETA1, ETA2, EPSILON_F = range(8, 16)
 GYRO_BIAS: Final = 16

@@ -15,7 +15,6 @@ from icreckon.estimator.base.records import record_array
 from icreckon.estimator.engine.constants import (
     LINE,
     PRECISIONS,
-    SMOOTHING,
     aligned,
     all_walks,
     shared_constants,
@@ -33,7 +32,6 @@ from icreckon.estimator.engine.model import traced_model
 from icreckon.estimator.engine.schedule import (
     HEADING,
     MOVE,
-    MOVE_AND_UPDATE,
     POSITION,
     STEP_COLUMNS,
     TICK,
@@ -277,10 +275,6 @@ class BatchFilter:
         """Constants (n, k) of each step, the interval of the IMU last."""
         table = np.zeros((len(steps.starts), STEP_COLUMNS))
         fill_step_constants(table, steps.starts, steps.ends, steps.intervals)
-        moving = np.flatnonzero((steps.kinds == MOVE_AND_UPDATE) | (steps.kinds == MOVE))
-        if len(moving) and steps.starts[0] == 0:
-            # The first regressors are not smoothed.
-            table[moving[0], SMOOTHING] = 1.0
         return table
 
 

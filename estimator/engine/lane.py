@@ -209,9 +209,11 @@ class Lane:
                 self.stores[f"{axis}_by_{i}"] = row.get(i, 0.0)
 
     def with_smoothed_derivatives(self, now: TracedTwist) -> TracedTwist:
-        """Replace derivatives by the parameters with the regressors of the newest step."""
+        """Replace derivatives by the parameters with the regressors."""
         for axis, row in enumerate(now.rows):
-            row.update({i: self.row(f"r{axis}_{i}") for i in self.layout.parameters if i in row})
+            for i in row.keys() & self.layout.parameters:
+                name = f"r{axis}_{i}"
+                row[i] = self.stores[name] if name in self.stores else self.row(name)
         return now
 
     def kernel(

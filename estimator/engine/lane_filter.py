@@ -55,8 +55,6 @@ MODE, INTERVAL = INPUTS["fix_mode"], INPUTS["fix_interval"]
 # Rows with the innovation of a position fix, and the number of admitted ones.
 OF_FIX = ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")
 NO_FORCE = (math.nan, math.nan, math.nan)
-# Updates without a step, which change no regressors.
-UPDATES = (IMU_UPDATE, POSITION, POSITION_AHEAD)
 
 
 class LaneSteps:
@@ -178,11 +176,9 @@ class LaneSteps:
 
     def write_row(self, rows: RunRows) -> None:
         """Fill the next row with the estimate."""
-        ekf, regressors = self._ekf, self._ekf.regressors
-        is_first = regressors is None
-        given = np.zeros((3, s.PARAMETER_COUNT)) if regressors is None else regressors
-        matrices = ekf.x, ekf.P, given, ekf.model.memory
-        self._write_row(self._lane.places, self._records, *matrices, *self._arrays, is_first, rows)
+        ekf = self._ekf
+        matrices = ekf.x, ekf.P, ekf.regressors, ekf.model.memory
+        self._write_row(self._lane.places, self._records, *matrices, *self._arrays, rows)
 
     def take_position(
         self,
@@ -252,17 +248,12 @@ class LaneSteps:
     ) -> int:
         """Call `take_step` or `take_sample`, and report the changes of the filter."""
         ekf, lane = self._ekf, self._lane
-        is_first = ekf.regressors is None
-        regressors = np.zeros((3, s.PARAMETER_COUNT)) if is_first else ekf.regressors
-        memory, yaw = ekf.model.memory, ekf.x.item(s.YAW)
-        matrices = ekf.x, ekf.P, regressors, memory
+        yaw, matrices = ekf.x.item(s.YAW), (ekf.x, ekf.P, ekf.regressors, ekf.model.memory)
         found: int = function(
-            lane.places, which, self._records, *matrices, *self._arrays, is_first, *arguments
+            lane.places, which, self._records, *matrices, *self._arrays, *arguments
         )
         if found < 0:
             return found
-        if is_first and which not in UPDATES:
-            ekf.regressors = regressors
         if ekf.clones is not None or ekf.observer is not None:
             values = self._workspace[self._first_report :, 0]
             which = kernel_of_sample(which, self._record) if of_sample else which

@@ -11,7 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.base.records import NEVER
-from icreckon.estimator.engine.constants import PER_STEP, SMOOTHING, step_constants
+from icreckon.estimator.engine.constants import PER_STEP, step_constants
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.filter_record import (
@@ -154,7 +154,6 @@ def take_sample(
     lane: Floats,
     inputs: Floats,
     constants: Floats,
-    is_first: bool,
     stamp: int,
     stamps: Stamps,
     rates: Floats,
@@ -196,7 +195,7 @@ def take_sample(
     sample_inputs(record, stamps, rates, inputs, 0, *given)
     which = kernel_of_sample(which, record)
     arrays = (x, P, regressors, memory, lane, inputs, constants)
-    return take_step(places, which, records, *arrays, is_first, stamp, 0.0)
+    return take_step(places, which, records, *arrays, stamp, 0.0)
 
 
 def kernel_of_sample(which: int, record: Any) -> int:
@@ -255,7 +254,7 @@ def feed_samples(
     count = len(imu_stamps)
     if angular_velocities.shape != (count, 3) or forces.shape != (count, 3):
         raise ValueError(WRONG_SIZE)
-    arrays = (x, P, regressors, memory, lane, inputs, constants, False)
+    arrays = (x, P, regressors, memory, lane, inputs, constants)
     while tracks < len(track_stamps) or samples < count:
         is_track = samples == count or (
             tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
@@ -310,7 +309,6 @@ def write_row(
     lane: Floats,
     inputs: Floats,
     constants: Floats,
-    is_first: bool,
     rows: Any,
 ) -> None:
     """Fill the next row of `RunRows`; the other arguments are those of `take_step`."""
@@ -322,7 +320,7 @@ def write_row(
     indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *found)
     with_states, kept = np.zeros((3, n)), np.ones(3)
     for axis in range(3):
-        for k in range(s.PARAMETER_COUNT * (not is_first)):
+        for k in range(s.PARAMETER_COUNT):
             jacobian[axis, PARAMETERS + k] = regressors[axis, k]
         for i in range(n):
             if jacobian[axis, i] != 0.0:
@@ -373,7 +371,7 @@ def fill_state(lane: Floats, constants: Floats, x: Floats, memory: Floats, place
 
 def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: Any) -> None:
     """Copy covariance and regressors to the workspace; ValueError if a size is wrong."""
-    if P.shape != (places.size, places.size) or regressors.shape != (3, s.PARAMETER_COUNT):
+    if P.shape != (places.size, places.size) or regressors.shape != (3, s.REGRESSOR_COUNT):
         raise ValueError(WRONG_SIZE)
     n = places.state_count
     for a in range(n):
@@ -386,6 +384,7 @@ def fill_covariance(lane: Floats, P: Floats, regressors: Floats, places: Any) ->
             i = places.parameters[k]
             lane[row, 0] = regressors[axis, i - PARAMETERS]
             row += 1
+    lane[row, 0] = regressors[2, s.PARAMETER_COUNT]
 
 
 def empty_lane(
@@ -407,20 +406,14 @@ def empty_lane(
             i = places.parameters[k]
             regressors[axis, i - PARAMETERS] = lane[row, 0]
             row += 1
+    regressors[2, s.PARAMETER_COUNT] = lane[row, 0]
 
 
-def fill_constants(
-    record: Any, lane: Floats, constants: Floats, stamp: int, is_first: bool, places: Any
-) -> None:
-    """Compute the constants of a step to a stamp [ns], and the factor on the slip.
-
-    The first step does not smooth.
-    """
+def fill_constants(record: Any, lane: Floats, constants: Floats, stamp: int, places: Any) -> None:
+    """Compute the constants of a step to a stamp [ns], and the factor on the slip."""
     values = step_constants((stamp - record.stamp) * NANOSECOND)
     for k in range(PER_STEP):
         constants[k] = values[k]
-    if is_first:
-        constants[SMOOTHING] = 1.0
     constants[places.interval] = record.imu.interval
     lane[places.slip_factor, 0] = record.slip_factor
 
@@ -457,7 +450,6 @@ def take_step(
     lane: Floats,
     inputs: Floats,
     constants: Floats,
-    is_first: bool,
     stamp: int,
     rejected_for: float,
 ) -> int:
@@ -469,12 +461,11 @@ def take_step(
         records: (1,) record of the filter, see `FilterRecord`.
         x: (SIZE,) the state.
         P: (SIZE, SIZE) its covariance.
-        regressors: (3, 9) smoothed derivatives by the parameters.
+        regressors: (3, 10) of the filter, see `Ekf`.
         memory: memory of the motion model.
         lane: workspace.
         inputs: (n, 1) inputs of the kernel.
         constants: constants of the kernel.
-        is_first: there are no regressors yet; those of a step are written to.
         stamp: stamp of the measurement, or of the end [ns].
         rejected_for: time of the position fixes rejected so far [s].
 
@@ -488,19 +479,9 @@ def take_step(
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
     places, record = all_places[0], records[0]
-    if is_first and (which == IMU_UPDATE or which >= POSITION):
-        # Before the first step there is nothing to smooth.
-        is_first = False
-        speeds, shares = (inputs[LEFT, 0], inputs[RIGHT, 0]), (1.0, 1.0, 1.0)
-        twist, jacobian, by_speeds = np.empty(3), np.empty((3, places.size)), np.empty((3, 2))
-        found = (twist, jacobian, by_speeds)
-        evaluate_twist(all_places, x, memory, lane, inputs, constants, *speeds, *shares, *found)
-        for axis in range(3):
-            for k in range(s.PARAMETER_COUNT):
-                regressors[axis, k] = jacobian[axis, PARAMETERS + k]
     fill_state(lane, constants, x, memory, places)
     fill_covariance(lane, P, regressors, places)
-    fill_constants(record, lane, constants, stamp, is_first, places)
+    fill_constants(record, lane, constants, stamp, places)
     if which <= IMU_UPDATE:
         set_gate(record.gyro, lane, places.imu_gates[0])
         set_gate(record.accelerometer_x, lane, places.imu_gates[1])

@@ -109,6 +109,10 @@ MOTION = (
 )
 
 
+# Row behind those of the derivatives by the parameters: the yaw rate that tracks and gyro show.
+TURN = "turn"
+
+
 class Names:
     """Places of names in an order."""
 
@@ -155,6 +159,7 @@ class Layout:
                 *(f"x{i}" for i in states),
                 *(covariance_name(i, j) for n, i in enumerate(states) for j in states[n:]),
                 *(f"r{axis}_{i}" for axis in range(3) for i in self.parameters),
+                TURN,
                 *COUNTS,
                 *TWIST,
                 *BEFORE,

@@ -34,6 +34,7 @@ from icreckon.estimator.engine.layout import (
     MOTION,
     SLIP_SHARES,
     TREND,
+    TURN,
     TWIST,
     covariance_name,
 )
@@ -79,7 +80,7 @@ class LanePlaces(NamedTuple):
         x: (`MOST_STATES`,) rows of the states.
         P: (`MOST_STATES`, `MOST_STATES`) rows of the covariance.
         by_state: (3, `MOST_STATES`) rows of the twist's derivatives by the states.
-        regressors: row of the first regressor.
+        regressors: row of the first regressor; the row of the turn is behind them.
         memory: row of the first number of the model's memory.
         memory_size: number of numbers of the memory.
         stood: row that is 1 if the robot was found standing.
@@ -227,7 +228,7 @@ def places_of(shape: FilterShape, kernels: Any) -> LanePlaces:
         padded([rows[f"x{i}"] for i in states]),
         padded([[rows[covariance_name(i, j)] for j in states] for i in states]),
         np.array(by_state),
-        rows[f"r0_{parameters[0]}"],
+        rows[TURN] - 3 * len(parameters),
         rows["memory0"] if memory else 0,
         memory,
         rows["stood"],

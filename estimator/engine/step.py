@@ -11,7 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.covariance import Covariance, Vector, dot
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, x_of
-from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES
+from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
 from icreckon.estimator.motion.propagation import GaussMarkov
 from icreckon.estimator.sensors.imu_noise import ImuNoise
@@ -34,7 +34,7 @@ class StepKind(NamedTuple):
     Attributes:
         draws: it begins with a new fast slip.
         moves: time passes.
-        resumes: the fast slip and the regressors are those of a step that has begun before.
+        resumes: the fast slip is that of a step that has begun before.
         stands: lanes may be found standing at its end.
         imu: there is an IMU sample at its end.
         accelerometer: update with the sample's specific force.
@@ -136,7 +136,6 @@ class Step:
             step_input("age"),
         )
         self.stands: Any = False
-        self.regressors: tuple[Vector, ...] = ({}, {}, {})
         slow = step_input("slow") > 0.5
         if kind.stands:
             mean = step_input("quiet_mean")
@@ -150,13 +149,11 @@ class Step:
         left, right = step_input("left"), step_input("right")
         if kind.draws and lane.shape.model.memory:
             lane.advance_model(constant("dt"), left, right)
-        self.model = lane.twist_model(left, right, self._shares())
-        if kind.resumes:
-            parameters = lane.layout.parameters
-            self.model = lane.with_smoothed_derivatives(self.model)
-            self.regressors = tuple(
-                {i: row[i] for i in parameters if i in row} for row in self.model.rows
-            )
+        now = lane.twist_model(left, right, self._shares())
+        self.model = lane.with_smoothed_derivatives(now)
+        self.regressors = tuple(
+            {i: row[i] for i in lane.layout.parameters if i in row} for row in self.model.rows
+        )
 
     def _fades(self) -> list[GaussMarkov]:
         lane = self.lane
@@ -176,14 +173,8 @@ class Step:
         return model.slip_at(*self.smooth, self.slip, gauge, lane.eta, self.pushed, factor)
 
     def draw_fast_slip(self) -> None:
-        """Draw a new fast slip, independent of all states, and smooth the regressors."""
+        """Draw a new fast slip, independent of all states."""
         lane, now = self.lane, self.model
-        smoothing = lane.constant("smoothing")
-        for axis, row in enumerate(now.rows):
-            for i in lane.layout.parameters:
-                if i in row:
-                    before = lane.row(f"r{axis}_{i}")
-                    row[i] = lane.stores[f"r{axis}_{i}"] = before + smoothing * (row[i] - before)
         density = self.density(now)
         per_dt = 1.0 / lane.constant("dt")
         entries = {
@@ -193,9 +184,33 @@ class Step:
             lane.P.add(*pair, value)
         lane.report("renewed", entries.values())
         lane.P.states = sorted({*lane.P.states, *FAST})
-        self.regressors = tuple(
-            {i: row[i] for i in lane.layout.parameters if i in row} for row in now.rows
-        )
+
+    def _follow_regressors(self, now: model.TracedTwist, speeds: Any, shares: Any) -> None:
+        """Smooth the derivatives by the parameters and the yaw rate, for the steps that follow.
+
+        They are those of the turn that both tracks and yaw rate show. So noise of either moves no
+        parameter, and by the gyro's scale no bias (errors in variables).
+        """
+        lane, x = self.lane, self.lane.x.copy()
+        slip = shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP.stop - 1]
+        by_left, by_right = now.by_speeds[2]
+        turning, of_tracks = now.twist[2], now.twist[2] - slip
+        same, square = turning * of_tracks > 0.0, by_left * by_left + by_right * by_right
+        both = select(same, select(abs(turning) < abs(of_tracks), turning, of_tracks), 0.0)
+        less = (both - of_tracks) / select(square > 0.0, square, 1.0)
+        x[s.SLIP] = x[s.FAST_SLIP] = 0.0
+        parameters = lane.layout.parameters
+        left, right = speeds[0] + by_left * less, speeds[1] + by_right * less
+        at = model.twist_model(x, lane.model_inputs, left, right, shares, parameters)
+        found = {
+            f"r{axis}_{i}": at.rows[axis][i]
+            for axis in range(3)
+            for i in parameters
+            if i in at.rows[axis]
+        }
+        for name, value in (*found.items(), (TURN, both)):
+            before = lane.row(name)
+            lane.stores[name] = before + lane.constant("smoothing") * (value - before)
 
     def predict_pose(self) -> PredictedPose:
         """Predict the pose a step later.
@@ -203,7 +218,7 @@ class Step:
         See `icreckon.estimator.sensors.predictions.pose_ahead`.
         """
         lane = self.lane
-        dt, now = lane.constant("dt"), lane.with_smoothed_derivatives(self.model)
+        dt, now = lane.constant("dt"), self.model
         density = self.density(now)
         step, by_yaw, M = model.step_on_se2(lane.x[s.YAW], [part * dt for part in now.twist])
         yaws = (by_yaw[0], by_yaw[1], 0.0)
@@ -239,11 +254,6 @@ class Step:
             lane.input("slide_y_density"),
         )
 
-    def _with_regressors(self, now: model.TracedTwist) -> model.TracedTwist:
-        for axis, row in enumerate(now.rows):
-            row.update(self.regressors[axis])
-        return now
-
     def update_standstill(self) -> None:
         """Update standing lanes with a twist of zero, after a change of the gyro's bias."""
         lane, now = self.lane, self.model
@@ -262,8 +272,8 @@ class Step:
         lane.stores["standstill"] = lane.row("standstill") + more
         lane.stores["stood"] = more
         speeds = lane.input("left"), lane.input("right")
-        now = self.lane.twist_model(*speeds, self._shares())
-        self.model = self._with_regressors(now)
+        now = lane.twist_model(*speeds, self._shares())
+        self.model = lane.with_smoothed_derivatives(now)
 
     def update_gyro(self) -> None:
         """Update with the yaw rate: that of the robot times scale, plus bias."""
@@ -271,7 +281,7 @@ class Step:
         self.linearised_at = lane.x.copy()
         scale = 1.0 + lane.x[s.GYRO_SCALE]
         row = {i: scale * value for i, value in now.rows[2].items()}
-        for state, more in ((s.GYRO_BIAS, 1.0), (s.GYRO_SCALE, now.twist[2])):
+        for state, more in ((s.GYRO_BIAS, 1.0), (s.GYRO_SCALE, lane.row(TURN))):
             if state in lane.P.states:
                 row[state] = row.get(state, 0.0) + more
         rate = lane.input("rate")
@@ -342,8 +352,9 @@ class Step:
         turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
         missing = lane.input("missing")
         left, right = lane.input("left") + missing, lane.input("right") + missing
-        now = self.lane.twist_model(left, right, [one.mean for one in fades])
-        now = self._with_regressors(now)
+        shares = [one.mean for one in fades]
+        now = lane.with_smoothed_derivatives(lane.twist_model(left, right, shares))
+        self._follow_regressors(now, (left, right), shares)
         tilt = model.Tilting()
         if self.kind.accelerometer:
             tilt = model.tilting(x, lane.input("roll_rate"), lane.input("pitch_rate"))
@@ -499,13 +510,7 @@ class Step:
         """Store the body velocity at the end of the step, and its covariance."""
         lane = self.lane
         speeds = lane.input("now_left"), lane.input("now_right")
-        now = self._with_regressors(lane.twist_model(*speeds))
-        if not self.kind.moves:
-            # Without a step there is nothing to smooth: the regressors are the present derivatives.
-            for axis, row in enumerate(now.rows):
-                for i in lane.layout.parameters:
-                    if i in row:
-                        lane.stores[f"r{axis}_{i}"] = row[i]
+        now = lane.with_smoothed_derivatives(lane.twist_model(*speeds))
         lane.store_twist(now)
 
 

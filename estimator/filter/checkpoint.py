@@ -16,6 +16,8 @@ from icreckon.estimator.filter.health import Health
 from icreckon.estimator.motion.motion_model import NO_MEMORY
 from icreckon.estimator.sensors.standstill import QuietMemory
 
+NO_REGRESSORS = np.zeros((3, s.REGRESSOR_COUNT))
+
 
 class FilterCheckpoint(msgspec.Struct, frozen=True, rename={"clones": "marks"}):
     """Copy of all that a `Reckoning` changes; the filter never changes it.
@@ -29,8 +31,7 @@ class FilterCheckpoint(msgspec.Struct, frozen=True, rename={"clones": "marks"}):
         counts: counts of all but the gates.
         clones: stochastic clones, None if there are none.
         model: (m,) memory of the motion model, see `icreckon.estimator.motion.motion_model.MotionModel`.
-        regressors: (3, 9) of the filter, see `icreckon.estimator.filter.ekf.Ekf`; None before its first
-            step.
+        regressors: (3, 10) of the filter, see `icreckon.estimator.filter.ekf.Ekf`.
         own_faults: faults of users by name, with their memory; from a file their fields.
     """
 
@@ -42,15 +43,15 @@ class FilterCheckpoint(msgspec.Struct, frozen=True, rename={"clones": "marks"}):
     counts: Health
     clones: Clones | None = None
     model: np.ndarray[Any, Any] = NO_MEMORY
-    regressors: np.ndarray[Any, Any] | None = None
+    regressors: np.ndarray[Any, Any] = NO_REGRESSORS
     own_faults: dict[str, Any] = {}
 
     def __post_init__(self) -> None:
         size = s.WANDER.stop if self.state.shape == (s.WANDER.stop,) else s.SIZE
         if self.state.shape != (size,) or self.covariance.shape != (size, size):
             raise ValueError(f"{size} states and the rows of their covariance are needed")
-        if self.regressors is not None and self.regressors.shape != (3, 9):
-            raise ValueError("three rows of nine derivatives by the parameters are needed")
+        if self.regressors.shape != NO_REGRESSORS.shape:
+            raise ValueError("three rows of ten regressors are needed")
         still, count = self.record.still, len(self.quiet.stamps)
         if (still.first, still.end, len(self.quiet.rates)) != (0, count, count):
             raise ValueError("each yaw-rate reading of a standstill needs a stamp")

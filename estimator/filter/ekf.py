@@ -9,8 +9,8 @@ Parameters, biases and scales are constants or random walks. The fast slip is wh
 next, and contains the error of the track speeds. It is part of the state because one error both moves the
 pose and shows in the gyro's innovation. It also keeps fast motion from moving the parameters. With slow
 slip alone, quick changes would count for too much, and noisy track speeds are bad regressors for them
-(errors in variables). For the same reason the derivatives by the parameters are smoothed in time: their
-noise is that of the track speeds, which is in the innovation, too.
+(errors in variables). For the same reason the derivatives by the parameters are those of the turn that
+tracks and yaw rate both show, smoothed in time: noise of the track speeds is in the innovation, too.
 
 The steps are those of `icreckon.estimator.engine.step`.
 
@@ -92,8 +92,8 @@ class Ekf:
         model: the motion model.
 
     Attributes:
-        regressors: (3, 9) smoothed derivatives of the twist by the parameters; None before the first
-            step.
+        regressors: (3, 10) smoothed derivatives of the twist by the parameters, of the steps before, and
+            last in the third row the yaw rate.
         clones: stochastic clones, None if there are none; they change nothing else.
         observer: observer of all changes, or None.
         considered: consider states: updates do not move them, but their covariance counts
@@ -104,7 +104,7 @@ class Ekf:
     evaluation: Evaluation
 
     def __init__(self, model: MotionModel) -> None:
-        self.regressors: Floats | None = None
+        self.regressors: Floats = np.zeros((3, s.REGRESSOR_COUNT))
         self.clones: Clones | None = None
         self.observer: Observer | None = None
         self.considered: tuple[int, ...] = ()
@@ -157,13 +157,11 @@ class Ekf:
             right: measured speed of the right track [m/s].
             slip_shares: factors on the slip, for its mean over a step.
         """
-        smoothed = b"" if self.regressors is None else self.regressors.tobytes()
-        memory = self.model.memory.tobytes()
-        at = (left, right, *slip_shares, self.x.tobytes(), memory, smoothed)
+        arrays = self.x.tobytes(), self.model.memory.tobytes(), self.regressors.tobytes()
+        at = (left, right, *slip_shares, *arrays)
         if at != self._evaluated_at:
             model = self.evaluation(self, left, right, slip_shares)
-            if self.regressors is not None:
-                model.jacobian[:, s.PARAMETERS] = self.regressors
+            model.jacobian[:, s.PARAMETERS] = self.regressors[:, : s.PARAMETER_COUNT]
             self._evaluated, self._evaluated_at = model, at
         return self._evaluated
 

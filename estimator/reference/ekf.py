@@ -85,8 +85,8 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         model: the motion model.
 
     Attributes:
-        regressors: (3, 9) smoothed derivatives of the twist by the parameters; None before the first
-            step.
+        regressors: (3, 10) smoothed derivatives of the twist by the parameters, of the steps before, and
+            last in the third row the yaw rate; None for those of the present speeds.
     """
 
     def __init__(self, model: MotionModel) -> None:
@@ -110,7 +110,7 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
         """
         model = self._evaluate(left, right, slip_shares)
         if self.regressors is not None:
-            model.jacobian[:, s.PARAMETERS] = self.regressors
+            model.jacobian[:, s.PARAMETERS] = self.regressors[:, : s.PARAMETER_COUNT]
         return model
 
     def _evaluate(self, left: float, right: float, slip_shares: Triple) -> TwistModel:
@@ -150,12 +150,21 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             speeds = left * of_left, right * of_right
             self.model.begin_step(dt, *speeds, x[s.PARAMETERS], gravity_in(x))
 
-    def smooth_regressors(self, dt: float, left: float, right: float) -> None:
-        """Smooth the derivatives by the parameters, at the start of a step."""
-        now, before = self._evaluate(left, right, WHOLE).jacobian[:, s.PARAMETERS], self.regressors
-        if before is not None:
-            now = before + smoothing_share(dt, REGRESSOR_SMOOTHING) * (now - before)
-        self.regressors = now.copy()
+    def _regressors_at(self, left: float, right: float, shares: Triple) -> Floats:
+        """Regressors (3, 10) at the turn that both tracks and yaw rate show.
+
+        So noise of either moves no parameter and no bias (errors in variables).
+        """
+        x, now = self.x, self._evaluate(left, right, shares)
+        of_tracks = now.twist[2] - (shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP][2])
+        both = min(now.twist[2], of_tracks, key=abs) if now.twist[2] * of_tracks > 0.0 else 0.0
+        by = now.by_speeds[2]
+        left, right = np.array((left, right)) + by * ((both - of_tracks) / by.dot(by))
+        self.x = x.copy()
+        self.x[s.SLIP] = self.x[s.FAST_SLIP] = 0.0
+        derivatives = self._evaluate(left, right, shares).jacobian[:, s.PARAMETERS]
+        self.x = x
+        return np.column_stack([derivatives, [0.0, 0.0, both]])
 
     def predict_motion(
         self,
@@ -178,6 +187,10 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             *(gauss_markov(dt, tau) for tau in noise.time_constants), strict=True
         )
         model, gravity = self.twist_model(left, right, mean), self.x[s.GRAVITY].tolist()
+        if self.regressors is not None:
+            self.regressors += smoothing_share(dt, REGRESSOR_SMOOTHING) * (
+                self._regressors_at(left, right, mean) - self.regressors
+            )
         biases, down = self.x[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]], down_of(gravity)
         roll_rate, pitch_rate = (np.array(tilt_rates) - biases).tolist()
         known = not math.isnan(roll_rate)

@@ -74,6 +74,7 @@ class ReferenceFilter:
         model, state, sigmas, self._disturbances = assumptions(robot, of_variant, settings)
         state[s.POSE], sigmas[s.POSE] = start, start_sigma
         self.ekf = IcrEkf(model)
+        self.ekf.regressors = np.zeros((3, s.REGRESSOR_COUNT))
         self.ekf.x, self.ekf.P = state, np.diag(sigmas**2)
         self._settings, self._uses_force = settings, of_variant.accelerometers
         self._sensors = SensorModels(robot)
@@ -129,7 +130,6 @@ class ReferenceFilter:
         if dt > 0.0:
             ekf.x[s.FAST_SLIP] = 0.0
             ekf.begin_step(dt, left, right)
-            ekf.smooth_regressors(dt, left, right)
             ekf.renew_fast_slip(self._density(m.stamp) / dt)
         # Update with what the IMU shows of it: standstill, yaw rate, specific force.
         if record.stands:
@@ -139,7 +139,7 @@ class ReferenceFilter:
         at = StepTwist(self._twist(m.stamp), x, record.imu.interval, track_change(inputs), noise)
         # The slip stands in for parameters and gravity, which the gyro does not move: so the estimated
         # yaw rate follows it also where they are wrong.
-        z, H, R = gyro(rate, at)
+        z, H, R = gyro(rate, at, float(ekf.regressors[2, -1]))
         ekf.update_scalar(z.item(), H[0], R.item(), fixed=ekf.fixed_for_gyro, stand_in=s.SLIP_W)
         if self._uses_force and m.linear_acceleration is not None:
             sigma, slip = self._slip_sigma(), self._disturbances.slip

@@ -38,13 +38,19 @@ class StepTwist(NamedTuple):
     noise: ImuNoise
 
 
-def gyro(rate: float, at: StepTwist) -> Linearised:
-    """Compare a yaw rate [rad/s] with that of the robot times scale, plus bias."""
+def gyro(rate: float, at: StepTwist, turn: float) -> Linearised:
+    """Compare a yaw rate with that of the robot times scale, plus bias.
+
+    Args:
+        rate: reading of the gyro [rad/s].
+        at: twist and inputs.
+        turn: yaw rate by which its scale counts, without the noise of the track speeds [rad/s].
+    """
     model, x = at.model, at.x
     w, scale = model.twist.item(2), 1.0 + x.item(s.GYRO_SCALE)
     H = scale * model.jacobian[2:]
     H[0, s.GYRO_BIAS] += 1.0
-    H[0, s.GYRO_SCALE] += w
+    H[0, s.GYRO_SCALE] += turn
     variance = gyro_variance(at.noise.gyro, at.interval, model.by_speeds[2].tolist(), at.change)
     z = rate - scale * w - x.item(s.GYRO_BIAS)
     return Linearised(np.array([z]), H, np.array([[variance]]))

@@ -190,16 +190,16 @@ class Reckoning:
             self._counts.copy(),
             ekf.clones,
             ekf.model.memory.copy(),
-            None if ekf.regressors is None else ekf.regressors.copy(),
+            ekf.regressors.copy(),
             self._own_faults.memory(),
         )
 
     def restore(self, checkpoint: FilterCheckpoint) -> None:
         """Restore a copy."""
-        ekf, regressors = self.ekf, checkpoint.regressors
+        ekf = self.ekf
         ekf.x, ekf.P = checkpoint.state.copy(), checkpoint.covariance.copy()
         ekf.clones = checkpoint.clones
-        ekf.regressors = None if regressors is None else regressors.copy()
+        ekf.regressors = checkpoint.regressors.copy()
         ekf.model.recall(checkpoint.model.copy())
         assign(self._record, checkpoint.record)
         self._readings.recall(checkpoint.quiet)
@@ -348,7 +348,7 @@ class Reckoning:
         """Update with samples, and fill rows, see `PoseEstimator.feed_samples`."""
         ekf = self.ekf
         has_watchers = ekf.clones is not None or ekf.observer is not None or bool(self._own_faults)
-        if has_watchers or ekf.regressors is None:
+        if has_watchers or self._tracks.stamp == NEVER:
             return 0, 0, 0
         arrays = samples, self._mounting, rows
         found = self._steps.take_samples(*arrays, uses_force=self._uses_force)

@@ -1,6 +1,6 @@
 """Saved estimators: the whole estimator as one JSON file, which people can read.
 
-    {"format": "icreckon estimator", "version": 13, "checksum": "...", "content": {
+    {"format": "icreckon estimator", "version": 14, "checksum": "...", "content": {
         "variant", "robot", "settings"      arguments of the estimator
         "now"                               checkpoint of the filter, see `FilterCheckpoint`; the state by
                                             name, the covariance in rows in the order of the state
@@ -37,7 +37,7 @@ from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.saved_checks import require_64_bits
 
 FORMAT = "icreckon estimator"
-VERSION = 13
+VERSION = 14
 # Objects of up to this many characters are written on one line of the file.
 SHORT = 120
 # Keys of a robot file that an estimator does not depend on.

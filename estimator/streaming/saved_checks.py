@@ -56,10 +56,7 @@ def require_sound(checkpoint: FilterCheckpoint, ekf: Ekf, *, to_continue: bool =
     if to_continue and checkpoint.model.shape != ekf.model.memory.shape:
         size, found = ekf.model.memory.shape, checkpoint.model.shape
         raise ValueError(f"the motion model remembers {size} numbers, found {found}")
-    of_model = (
-        checkpoint.model,
-        np.zeros(1) if checkpoint.regressors is None else checkpoint.regressors,
-    )
+    of_model = checkpoint.model, checkpoint.regressors
     for name, values in (
         ("state", state),
         ("motion model", np.hstack([v.ravel() for v in of_model])),

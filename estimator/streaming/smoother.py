@@ -48,6 +48,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
 from icreckon.estimator.filter.ekf import (
+    WHOLE,
     Ekf,
     fade_wander,
     replaced_states,
@@ -305,7 +306,7 @@ class _Tape:
             filtered: run of the filter, with a row for each recorded one.
         """
         ekf = self._ekf
-        ekf.observer = ekf.clones = ekf.regressors = None
+        ekf.observer = ekf.clones = None
         count = len(self._rows)
         rows = Rows(count)
         size = self._size
@@ -324,7 +325,7 @@ class _Tape:
             np.fill_diagonal(ekf.P, np.maximum(ekf.P.diagonal(), 0.0))
             ekf.keep_inside_bounds()
             ekf.model.recall(row.model_memory)
-            model = ekf.twist_model(*row.speeds)
+            model = ekf.evaluation(ekf, *row.speeds, WHOLE)
             rows.put(
                 index,
                 Snapshot(

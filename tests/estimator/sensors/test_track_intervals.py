@@ -74,7 +74,7 @@ def test_the_yaw_follows_the_gyro_however_far_the_tracks_turn(variant: str) -> N
         x, yaw = estimator.state, estimator.pose[2]
         turned, before = wrap_angle(yaw - before), yaw
         measured = (rate - x[s.GYRO_BIAS]) / (1.0 + x[s.GYRO_SCALE])
-        assert k < 40 or turned == pytest.approx(0.05 * measured, rel=1e-3)
+        assert k < 100 or turned == pytest.approx(0.05 * measured, rel=1e-3)
 
 
 def test_tracks_say_nothing_of_the_scale_of_the_gyro() -> None:

@@ -10,14 +10,13 @@ from icreckon.estimator.filter.process_noise import Disturbances, twist_covarian
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
-from icreckon.estimator.reference.ekf import IcrEkf
+from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, slip_of
 from icreckon.estimator.sensors.held_tracks import (
     SMOOTHING,
     TrackRecord,
-    smoothing_share,
     take_tracks,
 )
 from icreckon.estimator.sensors.input_settings import input_settings
@@ -143,23 +142,31 @@ def test_slip_is_as_large_as_the_smoothed_speeds_make_it():
     assert sizes[0] == sizes[1]
 
 
-def test_derivatives_by_the_parameters_follow_those_of_the_moment():
+@pytest.mark.parametrize("share", [-0.5, 0.0, 0.4, 1.0, 1.5])
+def test_derivatives_by_the_parameters_are_of_the_turn_that_tracks_and_yaw_rate_show(share):
     ekf = IcrEkf(LaggedIndexMotion(ALPHA.constants))
     ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
-    before, now = (ekf.twist_model(*speeds) for speeds in ((0.2, 0.6), (0.3, 0.4)))
-    # At the first step they are those of the moment, from the next on they lag.
-    ekf.smooth_regressors(0.02, 0.2, 0.6)
-    assert (ekf.twist_model(0.2, 0.6).jacobian == before.jacobian).all()
-    ekf.smooth_regressors(0.02, 0.3, 0.4)
-    smoothed = ekf.twist_model(0.3, 0.4)
-    share = smoothing_share(0.02, REGRESSOR_SMOOTHING)
-    of_both = (1.0 - share) * before.jacobian + share * now.jacobian
-    of_parameters = np.zeros(s.SIZE, dtype=bool)
-    of_parameters[s.PARAMETERS] = True
-    expected = np.where(of_parameters, of_both, now.jacobian)
-    assert smoothed.jacobian == pytest.approx(expected, rel=1e-12, abs=1e-15)
-    assert (smoothed.twist == now.twist).all()
-    assert (smoothed.by_speeds == now.by_speeds).all()
+    model, ekf.regressors = ekf.twist_model(0.2, 0.6), np.zeros((3, s.REGRESSOR_COUNT))
+    of_tracks, by = model.twist[2], model.by_speeds[2]
+    # The robot turns `share` of what its tracks show, all the time.
+    ekf.x[s.SLIP_W] = (share - 1.0) * of_tracks
+    lasting = ProcessNoise(np.zeros(3), (1e9, 1e9, 1e9), np.zeros(s.SIZE))
+    for _ in range(round(10 * REGRESSOR_SMOOTHING / 0.01)):
+        ekf.predict_motion(0.01, 0.2, 0.6, lasting)
+    ekf.x[s.SLIP_W] = 0.0
+    shown = min(max(share, 0.0), 1.0)
+    assert ekf.regressors[2, -1] == pytest.approx(shown * of_tracks, rel=1e-3, abs=1e-5)
+    less = (shown - 1.0) * of_tracks / by.dot(by)
+    speeds = np.array((0.2, 0.6)) + less * by
+    for i in range(s.PARAMETERS.start, s.PARAMETERS.stop):
+        twists, step = [], 1e-6 * max(1.0, abs(ekf.x[i]))
+        for more in (step, -2.0 * step):
+            ekf.x[i] += more
+            twists.append(ekf.twist_model(*speeds).twist)
+        ekf.x[i] += step
+        expected = (twists[0] - twists[1]) / (2.0 * step)
+        found = ekf.regressors[:, i - s.PARAMETERS.start]
+        assert found == pytest.approx(expected, rel=1e-3, abs=1e-5), i
 
 
 def test_noise_at_a_high_rate_teaches_no_wrong_parameter():
