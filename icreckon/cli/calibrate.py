@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from icreckon.cli.common import options
 from icreckon.cli.common.comparing import kernels_of, the_robot
 from icreckon.cli.common.console import (
     check_writable,
@@ -17,18 +18,6 @@ from icreckon.cli.common.console import (
     results_folder,
     working,
     write_file,
-)
-from icreckon.cli.common.options import (
-    LOG_FILES,
-    Json,
-    MessageFiles,
-    Out,
-    Overwrite,
-    RobotName,
-    Ros,
-    UnpackedLimit,
-    Wide,
-    logs,
 )
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.calibration import Calibration, calibrate
@@ -60,16 +49,16 @@ BAG_FOLDER = "metadata.yaml"
 def command(
     paths: Annotated[
         list[Path],
-        logs(
-            f"Logs of one robot with a truth, each by itself: {LOG_FILES}. A folder of such files is one "
-            "log."
+        options.logs(
+            f"Logs of one robot with a truth, each by itself: {options.LOG_FILES}. A folder of such "
+            "files is one log."
         ),
     ],
-    robot_name: RobotName = None,
+    robot_name: options.RobotName = None,
     write: Annotated[
         Path | None, typer.Option(help="Write the robot file with what was found here.")
     ] = None,
-    ros: Ros = None,
+    ros: options.Ros = None,
     lever_arm: Annotated[
         str | None,
         typer.Option(
@@ -87,12 +76,12 @@ def command(
     segment: Annotated[
         float, typer.Option(help="Length of the segments that are predicted, in seconds.")
     ] = 3.0,
-    message_files: MessageFiles = None,
-    _unpacked_limit: UnpackedLimit = 0.5,
-    out: Out = None,
-    as_json: Json = False,
-    wide: Wide = False,
-    overwrite: Overwrite = False,
+    message_files: options.MessageFiles = None,
+    _unpacked_limit: options.UnpackedLimit = 0.5,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Calibrate a robot from logs with a ground truth.
 

@@ -14,22 +14,9 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
+from icreckon.cli.common import options
 from icreckon.cli.common.comparing import compare_and_report, compare_and_write, show, the_robot
 from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say
-from icreckon.cli.common.options import (
-    LOG_FILES,
-    VARIANT_NAMES,
-    Formats,
-    Json,
-    MessageFiles,
-    Out,
-    Overwrite,
-    UnpackedLimit,
-    Wide,
-    Workers,
-    logs,
-    robot_option,
-)
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
@@ -104,9 +91,9 @@ class _Drive:
 
 
 def command(
-    paths: Annotated[list[Path], logs(f"Logs, each by itself: {LOG_FILES}.")],
+    paths: Annotated[list[Path], options.logs(f"Logs, each by itself: {options.LOG_FILES}.")],
     robot_names: Annotated[
-        list[str] | None, robot_option(". Required; repeatable, to compare robot files")
+        list[str] | None, options.robot_option(". Required; repeatable, to compare robot files")
     ] = None,
     one_log: Annotated[
         bool, typer.Option("--one-log", help="The files are parts of one log.")
@@ -116,7 +103,7 @@ def command(
         typer.Option(
             help="Filter variants, separated by commas (default: all): gyro, differential, "
             "constant-fixed, constant-online, full-linear, inertia-fixed, inertia-online.",
-            autocompletion=VARIANT_NAMES,
+            autocompletion=options.VARIANT_NAMES,
         ),
     ] = None,
     fixes: Annotated[
@@ -126,8 +113,8 @@ def command(
             "ground truth if the log has no fixes. Default: all fixes of the log."
         ),
     ] = None,
-    message_files: MessageFiles = None,
-    _unpacked_limit: UnpackedLimit = 0.5,
+    message_files: options.MessageFiles = None,
+    _unpacked_limit: options.UnpackedLimit = 0.5,
     smooth: Annotated[
         bool,
         typer.Option(
@@ -136,12 +123,12 @@ def command(
             "as variants NAME-smoothed.",
         ),
     ] = False,
-    formats: Formats = None,
-    out: Out = None,
-    as_json: Json = False,
-    wide: Wide = False,
-    overwrite: Overwrite = False,
-    workers: Workers = None,
+    formats: options.Formats = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+    overwrite: options.Overwrite = False,
+    workers: options.Workers = None,
 ) -> None:
     """Run all filter variants over a log, or several, and score them.
 
@@ -163,7 +150,7 @@ def command(
     for name in names or []:
         find_variant(name)
     settings = Settings()
-    options = {
+    shared = {
         "variants": names,
         "settings": settings,
         "fixes": None if fixes is None else parse_part(fixes),
@@ -179,7 +166,7 @@ def command(
     }
     definitions = read_definitions(message_files)
     drives = [
-        _Drive(log, name, robot, message_files, definitions, configuration, options)
+        _Drive(log, name, robot, message_files, definitions, configuration, shared)
         for log in files_of
         for name, robot in robots.items()
     ]

@@ -14,18 +14,7 @@ import msgspec
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.outputs import IcrPoints, icr_points
-from icreckon.replay.bags.message_types import (
-    DIAGNOSTICS,
-    KEY_VALUE,
-    MARKER,
-    MARKERS,
-    ODOMETRY,
-    POINT,
-    POSE_WITH_COVARIANCE,
-    STATUS,
-    TF,
-    TRANSFORM,
-)
+from icreckon.replay.bags import message_types as ros
 from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
@@ -207,18 +196,18 @@ class OdometryNode:
 
     def _make_publishers(self) -> None:
         options, has_map = self.options, self.live.map is not None
-        self._odometry = self._publisher("odom", 100, ODOMETRY)
+        self._odometry = self._publisher("odom", 100, ros.ODOMETRY)
         self._map_pose = (
-            self._publisher("pose_in_map", 10, POSE_WITH_COVARIANCE) if has_map else None
+            self._publisher("pose_in_map", 10, ros.POSE_WITH_COVARIANCE) if has_map else None
         )
         self._tf = None
         if options.publish_tf or (options.publish_map_tf and has_map):
-            self._tf = self._publisher("/tf", 100, TF, TRANSFORM)
+            self._tf = self._publisher("/tf", 100, ros.TF, ros.TRANSFORM)
         self._markers = None
         if options.icr_markers:
-            self._markers = self._publisher("icrs", 10, MARKERS, MARKER, POINT)
+            self._markers = self._publisher("icrs", 10, ros.MARKERS, ros.MARKER, ros.POINT)
         self._slip, self._learnt, self._diagnostics = (
-            self._publisher(topic, 10, DIAGNOSTICS, STATUS, KEY_VALUE)
+            self._publisher(topic, 10, ros.DIAGNOSTICS, ros.STATUS, ros.KEY_VALUE)
             for topic in ("slip", "learnt_parameters", "/diagnostics")
         )
 
@@ -312,17 +301,17 @@ class OdometryNode:
         if not hasattr(of_rclpy, "MessageInfo"):
             callback = partial(callback, info=NO_TIMES)
         kind = message_class(msgtype)
-        ros = self.node.create_subscription(
+        created = self.node.create_subscription(
             kind, subscription.topic, callback, qos, qos_overriding_options=overridable()
         )
-        self._inbox.add(Queue(subscription, msgtype, ros, options.input_depth))
+        self._inbox.add(Queue(subscription, msgtype, created, options.input_depth))
         self._log.info(f"{subscription.purpose}: {subscription.topic} ({msgtype})")
 
     def _listen_for_pose(self) -> None:
         """Subscribe to poses that somebody gives, as RViz does, if there is a map."""
         if self.live.map is not None:
             callback = self._on_initial_pose
-            kind = message_class(POSE_WITH_COVARIANCE)
+            kind = message_class(ros.POSE_WITH_COVARIANCE)
             self.node.create_subscription(
                 kind, "initialpose", callback, 1, qos_overriding_options=overridable()
             )
@@ -387,16 +376,16 @@ class OdometryNode:
     def _publish(self, estimates: list[LiveEstimate]) -> None:
         options = self.options
         for one in estimates:
-            odometry = self._new(ODOMETRY)
+            odometry = self._new(ros.ODOMETRY)
             planar = options.two_d_mode
             fill_odometry(odometry, one, options.odom_frame, options.base_frame, planar=planar)
             self._odometry.publish(odometry)
             if self._tf is not None and (transforms := self._transforms(one)):
-                message = self._new(TF)
+                message = self._new(ros.TF)
                 message.transforms = transforms
                 self._tf.publish(message)
             if self._map_pose is not None and (placed := one.in_map(planar=planar)) is not None:
-                pose = self._new(POSE_WITH_COVARIANCE)
+                pose = self._new(ros.POSE_WITH_COVARIANCE)
                 self._map_pose.publish(fill_pose(pose, one.stamp, options.map_frame, placed))
             if abs(one.stamp - self._last_slow) >= PERIOD * 1e9:
                 self._last_slow = one.stamp
@@ -406,13 +395,13 @@ class OdometryNode:
         options, transforms = self.options, []
         if options.publish_tf:
             frames = options.odom_frame, options.base_frame
-            transform = self._new(TRANSFORM)
+            transform = self._new(ros.TRANSFORM)
             pose = estimate.in_odom(planar=options.two_d_mode)
             transforms.append(fill_transform(transform, estimate.stamp, *frames, pose))
         odom = estimate.odom_in_map(planar=options.two_d_mode)
         if options.publish_map_tf and odom is not None:
             frames = options.map_frame, options.odom_frame
-            transform = self._new(TRANSFORM)
+            transform = self._new(ros.TRANSFORM)
             transforms.append(fill_transform(transform, estimate.stamp, *frames, odom))
         return transforms
 
@@ -425,14 +414,14 @@ class OdometryNode:
         if self._markers is not None:
             points = icr_points(estimate.indices, gauge)
             icrs = IcrPoints(*(live.base.point(*point) for point in points))
-            array = self._new(MARKERS)
+            array = self._new(ros.MARKERS)
             fill_icr_markers(array, estimate.stamp, self.options.base_frame, icrs, self._new)
             self._markers.publish(array)
 
     def _publish_statuses(
         self, publisher: Any, stamp: int, statuses: list[DiagnosticStatus]
     ) -> None:
-        array, name = self._new(DIAGNOSTICS), self.live.robot.name
+        array, name = self._new(ros.DIAGNOSTICS), self.live.robot.name
         publisher.publish(fill_diagnostics(array, stamp, statuses, name, self._new))
 
     def _report(self) -> None:

@@ -12,21 +12,8 @@ from dataclasses import replace
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
+from icreckon.replay.checking import imu_checks, track_checks
 from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check, mended
-from icreckon.replay.checking.imu_checks import (
-    check_bias,
-    check_forward,
-    check_gravity,
-    check_mounting,
-    check_noise,
-    check_presence,
-)
-from icreckon.replay.checking.track_checks import (
-    check_latency,
-    check_scale,
-    check_track,
-    check_turning,
-)
 from icreckon.replay.mapping.topics import TopicMap, topic_map, with_column_keys
 from icreckon.replay.reading.gather import left_out
 
@@ -41,16 +28,16 @@ STREAMS = {
 SLIGHT = 1.2
 # In this order: each needs what those before it have mended.
 CHECKS = (
-    check_presence,
-    check_gravity,
-    check_mounting,
-    check_turning,
-    check_forward,
-    check_latency,
-    check_scale,
-    check_track,
-    check_bias,
-    check_noise,
+    imu_checks.check_presence,
+    imu_checks.check_gravity,
+    imu_checks.check_mounting,
+    track_checks.check_turning,
+    imu_checks.check_forward,
+    track_checks.check_latency,
+    track_checks.check_scale,
+    track_checks.check_track,
+    imu_checks.check_bias,
+    imu_checks.check_noise,
 )
 
 

@@ -19,14 +19,7 @@ from icreckon.estimator.log.series import (
     TwistSeries,
 )
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.bags.message_types import (
-    IMU,
-    JOINT_STATE,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    STRING,
-    TWIST,
-)
+from icreckon.replay.bags import message_types as ros
 from icreckon.replay.bags.messages import (
     BASE_LINK,
     IMU_LINK,
@@ -156,7 +149,11 @@ def _mapping(log: Log, topics: TopicMap) -> Outbox:
 
 def _text(topic: str, stamps: Stamps, text: str) -> Outbox:
     return Outbox(
-        topic, STRING, stamps, lambda messages, _: messages.new(STRING, data=text), latched=True
+        topic,
+        ros.STRING,
+        stamps,
+        lambda messages, _: messages.new(ros.STRING, data=text),
+        latched=True,
     )
 
 
@@ -171,7 +168,7 @@ def _joint_states(
 
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
-            JOINT_STATE,
+            ros.JOINT_STATE,
             header=messages.header(tracks.stamps[i], ""),
             name=names,
             position=nothing,
@@ -179,7 +176,7 @@ def _joint_states(
             effort=nothing,
         )
 
-    return Outbox(topic, JOINT_STATE, tracks.stamps, make)
+    return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make)
 
 
 def _imu(topic: str, imu: ImuSeries) -> Outbox:
@@ -190,7 +187,7 @@ def _imu(topic: str, imu: ImuSeries) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
-            IMU,
+            ros.IMU,
             header=messages.header(imu.stamps[i], IMU_LINK),
             orientation=messages.quaternion((0.0, 0.0, 0.0, 1.0)),
             orientation_covariance=absent,
@@ -200,7 +197,7 @@ def _imu(topic: str, imu: ImuSeries) -> Outbox:
             linear_acceleration_covariance=absent if forces is None else unknown,
         )
 
-    return Outbox(topic, IMU, imu.stamps, make)
+    return Outbox(topic, ros.IMU, imu.stamps, make)
 
 
 def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
@@ -214,14 +211,14 @@ def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
         variances = [position_variance, position_variance, yaw_variances[i]]
         place = (*fixes.poses[i, :2], 0.0)
         return messages.new(
-            POSE_WITH_COVARIANCE,
+            ros.POSE_WITH_COVARIANCE,
             header=messages.header(fixes.stamps[i], ODOM),
             pose=messages.pose_with_covariance(
                 place, quaternions[i], planar_covariance(np.diag(variances))
             ),
         )
 
-    return Outbox(topic, POSE_WITH_COVARIANCE, fixes.stamps, make)
+    return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make)
 
 
 def pose_messages(topic: str, poses: PoseSeries) -> Outbox:
@@ -230,20 +227,20 @@ def pose_messages(topic: str, poses: PoseSeries) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
-            POSE,
+            ros.POSE,
             header=messages.header(poses.stamps[i], ODOM),
             pose=messages.pose(places[i], quaternions[i]),
         )
 
-    return Outbox(topic, POSE, poses.stamps, make)
+    return Outbox(topic, ros.POSE, poses.stamps, make)
 
 
 def _twists(topic: str, twists: TwistSeries) -> Outbox:
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
-            TWIST,
+            ros.TWIST,
             header=messages.header(twists.stamps[i], BASE_LINK),
             twist=messages.twist(twists.twists[i]),
         )
 
-    return Outbox(topic, TWIST, twists.stamps, make)
+    return Outbox(topic, ros.TWIST, twists.stamps, make)

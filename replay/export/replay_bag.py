@@ -17,15 +17,7 @@ from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.bags.message_types import (
-    MARKER,
-    MARKERS,
-    NAVSATFIX,
-    ODOMETRY,
-    PATH,
-    TF,
-    TRANSFORM,
-)
+from icreckon.replay.bags import message_types as ros
 from icreckon.replay.bags.messages import (
     BASE_LINK,
     ICR_MARKERS,
@@ -121,7 +113,7 @@ def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
         if spatial is not None:
             covariance[SPATIAL] = spatial[i]
         return messages.new(
-            ODOMETRY,
+            ros.ODOMETRY,
             header=messages.header(trajectory.stamps[i], ODOM),
             child_frame_id=frame,
             pose=messages.pose_with_covariance(places[i], quaternions[i], covariance),
@@ -130,7 +122,7 @@ def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
             ),
         )
 
-    return Outbox(topic, ODOMETRY, trajectory.stamps, make)
+    return Outbox(topic, ros.ODOMETRY, trajectory.stamps, make)
 
 
 def _transforms(series: PoseSeries, frame: str) -> Outbox:
@@ -140,7 +132,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         transform = messages.new(
-            TRANSFORM,
+            ros.TRANSFORM,
             header=messages.header(series.stamps[i], ODOM),
             child_frame_id=frame,
             transform=messages.new(
@@ -149,9 +141,9 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
                 rotation=messages.quaternion(quaternions[i]),
             ),
         )
-        return messages.new(TF, transforms=[transform])
+        return messages.new(ros.TF, transforms=[transform])
 
-    return Outbox(TF_TOPIC, TF, series.stamps, make)
+    return Outbox(TF_TOPIC, ros.TF, series.stamps, make)
 
 
 def _path(topic: str, series: PoseSeries) -> Outbox:
@@ -162,9 +154,9 @@ def _path(topic: str, series: PoseSeries) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         stamped = [poses.make(messages, k) for k in range(len(rows))]
-        return messages.new(PATH, header=messages.header(poses.stamps[i], ODOM), poses=stamped)
+        return messages.new(ros.PATH, header=messages.header(poses.stamps[i], ODOM), poses=stamped)
 
-    return Outbox(topic, PATH, poses.stamps[:1], make, latched=True)
+    return Outbox(topic, ros.PATH, poses.stamps[:1], make, latched=True)
 
 
 def _icrs(
@@ -183,7 +175,7 @@ def _icrs(
     def make(messages: Messages, i: int) -> Any:
         markers = [
             messages.blank(
-                MARKER,
+                ros.MARKER,
                 header=messages.header(stamps[i], frame),
                 ns="icrs",
                 id=number,
@@ -196,9 +188,9 @@ def _icrs(
             )
             for number, (kind, size) in enumerate(ICR_MARKERS)
         ]
-        return messages.new(MARKERS, markers=markers)
+        return messages.new(ros.MARKERS, markers=markers)
 
-    return Outbox(topic, MARKERS, stamps, make)
+    return Outbox(topic, ros.MARKERS, stamps, make)
 
 
 def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
@@ -215,7 +207,7 @@ def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> O
 
     def make(messages: Messages, i: int) -> Any:
         return messages.blank(
-            NAVSATFIX,
+            ros.NAVSATFIX,
             header=messages.header(stamps[i], frame),
             latitude=latitude[i],
             longitude=longitude[i],
@@ -224,4 +216,4 @@ def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> O
             position_covariance_type=COVARIANCE_KNOWN,
         )
 
-    return Outbox(topic, NAVSATFIX, stamps, make)
+    return Outbox(topic, ros.NAVSATFIX, stamps, make)

@@ -6,16 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from icreckon.replay.bags.message_types import (
-    IMU,
-    JOINT_STATE,
-    NAVSATFIX,
-    ODOMETRY,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    STRING,
-    TWIST,
-)
+from icreckon.replay.bags import message_types as ros
 from icreckon.replay.mapping.topics import (
     FixTopic,
     HeadingTopic,
@@ -99,7 +90,7 @@ def is_command(topic: str) -> bool:
 
 def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
     for topic, sample in samples.items():
-        if sample.msgtype != JOINT_STATE or is_command(topic):
+        if sample.msgtype != ros.JOINT_STATE or is_command(topic):
             continue
         named = [list(one.name) for one in sample.messages if len(one.velocity) == len(one.name)]
         # Some drivers publish each wheel in a message of its own.
@@ -111,12 +102,12 @@ def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
     candidates = [
         topic
         for topic, sample in samples.items()
-        if sample.msgtype in (ODOMETRY, TWIST) and not is_command(topic)
+        if sample.msgtype in (ros.ODOMETRY, ros.TWIST) and not is_command(topic)
     ]
 
     def unlikely(topic: str) -> tuple[bool, bool]:
         wheels = any(word in topic.lower() for word in (*DRIVE_WORDS, "controller", "odom"))
-        return (samples[topic].msgtype != ODOMETRY, not wheels)
+        return (samples[topic].msgtype != ros.ODOMETRY, not wheels)
 
     return TrackTopic(min(candidates, key=unlikely)) if candidates else None
 
@@ -132,7 +123,7 @@ def _measures_rates(sample: Sample) -> bool:
 
 def _heading(samples: Mapping[str, Sample]) -> HeadingTopic | None:
     for topic, sample in samples.items():
-        if sample.msgtype != IMU or _measures_rates(sample):
+        if sample.msgtype != ros.IMU or _measures_rates(sample):
             continue
         turned = [one for one in sample.messages if one.orientation_covariance[0] != ABSENT]
         if any(abs(one.orientation.z) > 0.0 for one in turned):
@@ -145,19 +136,19 @@ def _imu(samples: Mapping[str, Sample]) -> ImuTopic | None:
     rates = {
         topic: sample.number
         for topic, sample in samples.items()
-        if sample.msgtype == IMU and _measures_rates(sample)
+        if sample.msgtype == ros.IMU and _measures_rates(sample)
     }
     return ImuTopic(max(rates, key=lambda topic: rates[topic])) if rates else None
 
 
 def _fixes(samples: Mapping[str, Sample]) -> FixTopic | None:
-    for msgtype in (POSE_WITH_COVARIANCE, POSE):
+    for msgtype in (ros.POSE_WITH_COVARIANCE, ros.POSE):
         for topic, sample in samples.items():
             if sample.msgtype == msgtype and not is_command(topic):
-                sigma = PLACEHOLDER_SIGMA if msgtype == POSE else None
+                sigma = PLACEHOLDER_SIGMA if msgtype == ros.POSE else None
                 return FixTopic(topic, position_sigma=sigma)
     for topic, sample in samples.items():
-        if sample.msgtype == NAVSATFIX:
+        if sample.msgtype == ros.NAVSATFIX:
             known = any(one.position_covariance_type for one in sample.messages)
             return FixTopic(topic, position_sigma=None if known else PLACEHOLDER_SIGMA)
     return None
@@ -175,8 +166,8 @@ def _truth(samples: Mapping[str, Sample], tracks: TrackTopic | None) -> TruthTop
             None,
         )
 
-    topic = first(POSE, POSE_WITH_COVARIANCE, ODOMETRY, NAVSATFIX)
+    topic = first(ros.POSE, ros.POSE_WITH_COVARIANCE, ros.ODOMETRY, ros.NAVSATFIX)
     if topic is None:
         return None
-    joints = first(JOINT_STATE) if tracks and tracks.left else None
-    return TruthTopic(topic, twist=first(TWIST), tracks=joints, source_topic=first(STRING))
+    joints = first(ros.JOINT_STATE) if tracks and tracks.left else None
+    return TruthTopic(topic, twist=first(ros.TWIST), tracks=joints, source_topic=first(ros.STRING))

@@ -22,6 +22,7 @@ from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_stamps
+from icreckon.replay.inspection import wheels
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
 from icreckon.replay.inspection.guess_topics import Sample, guess_topics
@@ -54,15 +55,6 @@ from icreckon.replay.inspection.track_by_rate import (
     track_by_rate,
     track_windows,
 )
-from icreckon.replay.inspection.wheels import (
-    FAST_TURNING,
-    WheelEstimates,
-    fast_turning,
-    heading_offset,
-    standstills,
-    unit_suspicions,
-    wheel_estimates,
-)
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
@@ -73,7 +65,7 @@ from icreckon.replay.reading.to_log import assemble, evidence_of
 
 MOST_STOPS = 8
 """Highest number of standstills that are listed."""
-NO_ESTIMATES = WheelEstimates(None, "", None)
+NO_ESTIMATES = wheels.WheelEstimates(None, "", None)
 UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
 """Robot with a sprocket radius of 1 m, so that rates are read as speeds."""
 
@@ -160,7 +152,7 @@ def inspect(
         vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
         correlation = mounting.turning_correlation if mounting else None
         latencies = _latencies(log, vertical)
-        estimates = wheel_estimates(_in_time(log, latencies), vertical, correlation)
+        estimates = wheels.wheel_estimates(_in_time(log, latencies), vertical, correlation)
         bias = None if vertical is None else gyro_bias(_in_time(log, latencies), vertical)
         wander = estimate_wander(log, vertical) if log.fixes is not None else None
         if estimates.track_ratio is not None and vertical is not None:
@@ -197,7 +189,7 @@ def inspect(
             log,
             estimates,
             clocks,
-            heading_offset(log) if log is not None else None,
+            wheels.heading_offset(log) if log is not None else None,
             latencies.get("tracks"),
             wander if isinstance(wander, FixWanderEstimate) else None,
             sizes=sizes,
@@ -213,8 +205,8 @@ def _in_degrees(mapping: TopicMap, log: Log) -> tuple[TopicMap, str] | None:
     columns = mapping.columns
     if columns is None or columns.imu is None or log.imu is None:
         return None
-    fast = fast_turning(log.imu)
-    if not FAST_TURNING < fast < math.degrees(FAST_TURNING):
+    fast = wheels.fast_turning(log.imu)
+    if not wheels.FAST_TURNING < fast < math.degrees(wheels.FAST_TURNING):
         return None
     changed = replace(columns, imu=replace(columns.imu, rate_unit="deg/s"))
     note = f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s"
@@ -332,7 +324,7 @@ def _findings(
     log: Log | None,
     mapping: TopicMap,
     mounting: Mounting | None,
-    estimates: WheelEstimates,
+    estimates: wheels.WheelEstimates,
     clocks: dict[str, Choice],
     latencies: dict[str, Lag | NoLag],
 ) -> Iterator[str]:
@@ -372,7 +364,7 @@ def _findings(
     if held := _held(log):
         yield f"tracks: {held}"
     if len(log.tracks.stamps):
-        stops = standstills(log)
+        stops = wheels.standstills(log)
         total = sum(end - begin for begin, end in stops)
         spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in stops[:MOST_STOPS])
         more = ", ..." if len(stops) > MOST_STOPS else ""
@@ -386,7 +378,7 @@ def _findings(
         yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
     yield from (
         f"suspicious: {text}"
-        for text in unit_suspicions(
+        for text in wheels.unit_suspicions(
             log,
             mounting,
             estimates,
@@ -397,7 +389,7 @@ def _findings(
     )
 
 
-def _of_track(estimates: WheelEstimates, mapping: TopicMap) -> str:
+def _of_track(estimates: wheels.WheelEstimates, mapping: TopicMap) -> str:
     """Report the effective track by the gyro, as settings of a controller have it."""
     ratio, sigma = estimates.track_ratio, estimates.track_sigma
     error = "" if sigma is None else f" (± {sigma:.1g})"
@@ -413,7 +405,9 @@ def _of_track(estimates: WheelEstimates, mapping: TopicMap) -> str:
     )
 
 
-def _track_of(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> tuple[float, str]:
+def _track_of(
+    mapping: TopicMap, estimates: wheels.WheelEstimates, sizes: Sizes
+) -> tuple[float, str]:
     """Effective track by the gyro, and its unit."""
     if (metres := effective_track(mapping, estimates, sizes)) is not None:
         return metres, "m"

@@ -6,16 +6,9 @@ from typing import Any, NamedTuple
 
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
+from icreckon.report.replay import many_text
 from icreckon.report.replay.many_picture import drift_picture
-from icreckon.report.replay.many_text import (
-    horizon_of,
-    left_out,
-    many_doubts,
-    many_failures,
-    many_headline,
-    many_remarks,
-    pooled_over,
-)
+from icreckon.report.replay.many_text import left_out, pooled_over
 from icreckon.report.replay.page import drift_tables, interval_cell
 from icreckon.report.replay.page_text import CHECK_HINT, horizon_text, lowest, number
 
@@ -46,17 +39,17 @@ def many_page(results: Results) -> str:
         "many.html",
         title=f"{' and '.join(robots)} on {some}",
         subtitle=f"icreckon {results['command']}",
-        failures=many_failures(results),
-        doubts=many_doubts(results),
+        failures=many_text.many_failures(results),
+        doubts=many_text.many_doubts(results),
         check_hint=CHECK_HINT,
-        headline=many_headline(results),
-        remarks=many_remarks(results),
+        headline=many_text.many_headline(results),
+        remarks=many_text.many_remarks(results),
         drifts=drift_picture(results),
         ratios=_ratios(results),
         parts=[_part(results, robot) for robot in robots],
         head=_head(results),
         logs=[_row(results, one) for one in results["logs"]],
-        horizon=horizon_text(horizon_of(results)),
+        horizon=horizon_text(many_text.horizon_of(results)),
         configuration=results["configuration"],
         robots=results["robots"],
         origin={key: results[key] for key in ("versions", "inputs", "format")},
@@ -131,7 +124,7 @@ def _head(results: Results) -> list[str]:
 
 def _row(results: Results, one: Results) -> LogRow:
     """Length of a log, and the drift of all variants in it."""
-    key = f"drift_percent_{horizon_of(results)}_mean"
+    key = f"drift_percent_{many_text.horizon_of(results)}_mean"
     best = lowest(one["variants"], key) if one["truth"] else None
     robot = [Cell(one["robot"], "text")] if len(results["pooled"]) > 1 else []
     distance = Cell(number(one["truth"]["distance_m"]) if one["truth"] else "no truth")

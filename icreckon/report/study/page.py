@@ -6,14 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from icreckon.report.pages import Picture, render
-from icreckon.report.study.text import (
-    ERROR,
-    failures,
-    headline,
-    notes,
-    same_results,
-    summary_tables,
-)
+from icreckon.report.study import text as study_text
 from icreckon.simulation.study.results import Results
 
 PROVENANCE = ("versions", "seed", "engine", "runs", "true_motions", "format")
@@ -25,12 +18,12 @@ def study_page(results: Results, figures: Sequence[Picture]) -> str:
         "study.html",
         title=results["name"],
         subtitle=results["description"].strip(),
-        failures=failures(results),
-        same_results=same_results(results),
-        headline=headline(results),
-        tables=summary_tables(results),
-        error=ERROR,
-        notes=notes(results),
+        failures=study_text.failures(results),
+        same_results=study_text.same_results(results),
+        headline=study_text.headline(results),
+        tables=study_text.summary_tables(results),
+        error=study_text.ERROR,
+        notes=study_text.notes(results),
         figures=figures,
         configuration=_given(results["configuration"]),
         provenance=_given({key: results[key] for key in PROVENANCE}),
