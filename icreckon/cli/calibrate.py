@@ -37,9 +37,8 @@ from icreckon.replay.mapping.topics import topic_map, with_column_keys
 from icreckon.replay.reading.gather import source_name
 from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
-from icreckon.report.calibration.page import calibration_page
-from icreckon.report.calibration.tables import WIDE_FROM, calibration_tables
-from icreckon.report.drawing import unless_missing
+from icreckon.report.calibration.tables import WIDE_FROM, calibration_page, calibration_tables
+from icreckon.report.pages import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")

@@ -13,9 +13,8 @@ from icreckon.cli.common.console import print_fitting, results_folder, working
 from icreckon.cli.common.options import Json, Out, Overwrite, Wide
 from icreckon.replay.base.outputs import write_text
 from icreckon.replay.comparison.results import FORMAT, Results, json_types, versions, write_results
-from icreckon.report.drawing import unless_missing
-from icreckon.report.paper.page import paper_page
-from icreckon.report.paper.tables import LEVELS, paper_tables
+from icreckon.report.pages import unless_missing
+from icreckon.report.paper.tables import LEVELS, paper_page, paper_tables
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 from icreckon.simulation.paper.contact import BEST_FILE, load_paper_contact
 from icreckon.simulation.paper.dynamic_map import VelocityErrors

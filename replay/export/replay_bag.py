@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.robot.robot_file import Robot
@@ -32,7 +32,6 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages, pose_messages
-from icreckon.replay.export.sampling import thinned
 from icreckon.replay.export.tables import icr_series
 from icreckon.replay.mapping.geodesy import Origin, degrees
 
@@ -217,3 +216,11 @@ def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> O
         )
 
     return Outbox(topic, ros.NAVSATFIX, stamps, make)
+
+
+def thinned(stamps: Stamps, rate: float) -> Any:
+    """Select rows (m,) of stamps [ns], at most `rate` a second; even stamps stay even."""
+    if not len(stamps):
+        return np.zeros(0, int)
+    slot = np.floor((stamps - stamps[0]) * NANOSECOND * rate + 1e-6).astype(np.int64)
+    return np.flatnonzero(np.diff(slot, prepend=-1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
@@ -36,8 +36,8 @@ from icreckon.replay.inspection.imu_mounting import (
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
 from icreckon.replay.inspection.robot_file import (
     NO_SIZES,
+    LogEstimates,
     Sizes,
-    effective_track,
     has_tracks,
     in_rates,
     robot_file_text,
@@ -59,13 +59,11 @@ from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import as_paths, gather
-from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
 MOST_STOPS = 8
 """Highest number of standstills that are listed."""
-NO_ESTIMATES = wheels.WheelEstimates(None, "", None)
 UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
 """Robot with a sprocket radius of 1 m, so that rates are read as speeds."""
 
@@ -144,24 +142,8 @@ def inspect(
         entry = mapping.tracks if purpose == "tracks" else mapping.imu
         if entry is not None and entry.topic in reports:
             reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
-    mounting = estimate_mounting(log) if log is not None else None
-    estimates, bias, track = NO_ESTIMATES, None, None
-    latencies: dict[str, Lag | NoLag] = {}
-    wander: FixWanderEstimate | str | None = None
-    if log is not None:
-        vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
-        correlation = mounting.turning_correlation if mounting else None
-        latencies = _latencies(log, vertical)
-        estimates = wheels.wheel_estimates(_in_time(log, latencies), vertical, correlation)
-        bias = None if vertical is None else gyro_bias(_in_time(log, latencies), vertical)
-        wander = estimate_wander(log, vertical) if log.fixes is not None else None
-        if estimates.track_ratio is not None and vertical is not None:
-            whole, unit = _track_of(mapping, estimates, sizes)
-            is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
-            value = bias.value if bias is not None and is_clear else 0.0
-            windows = track_windows(_in_time(log, latencies), vertical, value)
-            bins = track_by_rate(windows * (1.0, whole / estimates.track_ratio))
-            track = TrackByRate(whole, unit, tuple(bins))
+    seen = _estimates(mapping, clocks, log, sizes)
+    track = _track_by_rate(seen)
     times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
     if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
@@ -173,31 +155,58 @@ def inspect(
         duration=duration,
         topics=tuple(listed),
         mapping=mapping,
-        mounting=mounting,
+        mounting=seen.mounting,
         findings=(
-            *_findings(log, mapping, mounting, estimates, clocks, latencies),
+            *_findings(seen),
             *_of_rates(track),
-            *_of_bias(bias),
-            *_of_wander(wander),
+            *_of_bias(seen.bias),
+            *_of_wander(seen.wander),
         ),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
-        proposed_robot_file=robot_file_text(
-            paths[0],
-            _with_clocks(mapping, clocks),
-            mounting,
-            log,
-            estimates,
-            clocks,
-            wheels.heading_offset(log) if log is not None else None,
-            latencies.get("tracks"),
-            wander if isinstance(wander, FixWanderEstimate) else None,
-            sizes=sizes,
-            held=_held(log),
-            bias=bias,
-        ),
+        proposed_robot_file=robot_file_text(paths[0], seen),
         track=track,
     )
+
+
+def _estimates(
+    mapping: TopicMap, clocks: dict[str, Choice], log: Log | None, sizes: Sizes
+) -> LogEstimates:
+    """Estimate all that a log shows."""
+    if log is None:
+        return LogEstimates(mapping, clocks, log, sizes)
+    mounting = estimate_mounting(log)
+    vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
+    latencies = _latencies(log, vertical)
+    in_time = _in_time(log, latencies)
+    correlation = mounting.turning_correlation if mounting else None
+    return LogEstimates(
+        mapping,
+        clocks,
+        log,
+        sizes,
+        mounting,
+        vertical,
+        wheels.wheel_estimates(in_time, vertical, correlation),
+        latencies,
+        None if vertical is None else gyro_bias(in_time, vertical),
+        estimate_wander(log, vertical) if log.fixes is not None else None,
+    )
+
+
+def _track_by_rate(seen: LogEstimates) -> TrackByRate | None:
+    """Effective track by the gyro, of the whole log and over the yaw rate."""
+    ratio, bias, log = seen.wheels.track_ratio, seen.bias, seen.log
+    if ratio is None or seen.vertical is None or log is None:
+        return None
+    whole, unit = seen.effective_track, "m"
+    if whole is None:
+        unit = "the effective radius" if in_rates(seen.mapping) else "the controller's gauge"
+        whole, unit = ratio, f"times {unit}"
+    is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
+    value = bias.value if bias is not None and is_clear else 0.0
+    windows = track_windows(_in_time(log, seen.latencies), seen.vertical, value)
+    return TrackByRate(whole, unit, tuple(track_by_rate(windows * (1.0, whole / ratio))))
 
 
 def _in_degrees(mapping: TopicMap, log: Log) -> tuple[TopicMap, str] | None:
@@ -211,14 +220,6 @@ def _in_degrees(mapping: TopicMap, log: Log) -> tuple[TopicMap, str] | None:
     changed = replace(columns, imu=replace(columns.imu, rate_unit="deg/s"))
     note = f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s"
     return replace(mapping, columns=changed), note
-
-
-def _held(log: Log | None) -> str:
-    """Rate of track speeds that the log repeats in between, empty if it does not."""
-    if log is None:
-        return ""
-    found = without_holding(log, "auto")
-    return "" if found is log else found.notes[-1].partition(":")[0]
 
 
 def guess_mapping(
@@ -259,7 +260,7 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
     return found
 
 
-def _in_time(log: Log, latencies: dict[str, Lag | NoLag]) -> Log:
+def _in_time(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
     """Log whose track speeds and truth are as late as its gyro, where that is clear."""
     tracks, truth = (latencies.get(purpose) for purpose in ("tracks", "truth"))
     if isinstance(tracks, Lag) and not objection(tracks):
@@ -320,17 +321,11 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicRe
         )
 
 
-def _findings(
-    log: Log | None,
-    mapping: TopicMap,
-    mounting: Mounting | None,
-    estimates: wheels.WheelEstimates,
-    clocks: dict[str, Choice],
-    latencies: dict[str, Lag | NoLag],
-) -> Iterator[str]:
-    for purpose, choice in clocks.items():
+def _findings(seen: LogEstimates) -> Iterator[str]:
+    log, mapping, mounting = seen.log, seen.mapping, seen.mounting
+    for purpose, choice in seen.clocks.items():
         clock = "header stamps" if choice.clock == "header" else "time of recording"
-        if not mapping.columns or purpose in _mapped_purposes(mapping):
+        if not mapping.columns or getattr(mapping, purpose, None) is not None:
             yield f"{purpose}: {clock}; {choice.reason}"
     if not has_tracks(mapping):
         yield (
@@ -345,7 +340,7 @@ def _findings(
         if fault is not None:
             yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
-    for purpose, latency in latencies.items():
+    for purpose, latency in seen.latencies.items():
         if isinstance(latency, NoLag):
             yield (
                 f"{purpose}: whether stamps are late against the gyro's cannot be seen: {latency.reason}"
@@ -359,9 +354,9 @@ def _findings(
             f"{purpose}: stamps are {abs(latency.seconds):.2f} s (± {latency.sigma:.3f}) {late} against "
             f"{against}" + (f"; {why}: no latency is proposed" if why else "")
         )
-    if estimates.track_ratio is not None:
-        yield _of_track(estimates, mapping)
-    if held := _held(log):
+    if seen.wheels.track_ratio is not None:
+        yield _of_track(seen)
+    if held := seen.held:
         yield f"tracks: {held}"
     if len(log.tracks.stamps):
         stops = wheels.standstills(log)
@@ -381,38 +376,28 @@ def _findings(
         for text in wheels.unit_suspicions(
             log,
             mounting,
-            estimates,
+            seen.wheels,
             rates=in_rates(mapping),
-            vertical=vertical_rate(log.imu, mounting) if log.imu and mounting else None,
-            from_twist=mapping.tracks is not None and not mapping.tracks.left,
+            vertical=seen.vertical,
+            from_twist=seen.from_twist,
         )
     )
 
 
-def _of_track(estimates: wheels.WheelEstimates, mapping: TopicMap) -> str:
+def _of_track(seen: LogEstimates) -> str:
     """Report the effective track by the gyro, as settings of a controller have it."""
-    ratio, sigma = estimates.track_ratio, estimates.track_sigma
+    ratio, sigma = seen.wheels.track_ratio, seen.wheels.track_sigma
     error = "" if sigma is None else f" (± {sigma:.1g})"
-    if mapping.tracks is not None and not mapping.tracks.left:
+    if seen.from_twist:
         return (
             f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"
         )
-    unit = "times the effective radius" if in_rates(mapping) else "m"
+    unit = "times the effective radius" if in_rates(seen.mapping) else "m"
     return (
         f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"
     )
-
-
-def _track_of(
-    mapping: TopicMap, estimates: wheels.WheelEstimates, sizes: Sizes
-) -> tuple[float, str]:
-    """Effective track by the gyro, and its unit."""
-    if (metres := effective_track(mapping, estimates, sizes)) is not None:
-        return metres, "m"
-    times = "the effective radius" if in_rates(mapping) else "the controller's gauge"
-    return estimates.track_ratio or 0.0, f"times {times}"
 
 
 def _of_rates(track: TrackByRate | None) -> Iterator[str]:
@@ -444,24 +429,6 @@ def _of_wander(wander: FixWanderEstimate | str | None) -> Iterator[str]:
         yield f"fixes: {wander.text}"
     elif wander is not None:
         yield f"fixes: whether their error wanders cannot be seen: {wander}"
-
-
-def _mapped_purposes(mapping: TopicMap) -> list[str]:
-    return [
-        name
-        for name in ("tracks", "imu", "fixes", "heading", "truth")
-        if getattr(mapping, name) is not None
-    ]
-
-
-def _with_clocks(mapping: TopicMap, clocks: dict[str, Choice]) -> TopicMap:
-    """Set the time of recording in the mapping for the streams that use it."""
-    changes = {
-        purpose: replace(getattr(mapping, purpose), time="recording")
-        for purpose in _mapped_purposes(mapping)
-        if purpose in clocks and clocks[purpose].clock == "recording"
-    }
-    return replace(mapping, **changes)
 
 
 def _repeated_shares(log: Log) -> dict[str, float]:

@@ -18,8 +18,8 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormat
 from icreckon.replay.base.colours import COLOURS
 from icreckon.report.pages import Picture
 from icreckon.report.printable import any_letters
-from icreckon.report.study.axis_units import with_unit
 from icreckon.report.study.text import NEES, title_of, unit_of
+from icreckon.simulation.study.cells import OUTAGE
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
 from icreckon.simulation.study.summary import CONFIDENCE
 
@@ -38,6 +38,42 @@ MOST_NAMED_CELLS = 12
 LOG_SPAN = 30.0
 # Range of the variants at one place, as a share of the distance between places.
 SPREAD = 0.5
+INERTIAL = {
+    "noise_density": "{}/√Hz",
+    "bias_sigma": "{}",
+    "bias_instability": "{}",
+    "bias_instability_time": "s",
+    "bias_walk": "{}/√s",
+    "misalignment_sigma": "rad",
+    "range": "{}",
+}
+UNITS = {
+    **{f"gyro.{name}": unit.format("rad/s") for name, unit in INERTIAL.items()},
+    **{f"accelerometer.{name}": unit.format("m/s²") for name, unit in INERTIAL.items()},
+    "encoders.speed_noise_density": "m/s/√Hz",
+    "encoders.resolution": "m",
+    "encoders.dropouts_per_hour": "1/h",
+    "encoders.dropout_duration": "s",
+    "fixes.sigma": "m",
+    "fixes.heading_sigma": "rad",
+    "fixes.outlier_sigma": "m",
+    "fixes.latency": "s",
+    "fixes.wander_sigma": "m",
+    "fixes.wander_time": "s",
+    "duration": "s",
+    "track_lag": "s",
+    "track_rate": "Hz",
+    "imu_rate": "Hz",
+    "truth_rate": "Hz",
+    "fix_rate": "Hz",
+}
+"""Unit by the key of a scenario."""
+
+
+def with_unit(axis: str) -> str:
+    """Name of an axis with its unit, if it is a key that has one."""
+    unit = (UNITS | {OUTAGE: "s"}).get(axis)
+    return axis if unit is None else f"{axis} [{unit}]"
 
 
 def study_figures(results: Results) -> list[Picture]:

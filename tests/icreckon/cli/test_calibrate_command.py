@@ -23,8 +23,7 @@ from icreckon.replay.comparison.compare import compare
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
-from icreckon.report.calibration.page import calibration_page
-from icreckon.report.calibration.tables import calibration_tables
+from icreckon.report.calibration.tables import calibration_page, calibration_tables
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from readme import code_blocks, run_page

@@ -9,7 +9,7 @@ import pytest
 from command_line import Done, icreckon
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.export.log_bag import write_log
-from icreckon.report.drawing import unless_missing
+from icreckon.report.pages import unless_missing
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 

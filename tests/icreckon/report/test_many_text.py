@@ -4,8 +4,7 @@ from typing import Any
 
 import pytest
 
-from icreckon.report.replay.many_page import many_page
-from icreckon.report.replay.many_picture import drift_picture
+from icreckon.report.replay.many_page import drift_picture, many_page
 from icreckon.report.replay.many_text import UNSCORED, many_headline, many_remarks
 
 HORIZONS = ("10s", "30s", "60s", "5m", "10m", "30m", "50m")

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from icreckon.report.study.axis_units import INERTIAL, UNITS, with_unit
+from icreckon.report.study.figures import INERTIAL, UNITS, with_unit
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.encoders import EncoderErrors
 from icreckon.simulation.sensors.fixes import FixErrors
