@@ -282,7 +282,7 @@ class OdometryNode:
                 found = find_topic(self.node, subscription)
                 if found is None:
                     continue
-                self._subscribe(subscription, found.msgtype, reliable=found.reliable)
+                self._subscribe(subscription, found[0], reliable=found[1])
             except ReplayError as problem:
                 self._warn(str(problem))
                 continue

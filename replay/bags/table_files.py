@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from icreckon.replay.bags.unpacking import limit, too_large
 from icreckon.replay.base.errors import ReplayError
@@ -50,12 +50,9 @@ def _is_parquet(path: Path) -> bool:
         return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
 
 
-class Read(NamedTuple):
-    """Content of a table file."""
-
-    table: Any  # columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries
-    others: dict[str, str]  # types of the other columns, such as lists, by name
-    notes: list[str]  # what was left out
+Read = tuple[Any, dict[str, str], list[str]]
+"""Columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries; types of the other
+columns, such as lists, by name; and what was left out."""
 
 
 def are_few(count: int, rows: int) -> bool:
@@ -97,14 +94,14 @@ def _read_csv(path: Path) -> Read:
         return csv.read_csv(BufferReader(text), parse_options=options, convert_options=numbers)
 
     try:
-        return Read(read(None), {}, [])
+        return read(None), {}, []
     except ArrowInvalid:
         # A handler of rows that are no UTF-8 writes a traceback.
         if not _is_utf_8(text):
             raise
     damaged = _DamagedRows()
     table = read(damaged.take)
-    return Read(table, {}, damaged.notes(int(table.num_rows)))
+    return table, {}, damaged.notes(int(table.num_rows))
 
 
 def _text_of(path: Path) -> Any:
@@ -191,7 +188,7 @@ def _read_parquet(path: Path) -> Read:
     with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
         table = file.read(columns=read, use_threads=False)
     others = {field.name: str(field.type) for field in schema if field.name not in read}
-    return Read(table, others, [])
+    return table, others, []
 
 
 def _check_columns(count: int) -> None:

@@ -11,13 +11,22 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import matrix_to_rpy
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import matrix_to_rpy, relative
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.scores import even_grid, interpolate_poses
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Imu, Robot
-from icreckon.replay.inspection.imu_mounting import ENOUGH_STILL, are_usable, rate_about, standstill
+from icreckon.replay.inspection.imu_mounting import (
+    ENOUGH_STILL,
+    are_usable,
+    rate_about,
+    standstill,
+    turning_correlation,
+)
 from icreckon.replay.inspection.robot_file import in_rates
+from icreckon.replay.inspection.wheels import STRAIGHT as BENDS
+from icreckon.replay.inspection.wheels import wheel_estimates
 from icreckon.replay.mapping.topics import TrackTopic, topic_map
 
 # Standard errors from which a difference is one.
@@ -142,3 +151,65 @@ def rounded_angles(rotation: Floats) -> tuple[float, ...]:
 def angles_text(values: tuple[float, float, float]) -> str:
     """Text of three angles [deg]."""
     return f"{', '.join(f'{value:g}' for value in values)} deg"
+
+
+# Turning of a window that hardly slips [rad].
+STRAIGHT = 0.2
+
+
+Scale = tuple[float, float | None, str]
+"""Distance over ground over that of the tracks [-], its standard error or None, and its source."""
+
+
+def effective_track(robot: Robot) -> float:
+    """Effective track of a robot file, with constant ICRs [m]."""
+    return robot.constant_indices.eta0 * robot.vehicle.track_gauge
+
+
+def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
+    """Effective track by gyro and tracks, and its standard error or None [m].
+
+    None if they turn too little.
+    """
+    if log.imu is None or not are_usable(log.tracks):
+        return None
+    vertical = in_base(log.imu, robot)[0]
+    correlation = turning_correlation(log.tracks, log.imu, vertical)
+    found = wheel_estimates(log, vertical, correlation)
+    return None if found.track_ratio is None else (found.track_ratio, found.track_sigma)
+
+
+def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:
+    """Scale of the track speeds by truth or fixes; None if they do not show it.
+
+    Args:
+        log: the log.
+        robot: the robot.
+        bends: whether windows with bends count, too, in which tracks slip.
+    """
+    if log.imu is None or not are_usable(log.tracks):
+        return None
+    vertical = in_base(log.imu, robot)[0]
+    found = wheel_estimates(log, vertical, None, BENDS if bends else STRAIGHT)
+    if found.way_ratio is None:
+        return None
+    return found.way_ratio, found.way_sigma, found.way_source
+
+
+def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:
+    """Motion of a truth in windows [s]; None if it is too short.
+
+    Returns:
+        (n + 1,) stamps of the starts and ends of the windows [ns], and (n, 3) the pose at the end of each
+        in that at its start [m, m, rad].
+    """
+    edges = even_grid(
+        max(truth.poses.stamps[0], log.start),
+        min(truth.poses.stamps[-1], log.end),
+        round(window / NANOSECOND),
+        truth.poses.stamps,
+    )
+    if len(edges) < 2:
+        return None
+    poses = interpolate_poses(truth.poses, edges)
+    return edges, relative(poses[:-1], poses[1:])

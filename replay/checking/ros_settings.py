@@ -21,9 +21,11 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, make_robot
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import from_twist, in_base, in_rates_of
-from icreckon.replay.checking.measured import (
+from icreckon.replay.checking.check import (
     effective_track,
+    from_twist,
+    in_base,
+    in_rates_of,
     measured_scale,
     measured_track,
     true_motion,
@@ -154,7 +156,7 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
     motion = true_motion(log, truth, WINDOW)
     if motion is None:
         return np.zeros(0)
-    edges, moved = motion.edges, motion.moved
+    edges, moved = motion
     seconds = np.diff(edges) * NANOSECOND
     true_speed = np.hypot(moved[:, 0], moved[:, 1]) * np.sign(moved[:, 0]) / seconds
     true_speed /= np.sinc(moved[:, 2] / (2.0 * math.pi))
@@ -272,8 +274,8 @@ def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
     found = [one for one in scales if one is not None]
     comment = _not_seen(logs)
     if found:
-        seen = [_times((one.ratio, one.sigma), radius) for one in found]
-        comment = _shown(logs, found[0].source, seen)
+        seen = [_times((ratio, sigma), radius) for ratio, sigma, _ in found]
+        comment = _shown(logs, found[0][2], seen)
     return [f"    wheel_radius: {_number(radius)}  # m, effective: {comment}"]
 
 

@@ -23,16 +23,14 @@ from icreckon.replay.checking.check import (
     TRACK,
     Check,
     Measured,
+    effective_track,
     in_base,
     in_rates_of,
     mapped_tracks,
-    with_speeds,
-)
-from icreckon.replay.checking.measured import (
-    effective_track,
     measured_scale,
     measured_track,
     true_motion,
+    with_speeds,
 )
 from icreckon.replay.inspection.imu_mounting import (
     CLEAR_TURNING,
@@ -174,7 +172,7 @@ def _drives_backward(log: Log) -> bool | None:
     motion = true_motion(log, truth, BACKWARD_WINDOW)
     if motion is None:
         return None
-    ahead, edges = motion.moved[:, 0], motion.edges
+    edges, ahead = motion[0], motion[1][:, 0]
     speed = np.interp(
         0.5 * (edges[1:] + edges[:-1]), log.tracks.stamps, log.tracks.speeds.mean(axis=1)
     )

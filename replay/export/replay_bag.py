@@ -15,7 +15,9 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.outputs import icr_points
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.bags import message_types as ros
 from icreckon.replay.bags.messages import (
@@ -32,7 +34,6 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages, pose_messages
-from icreckon.replay.export.tables import icr_series
 from icreckon.replay.mapping.geodesy import Origin, degrees
 
 TRUTH = "ground_truth"
@@ -164,12 +165,9 @@ def _icrs(
     """ICRs of both tracks as spheres joined by a line, in the robot's frame."""
     rows = thinned(all_stamps, MARKER_RATE)
     stamps = all_stamps[rows]
-    icrs = icr_series(indices[rows], robot.vehicle.track_gauge)
+    icrs = icr_points(IndexValues(*indices[rows].T), robot.vehicle.track_gauge)
     red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
-    left, right = (
-        np.column_stack([x, y, np.zeros(len(rows))])
-        for x, y in ((icrs.left_x, icrs.left_y), (icrs.right_x, icrs.right_y))
-    )
+    left, right = (np.column_stack([*place, np.zeros(len(rows))]) for place in icrs)
 
     def make(messages: Messages, i: int) -> Any:
         markers = [

@@ -6,19 +6,19 @@ A row for each pair of track speeds. Column names end with units. Unknown values
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import paper_to_rep103, wrap_angle
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.log.scores import nees, regular
 from icreckon.estimator.log.series import PoseSeries
-from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
+from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.outputs import Run
+from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import new_file
 from icreckon.replay.base.units import column
@@ -49,28 +49,6 @@ TWIST_COVARIANCES = {
 ENCODING = "BYTE_STREAM_SPLIT"
 
 
-class IcrSeries(NamedTuple):
-    """ICRs of the tracks over time in base_link: x forward, y left, (n,) each [m]."""
-
-    left_x: Floats
-    left_y: Floats
-    right_x: Floats
-    right_y: Floats
-
-
-def icr_series(indices: Floats, gauge: float) -> IcrSeries:
-    """Compute ICRs by (28) to (30).
-
-    Args:
-        indices: (n, 3) zeta [m], epsilon [m], eta [-].
-        gauge: track gauge [m].
-    """
-    icrs = icrs_from_indices(IndexValues(*indices.T), gauge)
-    left_x, left_y = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
-    right_x, right_y = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
-    return IcrSeries(*(np.asarray(one, dtype=float) for one in (left_x, left_y, right_x, right_y)))
-
-
 def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, Any]:
     """Columns (n,) of a run by name, float64 if precision matters, otherwise float32.
 
@@ -97,9 +75,9 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
         names = ("sigma_z_m", "sigma_roll_rad", "sigma_pitch_rad")
         single |= dict(zip(names, moved.spatial_sigmas.T, strict=True))
     single |= dict(zip(("zeta_m", "epsilon_m", "eta"), one.indices.T, strict=True))
-    icrs = icr_series(one.indices, robot.vehicle.track_gauge)
-    for side, x, y in (("left", icrs.left_x, icrs.left_y), ("right", icrs.right_x, icrs.right_y)):
-        single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = x, y
+    icrs = icr_points(IndexValues(*one.indices.T), robot.vehicle.track_gauge)
+    for side, place in icrs._asdict().items():
+        single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = place
     for index in (*range(s.SLIP.start, s.SLIP.stop), *range(s.LEARNT.start, s.GRAVITY.stop)):
         name = one.state_names[index]
         if name:

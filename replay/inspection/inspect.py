@@ -302,7 +302,7 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicRe
         with suppress(ReplayError):
             stamps, timed = table.stamps(columns.time, columns.time_unit)
     for column in table.columns:
-        spaced = Spacing(None, None, None)
+        spaced = Spacing()
         if columns is not None and stamps is not None:
             with suppress(ReplayError):
                 there = timed
@@ -314,10 +314,8 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicRe
             msgtype=column.kind,
             frame_id=table.path.name,
             count=column.filled,
-            mean_rate=spaced.mean_rate,
-            largest_gap=spaced.largest_gap,
-            gaps=spaced.gaps,
             clock_offset=None,
+            **spaced._asdict(),
         )
 
 

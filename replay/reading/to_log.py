@@ -212,10 +212,9 @@ class _Assembly:
                 )
         if len(stamps):
             names = (*spec.left, *spec.right)
-            sides = of_sides(stamps, values, read.left, names, vehicle.max_track_speed)
-            if stream.purpose == "tracks":
-                self.notes += sides.notes
-            return sides.tracks
+            tracks, notes = of_sides(stamps, values, read.left, names, vehicle.max_track_speed)
+            self.notes += notes if stream.purpose == "tracks" else []
+            return tracks
         if stream.purpose == "tracks":
             why = self.notes[-1].removeprefix(OF_ROBOT_FILE)
             raise ReplayError(f"{stream.source}: {why}{self._joints_hint(stream)}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,13 +12,6 @@ from icreckon.estimator.log.series import TrackSpeedSeries
 
 TOGETHER = 0.5
 """Longest time between two messages of a wheel, between which it is interpolated [s]."""
-
-
-class Sides(NamedTuple):
-    """Track speeds by the wheels of both sides."""
-
-    tracks: TrackSpeedSeries  # track speeds, with those of the wheels if any disagree
-    notes: list[str]  # findings about wheels that do, for the user
 
 
 def mean_of_sides(values: Floats, left: int) -> Floats:
@@ -60,7 +52,7 @@ def interpolated(
 
 def of_sides(
     stamps: Stamps, speeds: Floats, left: int, names: Sequence[str], fastest: float
-) -> Sides:
+) -> tuple[TrackSpeedSeries, list[str]]:
     """Track speeds by those of the wheels of both sides.
 
     Args:
@@ -69,12 +61,15 @@ def of_sides(
         left: number of the left ones.
         names: (k,) names of the wheels.
         fastest: highest speed of a track [m/s].
+
+    Returns:
+        Track speeds, with those of the wheels if any disagree, and notes on wheels that do.
     """
     means = mean_of_sides(speeds, left)
     wheels = speeds[:, :left], speeds[:, left:]
     disagree = [_range(one) > least_apart(fastest) for one in wheels]
     if not (disagree[0].any() or disagree[1].any()):
-        return Sides(TrackSpeedSeries(stamps, means), [])
+        return TrackSpeedSeries(stamps, means), []
     intervals = np.minimum(np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, OVER)
     notes = []
     sides = zip(("left", "right"), wheels, disagree, (names[:left], names[left:]), strict=True)
@@ -85,7 +80,7 @@ def of_sides(
                 f"wheels of the {side} side disagree for {seconds:.1f} s: "
                 + _which(of_side[odd], of_names)
             )
-    return Sides(TrackSpeedSeries(stamps, means, *wheels), notes)
+    return TrackSpeedSeries(stamps, means, *wheels), notes
 
 
 def _range(wheels: Floats) -> Floats:

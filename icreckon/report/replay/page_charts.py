@@ -17,12 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from icreckon.estimator.motion.icr import IndexValues
+from icreckon.estimator.streaming.outputs import icr_points
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of, on_dark
 from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.plot_series import LONGEST_BRIDGE
 from icreckon.replay.comparison.results import Results
-from icreckon.replay.export.tables import icr_series
 from icreckon.report.replay.page_drive import drive_data, floats, known, listed
 from icreckon.report.replay.page_text import has_yaw_errors
 
@@ -319,10 +320,10 @@ def _icrs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         indices[TRUTH] = [floats(truth[key]) for key in ("zeta_m", "epsilon_m")]
         indices[TRUTH].append(floats(truth["icr_distance_m"]) / gauge)
     for name, one in indices.items():
-        found = icr_series(np.column_stack(one), gauge)
-        columns[f"{name}/icr_x_m"] = listed(found.left_x)
-        columns[f"{name}/left_icr_y_m"] = listed(found.left_y)
-        columns[f"{name}/right_icr_y_m"] = listed(found.right_y)
+        left, right = icr_points(IndexValues(*one), gauge)
+        columns[f"{name}/icr_x_m"] = listed(left[0])
+        columns[f"{name}/left_icr_y_m"] = listed(left[1])
+        columns[f"{name}/right_icr_y_m"] = listed(right[1])
     charts = []
     for title, key, label in (
         ("ICR of the left track, to the left", "left_icr_y_m", "y of the left ICR [m]"),

@@ -1,12 +1,10 @@
-"""Variants side by side: here, in processes, or on any executor, with the same result."""
+"""Variants side by side: here or in processes, with the same result."""
 
 import io
 import subprocess
 import sys
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -27,18 +25,6 @@ from icreckon.simulation.simulate import simulate
 VARIANTS = ["constant-fixed", "inertia-online"]
 
 
-class PicklingExecutor(Executor):
-    """Sends each task and its result through pickle, as an executor on other machines does."""
-
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:  # type: ignore[override]
-        import pickle
-
-        future: Future[Any] = Future()
-        task, arguments = pickle.loads(pickle.dumps((fn, args)))  # noqa: S301
-        future.set_result(pickle.loads(pickle.dumps(task(*arguments, **kwargs))))  # noqa: S301
-        return future
-
-
 def same(a: Comparison, b: Comparison) -> None:
     assert list(a.runs) == list(b.runs)
     for name, run in a.runs.items():
@@ -52,11 +38,6 @@ def test_where_the_variants_run_does_not_matter(robot: Robot) -> None:
     here = compare(log, robot, VARIANTS)
     assert list(here.runs) == VARIANTS
     same(here, compare(log, robot, VARIANTS, workers=2))
-    with ThreadPoolExecutor(2) as threads:
-        same(here, compare(log, robot, VARIANTS, executor=threads))
-    told: list[float] = []
-    same(here, compare(log, robot, VARIANTS, executor=PicklingExecutor(), progress=told.append))
-    assert told == [0.5, 1.0]
 
 
 def test_a_variant_that_cannot_run_is_refused_before_anything_runs(robot: Robot) -> None:

@@ -16,9 +16,9 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_yaw
 from icreckon.estimator.log.series import PoseSeries
+from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.outputs import Run
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import write_bag
 from icreckon.replay.base.errors import ReplayError
@@ -26,7 +26,7 @@ from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
 from icreckon.replay.export.replay_bag import _odometry, write_replay_bag
-from icreckon.replay.export.tables import icr_series, write_run
+from icreckon.replay.export.tables import write_run
 from icreckon.replay.export.trajectories import write_kitti, write_tum
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -165,17 +165,6 @@ def test_csv_says_the_same_as_parquet(tmp_path: Path, one: Run, robot: Robot) ->
         np.testing.assert_array_equal(found, table[name].to_numpy(), err_msg=name)
 
 
-def test_icrs_are_those_that_the_estimator_says(comparison: Comparison, robot: Robot) -> None:
-    estimator = PoseEstimator(robot, "inertia-online")
-    for measurement in comparison.log.measurements():
-        estimator.feed(measurement)
-    found = icr_series(np.array([estimator.indices]), robot.vehicle.track_gauge)
-    left, right = estimator.icrs
-    assert (found.left_x[0], found.left_y[0]) == left
-    assert (found.right_x[0], found.right_y[0]) == right
-    assert found.left_y[0] > 0.0 > found.right_y[0]
-
-
 # --- bags ----------------------------------------------------------------------------------------
 
 
@@ -290,15 +279,15 @@ def test_icr_markers_lie_in_the_frame_of_their_variant(messages, comparison, rob
     assert len(rows) == pytest.approx(5 * 20, abs=2)
     for _, stamp, decoded in rows:
         row = np.flatnonzero(one.stamps == stamp)
-        icrs = icr_series(one.indices[row], robot.vehicle.track_gauge)
+        of_left, of_right = icr_points(IndexValues(*one.indices[row][0]), robot.vehicle.track_gauge)
         spheres, line = decoded.markers
         assert spheres.header.frame_id == "constant_online/base_link"
         assert (spheres.type, line.type, spheres.action) == (7, 4, 0)
         assert (spheres.id, line.id) == (0, 1)
         for marker in decoded.markers:
             left, right = marker.points
-            assert (left.x, left.y) == (icrs.left_x[0], icrs.left_y[0])
-            assert (right.x, right.y) == (icrs.right_x[0], icrs.right_y[0])
+            assert (left.x, left.y) == of_left
+            assert (right.x, right.y) == of_right
         assert spheres.color.a == 1.0
         assert spheres.scale.x > 0.0
         assert spheres.pose.orientation.w == 1.0
