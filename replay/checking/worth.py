@@ -31,20 +31,15 @@ class Worth:
     """Drift of dead reckoning, as the file is and with its contradictions mended.
 
     Without a truth all is relative to the path with everything mended, whose own drift is unknown.
-
-    Attributes:
-        horizon: time without fixes after which drift is taken [s].
-        as_it_is: drift with the file as it is [% of distance]; NaN if the filter has no result.
-        mended: drift with everything mended [% of distance]; NaN without a truth.
-        costs: drift that each contradiction alone adds to that [% of distance], in the order of the
-            checks; NaN if it cannot be mended, or the filter has no result with it.
-        missing: manoeuvres that would show what this log does not, see `missing_manoeuvres`.
     """
 
-    horizon: float
-    as_it_is: float
-    mended: float
+    horizon: float  # time without fixes after which drift is taken [s]
+    as_it_is: float  # drift with the file as it is [% of distance]; NaN if the filter has no result
+    mended: float  # drift with everything mended [% of distance]; NaN without a truth
+    # drift that each contradiction alone adds to that [% of distance], in the order of the checks;
+    # NaN if it cannot be mended, or the filter has no result with it
     costs: tuple[float, ...]
+    # manoeuvres that would show what this log does not, see `missing_manoeuvres`
     missing: tuple[str, ...] = ()
 
 

@@ -52,30 +52,20 @@ NO_WHEELS = WheelEstimates(None, "", None)
 
 @dataclass(frozen=True)
 class LogEstimates:
-    """Estimates from a log, for findings and a robot file; None if not observable.
+    """Estimates from a log, for findings and a robot file; None if not observable."""
 
-    Attributes:
-        mapping: the guessed topics.
-        clocks: clock of each stream and the reason of its choice, by purpose.
-        log: the log read by that mapping with a sprocket radius of 1 m; None if it cannot be read.
-        sizes: lengths of the robot that a person filled in.
-        mounting: estimated mounting of the IMU.
-        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s].
-        wheels: estimated effective radius and track.
-        latencies: latencies of tracks and truth against the gyro, by purpose.
-        bias: bias of the gyro.
-        wander: error of the fixes, or the reason why it is not observable.
-    """
-
-    mapping: TopicMap
-    clocks: Mapping[str, Choice]
+    mapping: TopicMap  # the guessed topics
+    clocks: Mapping[str, Choice]  # clock of each stream and the reason of its choice, by purpose
+    # the log read by that mapping with a sprocket radius of 1 m; None if it cannot be read
     log: Log | None
-    sizes: Sizes
-    mounting: Mounting | None = None
-    vertical: Floats | None = None
-    wheels: WheelEstimates = NO_WHEELS
+    sizes: Sizes  # lengths of the robot that a person filled in
+    mounting: Mounting | None = None  # estimated mounting of the IMU
+    vertical: Floats | None = None  # (n,) rate about the vertical at the IMU's stamps [rad/s]
+    wheels: WheelEstimates = NO_WHEELS  # estimated effective radius and track
+    # latencies of tracks and truth against the gyro, by purpose
     latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
-    bias: GyroBias | None = None
+    bias: GyroBias | None = None  # bias of the gyro
+    # error of the fixes, or the reason why it is not observable
     wander: FixWanderEstimate | str | None = None
 
     @property

@@ -43,23 +43,17 @@ COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
 
 
 class WheelEstimates(NamedTuple):
-    """Estimates of the wheels from ground distance and gyro; None if unknown.
+    """Estimates of the wheels from ground distance and gyro; None if unknown."""
 
-    Attributes:
-        way_ratio: distance over ground over that of the track speeds: the effective radius [m] if these
-            are rates [rad/s], otherwise 1 [-].
-        way_source: source of the distance over ground, "truth" or "fixes".
-        track_ratio: V_r - V_l over the yaw rate: effective track over effective radius [-] if track
-            speeds are rates, otherwise the effective track [m].
-        way_sigma: standard error of `way_ratio`, or None.
-        track_sigma: standard error of `track_ratio`, or None.
-    """
-
+    # distance over ground over that of the track speeds: the effective radius [m] if these are
+    # rates [rad/s], otherwise 1 [-]
     way_ratio: float | None
-    way_source: str
+    way_source: str  # source of the distance over ground, "truth" or "fixes"
+    # V_r - V_l over the yaw rate: effective track over effective radius [-] if track speeds are
+    # rates, otherwise the effective track [m]
     track_ratio: float | None
-    way_sigma: float | None = None
-    track_sigma: float | None = None
+    way_sigma: float | None = None  # standard error of `way_ratio`, or None
+    track_sigma: float | None = None  # standard error of `track_ratio`, or None
 
 
 def wheel_estimates(

@@ -89,27 +89,19 @@ class LiveInputs:
     Header stamps are used where the clocks of the streams agree, as in a replay
     (`icreckon.replay.reading.clocks`); until that is known, for the first messages, measurements are held
     back.
-
-    Attributes:
-        robot: the robot.
-        mapping: topics of its streams.
-        lost: number of unusable messages, by "purpose: reason".
-        clocks: chosen clock of each stream.
-        origin: origin of NavSatFix: that of the robot file, or the first fix.
-        geodetic: whether fixes come as NavSatFix.
-        fix_frame: frame of the newest fix by its header, empty if it names none.
-        heard: arrival of the first message on each topic [ns].
-        clock_step: time by which the clock of the stamps was set forward at the newest message [ns].
     """
 
-    robot: Robot
-    mapping: TopicMap
+    robot: Robot  # the robot
+    mapping: TopicMap  # topics of its streams
+    # number of unusable messages, by "purpose: reason"
     lost: dict[str, int] = field(default_factory=dict)
-    clocks: dict[str, Choice] = field(default_factory=dict)
-    origin: Origin | None = None
-    geodetic: bool = False
-    fix_frame: str = ""
+    clocks: dict[str, Choice] = field(default_factory=dict)  # chosen clock of each stream
+    origin: Origin | None = None  # origin of NavSatFix: that of the robot file, or the first fix
+    geodetic: bool = False  # whether fixes come as NavSatFix
+    fix_frame: str = ""  # frame of the newest fix by its header, empty if it names none
+    # arrival of the first message on each topic [ns]
     heard: dict[str, int] = field(default_factory=dict)
+    # time by which the clock of the stamps was set forward at the newest message [ns]
     clock_step: int = 0
     _watch: ClockWatch[_Arrived] = field(default_factory=ClockWatch)
     _streams: dict[str, Stream] = field(default_factory=dict)

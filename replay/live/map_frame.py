@@ -21,15 +21,10 @@ MOST_WAITING, LONGEST = 1000, 300.0
 
 
 class Placed(NamedTuple):
-    """Pose that somebody gives.
+    """Pose that somebody gives."""
 
-    Attributes:
-        pose: of the centre of the tracks in map: x, y [m], yaw [rad].
-        sigma: its standard deviations [m, m, rad].
-    """
-
-    pose: Pose
-    sigma: Pose
+    pose: Pose  # of the centre of the tracks in map: x, y [m], yaw [rad]
+    sigma: Pose  # its standard deviations [m, m, rad]
 
 
 class MapFrame:

@@ -46,32 +46,19 @@ LOST_SIGMA = 10_000.0
 
 
 class LiveEstimate(NamedTuple):
-    """Estimate at one stamp.
+    """Estimate at one stamp."""
 
-    Attributes:
-        stamp: time [ns].
-        pose: (3,) x, y [m], yaw [rad] of the base frame in odom, without jumps.
-        pose_covariance: (3, 3) its covariance.
-        twist: (3,) v_x, v_y [m/s], w [rad/s] of the base frame.
-        twist_covariance: (3, 3) its covariance.
-        indices: sliding and eccentricity [m] and steering efficiency [-] of the motion.
-        map_pose: (3,) pose of the base frame in map, or None before the first fix.
-        map_covariance: (3, 3) its covariance, or None.
-        base: the base frame.
-        odom: estimate in odom of the centre of the tracks' contact area.
-        fixed: state of the estimator in map and its covariance, or None.
-    """
-
-    stamp: int
-    pose: Floats
-    pose_covariance: Floats
-    twist: Floats
-    twist_covariance: Floats
-    indices: IndexValues
-    map_pose: Floats | None
-    map_covariance: Floats | None
-    base: BaseFrame
-    odom: Snapshot
+    stamp: int  # time [ns]
+    pose: Floats  # (3,) x, y [m], yaw [rad] of the base frame in odom, without jumps
+    pose_covariance: Floats  # (3, 3) its covariance
+    twist: Floats  # (3,) v_x, v_y [m/s], w [rad/s] of the base frame
+    twist_covariance: Floats  # (3, 3) its covariance
+    indices: IndexValues  # sliding and eccentricity [m] and steering efficiency [-] of the motion
+    map_pose: Floats | None  # (3,) pose of the base frame in map, or None before the first fix
+    map_covariance: Floats | None  # (3, 3) its covariance, or None
+    base: BaseFrame  # the base frame
+    odom: Snapshot  # estimate in odom of the centre of the tracks' contact area
+    # state of the estimator in map and its covariance, or None
     fixed: tuple[Floats, Floats] | None = None
 
     @property
