@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -13,9 +12,9 @@ from icreckon.cli.common import options
 from icreckon.cli.common.comparing import kernels_of, the_robot
 from icreckon.cli.common.console import (
     check_writable,
-    print_fitting,
     progress,
     results_folder,
+    show,
     working,
     write_file,
 )
@@ -34,7 +33,7 @@ from icreckon.replay.checking.worth import VARIANT
 from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map, with_column_keys
-from icreckon.replay.reading.gather import source_name
+from icreckon.replay.reading.gather import refuse_twice, source_name
 from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
 from icreckon.report.calibration.tables import WIDE_FROM, calibration_page, calibration_tables
@@ -87,8 +86,7 @@ def command(
     Reports which parameters the logs determine, and which model they support.
     """
     robot_name, robot = the_robot(robot_name, paths[:1])
-    if len({os.path.realpath(path) for path in paths}) < len(paths):
-        raise ReplayError("a log is given twice; it would count twice")
+    refuse_twice(paths, "log")
     check_writable(write, FIRST_WORDS, overwrite=overwrite)
     check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
@@ -137,10 +135,8 @@ def command(
             from icreckon.report.calibration.figure import write_calibration_figure
 
             write_calibration_figure(folder / FIGURE_FILE, summary)
-        if as_json:
-            typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
-        else:
-            print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
+        table = partial(calibration_tables, summary)
+        show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
     if write is not None:
         names_of_logs = [log.name for log in read]
         text = robot_file_text(found, names_of_logs, robot_name, gained)

@@ -24,14 +24,8 @@ from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import OF_STAMPS, ReplayError
+from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import Check
-from icreckon.replay.checking.robot_check import (
-    check_robot,
-    far_centre,
-    is_of_another,
-    topics_left_out,
-    with_mended,
-)
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import LEAST_COST, VARIANT, Worth, judged
 from icreckon.replay.comparison.results import json_types
@@ -62,8 +56,8 @@ def command(
     with progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
         guessed = guess_mapping(paths, definitions=definitions)
-    log = replace(log, notes=(*log.notes, *far_centre(robot)))
-    checks = check_robot(log, robot)
+    log = replace(log, notes=(*log.notes, *robot_check.far_centre(robot)))
+    checks = robot_check.check_robot(log, robot)
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
         # Without a result with everything mended nothing has a price.
@@ -75,7 +69,7 @@ def command(
         ):
             checks, worth, kept = judged(log, robot, checks, report)
             log = replace(log, notes=(*log.notes, *kept))
-    hints = [] if guessed is None else topics_left_out(guessed, robot)
+    hints = [] if guessed is None else robot_check.topics_left_out(guessed, robot)
     left_out = [one for one in hints if one not in log.notes]
     if as_json:
         typer.echo(json.dumps(_as_plain(checks, worth, left_out), indent=1))
@@ -83,7 +77,7 @@ def command(
         _show(log, checks, worth, left_out)
     if ros is not None:
         mended = [one.name for one in checks if one.problem and one.mend is not None]
-        of_log, of_robot = with_mended(log, robot, checks)
+        of_log, of_robot = robot_check.with_mended(log, robot, checks)
         source = "by this log" if mended else "of the robot file"
         settings = ros_settings([of_log], of_robot, source=source, mended=mended)
         write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
@@ -138,7 +132,7 @@ def _any_measured(checks: list[Check]) -> bool:
 
 def _headline(count: int, checks: list[Check]) -> str:
     text = "One thing contradicts" if count == 1 else f"{count} things contradict"
-    of_another = is_of_another(checks)
+    of_another = robot_check.is_of_another(checks)
     return f"{text} the log, worst first" + (
         ". Is this the file of another robot?" if of_another else ":"
     )
@@ -195,7 +189,7 @@ def _as_plain(checks: list[Check], worth: Worth | None, left_out: list[str]) -> 
             ],
             "left_out": left_out,
             "missing_manoeuvres": [] if worth is None else worth.missing,
-            "is_of_another_robot": is_of_another(checks),
+            "is_of_another_robot": robot_check.is_of_another(checks),
             "variant": VARIANT,
             "horizon_s": None if worth is None else worth.horizon,
             "drift_percent_as_it_is": None if worth is None else worth.as_it_is,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -15,8 +14,8 @@ import msgspec
 import typer
 
 from icreckon.cli.common import options
-from icreckon.cli.common.comparing import compare_and_report, compare_and_write, show, the_robot
-from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say
+from icreckon.cli.common.comparing import compare_and_report, compare_and_write, the_robot
+from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say, show
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
@@ -41,12 +40,13 @@ from icreckon.replay.comparison.many import (
 )
 from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.gather import source_name
+from icreckon.replay.reading.gather import refuse_twice, source_name
 from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
 from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE, write_many
 from icreckon.report.replay.many_tables import many_tables
 from icreckon.report.replay.many_text import many_failures
+from icreckon.report.replay.tables import WIDE_FROM
 
 
 @dataclass(frozen=True)
@@ -137,10 +137,10 @@ def command(
     """
     robot_names, message_files = robot_names or [], message_files or []
     files_of = [paths] if one_log else [[path] for path in paths]
-    _refuse_twice(paths, "log")
+    refuse_twice(paths, "log")
     wanted: list[str | None] = [*robot_names] or [None]
     robots = dict(the_robot(name, files_of[0]) for name in wanted)
-    _refuse_twice(robot_names, "robot file")
+    refuse_twice(robot_names, "robot file")
     if any(
         are_parts(paths, topic_map(one, one.name).columns) for one in robots.values() if one.log
     ):
@@ -180,17 +180,9 @@ def command(
         else:
             summary = _many(_labelled(drives, files_of, robots), folder, configuration)
             failed = many_failures(summary)
-            show(folder, partial(many_tables, summary), as_json=as_json, wide=wide)
+            table = partial(many_tables, summary)
+            show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
     exit_if_failed(failed)
-
-
-def _refuse_twice(names: Sequence[Path | str], what: str) -> None:
-    seen = set()
-    for name in names:
-        place = os.path.realpath(name)
-        if place in seen:
-            raise ReplayError(f"{what} {name} is given twice; leave one of them out")
-        seen.add(place)
 
 
 def _labelled(

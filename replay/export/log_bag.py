@@ -10,14 +10,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Stamps
 from icreckon.estimator.base.frames import yaw_to_quaternion
+from icreckon.estimator.log import series
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import (
-    FixSeries,
-    ImuSeries,
-    PoseSeries,
-    TrackSpeedSeries,
-    TwistSeries,
-)
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags import message_types as ros
 from icreckon.replay.bags.messages import (
@@ -158,7 +152,7 @@ def _text(topic: str, stamps: Stamps, text: str) -> Outbox:
 
 
 def _joint_states(
-    topic: str, tracks: TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
+    topic: str, tracks: series.TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
 ) -> Outbox:
     names = [*mapped.left, *mapped.right]
     sides = [0] * len(mapped.left) + [1] * len(mapped.right)
@@ -179,7 +173,7 @@ def _joint_states(
     return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make)
 
 
-def _imu(topic: str, imu: ImuSeries) -> Outbox:
+def _imu(topic: str, imu: series.ImuSeries) -> Outbox:
     absent, unknown = np.zeros(9), np.zeros(9)
     absent[0] = ABSENT
     forces = imu.linear_acceleration
@@ -200,7 +194,7 @@ def _imu(topic: str, imu: ImuSeries) -> Outbox:
     return Outbox(topic, ros.IMU, imu.stamps, make)
 
 
-def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
+def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
     """Fixes as geometry_msgs/PoseWithCovarianceStamped in odom."""
     no_heading = np.isnan(fixes.poses[:, 2])
     quaternions = yaw_to_quaternion(np.where(no_heading, 0.0, fixes.poses[:, 2]))
@@ -221,7 +215,7 @@ def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
     return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make)
 
 
-def pose_messages(topic: str, poses: PoseSeries) -> Outbox:
+def pose_messages(topic: str, poses: series.PoseSeries) -> Outbox:
     """Poses as geometry_msgs/PoseStamped in odom."""
     places, quaternions = poses.positions, poses.quaternions
 
@@ -235,7 +229,7 @@ def pose_messages(topic: str, poses: PoseSeries) -> Outbox:
     return Outbox(topic, ros.POSE, poses.stamps, make)
 
 
-def _twists(topic: str, twists: TwistSeries) -> Outbox:
+def _twists(topic: str, twists: series.TwistSeries) -> Outbox:
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
             ros.TWIST,

@@ -9,13 +9,7 @@ import numpy as np
 
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA, is_command, is_truth, sides
-from icreckon.replay.mapping.columns import (
-    ColumnMap,
-    ImuColumns,
-    PoseColumns,
-    TimeUnit,
-    TrackColumns,
-)
+from icreckon.replay.mapping import columns
 from icreckon.replay.mapping.track_units import TrackUnit
 from icreckon.replay.reading.tables import Table
 
@@ -47,8 +41,8 @@ UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
     ("mm", "mm/s"),
     ("km", "km/h"),
 )
-SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
-ENDINGS: tuple[tuple[str, TimeUnit], ...] = (
+SINCE_1970: tuple[tuple[float, columns.TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+ENDINGS: tuple[tuple[str, columns.TimeUnit], ...] = (
     ("ns", "ns"),
     ("nsec", "ns"),
     ("us", "us"),
@@ -57,7 +51,7 @@ ENDINGS: tuple[tuple[str, TimeUnit], ...] = (
 )
 
 
-def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
+def guess_columns(tables: Sequence[Table]) -> columns.ColumnMap | None:
     """Guess the columns of each stream; return None if no column looks like a time.
 
     Columns of the truth have "truth" or "ground" in their names, or their table has. Columns of commands
@@ -77,7 +71,7 @@ def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
         imu = imu or _imu(measured, other)
         fixes = fixes or _fixes(measured, other)
         truth = truth or _truth(true, other)
-    return ColumnMap(time, unit, tracks, imu, fixes, truth)
+    return columns.ColumnMap(time, unit, tracks, imu, fixes, truth)
 
 
 def _time_column(table: Table) -> str | None:
@@ -89,7 +83,7 @@ def _time_column(table: Table) -> str | None:
     return found[0] if found else None
 
 
-def _time_unit(table: Table, name: str) -> TimeUnit:
+def _time_unit(table: Table, name: str) -> columns.TimeUnit:
     words = re.split(r"[^a-z]+", name.lower())
     for ending, unit in ENDINGS:
         if ending in words:
@@ -102,7 +96,7 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
     return next((unit for size, unit in SINCE_1970 if largest > size), "s")
 
 
-def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
+def _tracks(names: Sequence[str], time: str | None) -> columns.TrackColumns | None:
     likely = [name for name in names if not NO_SPEED.search(name.lower())]
     left, right = sides([name for name in likely if SPEED.search(name.lower())])
     if not (left and right):
@@ -111,9 +105,9 @@ def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
         return None
     column = left[0].lower()
     if re.search("count|tick|enc", column):
-        return TrackColumns(left, right, "counts", counts_per_turn=1.0, time=time)
+        return columns.TrackColumns(left, right, "counts", counts_per_turn=1.0, time=time)
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
-    return TrackColumns(left, right, unit, time=time)
+    return columns.TrackColumns(left, right, unit, time=time)
 
 
 def _is_bare(name: str) -> bool:
@@ -129,26 +123,26 @@ def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
     return (found["z"],) if "z" in found and "x" not in found else ()
 
 
-def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
+def _imu(names: Sequence[str], time: str | None) -> columns.ImuColumns | None:
     # Bare x, y and z are a position rather than rates.
     named = [name for name in names if len(name) > 1]
     rates, forces = _axes(named, GYRO), _axes(named, ACCELEROMETER)
     if not rates:
         return None
     degrees = any("deg" in name.lower() for name in rates)
-    return ImuColumns(
+    return columns.ImuColumns(
         rates, forces if len(forces) == 3 else (), "deg/s" if degrees else "rad/s", time=time
     )
 
 
-def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
+def _fixes(names: Sequence[str], time: str | None) -> columns.PoseColumns | None:
     def first(pattern: re.Pattern[str]) -> str | None:
         return next((name for name in names if pattern.search(name.lower())), None)
 
     latitude, longitude = first(LATITUDE), first(LONGITUDE)
     if latitude is None or longitude is None:
         return None
-    return PoseColumns(
+    return columns.PoseColumns(
         latitude=latitude,
         longitude=longitude,
         altitude=first(ALTITUDE),
@@ -157,7 +151,7 @@ def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
     )
 
 
-def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
+def _truth(names: Sequence[str], time: str | None) -> columns.PoseColumns | None:
     def ending(*words: str) -> str | None:
         return next(
             (
@@ -170,4 +164,4 @@ def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
         )
 
     x, y, yaw = ending("x"), ending("y"), ending("yaw", "heading", "theta")
-    return PoseColumns(x=x, y=y, yaw=yaw, time=time) if x and y else None
+    return columns.PoseColumns(x=x, y=y, yaw=yaw, time=time) if x and y else None

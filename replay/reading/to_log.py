@@ -11,16 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.log import series
 from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement
-from icreckon.estimator.log.series import (
-    FixSeries,
-    ImuSeries,
-    PoseSeries,
-    TrackSpeedSeries,
-    Truth,
-    TwistSeries,
-)
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
@@ -87,7 +80,7 @@ class _Assembly:
         tracks = self._tracks(streams.get("tracks"))
         if tracks is None:
             self.notes.append("no track speeds: the robot file maps no topic for them")
-            tracks = TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
+            tracks = series.TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
         imu = self._imu(streams.get("imu"))
         fixes = self._fixes(streams.get("fixes"))
         headings: tuple[Measurement, ...] = self._headings(streams.get("heading"))
@@ -109,7 +102,7 @@ class _Assembly:
         )
         return without_holding(log, self._held(streams.get("tracks")))
 
-    def _origin_of(self, truth: Truth | None, stream: Stream | None) -> Origin | None:
+    def _origin_of(self, truth: series.Truth | None, stream: Stream | None) -> Origin | None:
         """Origin of the frame that runs start in: the truth's, if there is one."""
         if truth is None or stream is None or stream.msgtype == NAVSATFIX:
             return self._origin
@@ -188,7 +181,7 @@ class _Assembly:
             )
         return keep
 
-    def _tracks(self, stream: Stream | None) -> TrackSpeedSeries | None:
+    def _tracks(self, stream: Stream | None) -> series.TrackSpeedSeries | None:
         if stream is None:
             return None
         vehicle, spec = self.robot.vehicle, self._spec(stream)
@@ -231,7 +224,7 @@ class _Assembly:
             f"{found or 'no joints'}"
         )
 
-    def _imu(self, stream: Stream | None) -> ImuSeries | None:
+    def _imu(self, stream: Stream | None) -> series.ImuSeries | None:
         if stream is None:
             return None
         stamps, rows = self._arrays(stream, 6)
@@ -240,9 +233,9 @@ class _Assembly:
         keep = self._screened(stream, stamps, rows if has_forces else rates)
         if not keep.any():
             return None
-        return ImuSeries(stamps[keep], rates[keep], forces[keep] if has_forces else None)
+        return series.ImuSeries(stamps[keep], rates[keep], forces[keep] if has_forces else None)
 
-    def _fixes(self, stream: Stream | None) -> FixSeries | None:
+    def _fixes(self, stream: Stream | None) -> series.FixSeries | None:
         if stream is None:
             return None
         spec = self._spec(stream)
@@ -273,7 +266,7 @@ class _Assembly:
             return None
         self._heights = fix_heights(stamps[keep], heights[keep], spec)
         antennas = np.tile(spec.position, (int(keep.sum()), 1)) if any(spec.position) else None
-        return FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
+        return series.FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
 
     def _geodetic(
         self, stream: Stream, origin: tuple[float, float, float] | None
@@ -322,7 +315,7 @@ class _Assembly:
         )
         return tuple(HeadingFix(stamp, angle, variance) for stamp, angle, variance in rows_kept)
 
-    def _truth(self, streams: dict[str, Stream]) -> Truth | None:
+    def _truth(self, streams: dict[str, Stream]) -> series.Truth | None:
         stream = streams.get("truth")
         if stream is None:
             return None
@@ -343,12 +336,12 @@ class _Assembly:
             spatial[:, 0] -= spatial[0, 0]
         own_twist = bool(np.isfinite(twists[keep]).all())
         twist_stream = streams.get("truth twist")
-        return Truth(
-            poses=PoseSeries(stamps[keep], poses[keep], spatial),
+        return series.Truth(
+            poses=series.PoseSeries(stamps[keep], poses[keep], spatial),
             twists=(
                 self._twists(twist_stream)
                 if twist_stream is not None
-                else TwistSeries(stamps[keep], twists[keep])
+                else series.TwistSeries(stamps[keep], twists[keep])
                 if own_twist
                 else None
             ),
@@ -357,7 +350,7 @@ class _Assembly:
             headings=headings,
         )
 
-    def _twists(self, stream: Stream) -> TwistSeries | None:
+    def _twists(self, stream: Stream) -> series.TwistSeries | None:
         stamps, rows = self._arrays(stream, 3)
         keep = self._screened(stream, stamps, rows)
-        return TwistSeries(stamps[keep], rows[keep]) if keep.any() else None
+        return series.TwistSeries(stamps[keep], rows[keep]) if keep.any() else None
