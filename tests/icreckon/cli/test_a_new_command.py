@@ -10,12 +10,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from icreckon import Robot, Scenario, simulate, write_log
 from icreckon.cli.common.options import Json, Logs
 from icreckon.cli.main import app, main
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 # --- the command --------------------------------------------------------------------------------------
 

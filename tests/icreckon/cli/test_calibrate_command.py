@@ -11,21 +11,15 @@ from markupsafe import escape
 from rich.console import Console
 
 from command_line import icreckon
+from icreckon import Scenario, calibrate, compare, drift, read_log, simulate, write_log
 from icreckon.cli.calibrate import command
 from icreckon.estimator.base.errors import IcreckonError
-from icreckon.estimator.calibration import calibrate
-from icreckon.estimator.log.scores import drift
 from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
 from icreckon.estimator.robot.robot_toml import robot_toml
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.calibration.robot_file import robot_file_text
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
 from icreckon.report.calibration.tables import calibration_page, calibration_tables
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from readme import code_blocks, run_page
 
 PAGE = "docs/tutorials/calibrate.md"

@@ -6,10 +6,8 @@ from pathlib import Path
 import pytest
 
 from command_line import fails, icreckon
+from icreckon import Scenario, simulate, write_log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, changed_robot, load_robot
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 
 @pytest.fixture(scope="module")

@@ -16,14 +16,9 @@ from rich.console import Console
 
 from command_line import fails, icreckon, icreckon_alone
 from conftest import thorough
+from icreckon import EncoderSpec, FixSpec, Log, Scenario, load_robot, read_log, simulate
 from icreckon.cli.main import COMMANDS, load
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.reading.read_log import read_log
 from icreckon.report.replay.tables import results_table
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALL_VARIANTS = {
     "gyro",

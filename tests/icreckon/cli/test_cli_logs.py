@@ -8,11 +8,8 @@ import pytest
 
 from bag_messages import DRIVES, definition_files, drive_bag, halves
 from command_line import fails, icreckon
-from icreckon.estimator.log.log import Log
+from icreckon import Log, Scenario, simulate, write_log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 
 @pytest.fixture(scope="module")

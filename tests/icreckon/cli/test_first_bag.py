@@ -8,12 +8,9 @@ import pytest
 from rich.console import Console
 
 from command_line import fails, icreckon
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.robot_toml import robot_toml
+from icreckon import Scenario, load_robot, robot_toml, simulate
 from icreckon.report.replay.page_text import calibration_hint, ends_text, noise_text
 from icreckon.report.replay.tables import results_table
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 COLUMNS = """

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from command_line import fails, icreckon, icreckon_alone
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.inspect import inspect
+from icreckon import ReplayError, inspect
 from small_robot import drive, write_robot
 
 SECOND = 10**9

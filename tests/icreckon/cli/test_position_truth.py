@@ -10,12 +10,9 @@ from pymap3d import enu2geodetic
 from bag_messages import imu, joints, navsatfix, pose_stamped, write_bag
 from command_line import fails, icreckon
 from conftest import thorough
+from icreckon import Log, Scenario, read_log, simulate
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 ORIGIN = (52.0, 13.0, 40.0)

@@ -14,9 +14,8 @@ import pytest
 import study_stub
 from command_line import icreckon
 from conftest import REPOSITORY
+from icreckon import SimulationError, study_names
 from icreckon.cli.study import command
-from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.study.plan import study_names
 
 COMMAND = [sys.executable, "-c", "from icreckon.cli.main import main; main()", "study"]
 TINY = """

@@ -12,11 +12,8 @@ import pytest
 
 from command_line import icreckon
 from conftest import thorough
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import PoseSeries
+from icreckon import Log, PoseSeries, Scenario, simulate
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 VARIANT = "constant-online"

@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 
 from command_line import fails
-from icreckon.estimator.log.log import Log
+from icreckon import FixSpec, Log, Scenario, Settings, compare, read_log, simulate, write_log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.initial_pose import start_from_fixes
-from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)

@@ -7,11 +7,8 @@ from pathlib import Path
 import pytest
 
 from command_line import Done, icreckon
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.export.log_bag import write_log
+from icreckon import Scenario, load_robot, simulate, write_log
 from icreckon.report.pages import unless_missing
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 LINE = "no figures: matplotlib cannot be imported"
 STUDY = """
@@ -41,7 +38,7 @@ def _without_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in list(sys.modules):
         if name.partition(".")[0] in ("matplotlib", "mpl_toolkits"):
             monkeypatch.setitem(sys.modules, name, None)
-        elif name.startswith("icreckon.report.") and name.rpartition(".")[2] != "drawing":
+        elif name.startswith("icreckon.report."):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
 

@@ -14,9 +14,7 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, simulate
 from icreckon.replay.comparison.plot_series import (
     INNOVATION_POINTS,
     PARAMETER_POINTS,
@@ -28,8 +26,6 @@ from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_charts import page_data
 from icreckon.report.replay.page_text import headline, number, remarks
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 VARIANTS = ["differential", "constant-online", "inertia-online"]
 HOSTILE = (

@@ -6,15 +6,11 @@ from typing import Any
 
 import pytest
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.comparison.compare import compare
+from icreckon import Scenario, compare, load_robot, simulate, summarise
 from icreckon.replay.comparison.plot_series import series_points
-from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_charts import constant_parameters, page_data
 from icreckon.report.terms import TERMS
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 
 @pytest.fixture(scope="module")

@@ -19,10 +19,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from conftest import REPOSITORY
+from icreckon import load_robot, read_log, run
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.reading.read_log import read_log
 
 pytestmark = pytest.mark.slow
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from icreckon.estimator.log.measurements import HeightFix, ImuSample, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon import HeightFix, ImuSample, PositionFix, TrackSpeeds, load_robot
 from icreckon.replay.bags.message_types import ODOMETRY, TRANSFORM
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.live.base_frame import Pose

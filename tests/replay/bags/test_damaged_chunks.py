@@ -9,8 +9,7 @@ from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 
 from bag_messages import JOINTS, SECOND, STORE, joints, robot_with
-from icreckon.replay.inspection.inspect import inspect
-from icreckon.replay.reading.read_log import read_log
+from icreckon import inspect, read_log
 
 ROBOT = robot_with(tracks=JOINTS)
 

@@ -9,10 +9,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StorageP
 
 from bag_messages import JOINTS, SECOND, STORE, joints, robot_with
 from command_line import fails
+from icreckon import ReplayError, inspect, read_log
 from icreckon.replay.bags import unpacking
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.inspect import inspect
-from icreckon.replay.reading.read_log import read_log
 
 ROBOT = robot_with(tracks=JOINTS)
 COUNT = 2000

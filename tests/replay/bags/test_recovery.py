@@ -6,11 +6,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from conftest import make_log
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon import Log, Robot, read_log, write_log
 from icreckon.replay.bags.recovery import RecordWalk
-from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.reading.read_log import read_log
 
 SHARES = [0.05, 0.5, 0.97]
 

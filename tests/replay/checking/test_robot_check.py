@@ -8,13 +8,11 @@ import pytest
 from msgspec.structs import replace as with_values
 
 from conftest import inspected, sample_log
+from icreckon import Log, ReplayError, Scenario, calibrate, compare, read_log, simulate
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
-from icreckon.estimator.calibration import calibrate
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
 from icreckon.replay.checking.robot_check import (
     check_robot,
@@ -23,7 +21,6 @@ from icreckon.replay.checking.robot_check import (
     topics_left_out,
 )
 from icreckon.replay.checking.worth import judged, worth_of
-from icreckon.replay.comparison.compare import compare
 from icreckon.replay.mapping.topics import (
     FixTopic,
     ImuTopic,
@@ -31,9 +28,6 @@ from icreckon.replay.mapping.topics import (
     TrackTopic,
     with_column_keys,
 )
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 MAPPED = with_values(

@@ -11,13 +11,8 @@ from ruamel.yaml import YAML
 from scipy.integrate import trapezoid
 
 from command_line import icreckon
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon import Log, Robot, Scenario, TrackSpeedSeries, load_robot, simulate, write_log
 from icreckon.replay.checking.ros_settings import ros_settings, twist_errors
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 

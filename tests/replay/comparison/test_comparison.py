@@ -11,16 +11,11 @@ import pytest
 from rich.console import Console
 
 import icreckon
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon import Comparison, EstimatorError, Robot, Scenario, compare, simulate, summarise
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
-from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.tables import results_table
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 VARIANTS = ["constant-fixed", "inertia-online"]
 

@@ -10,21 +10,16 @@ import numpy as np
 import pytest
 import typer
 
+from icreckon import LostFilter, ReplayError, Scenario, load_robot, simulate, summarise
 from icreckon.cli.common.comparing import compare_and_report
 from icreckon.cli.common.console import exit_if_failed
 from icreckon.estimator.filter.samples import COUNT, RunRows
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.lost import LostFilter
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison import compare as comparing
 from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.folder import write_report
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_text import failures
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 LOG = simulate(Scenario(duration=24.0, seed=2, outages=((10.0, 24.0),)), ROBOT)

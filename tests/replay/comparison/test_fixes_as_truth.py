@@ -5,13 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.comparison.compare import compare
+from icreckon import Log, Scenario, compare, load_robot, simulate, summarise
 from icreckon.replay.comparison.fixes import OF_FIXES, parse_part
-from icreckon.replay.comparison.results import summarise
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 VARIANTS = ("gyro", "inertia-online")

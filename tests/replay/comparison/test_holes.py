@@ -5,15 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import Log
+from icreckon import Log, Scenario, compare, load_robot, simulate, summarise
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.holes import UNKNOWN_YAW, before_holes, holes_of, largest_sigma
-from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.page_text import headline
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 SECOND = 10**9

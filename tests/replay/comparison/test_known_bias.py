@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
-from icreckon.estimator.log.log import Log
+from icreckon import Comparison, Log, Scenario, compare, compare_many, read_log
 from icreckon.estimator.robot.robot_file import changed_robot, load_robot
 from icreckon.replay.comparison.bootstrap import paired_drift
-from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.comparison.drift_table import horizon_labels, verdict
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
-from icreckon.replay.comparison.many import compare_many
 from icreckon.replay.comparison.results import comparison_drifts, summarise
-from icreckon.replay.reading.read_log import read_log
 from icreckon.report.replay.page_text import headline, verdict_text
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import run_scenario
 
 ROBOT = load_robot("auriga-alpha")

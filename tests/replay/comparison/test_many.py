@@ -10,18 +10,14 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import Drift
-from icreckon.replay.base.errors import ReplayError
+from icreckon import Comparison, Drift, Log, ReplayError, summarise
 from icreckon.replay.comparison.bootstrap import PairedDrift, matched_drifts, pooled_drift
-from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.many import (
     Case,
     compare_many,
     label_of,
     unique,
 )
-from icreckon.replay.comparison.results import summarise
 
 SECOND = 10**9
 ROBOT = icreckon.load_robot("auriga-alpha")

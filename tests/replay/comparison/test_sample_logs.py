@@ -9,13 +9,8 @@ import numpy as np
 import pytest
 
 from conftest import sample, sample_log
-from icreckon.estimator.log.scores import drift
-from icreckon.estimator.robot.robot_file import ConstantIcr, Indices, load_robot
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.results import summarise
+from icreckon import ConstantIcr, Indices, compare, drift, load_robot, read_log, run, summarise
 from icreckon.replay.comparison.scores import truths_of
-from icreckon.replay.reading.read_log import read_log
 
 SECOND = 1_000_000_000
 

@@ -7,17 +7,11 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
+from icreckon import FixSpec, HeadingFix, Log, Scenario, compare, read_log, simulate
 from icreckon.estimator.base.frames import rotate, wrap_angle
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.initial_pose import ANY_HEADING, EXACT_ORIGIN, start_from_fixes
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 VARIANT = "constant-online"
 

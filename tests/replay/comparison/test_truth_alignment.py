@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from icreckon import Robot, Scenario, Trajectory, compare, simulate, summarise
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
-from icreckon.estimator.log.trajectory import Trajectory
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
-from icreckon.replay.comparison.results import summarise
 from icreckon.replay.comparison.truth_alignment import align_truth
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 SECONDS, RATE = 200.0, 20.0
 

@@ -8,19 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from icreckon.estimator.log.log import Log
+from icreckon import Log, Run, Scenario, Terrain, compare, read_log, simulate, summarise
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.outputs import Run
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.results import summarise
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.comparison.truth_level import levelled, spatial_scores
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 
 ROBOT, VARIANT = load_robot("warthog"), "inertia-online"
 

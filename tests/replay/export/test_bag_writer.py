@@ -8,14 +8,10 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from conftest import make_log
+from icreckon import ImuSeries, Log, PoseSeries, ReplayError, Robot, Vehicle, load_robot, read_log
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, PoseSeries
-from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.export.log_bag import check_place, write_log
 from icreckon.replay.mapping.topics import DEFAULT_TOPICS
-from icreckon.replay.reading.read_log import read_log
 
 FORMATS = ["mcap", "sqlite3", "ros1"]
 

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.log.scores import pose_nees
-from icreckon.estimator.log.series import PoseSeries, Truth
-from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon import Comparison, PoseSeries, Truth, compare, pose_nees
 from icreckon.replay.comparison.fixes import OF_FIXES
 
 ROBOT = icreckon.load_robot("auriga-alpha")

@@ -12,24 +12,19 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag1 import Reader as Ros1Reader
 
 from command_line import fails, icreckon
+from icreckon import IndexValues, PoseSeries, ReplayError, Robot, Scenario, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_yaw
-from icreckon.estimator.log.series import PoseSeries
-from icreckon.estimator.motion.icr import IndexValues
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import write_bag
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
 from icreckon.replay.export.replay_bag import _odometry, write_replay_bag
 from icreckon.replay.export.tables import write_run
 from icreckon.replay.export.trajectories import write_kitti, write_tum
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 VARIANTS = ["constant-online", "inertia-online"]
 

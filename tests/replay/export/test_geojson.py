@@ -9,15 +9,11 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, simulate
 from icreckon.replay.export.formats import check_formats
 from icreckon.replay.export.geojson import write_geojson
 from icreckon.replay.export.replay_bag import write_replay_bag
 from icreckon.replay.mapping.geodesy import degrees, east_north
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ORIGIN = (52.0, 13.0, 40.0)
 

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from command_line import fails, icreckon
-from icreckon.replay.base.errors import ReplayError
+from icreckon import ReplayError, inspect
 from icreckon.replay.inspection.filled_in import with_filled_in
-from icreckon.replay.inspection.inspect import inspect
 
 PROPOSED = """\
 # Proposed by inspecting drive: check every line.

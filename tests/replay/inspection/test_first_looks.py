@@ -10,22 +10,17 @@ import pytest
 from test_inspection import driven_log, proposed
 
 from conftest import inspected, sample_log
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import HeadingFix
-from icreckon.estimator.log.scores import drift
+from icreckon import Comparison, HeadingFix, Log, compare, drift, inspect, read_log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
-from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
-from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.inspection.wheels import (
     heading_offset,
     standstills,
     unit_suspicions,
     wheel_estimates,
 )
-from icreckon.replay.reading.read_log import read_log
 
 RADIUS, TRACK = 0.2, 0.6
 

@@ -6,15 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon import FixSpec, Log, Robot, Scenario, inspect, load_robot, simulate, write_log
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
-from icreckon.replay.inspection.inspect import inspect
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)

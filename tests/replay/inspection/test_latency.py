@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 
 from conftest import inspected, make_log, sample_log
+from icreckon import ReplayError, Robot, compare, drift, load_robot, read_log, write_log
 from icreckon.estimator.log.lag import Lag
-from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.mapping.topics import topic_map, writable_topics
-from icreckon.replay.reading.read_log import read_log
 
 RATE = 100.0
 

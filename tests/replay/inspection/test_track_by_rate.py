@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from command_line import fails, icreckon
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon import ImuSeries, Log, TrackSpeedSeries
 from icreckon.replay.inspection.track_by_rate import (
     EDGES,
     WINDOW,

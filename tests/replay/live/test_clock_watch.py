@@ -11,13 +11,9 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.export.log_bag import write_log
+from icreckon import PoseEstimator, Robot, Scenario, simulate, write_log
 from icreckon.replay.live.clock_watch import WITNESSES, ClockWatch
 from icreckon.replay.live.odometry import LiveOdometry
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 SECOND = 10**9
 VARIANT = "constant-online"

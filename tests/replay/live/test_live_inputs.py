@@ -28,13 +28,10 @@ from bag_messages import (
     vector,
     write_bag,
 )
-from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.base.errors import ReplayError
+from icreckon import ImuSample, Measurement, ReplayError, Robot, TrackSpeeds, read_log
 from icreckon.replay.live.apart_wheels import ApartWheels
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
 
 T0 = 1_700_000_000 * SECOND
 STAMPS = [T0 + k * SECOND // 20 for k in range(40)]

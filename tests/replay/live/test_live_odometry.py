@@ -11,22 +11,15 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from icreckon import Log, Robot, Scenario, Settings, read_log, run, simulate, write_log
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative, wrap_angle
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.save import VERSION
 from icreckon.replay.base.diagnostic_status import ERROR, OK, STALE, WARN
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry, live_topics
 from icreckon.replay.live.statuses import LiveStatuses
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 VARIANT = "constant-online"
 SETTINGS = Settings()

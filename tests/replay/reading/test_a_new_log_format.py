@@ -8,15 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import Log
+from icreckon import Log, ReplayError, Robot, Scenario, compare, simulate, summarise, write_report
 from icreckon.estimator.log.measurements import ImuSample, Measurement, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.results import summarise
-from icreckon.report.replay.folder import write_report
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 # --- the reader ---------------------------------------------------------------------------------------
 

@@ -19,12 +19,8 @@ from bag_messages import (
     write_bag,
 )
 from conftest import make_log, sample
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.inspection.inspect import inspect
+from icreckon import ReplayError, Robot, inspect, read_log, write_log
 from icreckon.replay.mapping.topics import TrackTopic, topic_map
-from icreckon.replay.reading.read_log import read_log
 
 
 def test_joint_rates_become_track_speeds(tmp_path: Path) -> None:

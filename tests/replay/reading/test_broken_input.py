@@ -8,12 +8,8 @@ import pytest
 from broken_input import FAULTS, broken_runs, standstill_drift
 
 from conftest import sample, thorough
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.run import run
+from icreckon import ImuSeries, Scenario, TrackSpeedSeries, load_robot, run, simulate
 from icreckon.replay.reading.stamps import without_steps
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 SECOND = 1_000_000_000
 SPIKE = "spike of 30 m/s and 20 rad/s"

@@ -18,12 +18,8 @@ from bag_messages import (
     write_bag,
 )
 from conftest import sample_log
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import HeightFix
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.errors import ReplayError
+from icreckon import HeightFix, Log, ReplayError, load_robot, read_log
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
-from icreckon.replay.reading.read_log import read_log
 
 SECOND = 10**9
 

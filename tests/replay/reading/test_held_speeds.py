@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
-from icreckon.estimator.log.log import Log
+from icreckon import EncoderSpec, Log, Scenario, load_robot, read_log, run, simulate, write_log
 from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.reading.held_speeds import without_holding
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import EncoderSpec
-from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 SAMPLES = 12

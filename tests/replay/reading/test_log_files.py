@@ -7,11 +7,8 @@ import pytest
 
 from bag_messages import JOINTS, SPEEDS, halves, imu, joints, odometry, robot_with, write_bag
 from conftest import make_log
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.export.log_bag import write_log
+from icreckon import ReplayError, Robot, read_log, write_log
 from icreckon.replay.reading.clocks import Evidence, choose_clocks
-from icreckon.replay.reading.read_log import read_log
 
 SECOND = 10**9
 

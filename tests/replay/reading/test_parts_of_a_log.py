@@ -6,12 +6,8 @@ from pathlib import Path
 import pytest
 
 from conftest import make_log
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.errors import ReplayError
+from icreckon import Log, ReplayError, load_robot, read_log, write_log
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
-from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.reading.read_log import read_log
 
 SECOND = 1_000_000_000
 

@@ -9,13 +9,8 @@ import pyarrow as pa
 import pytest
 from pyarrow import csv, parquet
 
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import HeadingFix
-from icreckon.estimator.robot.robot_file import Robot, Vehicle
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.inspect import inspect
+from icreckon import HeadingFix, Log, ReplayError, Robot, Vehicle, inspect, read_log
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
 
 VEHICLE = Vehicle(mass=1.0, track_gauge=0.8, sprocket_radius=0.5)
 START = 1_700_000_000_123_456_789

@@ -20,10 +20,8 @@ from bag_messages import (
     robot_with,
     write_bag,
 )
-from icreckon.estimator.log.log import Log
+from icreckon import Log, ReplayError, read_log
 from icreckon.replay.bags.decoding import read_definitions
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.reading.read_log import read_log
 
 
 def joints(stamp: int, positions, names=("l", "r")):

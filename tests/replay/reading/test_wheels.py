@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from bag_messages import SECOND, T, header, imu, joints, robot_with, write_bag
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon import Log, Robot, read_log
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
 
 LEFT, RIGHT = ["front_left", "rear_left"], ["front_right", "rear_right"]
 RADIUS = 0.5
