@@ -1,6 +1,7 @@
 """Running the command as a user does: in a process of its own, or in this one, which is quicker."""
 
 import io
+import json
 import subprocess
 import sys
 import traceback
@@ -58,6 +59,18 @@ def icreckon_alone(*words: object, cwd: Path) -> Done:
         timeout=300,
         check=False,
     )
+
+
+def succeeds(*words: object, cwd: Path, run: Callable[..., Done] = icreckon, **how: bool) -> Done:
+    """Run a command that ends well."""
+    done = run(*words, cwd=cwd, **how)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+def results_in(folder: Path) -> dict[str, Any]:
+    """Content of the results.json in a folder."""
+    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
 
 
 def fails(*words: object, cwd: Path, run: Callable[..., Done] = icreckon) -> str:

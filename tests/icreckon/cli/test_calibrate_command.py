@@ -1,7 +1,6 @@
 """`icreckon calibrate` from bag to robot file, and every command of the page about it."""
 
 import io
-import json
 import re
 from pathlib import Path
 
@@ -10,7 +9,7 @@ import pytest
 from markupsafe import escape
 from rich.console import Console
 
-from command_line import icreckon
+from command_line import results_in, succeeds
 from icreckon import Scenario, calibrate, compare, drift, read_log, simulate, write_log
 from icreckon.cli.calibrate import command
 from icreckon.estimator.base.errors import IcreckonError
@@ -34,15 +33,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_log(simulate(scenario, robot), folder / "drive", "mcap", robot)
     words = ("--robot", "auriga-alpha", "--models", "constant,inertia")
     words = (*words, "--write", "found.toml", "--ros", "ros.yaml", "--out", "results")
-    done = icreckon("calibrate", "drive", *words, cwd=folder, drawn=True)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("calibrate", "drive", *words, cwd=folder, drawn=True)
     assert "The data support inertia-based ICRs" in done.stdout
     assert "held, not shown" in done.stdout
     return folder
 
 
 def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path) -> None:
-    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "results")
     console = Console(width=80, file=io.StringIO())
     console.print(calibration_tables(results, narrow=True))
     shown = console.file.getvalue()
@@ -63,8 +61,7 @@ def test_settings_for_ros_are_of_the_calibrated_radius_and_track(folder: Path) -
     text = robot_toml(changed_robot(load_robot("auriga-alpha"), {"vehicle.sprocket_radius": 0.11}))
     (folder / "wide.toml").write_text(text, encoding="utf-8")
     words = ("--robot", "wide.toml", "--models", "constant", "--out", "wide")
-    done = icreckon("calibrate", "drive", *words, "--ros", "wide.yaml", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    succeeds("calibrate", "drive", *words, "--ros", "wide.yaml", cwd=folder)
     settings = (folder / "wide.yaml").read_text(encoding="utf-8")
     radius, shown = re.search(
         r"wheel_radius: (\S+)  # m, effective: by the truth of this log (\S+)", settings
@@ -78,7 +75,7 @@ def test_settings_for_ros_are_of_the_calibrated_radius_and_track(folder: Path) -
 
 
 def test_it_leaves_results_and_a_picture(folder: Path) -> None:
-    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "results")
     assert results["command"] == "calibrate"
     assert list(results["inputs"]) == ["drive"]
     assert results["inputs"]["drive"].startswith("sha256:")
@@ -100,7 +97,7 @@ def test_it_leaves_results_and_a_picture(folder: Path) -> None:
 
 
 def test_hostile_names_stay_text_on_the_page(folder: Path) -> None:
-    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "results")
     bad = "</script><script>alert(1)</script><img src=x onerror=y>"
     results["robot"]["name"] = results["logs"][0]["name"] = results["notes"] = bad
     results["notes"], results["configuration"] = [bad], {bad: bad}
@@ -111,7 +108,7 @@ def test_hostile_names_stay_text_on_the_page(folder: Path) -> None:
 
 
 def test_the_robot_file_loads_and_replays(folder: Path) -> None:
-    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "results")
     robot = load_robot(folder / "found.toml")
     found = msgspec.convert(results["robot"], Robot)
     for name in ("eta0", "epsilon0", "epsilon1", "zeta1", "eta2"):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from command_line import fails, icreckon
+from command_line import fails, icreckon, results_in, succeeds
 from icreckon import Scenario, simulate, write_log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, changed_robot, load_robot
 
@@ -26,8 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_file_that_fits(folder: Path):
-    done = icreckon("check", "drive", "--robot", "right.toml", cwd=folder)
-    assert done.returncode == 0, done.stdout
+    done = succeeds("check", "drive", "--robot", "right.toml", cwd=folder)
     assert "Nothing in the log contradicts the robot file." in done.stdout
     assert "Drift of inertia-online after 30 s without fixes: " in done.stdout
     assert "! " not in done.stdout
@@ -88,14 +87,12 @@ def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path)
 def test_a_stream_that_the_file_leaves_out(folder: Path):
     text = (folder / "right.toml").read_text(encoding="utf-8").split("[log.truth]")[0]
     (folder / "bare.toml").write_text(text, encoding="utf-8")
-    done = icreckon("check", "drive", "--robot", "bare.toml", cwd=folder)
-    assert done.returncode == 0
+    done = succeeds("check", "drive", "--robot", "bare.toml", cwd=folder)
     assert 'topic = "/ground_truth/pose" in [log.truth]' in done.stdout
 
 
 def test_shipped_robots_are_listed(folder: Path):
-    done = icreckon("robots", cwd=folder)
-    assert done.returncode == 0
+    done = succeeds("robots", cwd=folder)
     assert "warthog" in done.stdout
     assert str(ROBOTS_FOLDER) in done.stdout
 
@@ -111,5 +108,5 @@ def test_a_replay_notes_it(folder: Path):
         "does not fit this log, and all figures are with it:\n- the truth moves 0.4" in done.stdout
     )
     assert "icreckon check says what each of these costs" in done.stdout
-    notes = json.loads((folder / "w" / "results.json").read_text())["log"]["notes"]
+    notes = results_in(folder / "w")["log"]["notes"]
     assert any("is the radius a diameter?" in note for note in notes)

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from command_line import fails, icreckon, icreckon_alone
+from command_line import fails, icreckon, icreckon_alone, results_in, succeeds
 from conftest import thorough
 from icreckon import EncoderSpec, FixSpec, Log, Scenario, load_robot, read_log, simulate
 from icreckon.cli.main import COMMANDS, load
@@ -36,8 +36,7 @@ TRAJECTORIES = {*ALL_VARIANTS, "ground_truth"}
 def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short demo, run once."""
     folder = tmp_path_factory.mktemp("demo")
-    done = icreckon("demo", "--duration", 60, "--workers", 1, cwd=folder, drawn=True)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("demo", "--duration", 60, "--workers", 1, cwd=folder, drawn=True)
     assert "truth: friction" in done.stdout
     for variant in ALL_VARIANTS:
         assert variant in done.stdout
@@ -60,7 +59,7 @@ def test_demo_leaves_everything_it_promises(demo: Path) -> None:
 
 
 def test_demo_results_say_what_was_done(demo: Path) -> None:
-    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    results = results_in(demo)
     assert results["format"] == 1
     assert results["command"] == "demo"
     assert results["seed"] == 1
@@ -77,13 +76,13 @@ def test_demo_results_say_what_was_done(demo: Path) -> None:
 
 
 def test_demo_drifts_least_with_indices_that_move(demo: Path) -> None:
-    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    results = results_in(demo)
     drift = {name: scores["drift_percent_10s_mean"] for name, scores in results["variants"].items()}
     assert drift["inertia-online"] < min(drift["constant-online"], drift["gyro"])
 
 
 def test_a_narrow_table_has_the_verdict_first_and_fewer_columns(demo: Path) -> None:
-    results = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    results = results_in(demo)
     shown = {}
     for narrow in (True, False):
         console = Console(width=80 if narrow else 200, file=io.StringIO())
@@ -97,31 +96,25 @@ def test_a_narrow_table_has_the_verdict_first_and_fewer_columns(demo: Path) -> N
 
 @pytest.mark.thorough
 def test_demo_is_reproducible_and_does_not_overwrite(demo: Path, tmp_path: Path) -> None:
-    again = icreckon("demo", "--duration", 60, "--json", "--workers", 1, cwd=tmp_path)
-    assert again.returncode == 0, again.stderr
-    first = json.loads((demo / "results.json").read_text(encoding="utf-8"))
+    again = succeeds("demo", "--duration", 60, "--json", "--workers", 1, cwd=tmp_path)
+    first = results_in(demo)
     assert json.loads(again.stdout)["variants"] == first["variants"]
     assert "exists already" in fails("demo", "--out", "icreckon-demo", cwd=tmp_path)
-    assert json.loads((tmp_path / "icreckon-demo" / "results.json").read_text()) == json.loads(
-        again.stdout
-    )
+    assert results_in(tmp_path / "icreckon-demo") == json.loads(again.stdout)
 
 
 @pytest.mark.parametrize("kind", ["mcap", thorough("sqlite3"), thorough("ros1")])
 def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -> None:
     bag = tmp_path / ("run.bag" if kind == "ros1" else "run")
     words = ("--duration", 30, "--format", kind, "--seed", 5, "--outage", "10:30")
-    made = icreckon("simulate", "--out", bag, *words, cwd=tmp_path)
-    assert made.returncode == 0, made.stderr
+    succeeds("simulate", "--out", bag, *words, cwd=tmp_path)
     words = ("--variants", "constant-online, inertia-online", "--json", "--workers", 1)
-    replayed = icreckon("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
-    assert replayed.returncode == 0, replayed.stderr
+    replayed = succeeds("replay", bag, "--robot", "auriga-alpha", *words, cwd=tmp_path)
     results = json.loads(replayed.stdout)
     assert list(results["variants"]) == ["constant-online", "inertia-online"]
     assert results["log"]["fixes"] == 10
     assert results["variants"]["inertia-online"]["final_position_error_m"] < 0.5
-    found = icreckon("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
-    assert found.returncode == 0, found.stderr
+    found = succeeds("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
     assert "/joint_states" in found.stdout
     proposed = (tmp_path / "robot.toml").read_text(encoding="utf-8")
     assert 'topic = "/ground_truth/pose"' in proposed
@@ -129,7 +122,7 @@ def test_simulate_replay_and_inspect_in_each_format(kind: str, tmp_path: Path) -
     assert "not filled in" in fails("replay", bag, *words, cwd=tmp_path)
     completed = proposed.replace("radius = nan", "radius = 0.1").replace("= nan", "= 1.0")
     (tmp_path / "robot.toml").write_text(completed, encoding="utf-8")
-    assert icreckon("replay", bag, *words, cwd=tmp_path).returncode == 0
+    succeeds("replay", bag, *words, cwd=tmp_path)
 
 
 def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Path) -> None:
@@ -142,8 +135,7 @@ def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Pa
     robot = load_robot("auriga-alpha")
 
     def made(name: str, *more: object) -> Log:
-        done = icreckon(*words, "--out", name, *more, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
+        succeeds(*words, "--out", name, *more, cwd=tmp_path)
         return read_log(tmp_path / name, robot)
 
     file = Scenario(
@@ -181,13 +173,11 @@ def test_simulate_a_scenario_file_and_what_the_command_line_changes(tmp_path: Pa
 
 def test_simulate_says_how_to_replay_and_that_works_for_another_robot(tmp_path: Path) -> None:
     words = ("--out", "my run", "--robot", "jackal", "--duration", 20)
-    done = icreckon("simulate", *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("simulate", *words, cwd=tmp_path)
     command = done.stderr.strip().splitlines()[-1].partition("; next: icreckon ")[2]
     assert command == "replay 'my run' --robot jackal"
     more = ("--variants", "constant-online", "--json", "--workers", 1)
-    replayed = icreckon(*shlex.split(command), *more, cwd=tmp_path)
-    assert replayed.returncode == 0, replayed.stderr
+    replayed = succeeds(*shlex.split(command), *more, cwd=tmp_path)
     results = json.loads(replayed.stdout)
     assert results["truth"]["source"] == "friction"
     assert results["log"]["fixes"] == 21
@@ -195,10 +185,9 @@ def test_simulate_says_how_to_replay_and_that_works_for_another_robot(tmp_path: 
 
 def test_a_standstill_is_drawn_without_a_warning(tmp_path: Path) -> None:
     words = ("--duration", 2, "--fix-rate", 0, "--noise", "perfect", "--trajectory", "straight")
-    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
     words = ("--robot", "auriga-alpha", "--workers", 1)
-    done = icreckon("replay", "run", *words, cwd=tmp_path, drawn=True)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", "run", *words, cwd=tmp_path, drawn=True)
     assert "Warning" not in done.stderr
 
 
@@ -232,12 +221,11 @@ def same(log: Log, other: Log) -> None:
 
 def test_simulate_without_truth_gives_a_comparison_of_the_variants(tmp_path: Path) -> None:
     words = ("--duration", 10, "--without-truth", "--fix-rate", 0, "--noise", "perfect")
-    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
     words = ("--robot", "auriga-alpha", "--variants", "gyro,inertia-online", "--workers", 1)
-    done = icreckon("replay", "run", *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", "run", *words, cwd=tmp_path)
     assert "No ground truth" in done.stdout
-    results = json.loads((tmp_path / "icreckon-replay-run" / "results.json").read_text())
+    results = results_in(tmp_path / "icreckon-replay-run")
     assert results["truth"] is None
     assert results["variants"]["inertia-online"]["end_apart_m"] == 0.0
 
@@ -281,7 +269,7 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     assert "duration" in fails(*into_run, "--duration", "-1", cwd=tmp_path)
     assert "'auriga-alpha'" in fails(*into_run, "--robot", "auriga", cwd=tmp_path)
     words = (*into_run, "--duration", 10)
-    assert icreckon(*words, cwd=tmp_path).returncode == 0
+    succeeds(*words, cwd=tmp_path)
     assert "--overwrite" in fails(*words, cwd=tmp_path)
     assert "'inertia-online'" in fails(
         "replay", "run", *robot, "--variants", "inertia-onlin", cwd=tmp_path
@@ -302,7 +290,7 @@ def test_debug_shows_the_traceback(tmp_path: Path) -> None:
 
 
 def test_a_topic_that_is_missing_lists_those_that_are_there(tmp_path: Path) -> None:
-    assert icreckon("simulate", "--out", "run", "--duration", 5, cwd=tmp_path).returncode == 0
+    succeeds("simulate", "--out", "run", "--duration", 5, cwd=tmp_path)
     message = fails("replay", "run", "--robot", "husky", cwd=tmp_path)
     assert "/husky_velocity_controller/odom" in message
     assert "/joint_states" in message

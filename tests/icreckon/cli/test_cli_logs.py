@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bag_messages import DRIVES, definition_files, drive_bag, halves
-from command_line import fails, icreckon
+from command_line import fails, succeeds
 from icreckon import Log, Scenario, simulate, write_log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
 
@@ -35,8 +35,7 @@ def as_csv(log: Log, path: Path) -> Path:
 
 def test_a_table_from_end_to_end(log: Log, tmp_path: Path) -> None:
     path = as_csv(log, tmp_path / "run.csv")
-    done = icreckon("inspect", path, "--write", "robot.toml", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", path, "--write", "robot.toml", cwd=tmp_path)
     assert "gyro_z" in done.stdout
     text = (tmp_path / "robot.toml").read_text(encoding="utf-8")
     shipped = load_robot("auriga-alpha").vehicle
@@ -44,8 +43,7 @@ def test_a_table_from_end_to_end(log: Log, tmp_path: Path) -> None:
         text = text.replace(f"{key} = nan", f"{key} = {value}")
     (tmp_path / "robot.toml").write_text(text, encoding="utf-8")
     words = ("--robot", "robot.toml", "--variants", "constant-online", "--json")
-    done = icreckon("replay", path, *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", path, *words, cwd=tmp_path)
     results = json.loads(done.stdout)
     assert results["log"]["dropped"] == {}
     assert results["variants"]["constant-online"]["distance_m"] > 1.0
@@ -59,8 +57,7 @@ def test_several_files_are_one_log(log: Log, tmp_path: Path) -> None:
         for number, part in enumerate(halves(log))
     ]
     words = ("--robot", "auriga-alpha", "--variants", "differential", "--json", "--one-log")
-    done = icreckon("replay", *parts, *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", *parts, *words, cwd=tmp_path)
     assert "and 1 more" in done.stderr
     results = json.loads(done.stdout)
     assert results["log"]["duration_s"] == pytest.approx(log.duration)
@@ -82,8 +79,7 @@ def test_a_type_of_ones_own(tmp_path: Path) -> None:
     problem = fails("replay", bag, *files, *words, cwd=tmp_path)
     assert "no field 'rates' of 'wheels[1].rates'; our_msgs/msg/Wheel has rate" in problem
     (tmp_path / "robot.toml").write_text(text.replace("rates", "rate"), encoding="utf-8")
-    done = icreckon("replay", bag, *files, *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    succeeds("replay", bag, *files, *words, cwd=tmp_path)
 
 
 def test_a_table_without_a_column_map(log: Log, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from command_line import fails, icreckon
+from command_line import fails, icreckon, results_in, succeeds
 from icreckon import Scenario, load_robot, robot_toml, simulate
 from icreckon.report.replay.page_text import calibration_hint, ends_text, noise_text
 from icreckon.report.replay.tables import results_table
@@ -60,13 +60,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_tables_that_are_named_together_are_one_log(folder: Path) -> None:
     names = ("imu.csv", "wheels.csv", "truth.csv")
-    done = icreckon("replay", *names, *REPLAY, "--formats", "none", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", *names, *REPLAY, "--formats", "none", cwd=folder)
     assert (
         "read as one log, of which each table has a part: imu.csv, wheels.csv, truth.csv"
         in done.stderr
     )
-    results = json.loads((folder / "out" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "out")
     assert results["log"]["imu_samples"] > 4000
     assert results["truth"]["distance_m"] > 10.0
     mapping = json.loads(icreckon("inspect", *names, "--json", cwd=folder).stdout)["mapping"]
@@ -77,8 +76,7 @@ def test_stamps_below_zero_are_refused_before_the_run_where_a_format_has_none(fo
     names = ("wheels.csv", "imu.csv", "truth.csv")
     said = fails("replay", *names, *REPLAY, "--formats", "tum,mcap", cwd=folder / "early")
     assert "stamps begin at -20 s, and bags have none below zero: give --formats tum,csv" in said
-    done = icreckon("replay", *names, *REPLAY, "--formats", "tum,csv", cwd=folder / "early")
-    assert done.returncode == 0, done.stderr
+    succeeds("replay", *names, *REPLAY, "--formats", "tum,csv", cwd=folder / "early")
     first = (folder / "early" / "out" / "gyro.tum").read_text(encoding="utf-8").split()[0]
     assert float(first) == pytest.approx(-20.0, abs=0.1)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from command_line import icreckon
+from command_line import succeeds
 from conftest import thorough
 from icreckon.cli.common.console import explain
 from icreckon.cli.common.stopping import warned_in_one_line
@@ -59,8 +59,7 @@ def living(session: int) -> list[int]:
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("drive")
-    done = icreckon("simulate", "--out", "drive", "--duration", "200", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    succeeds("simulate", "--out", "drive", "--duration", "200", cwd=folder)
     return folder / "drive"
 
 
@@ -92,8 +91,7 @@ def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
         one.kill()
         one.communicate()
     assert [path.name[:5] for path in tmp_path.iterdir()] == [".out."]
-    done = icreckon("simulate", "--duration", "3", "--out", "out", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    succeeds("simulate", "--duration", "3", "--out", "out", cwd=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import study_stub
-from command_line import icreckon
+from command_line import icreckon, succeeds
 from conftest import REPOSITORY
 from icreckon import SimulationError, study_names
 from icreckon.cli.study import command
@@ -80,8 +80,7 @@ def contents(cwd: Path) -> dict[str, bytes]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("undisturbed")
     (folder / "tiny.toml").write_text(TINY, encoding="utf-8")
-    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
     assert "drift after 4 s" in done.stdout
     assert "Over 2 cells of 8 runs each, the median drift of constant-online is" in " ".join(
         done.stdout.split()

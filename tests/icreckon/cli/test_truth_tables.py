@@ -10,7 +10,7 @@ import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
-from command_line import icreckon
+from command_line import succeeds
 from conftest import thorough
 from icreckon import Log, PoseSeries, Scenario, simulate
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
@@ -88,14 +88,12 @@ def table(log: Log, path: Path) -> tuple[str, ...]:
 
 
 def replayed(words: tuple[str, ...], cwd: Path):
-    done = icreckon("replay", *words, "--variants", VARIANT, "--json", cwd=cwd)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", *words, "--variants", VARIANT, "--json", cwd=cwd)
     return json.loads(done.stdout)
 
 
 def inspected(words: tuple[str, ...], cwd: Path) -> str:
-    done = icreckon("inspect", words[0], cwd=cwd)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", words[0], cwd=cwd)
     return " ".join(done.stdout.split())
 
 
@@ -103,8 +101,7 @@ def inspected(words: tuple[str, ...], cwd: Path) -> str:
 def test_all_commands_find_the_same_lag(log: Log, yaw: str, tmp_path: Path) -> None:
     words = table(late(log, 0.35, yaw), tmp_path / "run.parquet")
     truth = replayed(words, tmp_path)["truth"]
-    done = icreckon("calibrate", *words, "--models", "constant", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("calibrate", *words, "--models", "constant", "--json", cwd=tmp_path)
     (of_log,) = json.loads(done.stdout)["logs"]
     text = inspected(words, tmp_path).split("truth: stamps are ")[1]
     # Positions are late against the tracks, too, which the body follows 0.045 s later.

@@ -3,7 +3,6 @@
 Commands that share an empty compile cache are in `test_fresh_cache.py`.
 """
 
-import json
 import os
 import shutil
 import subprocess
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from command_line import results_in
 from conftest import REPOSITORY
 from small_robot import drive, write_robot
 
@@ -53,7 +53,7 @@ def test_two_with_one_default_output_take_two_names(tmp_path: Path) -> None:
     assert len(folders) == done >= 1
     assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
     for folder in folders:
-        assert json.loads((folder / "results.json").read_text(encoding="utf-8"))["variants"]
+        assert results_in(folder)["variants"]
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """A variant of a comparison that fails is an error of that variant; the others are scored."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 import typer
 
+from command_line import results_in
 from icreckon import LostFilter, ReplayError, Scenario, load_robot, simulate, summarise
 from icreckon.cli.common.comparing import compare_and_report
 from icreckon.cli.common.console import exit_if_failed
@@ -149,7 +149,7 @@ def test_the_command_writes_what_it_has_and_exits_with_1(monkeypatch, tmp_path, 
         workers=1,
     )
     assert {"results.json", "page.html", "figure.png"} <= {path.name for path in tmp_path.iterdir()}
-    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    results = results_in(tmp_path)
     assert list(results["failed"]) == ["inertia-online"]
     shown = capsys.readouterr().out
     assert "inertia-online" in shown

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag1 import Reader as Ros1Reader
 
-from command_line import fails, icreckon
+from command_line import fails, succeeds
 from icreckon import IndexValues, PoseSeries, ReplayError, Robot, Scenario, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
@@ -66,7 +66,7 @@ def test_a_misspelt_format_is_refused(text: str, told: str) -> None:
 
 def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(tmp_path):
     words = ("--duration", 20, "--outage", "5:20", "--seed", 3)
-    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
     words = (
         "replay",
         "run",
@@ -79,8 +79,7 @@ def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(
     )
     assert "did you mean 'kitti'" in fails(*words, "--formats", "tum,kity", cwd=tmp_path)
     assert not (tmp_path / "a").exists()
-    done = icreckon(*words, "--formats", "ros1,kitti,csv", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds(*words, "--formats", "ros1,kitti,csv", cwd=tmp_path)
     assert "the page to open is a/page.html" in done.stderr.replace("\n", "")
     names = {path.name for path in (tmp_path / "a").iterdir()}
     assert names == {

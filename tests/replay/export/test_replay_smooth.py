@@ -1,17 +1,16 @@
 """`icreckon replay --smooth`, in a process of its own."""
 
-import json
 from pathlib import Path
 
 import pytest
 
-from command_line import icreckon
+from command_line import results_in, succeeds
 from tum import read_tum
 
 
 def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> None:
     words = ("--duration", 30, "--outage", "8:26", "--trajectory", "slalom", "--seed", 3)
-    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
+    succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
     words = (
         "--robot",
         "auriga-alpha",
@@ -21,11 +20,10 @@ def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> N
         "--out",
         "found",
     )
-    done = icreckon("replay", "run", *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", "run", *words, cwd=tmp_path)
     assert " inertia-online-smoothed " in done.stdout
     assert "Warning" not in done.stderr
-    results = json.loads((tmp_path / "found" / "results.json").read_text())
+    results = results_in(tmp_path / "found")
     assert results["configuration"]["smooth"] is True
     assert list(results["variants"]) == ["inertia-online", "inertia-online-smoothed"]
     filtered, smoothed = (

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import fails, icreckon
+from command_line import fails, icreckon, succeeds
 from icreckon import ReplayError, inspect
 from icreckon.replay.inspection.filled_in import with_filled_in
 
@@ -106,15 +106,14 @@ def test_a_file_that_cannot_be_read_is_not_replaced(tmp_path: Path):
 
 def test_the_command_keeps_it(tmp_path: Path):
     words = ("--out", "drive", "--duration", 20, "--fix-rate", 0)
-    assert icreckon("simulate", *words, cwd=tmp_path).returncode == 0
+    succeeds("simulate", *words, cwd=tmp_path)
     command = ("inspect", "drive", "--write", "robot.toml")
-    assert icreckon(*command, cwd=tmp_path).returncode == 0
+    succeeds(*command, cwd=tmp_path)
     path = tmp_path / "robot.toml"
     text = path.read_text(encoding="utf-8").replace("mass = nan", "mass = 31.5")
     path.write_text(text, encoding="utf-8")
     assert "exists already" in fails(*command, cwd=tmp_path)
-    done = icreckon(*command, "--overwrite", cwd=tmp_path)
-    assert done.returncode == 0
+    done = succeeds(*command, "--overwrite", cwd=tmp_path)
     assert "kept from the file before: vehicle.mass" in done.stderr
     assert tomllib.loads(path.read_text(encoding="utf-8"))["vehicle"]["mass"] == 31.5
     shown = tomllib.loads(text)["vehicle"]["track_gauge"]
@@ -152,7 +151,7 @@ def test_eta0_is_computed_once_the_radius_is_filled_in(tmp_path: Path):
     text = text.replace("track_gauge = nan", "track_gauge = 0.5")
     text = text.replace("sprocket_radius = nan", "sprocket_radius = 0.2")
     path.write_text(text, encoding="utf-8")
-    assert icreckon(*command, "--overwrite", cwd=tmp_path).returncode == 0
+    succeeds(*command, "--overwrite", cwd=tmp_path)
     found = tomllib.loads(path.read_text(encoding="utf-8"))
     assert found["indices"]["eta0"] == pytest.approx(4.5 * 0.2 / 0.5, rel=0.02)
     assert found["vehicle"]["max_track_speed"] == pytest.approx(1.2 * 0.2 * 3.85, rel=0.05)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import fails, icreckon
+from command_line import fails, icreckon, succeeds
 from icreckon import ImuSeries, Log, TrackSpeedSeries
 from icreckon.replay.inspection.track_by_rate import (
     EDGES,
@@ -77,8 +77,7 @@ def test_few_windows_are_no_bin() -> None:
 def test_inspect_draws_it_and_says_so_where_nothing_shows_it(tmp_path: Path) -> None:
     words = ("--duration", "150", "--fix-rate", "0", "--seed", "4")
     icreckon("simulate", "--out", "turning", "--trajectory", "arcs", *words, cwd=tmp_path)
-    done = icreckon("inspect", "turning", "--picture", "track.png", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", "turning", "--picture", "track.png", "--json", cwd=tmp_path)
     assert (tmp_path / "track.png").read_bytes().startswith(b"\x89PNG")
     track = json.loads(done.stdout)["track"]
     assert track["unit"] == "m"
