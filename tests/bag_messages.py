@@ -1,12 +1,12 @@
 """Small bags with messages made by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -82,25 +82,10 @@ def robot_with(**log) -> Robot:
 
 def halves(log):
     """A log cut in two; in the second half nothing but track speeds and IMU."""
-    from dataclasses import replace
-
-    first = replace(
-        log,
-        tracks=TrackSpeedSeries(log.tracks.stamps[:100], log.tracks.speeds[:100]),
-        imu=ImuSeries(
-            log.imu.stamps[:200], log.imu.angular_velocity[:200], log.imu.linear_acceleration[:200]
-        ),
-    )
-    second = replace(
-        log,
-        tracks=TrackSpeedSeries(log.tracks.stamps[100:], log.tracks.speeds[100:]),
-        imu=ImuSeries(
-            log.imu.stamps[200:], log.imu.angular_velocity[200:], log.imu.linear_acceleration[200:]
-        ),
-        fixes=None,
-        truth=None,
-    )
-    return first, second
+    cut = int(log.tracks.stamps[100]) - 10**6
+    first, second = log.between(log.start, cut), log.between(cut, log.end)
+    bare = replace(second, fixes=None, truth=None)
+    return replace(first, fixes=log.fixes, truth=log.truth), bare
 
 
 def drive_bag(path: Path, messages, plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:

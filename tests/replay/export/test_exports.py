@@ -2,6 +2,7 @@
 
 import csv
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,13 @@ from icreckon import IndexValues, PoseSeries, ReplayError, Robot, Scenario, simu
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_yaw
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.streaming.outputs import Run, icr_points
-from icreckon.replay.bags.messages import Messages
 from icreckon.replay.bags.writer import write_bag
 from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
-from icreckon.replay.export.replay_bag import _odometry, write_replay_bag
+from icreckon.replay.export.replay_bag import write_replay_bag
 from icreckon.replay.export.tables import write_run
 from icreckon.replay.export.trajectories import write_kitti, write_tum
 
@@ -30,13 +31,9 @@ VARIANTS = ["constant-online", "inertia-online"]
 
 
 @pytest.fixture(scope="module")
-def comparison() -> Comparison:
-    from icreckon.estimator.robot.robot_file import load_robot
-
-    robot = load_robot("auriga-alpha")
-    log = simulate(
-        Scenario(duration=20.0, seed=4, trajectory="slalom", outages=((8.0, 20.0),)), robot
-    )
+def comparison(robot: Robot) -> Comparison:
+    scenario = Scenario(duration=20.0, seed=4, trajectory="slalom", outages=((8.0, 20.0),))
+    log = simulate(scenario, robot)
     return compare(log, robot, VARIANTS, smooth=True)
 
 
@@ -67,7 +64,7 @@ def test_a_misspelt_format_is_refused(text: str, told: str) -> None:
 def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(tmp_path):
     words = ("--duration", 20, "--outage", "5:20", "--seed", 3)
     succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
-    words = (
+    words = [
         "replay",
         "run",
         "--robot",
@@ -76,7 +73,7 @@ def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(
         "constant-online",
         "--out",
         "a",
-    )
+    ]
     assert "did you mean 'kitti'" in fails(*words, "--formats", "tum,kity", cwd=tmp_path)
     assert not (tmp_path / "a").exists()
     done = succeeds(*words, "--formats", "ros1,kitti,csv", cwd=tmp_path)
@@ -162,16 +159,11 @@ def test_csv_says_the_same_as_parquet(tmp_path: Path, one: Run, robot: Robot) ->
 # --- bags ----------------------------------------------------------------------------------------
 
 
-def test_odometry_holds_the_estimate(one: Run) -> None:
-    messages = Messages(ros1=False)
+def test_odometry_holds_the_estimate(one: Run, messages) -> None:
     path, places = one.trajectory, one.trajectory.pose_series
-    box = _odometry("/odom", path, "a_frame/base_link")
-    np.testing.assert_array_equal(box.stamps, one.stamps)
     for row in (0, 1, 500, len(one.stamps) - 1):
-        found = box.make(messages, row)
-        stamp = found.header.stamp.sec * 10**9 + found.header.stamp.nanosec
+        _, stamp, found = messages["/inertia_online/odom"][row]
         assert stamp == one.stamps[row]
-        assert found.child_frame_id == "a_frame/base_link"
         yaw, at = path.poses[row, 2], found.pose.pose.position
         assert (at.x, at.y, at.z) == tuple(places.positions[row])
         q = found.pose.pose.orientation
@@ -308,16 +300,11 @@ def test_diagnostics_tell_innovations_of_each_sensor(messages, comparison):
         levels = [by_name[f"inertia-online: position_{axis}"].level for axis in "xy"]
         assert levels == ([0, 0] if np.isfinite(fixes).any() else [3, 3])
     assert levels == [3, 3]
-    counts = next(
-        status for status in rows[-1][2].status if status.name == "inertia-online: counts"
-    )
-    told = {pair.key: pair.value for pair in counts.values}
+    told = {pair.key: pair.value for pair in by_name["inertia-online: counts"].values}
     assert told["gyro: used"] == str(one.health.sensors["gyro"].used)
 
 
 def test_a_bag_without_truth_fixes_and_imu(tmp_path: Path, robot: Robot) -> None:
-    from dataclasses import replace
-
     log = simulate(Scenario(duration=4.0, seed=4), robot)
     bare = compare(replace(log, truth=None, fixes=None, imu=None), robot, ["differential"])
     found = mcap_messages(write_replay_bag(tmp_path / "o.mcap", "mcap", bare, robot))
@@ -383,8 +370,6 @@ def test_evo_reads_the_trajectories(evo: Path, tmp_path: Path, comparison: Compa
         evo, tmp_path, "evo_ape", "tum", reference, files["tum"], "--t_max_diff", "0.011"
     )
     said = {line.split()[0]: float(line.split()[1]) for line in told.splitlines() if "\t" in line}
-    from icreckon.estimator.log.scores import interpolate_poses
-
     at = truth.stamps[(truth.stamps >= poses.stamps[0]) & (truth.stamps <= poses.stamps[-1])]
     apart = interpolate_poses(poses, at) - interpolate_poses(truth, at)
     error = np.hypot(apart[:, 0], apart[:, 1])
