@@ -68,7 +68,8 @@ def write_bag(path: Path, messages, delay: int = 0, raw=(), times=None) -> Path:
             kind = message.__msgtype__
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            stamp = message.header.stamp
+            headed = message.transforms[0] if topic.startswith("/tf") else message
+            stamp = headed.header.stamp
             when = stamp.sec * 10**9 + stamp.nanosec + delay if times is None else next(times)
             writer.write(connections[topic], when, STORE.serialize_cdr(message, kind))
         for topic, when, data in raw:
@@ -134,6 +135,22 @@ def twist(v=0.0, w=0.0):
 
 
 SPEEDS = [("/js", joints(k * 10**9, (1.0, 2.0))) for k in range(1, 4)]
+
+
+def transform(stamp: int, parent: str, child: str, x=0.0, y=0.0, yaw=0.0, q=None):
+    quaternion = q if q is not None else (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+    turn = T["geometry_msgs/msg/Quaternion"](*map(float, quaternion))
+    step = T["geometry_msgs/msg/Transform"](vector(x, y, 0.0), turn)
+    return T["geometry_msgs/msg/TransformStamped"](header(stamp, parent), child, step)
+
+
+def tf_bag(path: Path, moving, static=(), speeds=SPEEDS) -> Path:
+    """A bag of track speeds and of transforms on /tf and /tf_static."""
+    made = T["tf2_msgs/msg/TFMessage"]
+    steps = [("/tf_static", made([one])) for one in static] + [
+        ("/tf", made([one])) for one in moving
+    ]
+    return write_bag(path, [*speeds, *steps])
 
 
 def navsatfix(

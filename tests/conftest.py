@@ -38,7 +38,7 @@ settings.register_profile("same-examples", derandomize=True, database=None, dead
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-examples"))
 LONG = (
     "test_how_to.py", "test_fresh_cache.py", "test_pages.py", "test_live_ros.py",
-    "test_readme.py", "test_ros2.py", "test_accuracy.py", "test_calibrate_command.py",
+    "test_readme.py", "test_ros2.py", "test_sample_logs.py", "test_calibrate_command.py",
     "test_compiled.py", "test_cli.py", "test_study_command.py", "test_stopping.py",
     "test_extreme_configurations.py", "test_calibrate.py", "test_scattering_fixes.py",
     "test_agreement.py", "test_truth_tables.py", "test_considered.py", "test_position_truth.py",

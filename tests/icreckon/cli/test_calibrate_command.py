@@ -18,7 +18,7 @@ from icreckon.estimator.robot.robot_toml import robot_toml
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.calibration.robot_file import robot_file_text
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.report.calibration.tables import calibration_page, calibration_tables
+from icreckon.report.calibration.tables import calibration_page, calibration_tables, parameter_table
 from readme import code_blocks, run_page
 
 PAGE = "docs/tutorials/calibrate.md"
@@ -133,14 +133,8 @@ def calibrated(folder: Path, **options: object) -> None:
     """The command's own function, with what is usual where nothing else is asked for."""
     usual: dict[str, object] = dict.fromkeys(("write", "ros", "lever_arm", "models"))
     usual |= {"paths": ["drive"], "robot_name": "auriga-alpha", "out": folder / "none"}
-    usual |= {
-        "message_files": [],
-        "segment": 3.0,
-        "as_json": False,
-        "wide": False,
-        "overwrite": False,
-    }
-    usual |= options
+    usual |= dict.fromkeys(("as_json", "wide", "overwrite"), False)
+    usual |= {"message_files": [], "segment": 3.0, **options}
     usual["paths"] = [folder / str(name) for name in usual["paths"]]
     command(**usual)
 
@@ -212,3 +206,25 @@ def test_the_python_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None
     (example,) = code_blocks("python", PAGE)
     exec(compile(example, PAGE, "exec"), {})  # noqa: S102
     assert "The data support" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "texts"),
+    [
+        (10.3784, 0.12, ("10.38", "0.12")),
+        (-0.00097797, 0.0043, ("-0.001", "0.0043")),
+        (-1.1766e-06, 5.4e-06, ("-1.2e-06", "5.4e-06")),
+        (-0.31202, 0.01, ("-0.312", "0.010")),
+        (300.0, 2000.0, ("300", "2.0e+03")),
+        (0.0, 0.17, ("0", "0.17")),
+        (1.073456, None, ("1.0735", "")),
+    ],
+)
+def test_values_end_at_the_second_digit_of_their_error(value, sigma, texts):
+    one = {
+        "value": value, "sigma": sigma, "status": "shown", "note": "", "unit": "m", "before": None,
+        "before_is_default": False, "sigma_other_logs": sigma,
+    }  # fmt: skip
+    table = parameter_table({"parameters": {"a": one}, "robot": {"name": "r"}})
+    (_, cells) = table.rows[0]
+    assert tuple(cell.text for cell in cells[:2]) == texts

@@ -14,18 +14,20 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, simulate
+from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, simulate, summarise
 from icreckon.replay.comparison.plot_series import (
     INNOVATION_POINTS,
     PARAMETER_POINTS,
     SERIES_POINTS,
+    series_points,
 )
-from icreckon.replay.comparison.results import summarise, write_results
+from icreckon.replay.comparison.results import write_results
 from icreckon.report.printable import change, change_range
 from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page import replay_page
-from icreckon.report.replay.page_charts import page_data
+from icreckon.report.replay.page_charts import constant_parameters, page_data
 from icreckon.report.replay.page_text import headline, number, remarks
+from icreckon.report.terms import TERMS
 
 VARIANTS = ["differential", "constant-online", "inertia-online"]
 HOSTILE = (
@@ -524,3 +526,54 @@ def test_a_wheeled_robot_is_drawn_on_wheels(results, points, contacts, length):
     drive = page_data(changed)["drive"]
     assert drive["contacts"] == contacts
     assert drive["length"] == pytest.approx(length)
+
+
+# --- terms, constant parameters, rows --------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def test_each_term_is_explained_without_a_script(page: str) -> None:
+    """A popover opens by a tap or a key, a title on hover; neither needs JavaScript."""
+    for one in TERMS:
+        assert page.count(f'popover id="term-{one.key}"') == 1
+    targets = set(re.findall(r'popovertarget="term-([\w-]+)"', page))
+    assert targets <= {one.key for one in TERMS}
+    assert {"nees", "nis", "sigma", "drift", "innovation", "icr", "rmse"} <= targets
+    for button in re.findall(r"<button [^>]*popovertarget[^>]*>", page):
+        assert 'type="button"' in button
+        assert re.search(r'title="[^"]{20,}"', button)
+
+
+def test_a_parameter_that_the_log_does_not_move_is_no_chart(results: dict[str, Any]) -> None:
+    flat = copy.deepcopy(results)
+    for one in flat["series"]["variants"].values():
+        learnt = one["parameters"]["gyro_bias"]
+        learnt["value"] = [1.5e-4] * len(learnt["value"])
+        learnt["sigma"] = [2e-3] * len(learnt["sigma"])
+    assert constant_parameters(flat)["gyro_bias"]["inertia-online"] == (1.5e-4, 2e-3)
+    titles = [chart["title"] for chart in page_data(flat)["charts"]]
+    assert "Bias of the gyro" not in titles
+    row = re.search(r"<td class=\"text\">gyro_<wbr>bias</td>(.*?)</tr>", replay_page(flat), re.S)
+    assert "0.00015 ± 0.004 rad/s" in row[1]
+    assert ", ".join(VARIANTS) in row[1]
+
+
+@pytest.mark.parametrize("change", ["value", "sigma"])
+def test_a_parameter_that_one_variant_learns_is_a_chart(results, change):
+    moved = copy.deepcopy(results)
+    for name, one in moved["series"]["variants"].items():
+        learnt = one["parameters"]["gyro_bias"]
+        learnt["value"] = [0.0] * len(learnt["value"])
+        learnt["sigma"] = [2e-3] * len(learnt["sigma"])
+        if name == "inertia-online":
+            learnt[change][-1] = 1e-3
+    # The level lines of the others would only lie over it.
+    assert list(constant_parameters(moved)["gyro_bias"]) == VARIANTS[:2]
+    (chart,) = (one for one in page_data(moved)["charts"] if one["title"] == "Bias of the gyro")
+    for part in ("lines", "bands"):
+        assert [one["series"] for one in chart[part]] == ["inertia-online"]
+
+
+@pytest.mark.parametrize(("seconds", "rows"), [(90.0, 1500), (600.0, 2400), (36_000.0, 4000)])
+def test_longer_logs_have_more_rows_up_to_a_limit(seconds: float, rows: int) -> None:
+    assert series_points(seconds) == rows

@@ -69,13 +69,9 @@ def test_effective_radius_and_track() -> None:
 
 
 def scaled(log: Log, *, gyro: float = 1.0, force: float = 1.0, tracks: float = 1.0) -> Log:
-    return replace(
-        log,
-        imu=ImuSeries(
-            log.imu.stamps, log.imu.angular_velocity * gyro, log.imu.linear_acceleration * force
-        ),
-        tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * tracks),
-    )
+    rates, forces = log.imu.angular_velocity * gyro, log.imu.linear_acceleration * force
+    speeds = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * tracks)
+    return replace(log, imu=ImuSeries(log.imu.stamps, rates, forces), tracks=speeds)
 
 
 def test_units_that_are_right() -> None:
@@ -139,16 +135,10 @@ def test_a_made_table(tmp_path: Path) -> None:
     poses = log.truth.poses.poses
     head = "time_ms,left_wheel_vel_rad,right_wheel_vel_rad,cmd_left_vel,cmd_right_vel"
     head += ",gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,icp_truth_x,icp_truth_y,icp_truth_yaw"
-    table = np.column_stack(
-        [
-            (log.tracks.stamps - log.tracks.stamps[0]) / 1e6,
-            log.tracks.speeds,
-            0.0 * log.tracks.speeds,
-            log.imu.angular_velocity,
-            log.imu.linear_acceleration,
-            poses,
-        ]
-    )
+    milliseconds = (log.tracks.stamps - log.tracks.stamps[0]) / 1e6
+    columns = [milliseconds, log.tracks.speeds, 0.0 * log.tracks.speeds]
+    columns += [log.imu.angular_velocity, log.imu.linear_acceleration, poses]
+    table = np.column_stack(columns)
     path = tmp_path / "run.csv"
     np.savetxt(path, table, delimiter=",", header=head, comments="")
     found = inspect(path)
@@ -179,9 +169,14 @@ def test_counters_need_their_counts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "other", ["current_{}_a", "{}_cmd_m_s", "v_battery_{}_volt", "temp_{}_speed", "{}_torque_enc"]
+    "other",
+    [
+        *("current_{}_a", "{}_cmd_m_s", "v_battery_{}_volt", "temp_{}_speed", "{}_torque_enc"),
+        *("{}_motor_A", "{}_status", "{}_joystick", "sonar_{}", "{}_wheel_load", "{}_position"),
+        "{}_error",
+    ],
 )
-def test_columns_beside_the_speeds_are_none(other: str, tmp_path: Path) -> None:
+def test_columns_of_another_quantity_are_no_speeds(other: str, tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     sides = ("left", "right")
     names = [*map(other.format, sides), *map("{}_m_s".format, sides)]
@@ -302,24 +297,6 @@ def drift_of(comparison: Comparison) -> float:
     """Drift of the only variant after 30 s [%]."""
     (run,) = comparison.runs.values()
     return drift(run.trajectory.pose_series, comparison.log.truth.poses, 30.0).percent_mean
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        "{}_motor_A",
-        "{}_status",
-        "{}_joystick",
-        "sonar_{}",
-        "{}_wheel_load",
-        "{}_position",
-        "{}_error",
-    ],
-)
-def test_columns_of_another_quantity_are_no_speeds(names: str, tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text(f"t,{names.format('left')},{names.format('right')}\n0.0,1,2\n0.1,2,3\n")
-    assert inspect(path).mapping.columns.tracks is None
 
 
 def test_demanded_speeds_beside_the_measured_ones_are_left_out(tmp_path: Path) -> None:

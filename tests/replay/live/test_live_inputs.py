@@ -8,26 +8,21 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+import bag_messages as made
 from bag_messages import (
-    DRIVES,
     JOINTS,
     SECOND,
     STORE,
     T,
-    drive_bag,
     header,
     imu,
     joints,
     navsatfix,
-    odometry,
-    orientation,
-    pose_stamped,
-    pose_with_covariance,
     robot_with,
-    twist,
-    vector,
+    tf_bag,
+    transform,
     write_bag,
-)
+)  # fmt: skip
 from icreckon import ImuSample, Measurement, ReplayError, Robot, TrackSpeeds, read_log
 from icreckon.replay.live.apart_wheels import ApartWheels
 from icreckon.replay.live.inputs import LiveInputs
@@ -75,7 +70,7 @@ def gps(stamp: int, north: float, status: int = 0):
 
 
 def twist_stamped(stamp: int, v: float, w: float):
-    return T["geometry_msgs/msg/TwistStamped"](header(stamp), twist(v, w))
+    return T["geometry_msgs/msg/TwistStamped"](header(stamp), made.twist(v, w))
 
 
 def point(stamp: int, x: float):
@@ -94,7 +89,7 @@ CASES = {
     "unit": ({"tracks": JOINTS | {"unit": "rpm"}}, TRACKS),
     "odometry with its own gauge": (
         {"tracks": {"topic": "/o", "gauge": 1.1}},
-        [("/o", odometry(stamp, 1.0, 0.01 * k)) for k, stamp in enumerate(STAMPS)],
+        [("/o", made.odometry(stamp, 1.0, 0.01 * k)) for k, stamp in enumerate(STAMPS)],
     ),
     "twist": (
         {"tracks": {"topic": "/t"}},
@@ -112,13 +107,13 @@ CASES = {
         {"tracks": JOINTS, "fixes": {"topic": "/pose", "least_sigma": 0.5}},
         TRACKS
         + [
-            ("/pose", pose_with_covariance(stamp, (0.01, 0.3, 0.02), x=1.0 * k))
+            ("/pose", made.pose_with_covariance(stamp, (0.01, 0.3, 0.02), x=1.0 * k))
             for k, stamp in enumerate(STAMPS[::4])
         ],
     ),
     "poses without covariance": (
         {"tracks": JOINTS, "fixes": {"topic": "/pose", "position_sigma": 0.2}},
-        TRACKS + [("/pose", pose_stamped(stamp, x=0.1, y=2.0)) for stamp in STAMPS[::4]],
+        TRACKS + [("/pose", made.pose_stamped(stamp, x=0.1, y=2.0)) for stamp in STAMPS[::4]],
     ),
     "IMU by its fields": (
         {
@@ -161,7 +156,8 @@ CASES = {
     ),
     "headings": (
         {"tracks": JOINTS, "heading": {"topic": "/compass", "offset_deg": 90.0}},
-        TRACKS + [("/compass", orientation(stamp, 0.1 * k)) for k, stamp in enumerate(STAMPS[::4])],
+        TRACKS
+        + [("/compass", made.orientation(stamp, 0.1 * k)) for k, stamp in enumerate(STAMPS[::4])],
     ),
 }
 
@@ -276,40 +272,21 @@ def test_fields_of_any_message_are_read(tmp_path: Path) -> None:
     robot = robot_with(
         tracks={"topic": "/drive", "left": ["wheels[0].rate"], "right": ["wheels[1].rate"]}
     )
-    bag = drive_bag(tmp_path / "bag", DRIVES)
+    bag = made.drive_bag(tmp_path / "bag", made.DRIVES)
     same(through(bag, robot), list(read_log(bag, robot).measurements()))
 
 
 def test_transforms_are_fixes(tmp_path: Path) -> None:
-    def transform(stamp: int, parent: str, child: str, x: float, yaw: float):
-        turn = T["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
-        step = T["geometry_msgs/msg/Transform"](vector(x, 0.5, 0.0), turn)
-        return T["geometry_msgs/msg/TransformStamped"](header(stamp, parent), child, step)
-
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    kind = "tf2_msgs/msg/TFMessage"
-    bag = tmp_path / "bag"
-    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        static = writer.add_connection("/tf_static", kind, typestore=STORE)
-        moving = writer.add_connection("/tf", kind, typestore=STORE)
-        speeds = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
-        mounted = transform(T0, "lidar", "base_link", 0.4, np.pi / 2)
-        writer.write(static, T0, STORE.serialize_cdr(T[kind]([mounted]), kind))
-        for k, (stamp, (_, speed)) in enumerate(zip(STAMPS, TRACKS, strict=True)):
-            writer.write(speeds, stamp, STORE.serialize_cdr(speed, speed.__msgtype__))
-            step = [transform(stamp, "odom", "lidar", 0.1 * k, 0.05 * k)]
-            if k % 4 == 0:
-                step.append(transform(stamp, "map", "odom", 1.0, 0.01 * k))
-            writer.write(moving, stamp, STORE.serialize_cdr(T[kind](step), kind))
+    moving = []
+    for k, stamp in enumerate(STAMPS):
+        moving.append(transform(stamp, "odom", "lidar", 0.1 * k, 0.5, 0.05 * k))
+        moving += [transform(stamp, "map", "odom", 1.0, 0.5, 0.01 * k)] if k % 4 == 0 else []
+    static = [transform(T0 - 1, "lidar", "base_link", 0.4, 0.5, np.pi / 2)]
+    bag = tf_bag(tmp_path / "bag", moving, static, TRACKS)
     robot = robot_with(
         tracks=JOINTS,
-        fixes={
-            "topic": "/tf",
-            "frames": ["map", "base_link"],
-            "position_sigma": 0.1,
-            "heading_sigma": 0.05,
-        },
+        fixes={"topic": "/tf", "frames": ["map", "base_link"]}
+        | {"position_sigma": 0.1, "heading_sigma": 0.05},
     )
     replayed = list(read_log(bag, robot).measurements())
     assert sum(type(one).__name__ == "HeadingFix" for one in replayed) == 10

@@ -43,12 +43,8 @@ def test_joints_that_are_not_there_are_named(tmp_path: Path) -> None:
 
 
 ODD_NAMES = (
-    "left-wheel",
-    "right/wheel",
-    "left wheel",
-    "right:wheel",
-    "0_left_wheel",
-    "wheel[right]",
+    *("left-wheel", "right/wheel", "left wheel"),
+    *("right:wheel", "0_left_wheel", "wheel[right]"),
 )
 
 
@@ -127,16 +123,7 @@ def test_fixes(tmp_path: Path) -> None:
         ("/fix", pose_with_covariance(6, (0.04, 0.04, 0.01), x=float("nan"))),
         ("/fix", pose_with_covariance(2, (0.04, 0.04, 0.01), x=7.0)),
     ]
-    path = tmp_path / "bag"
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        kind = fixes[0][1].__msgtype__
-        at = writer.add_connection("/fix", kind, typestore=STORE)
-        js = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
-        for when, (_, message) in enumerate(fixes):
-            writer.write(at, when, STORE.serialize_cdr(message, kind))
-        for _, message in SPEEDS:
-            data = STORE.serialize_cdr(message, message.__msgtype__)
-            writer.write(js, message.header.stamp.sec, data)
+    path = write_bag(tmp_path / "bag", [*fixes, *SPEEDS])
     log = read_log(path, robot_with(tracks=JOINTS, fixes={"topic": "/fix"}))
     np.testing.assert_allclose(log.fixes.poses[:, 0], [1.0, 2.0, 3.0])
     np.testing.assert_allclose(log.fixes.poses[:, 2], [np.pi / 2, np.nan, np.nan])

@@ -9,7 +9,7 @@ from broken_input import FAULTS, broken_runs, standstill_drift
 
 from conftest import sample, thorough
 from icreckon import ImuSeries, Scenario, TrackSpeedSeries, load_robot, run, simulate
-from icreckon.replay.reading.stamps import without_steps
+from icreckon.replay.reading.stamps import doubled_times, without_steps
 
 SECOND = 1_000_000_000
 SPIKE = "spike of 30 m/s and 20 rad/s"
@@ -113,3 +113,13 @@ def test_a_recorder_that_stalls_is_no_step() -> None:
     found, steps = without_steps(stamped, recorded)
     assert (found == stamped).all()
     assert not steps
+
+
+def test_a_wrong_stamp_long_before_a_short_log_doubles_no_time() -> None:
+    """The empty windows behind it halved the usual count: most of the log was left out."""
+    stamps = np.arange(0, 40 * SECOND, SECOND // 100)
+    wrong = np.sort(np.append(stamps, -60 * SECOND))
+    assert doubled_times(wrong) == doubled_times(stamps) == []
+    twice = np.sort(np.concatenate([wrong, stamps[1000:2000] + 1]))
+    ((begin, end),) = doubled_times(twice)
+    assert (begin, end) == pytest.approx((10 * SECOND, 20 * SECOND), abs=SECOND)

@@ -8,13 +8,11 @@ import pytest
 from bag_messages import (
     JOINTS,
     SPEEDS,
-    STORE,
-    T,
-    header,
     navsatfix,
     orientation,
     robot_with,
-    vector,
+    tf_bag,
+    transform,
     write_bag,
 )
 from conftest import sample_log
@@ -22,36 +20,6 @@ from icreckon import HeightFix, Log, ReplayError, load_robot, read_log
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
 
 SECOND = 10**9
-
-
-def transform(stamp: int, parent: str, child: str, x=0.0, y=0.0, yaw=0.0, q=None):
-    quaternion = q if q is not None else (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
-    return T["geometry_msgs/msg/TransformStamped"](
-        header(stamp, parent),
-        child,
-        T["geometry_msgs/msg/Transform"](
-            vector(x, y, 0.0), T["geometry_msgs/msg/Quaternion"](*map(float, quaternion))
-        ),
-    )
-
-
-def tf_bag(path: Path, moving, static=()) -> Path:
-    """A bag of track speeds and of transforms on /tf and /tf_static."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    kind = "tf2_msgs/msg/TFMessage"
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        js = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
-        for _, message in SPEEDS:
-            when = message.header.stamp.sec * SECOND
-            writer.write(js, when, STORE.serialize_cdr(message, message.__msgtype__))
-        for topic, transforms in (("/tf", moving), ("/tf_static", static)):
-            at = writer.add_connection(topic, kind, typestore=STORE)
-            for one in transforms:
-                stamp = one.header.stamp
-                data = STORE.serialize_cdr(T[kind]([one]), kind)
-                writer.write(at, stamp.sec * SECOND + stamp.nanosec, data)
-    return path
 
 
 def read(path: Path, messages, **log) -> Log:
