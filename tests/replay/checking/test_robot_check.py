@@ -13,21 +13,12 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
-from icreckon.replay.checking.robot_check import (
-    check_robot,
-    far_centre,
-    is_of_another,
-    topics_left_out,
-)
+from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.checking.worth import judged, worth_of
-from icreckon.replay.mapping.topics import (
-    FixTopic,
-    ImuTopic,
-    TopicMap,
-    TrackTopic,
-    with_column_keys,
-)
+from icreckon.replay.mapping import topics as mapping
+from icreckon.replay.mapping.topics import TopicMap
 
 ALPHA = load_robot("auriga-alpha")
 MAPPED = with_values(
@@ -214,8 +205,8 @@ def test_files_of_other_robots_are_recognised(log: Log):
     robot = with_values(load_robot("marmotte"), log={})
     wrong = speeds(log, lambda v: v * robot.vehicle.sprocket_radius / RADIUS)
     checks = check_robot(wrong, robot)
-    assert is_of_another(checks)
-    assert not is_of_another(check_robot(log, ALPHA))
+    assert robot_check.is_of_another(checks)
+    assert not robot_check.is_of_another(check_robot(log, ALPHA))
 
 
 def test_what_is_missing_is_no_error(log: Log):
@@ -233,12 +224,12 @@ def test_what_is_missing_is_no_error(log: Log):
 
 
 def test_streams_that_the_file_leaves_out():
-    tracks = TrackTopic("/joint_states", ("l",), ("r",))
-    guessed = TopicMap(tracks, ImuTopic("/imu"), FixTopic("/fix"))
-    hints = topics_left_out(guessed, MAPPED)
+    tracks = mapping.TrackTopic("/joint_states", ("l",), ("r",))
+    guessed = TopicMap(tracks, mapping.ImuTopic("/imu"), mapping.FixTopic("/fix"))
+    hints = robot_check.topics_left_out(guessed, MAPPED)
     assert len(hints) == 2
     assert '"/fix" in [log.fixes]' in hints[1]
-    assert topics_left_out(TopicMap(tracks), MAPPED) == []
+    assert robot_check.topics_left_out(TopicMap(tracks), MAPPED) == []
 
 
 def test_costs_are_those_of_each_error_alone(log: Log):
@@ -278,7 +269,7 @@ def test_real_logs(data_dir: Path, name: str, own: str, other: str):
     assert problems(log, robot) == {}
     swapped = with_values(load_robot(other), log=robot.log)
     wrong = read_log(path, swapped)
-    assert is_of_another(check_robot(wrong, swapped))
+    assert robot_check.is_of_another(check_robot(wrong, swapped))
     assert problems(*mended(wrong, swapped)) == {}
     doubled = with_vehicle(robot, sprocket_radius=2.0 * robot.vehicle.sprocket_radius)
     assert "diameter" in problems(read_log(path, doubled), doubled)[SCALE]
@@ -347,16 +338,16 @@ def test_a_contradiction_whose_mending_drifts_more_is_a_note(log: Log, robot: Ro
 
 
 def test_a_turning_centre_beyond_the_contact_is_noted(robot: Robot) -> None:
-    assert far_centre(robot) == []
+    assert robot_check.far_centre(robot) == []
     far = with_values(robot, indices=with_values(robot.indices, zeta0=-0.9))
-    assert "is [imu] position right?" in far_centre(far)[0]
+    assert "is [imu] position right?" in robot_check.far_centre(far)[0]
 
 
 def test_remedies_of_tables_name_keys_of_tables(robot: Robot) -> None:
     table = with_values(robot, log={"columns": {"time": "t"}})
     text = "rate_unit in [log.imu]; name its topic in [log.truth]"
-    assert with_column_keys(text, robot) == text
+    assert mapping.with_column_keys(text, robot) == text
     assert (
-        with_column_keys(text, table)
+        mapping.with_column_keys(text, table)
         == "rate_unit in [log.columns.imu]; name its columns in [log.columns.truth]"
     )

@@ -45,7 +45,7 @@ def test_by_default_all_variants_are_compared(robot: Robot) -> None:
     log = simulate(Scenario(duration=5.0), robot)
     comparison = compare(log, robot)
     assert list(comparison.runs) == list(ALL_VARIANTS)
-    results = summarise(comparison, robot, command="test", configuration={})
+    results = summarise(comparison, robot)
     console = Console(width=120, file=io.StringIO())
     console.print(results_table(results))
     printed = console.file.getvalue()
@@ -74,8 +74,8 @@ def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(rob
     for name, run in plain.runs.items():
         unit = np.where(run.state_sigmas > 0.0, run.state_sigmas, 1.0)
         assert (np.abs(comparison.runs[name].states - run.states) < 1e-8 * unit).all()
-    results = summarise(comparison, robot, command="test", configuration={})
-    scores, before = results["variants"], summarise(plain, robot, command="test", configuration={})
+    results = summarise(comparison, robot)
+    scores, before = results["variants"], summarise(plain, robot)
     for name in VARIANTS:
         for key in ("drift_percent_30s", "rmse_position_m", "rmse_v_y_m_s"):
             if key in before["variants"][name]:
@@ -85,7 +85,7 @@ def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(rob
         scores["inertia-online-smoothed"]["rmse_v_y_m_s"] < scores["inertia-online"]["rmse_v_y_m_s"]
     )
     blind = Comparison(replace(log, truth=None), comparison.runs, None)
-    results = summarise(blind, robot, command="test", configuration={})
+    results = summarise(blind, robot)
     assert results["reference_variant"] == VARIANTS[-1]
 
 
@@ -121,7 +121,7 @@ def test_one_variant_and_a_part_as_texts(log: icreckon.Log, tmp_path: Path):
     robot = icreckon.load_robot("auriga-alpha")
     found = icreckon.compare(log, robot, "gyro", fixes="0:40%")
     assert list(found.runs) == ["gyro"]
-    results = icreckon.summarise(found, robot, command="notebook", configuration={})
+    results = icreckon.summarise(found, robot)
     icreckon.write_report(str(tmp_path), found, results, robot, formats=())
     assert (tmp_path / "page.html").exists()
     with pytest.raises(ReplayError, match="no such folder; make it first"):

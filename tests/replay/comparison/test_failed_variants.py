@@ -88,7 +88,7 @@ def test_a_lost_variant_is_named_and_the_others_are_scored(
     assert np.array_equal(
         found.runs["constant-online"].states, whole.runs["constant-online"].states
     )
-    results = summarise(found, ROBOT, command="replay", configuration={})
+    results = summarise(found, ROBOT)
     assert list(results["variants"]) == ["constant-online"]
     assert results["failed"]["inertia-online"]["reason"] == reason
     assert results["failed"]["inertia-online"]["since_s"] == pytest.approx(LOST, abs=0.03)
@@ -104,10 +104,7 @@ def test_a_lost_variant_is_named_and_the_others_are_scored(
 
 def test_all_variants_lost_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     lose(monkeypatch, VARIANTS)
-    with pytest.raises(
-        ReplayError,
-        match=r"no variant has a result: constant-online: estimate is not finite from 12",
-    ):
+    with pytest.raises(ReplayError, match=r"no variant has a result: constant-online: estimate"):
         compare(LOG, ROBOT, VARIANTS)
 
 
@@ -138,16 +135,8 @@ def test_smoothing_that_is_lost_leaves_the_filter(monkeypatch: pytest.MonkeyPatc
 
 def test_the_command_writes_what_it_has_and_exits_with_1(monkeypatch, tmp_path, capsys):
     lose(monkeypatch, ("inertia-online",))
-    failed = compare_and_report(
-        LOG,
-        ROBOT,
-        tmp_path,
-        command="replay",
-        configuration={},
-        inputs={},
-        variants=[*VARIANTS],
-        workers=1,
-    )
+    options = {"command": "replay", "configuration": {}, "inputs": {}, "workers": 1}
+    failed = compare_and_report(LOG, ROBOT, tmp_path, variants=[*VARIANTS], **options)
     assert {"results.json", "page.html", "figure.png"} <= {path.name for path in tmp_path.iterdir()}
     results = results_in(tmp_path)
     assert list(results["failed"]) == ["inertia-online"]

@@ -20,9 +20,7 @@ def log() -> Log:
 
 
 def scored(log: Log, part=PART) -> dict:
-    return summarise(
-        compare(log, ALPHA, VARIANTS, fixes=part), ALPHA, command="test", configuration={}
-    )
+    return summarise(compare(log, ALPHA, VARIANTS, fixes=part), ALPHA)
 
 
 def test_drift_is_about_that_against_the_truth(log: Log):

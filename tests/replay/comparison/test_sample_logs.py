@@ -44,7 +44,7 @@ def test_a_log_without_truth_compares_the_variants(data_dir: Path) -> None:
     path = sample_log(data_dir, "jackal_test2.bag")
     log = read_log(path, robot)
     comparison = compare(log, robot, ["differential", "inertia-online"])
-    results = summarise(comparison, robot, command="test", configuration={}, inputs={"log": path})
+    results = summarise(comparison, robot, inputs={"log": path})
     assert results["truth"] is None
     assert results["reference_variant"] == "inertia-online"
     assert results["variants"]["differential"]["end_apart_m"] > 0.0

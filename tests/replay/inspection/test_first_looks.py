@@ -14,13 +14,8 @@ from icreckon import Comparison, HeadingFix, Log, compare, drift, inspect, read_
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
+from icreckon.replay.inspection import wheels
 from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
-from icreckon.replay.inspection.wheels import (
-    heading_offset,
-    standstills,
-    unit_suspicions,
-    wheel_estimates,
-)
 
 RADIUS, TRACK = 0.2, 0.6
 
@@ -44,12 +39,12 @@ def in_rates(log: Log) -> Log:
 def looked_at(log: Log):
     mounting = estimate_mounting(log)
     vertical = vertical_rate(log.imu, mounting)
-    return mounting, vertical, wheel_estimates(log, vertical, mounting.turning_correlation)
+    return mounting, vertical, wheels.wheel_estimates(log, vertical, mounting.turning_correlation)
 
 
 def suspicions(log: Log, *, rates: bool = False, from_twist: bool = False) -> list[str]:
     mounting, vertical, estimates = looked_at(log)
-    return unit_suspicions(
+    return wheels.unit_suspicions(
         log, mounting, estimates, vertical=vertical, rates=rates, from_twist=from_twist
     )
 
@@ -106,7 +101,7 @@ def test_a_slow_gyro_in_degrees_is_found_against_odometry() -> None:
 
 
 def test_standstills() -> None:
-    stops = standstills(driven_log((0.0, 0.0, 0.0)))
+    stops = wheels.standstills(driven_log((0.0, 0.0, 0.0)))
     # It stands for 10 s of each 30 s, and slows down and starts within 1 s.
     assert len(stops) == 4
     for (begin, end), expected in zip(stops, (20.0, 50.0, 80.0, 110.0), strict=True):
@@ -126,8 +121,8 @@ def test_the_offset_of_a_heading() -> None:
         for stamp, pose in zip(poses.stamps[chosen], poses.poses[chosen], strict=True)
     )
     log = replace(log, truth=None, fixes=fixes, others=headings)
-    assert heading_offset(log) == pytest.approx(np.degrees(1.2), abs=3.0)
-    assert heading_offset(replace(log, others=())) is None
+    assert wheels.heading_offset(log) == pytest.approx(np.degrees(1.2), abs=3.0)
+    assert wheels.heading_offset(replace(log, others=())) is None
 
 
 def test_a_made_table(tmp_path: Path) -> None:

@@ -8,14 +8,8 @@ import pytest
 
 from command_line import fails, icreckon, succeeds
 from icreckon import ImuSeries, Log, TrackSpeedSeries
-from icreckon.replay.inspection.track_by_rate import (
-    EDGES,
-    WINDOW,
-    RateBin,
-    extremes,
-    track_by_rate,
-    track_windows,
-)
+from icreckon.replay.inspection import track_by_rate as by_rate
+from icreckon.replay.inspection.track_by_rate import extremes, track_by_rate, track_windows
 
 STEP = 0.02
 RATES = (0.15, 0.4, 0.8, -0.15, -0.4, -0.8)
@@ -42,7 +36,7 @@ def test_a_track_that_is_the_same_at_all_rates_is_found_so() -> None:
     for one in bins:
         assert one.track == pytest.approx(1.5, abs=4.0 * one.sigma)
         assert one.sigma < 0.02
-        assert one.seconds == pytest.approx(SECONDS, abs=3.0 * WINDOW)
+        assert one.seconds == pytest.approx(SECONDS, abs=3.0 * by_rate.WINDOW)
     assert extremes(bins) is None
 
 
@@ -70,8 +64,8 @@ def test_holes_and_changes_of_the_rate_do_not_count() -> None:
 
 
 def test_few_windows_are_no_bin() -> None:
-    assert track_by_rate(np.full((7, 2), EDGES[1])) == []
-    assert extremes([RateBin(0.2, 1.0, 0.1, 5.0)]) is None
+    assert track_by_rate(np.full((7, 2), by_rate.EDGES[1])) == []
+    assert extremes([by_rate.RateBin(0.2, 1.0, 0.1, 5.0)]) is None
 
 
 def test_inspect_draws_it_and_says_so_where_nothing_shows_it(tmp_path: Path) -> None:

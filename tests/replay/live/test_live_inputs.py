@@ -9,20 +9,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 import bag_messages as made
-from bag_messages import (
-    JOINTS,
-    SECOND,
-    STORE,
-    T,
-    header,
-    imu,
-    joints,
-    navsatfix,
-    robot_with,
-    tf_bag,
-    transform,
-    write_bag,
-)  # fmt: skip
+from bag_messages import JOINTS, SECOND, STORE, T, joints, robot_with, write_bag
 from icreckon import ImuSample, Measurement, ReplayError, Robot, TrackSpeeds, read_log
 from icreckon.replay.live.apart_wheels import ApartWheels
 from icreckon.replay.live.inputs import LiveInputs
@@ -66,20 +53,20 @@ def same(live: Sequence[Measurement], replayed: Sequence[Measurement]) -> None:
 
 def gps(stamp: int, north: float, status: int = 0):
     height = float("nan") if north > 3.0 else 100.0
-    return navsatfix(stamp, 52.0 + north / 111_000.0, 13.0, height, status)
+    return made.navsatfix(stamp, 52.0 + north / 111_000.0, 13.0, height, status)
 
 
 def twist_stamped(stamp: int, v: float, w: float):
-    return T["geometry_msgs/msg/TwistStamped"](header(stamp), made.twist(v, w))
+    return T["geometry_msgs/msg/TwistStamped"](made.header(stamp), made.twist(v, w))
 
 
 def point(stamp: int, x: float):
     return T["geometry_msgs/msg/PointStamped"](
-        header(stamp, "map"), T["geometry_msgs/msg/Point"](x, 2.0, 0.3)
+        made.header(stamp, "map"), T["geometry_msgs/msg/Point"](x, 2.0, 0.3)
     )
 
 
-IMU = [("/imu", imu(stamp, rate=(0.0, 0.0, 0.01 * k))) for k, stamp in enumerate(STAMPS)]
+IMU = [("/imu", made.imu(stamp, rate=(0.0, 0.0, 0.01 * k))) for k, stamp in enumerate(STAMPS)]
 CASES = {
     "wheel rates, IMU": ({"tracks": JOINTS, "imu": {"topic": "/imu"}}, TRACKS + IMU),
     "latency": (
@@ -279,10 +266,10 @@ def test_fields_of_any_message_are_read(tmp_path: Path) -> None:
 def test_transforms_are_fixes(tmp_path: Path) -> None:
     moving = []
     for k, stamp in enumerate(STAMPS):
-        moving.append(transform(stamp, "odom", "lidar", 0.1 * k, 0.5, 0.05 * k))
-        moving += [transform(stamp, "map", "odom", 1.0, 0.5, 0.01 * k)] if k % 4 == 0 else []
-    static = [transform(T0 - 1, "lidar", "base_link", 0.4, 0.5, np.pi / 2)]
-    bag = tf_bag(tmp_path / "bag", moving, static, TRACKS)
+        moving.append(made.transform(stamp, "odom", "lidar", 0.1 * k, 0.5, 0.05 * k))
+        moving += [made.transform(stamp, "map", "odom", 1.0, 0.5, 0.01 * k)] if k % 4 == 0 else []
+    static = [made.transform(T0 - 1, "lidar", "base_link", 0.4, 0.5, np.pi / 2)]
+    bag = made.tf_bag(tmp_path / "bag", moving, static, TRACKS)
     robot = robot_with(
         tracks=JOINTS,
         fixes={"topic": "/tf", "frames": ["map", "base_link"]}
@@ -295,7 +282,7 @@ def test_transforms_are_fixes(tmp_path: Path) -> None:
 
 def test_clocks_that_disagree_are_replaced_by_the_time_of_arrival(tmp_path: Path) -> None:
     robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
-    since_boot = [("/imu", imu(stamp - T0 + 5 * SECOND)) for stamp in STAMPS]
+    since_boot = [("/imu", made.imu(stamp - T0 + 5 * SECOND)) for stamp in STAMPS]
     messages = [pair for both in zip(TRACKS, since_boot, strict=True) for pair in both]
     times = [stamp + off for stamp in STAMPS for off in (0, 1_000_000)]
     bag = write_bag(tmp_path / "bag", messages, times=times)
@@ -313,7 +300,7 @@ def test_a_busy_start_does_not_cost_the_header_stamps(offset: int) -> None:
     arrivals = [("/js", stamp, message) for stamp, (_, message) in zip(STAMPS, TRACKS, strict=True)]
     for k, stamp in enumerate(STAMPS):
         waited = max(0.0, 1.5 - 0.04 * k)
-        arrivals.append(("/imu", stamp + round(waited * SECOND), imu(stamp)))
+        arrivals.append(("/imu", stamp + round(waited * SECOND), made.imu(stamp)))
     found: list[Measurement] = []
     for topic, when, message in sorted(arrivals, key=lambda one: one[1]):
         found += inputs.take(topics[topic], message.__msgtype__, message, when + offset)

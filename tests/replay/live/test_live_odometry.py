@@ -16,7 +16,7 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.streaming.save import VERSION
-from icreckon.replay.base.diagnostic_status import ERROR, OK, STALE, WARN
+from icreckon.replay.base.diagnostic_status import ERROR, OK, STALE, WARN, DiagnosticStatus
 from icreckon.replay.live.inputs import Subscription
 from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry, live_topics
 from icreckon.replay.live.statuses import LiveStatuses
@@ -58,6 +58,16 @@ def messages(bag: Path, robot: Robot) -> list[Arrived]:
 @pytest.fixture(scope="module")
 def log(bag: Path, robot: Robot) -> Log:
     return read_log(bag, robot)
+
+
+@pytest.fixture
+def live(robot: Robot) -> LiveOdometry:
+    return LiveOdometry(robot, VARIANT, settings=SETTINGS)
+
+
+def named(statuses: LiveStatuses) -> dict[str, DiagnosticStatus]:
+    """Statuses of a report by their names."""
+    return {one.name.removeprefix("icreckon: "): one for one in statuses.report()}
 
 
 def subscriptions(live: LiveOdometry) -> dict[str, Subscription]:
@@ -134,8 +144,7 @@ def test_the_rate_is_limited(robot: Robot, messages: list[Arrived]) -> None:
     assert len(estimates) == pytest.approx(10.0 * SECONDS, abs=2)
 
 
-def test_a_restart_begins_at_the_origin_with_the_learnt(robot, messages):
-    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+def test_a_restart_begins_at_the_origin_with_the_learnt(live, messages):
     list(through(live, messages))
     learnt = live.odom.parameters | live.odom.biases
     assert np.hypot(*live.odom.pose[:2]) > 0.5
@@ -149,8 +158,7 @@ def test_a_restart_begins_at_the_origin_with_the_learnt(robot, messages):
     assert np.hypot(*again[0].pose[:2]) < 0.01
 
 
-def test_messages_left_over_from_before_the_clock_went_back_are_dropped(robot, messages):
-    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+def test_messages_left_over_from_before_the_clock_went_back_are_dropped(live, messages):
     list(through(live, messages))
     begin = messages[0].arrival
     live.restart(begin)
@@ -168,7 +176,7 @@ def without_stamp(one: Arrived) -> Arrived:
 
 @pytest.mark.parametrize("offset", [100 * 86_400 * 10**9])
 @pytest.mark.parametrize("streams", ["imu joint_states", "imu joint_states fix", "joint_states"])
-def test_messages_with_a_stamp_of_zero_go_by_their_arrival(robot, messages, offset, streams):
+def test_messages_with_a_stamp_of_zero_go_by_their_arrival(live, robot, messages, offset, streams):
     """A tenth of a second of them under way; the clock of the headers may be another."""
     sent = [one._replace(arrival=one.arrival - offset) for one in messages]
     sound = live_run(robot, sent)[-1]
@@ -179,7 +187,6 @@ def test_messages_with_a_stamp_of_zero_go_by_their_arrival(robot, messages, offs
         else one
         for one in sent
     ]
-    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
     last = list(through(live, sent))[-1]
     assert live.odom.health.clock_steps == 0
     assert last.stamp == sound.stamp
@@ -268,7 +275,7 @@ def test_a_lost_filter_is_an_error_and_is_not_saved(entry, robot, messages, stat
     live = LiveOdometry(robot, VARIANT, settings=SETTINGS, saved=path, use_fixes=False)
     list(through(live, messages[:300]))
     live.odom._reckoning.ekf.P[0, 0] = entry
-    pose = {one.name: one for one in LiveStatuses(live).report()}["icreckon: pose in odom"]
+    pose = named(LiveStatuses(live))["pose in odom"]
     assert pose.level == ERROR
     assert "~/reset" in pose.message
     with pytest.raises(EstimatorError, match="not written, the filter is lost"):
@@ -348,32 +355,31 @@ def test_a_reset_goes_back_to_the_start_pose(robot: Robot, messages: list[Arrive
     assert again[0].map_pose == pytest.approx((3.0, 4.0, 0.0), abs=0.05)
 
 
-def test_statuses_name_what_is_wrong(robot: Robot, messages: list[Arrived]) -> None:
-    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+def test_statuses_name_what_is_wrong(live, messages):
     statuses = LiveStatuses(live)
-    before = {one.name: one for one in statuses.report()}
-    assert before["icreckon: pose in odom"].level == ERROR
-    assert "/joint_states" in before["icreckon: pose in odom"].message
-    assert before["icreckon: clocks"].level == STALE
+    before = named(statuses)
+    assert before["pose in odom"].level == ERROR
+    assert "/joint_states" in before["pose in odom"].message
+    assert before["clocks"].level == STALE
     half = len(messages) // 2
     list(through(live, messages[:half]))
-    running = {one.name: one for one in statuses.report()}
+    running = named(statuses)
     for name in ("pose in odom", "pose in map", "gyro", "tracks", "position", "clocks"):
-        assert running[f"icreckon: {name}"].level == OK, running[f"icreckon: {name}"]
-    assert set(live.odom.parameters) <= set(running["icreckon: parameters"].values)
-    assert "shown by the present motion" in running["icreckon: parameters"].message
+        assert running[name].level == OK, running[name]
+    assert set(live.odom.parameters) <= set(running["parameters"].values)
+    assert "shown by the present motion" in running["parameters"].message
     assert live.newest is live.map.estimator
     assert abs(live.tracks.stamp - live.odom.stamp) < 1e8
-    silent = {one.name: one for one in statuses.report()}
-    assert silent["icreckon: gyro"].level == STALE
+    silent = named(statuses)
+    assert silent["gyro"].level == STALE
     wild = [
         one._replace(message=_nan_rates(one.message)) if "imu" in one.topic else one
         for one in messages[half : half + 200]
     ]
     list(through(live, wild))
-    after = {one.name: one for one in statuses.report()}
-    assert after["icreckon: imu"].level == WARN
-    assert "not finite" in after["icreckon: imu"].message
+    after = named(statuses)
+    assert after["imu"].level == WARN
+    assert "not finite" in after["imu"].message
 
 
 def _nan_rates(message: Any) -> Any:
@@ -389,25 +395,23 @@ def test_a_robot_without_topics_listens_to_those_of_the_simulator(robot: Robot) 
     assert mapping.tracks.topic == "/joint_states"
 
 
-def test_an_imu_that_never_comes_is_an_error(robot: Robot, messages: list[Arrived]) -> None:
-    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+def test_an_imu_that_never_comes_is_an_error(live, robot, messages):
     statuses = LiveStatuses(live)
     list(through(live, [one for one in messages if one.topic != robot.log["imu"]["topic"]]))
-    found = {one.name: one for one in statuses.report()}
+    found = named(statuses)
     assert live.odom.stamp is not None
-    assert found["icreckon: imu"].level == ERROR
-    assert "nothing has come on" in found["icreckon: imu"].message
-    assert "icreckon: gyro faults" not in found
+    assert found["imu"].level == ERROR
+    assert "nothing has come on" in found["imu"].message
+    assert "gyro faults" not in found
     # Nothing more comes: the estimate is old.
-    assert {one.name: one for one in statuses.report()}["icreckon: pose in odom"].level == STALE
+    assert named(statuses)["pose in odom"].level == STALE
 
 
-def test_a_gap_in_the_track_speeds_is_reported_once(robot: Robot, messages: list[Arrived]) -> None:
-    live = LiveOdometry(robot, VARIANT, settings=SETTINGS)
+def test_a_gap_in_the_track_speeds_is_reported_once(live, robot, messages):
     statuses = LiveStatuses(live)
     start, tracks = messages[0].arrival, robot.log["tracks"]["topic"]
     kept = [one for one in messages if one.topic != tracks or not 3e9 < one.arrival - start < 5e9]
     list(through(live, kept))
-    pose = {one.name: one for one in statuses.report()}["icreckon: pose in odom"]
+    pose = named(statuses)["pose in odom"]
     assert pose.level == WARN
     assert "a gap in the track speeds was bridged" in pose.message

@@ -90,9 +90,7 @@ def test_it_replays_like_the_log_that_was_written(file: Path, simulated: Log, ro
 
 def test_the_results_are_written_like_those_of_a_bag(file: Path, robot: Robot) -> None:
     comparison = compare(read_sentences(file), robot, VARIANTS)
-    results = summarise(
-        comparison, robot, command="replay", configuration={}, inputs={"drive": file}
-    )
+    results = summarise(comparison, robot, inputs={"drive": file})
     write_report(file.parent, comparison, results, robot, formats=["tum"])
     for name in ("results.json", "page.html", "inertia-online.tum"):
         assert (file.parent / name).exists()

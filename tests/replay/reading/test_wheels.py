@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bag_messages import SECOND, T, header, imu, joints, robot_with, write_bag
+from bag_messages import SECOND, imu, joints, robot_with, write_bag
 from icreckon import Log, Robot, read_log
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.topics import topic_map
@@ -31,10 +31,12 @@ def rates(count: int, odd: float, seconds: float) -> np.ndarray[Any, Any]:
     return found
 
 
-def bag_of(path: Path, values: np.ndarray[Any, Any], names: list[str]) -> Path:
+def bag_of(path: Path, values: np.ndarray[Any, Any], names: list[str], turned: Any = None) -> Path:
     messages = [
         ("/js", joints(stamp, row, names)) for stamp, row in zip(STAMPS, values, strict=True)
     ]
+    for (_, message), position in zip(messages, () if turned is None else turned, strict=False):
+        message.position = position
     return write_bag(path, [*messages, *(("/imu", imu(stamp)) for stamp in STAMPS)])
 
 
@@ -69,16 +71,8 @@ def test_of_three_the_odd_one_is_named(tmp_path: Path) -> None:
 
 def test_counters_of_wheels_too(tmp_path: Path) -> None:
     turned = np.cumsum(rates(2, 0.8, 3.0), axis=0) / 20
-    messages = [
-        (
-            "/js",
-            T["sensor_msgs/msg/JointState"](
-                header(stamp), [*LEFT, *RIGHT], row, np.empty(0), np.empty(0)
-            ),
-        )
-        for stamp, row in zip(STAMPS, turned, strict=True)
-    ]
-    log = read_log(write_bag(tmp_path / "bag", messages), robot_of(unit="rad"))
+    path = bag_of(tmp_path / "bag", 0.0 * turned, [*LEFT, *RIGHT], turned)
+    log = read_log(path, robot_of(unit="rad"))
     assert log.tracks.left_wheels[110] == pytest.approx([1.8, 1.0])
     assert log.tracks.speeds[110] == pytest.approx([1.4, 1.025])
     assert len(notes_of(log)) == 1
