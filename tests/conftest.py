@@ -7,6 +7,7 @@ import sys
 import sysconfig
 import time
 import venv
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -127,6 +128,19 @@ def evo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if problem := result.read_text(encoding="utf-8"):
         pytest.skip(f"evo is not on the path, and pip cannot install it: {problem.strip()[-200:]}")
     return programs
+
+
+def holed(log: Log, begin: int, end: int, tracks_end: int | None = None) -> Log:
+    """A log without track speeds and IMU samples between two stamps [ns]."""
+    tracks, imu = log.tracks, log.imu
+    kept = (tracks.stamps < begin) | (tracks.stamps > (tracks_end or end))
+    kept_imu = (imu.stamps < begin) | (imu.stamps > end)
+    readings = (imu.stamps, imu.angular_velocity, imu.linear_acceleration)
+    return replace(
+        log,
+        tracks=TrackSpeedSeries(tracks.stamps[kept], tracks.speeds[kept]),
+        imu=ImuSeries(*(one[kept_imu] for one in readings)),
+    )
 
 
 def make_log(seconds: float = 4.0, seed: int = 1, start: int = 1_700_000_000_123_456_789) -> Log:

@@ -278,13 +278,6 @@ def test_debug_shows_the_traceback(tmp_path: Path) -> None:
     assert "Traceback" in done.stderr
 
 
-def test_a_topic_that_is_missing_lists_those_that_are_there(tmp_path: Path) -> None:
-    succeeds("simulate", "--out", "run", "--duration", 5, cwd=tmp_path)
-    message = fails("replay", "run", "--robot", "husky", cwd=tmp_path)
-    assert "/husky_velocity_controller/odom" in message
-    assert "/joint_states" in message
-
-
 def test_the_module_is_the_command() -> None:
     found = subprocess.run(
         [sys.executable, "-m", "icreckon", "--version"], capture_output=True, text=True, check=True

@@ -1,12 +1,10 @@
 """Holes of a log: named, left out of NEES, and no more uncertain after them than a robot can drive."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+from conftest import holed
 from icreckon import Log, Scenario, compare, load_robot, simulate, summarise
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.replay.comparison.holes import UNKNOWN_YAW, before_holes, holes_of, largest_sigma
 from icreckon.report.replay.page_text import headline
 
@@ -18,16 +16,7 @@ SECOND = 10**9
 def log() -> Log:
     """Two minutes, of which 35 s are missing from 40 s on."""
     log = simulate(Scenario(duration=120.0, seed=2, fix_rate=0.0), ROBOT)
-    seconds = [(one - log.start) / SECOND for one in (log.tracks.stamps, log.imu.stamps)]
-    kept = [(one < 40.0) | (one > 75.0) for one in seconds]
-    tracks = TrackSpeedSeries(log.tracks.stamps[kept[0]], log.tracks.speeds[kept[0]])
-    imu = ImuSeries(
-        *(
-            one[kept[1]]
-            for one in (log.imu.stamps, log.imu.angular_velocity, log.imu.linear_acceleration)
-        )
-    )
-    return replace(log, tracks=tracks, imu=imu)
+    return holed(log, log.start + 40 * SECOND, log.start + 75 * SECOND)
 
 
 def test_holes_of_two_streams_are_one(log: Log) -> None:

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from broken_input import FAULTS, broken_runs, standstill_drift
 
-from conftest import sample, thorough
-from icreckon import ImuSeries, Scenario, TrackSpeedSeries, load_robot, run, simulate
+from conftest import holed, sample, thorough
+from icreckon import Scenario, load_robot, run, simulate
 from icreckon.replay.reading.stamps import doubled_times, without_steps
 
 SECOND = 1_000_000_000
@@ -59,19 +59,7 @@ def test_a_hole_in_all_sensors_is_bridged_honestly(gap: float, imu_first: bool) 
         begin = log.start + start * SECOND
         end = begin + int(gap * SECOND)
         tracks_end = end + (7_000_000 if imu_first else -7_000_000)
-        tracks, imu = log.tracks, log.imu
-        keep = (tracks.stamps < begin) | (tracks.stamps > tracks_end)
-        keep_imu = (imu.stamps < begin) | (imu.stamps > end)
-        holed = replace(
-            log,
-            tracks=TrackSpeedSeries(tracks.stamps[keep], tracks.speeds[keep]),
-            imu=ImuSeries(
-                imu.stamps[keep_imu],
-                imu.angular_velocity[keep_imu],
-                imu.linear_acceleration[keep_imu],
-            ),
-        )
-        found = run(holed, robot, "inertia-online").trajectory
+        found = run(holed(log, begin, end, tracks_end), robot, "inertia-online").trajectory
         apart = found.poses[-1] - whole.trajectory.poses[-1]
         sigma = np.sqrt(np.diagonal(found.pose_covariances[-1]))
         shares.append(np.max(np.abs(apart) / (3.0 * sigma)))

@@ -143,17 +143,6 @@ def written(log: Log, path: Path) -> Path:
     return write_log(log, path, "mcap", load_robot("marmotte"))
 
 
-def test_parts_are_joined_in_any_order(tmp_path: Path) -> None:
-    robot, log = load_robot("marmotte"), make_log(6.0)
-    cuts = [log.start + k * 2 * SECOND for k in range(4)]
-    parts = [
-        written(log.between(cuts[k], cuts[k + 1] - 1), tmp_path / f"part-{k}") for k in range(3)
-    ]
-    joined = read_log([parts[0], parts[2], parts[1]], robot)
-    whole = log.between(cuts[0], cuts[3] - 1)
-    np.testing.assert_array_equal(joined.tracks.stamps, whole.tracks.stamps)
-
-
 def test_two_recordings_of_the_same_time_are_refused(tmp_path: Path) -> None:
     robot = load_robot("marmotte")
     paths = [written(make_log(4.0, seed), tmp_path / f"run-{seed}") for seed in (1, 2)]
