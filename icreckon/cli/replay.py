@@ -27,17 +27,9 @@ from icreckon.replay.base.outputs import MANIFEST
 from icreckon.replay.checking.check import LATENCY
 from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.checking.worth import judged
+from icreckon.replay.comparison import many
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS
 from icreckon.replay.comparison.fixes import parse_part
-from icreckon.replay.comparison.many import (
-    Case,
-    CaseScores,
-    FailedCase,
-    failed_case,
-    label_of,
-    summarise_many,
-    unique,
-)
 from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.gather import refuse_twice, source_name
@@ -187,21 +179,21 @@ def command(
 
 def _labelled(
     drives: Sequence[_Drive], logs: Sequence[list[Path]], robots: Mapping[str, Robot]
-) -> dict[Case, _Drive]:
+) -> dict[many.Case, _Drive]:
     """Drives by labels that are names of folders."""
     taken = (PAGE_FILE, RESULTS_FILE, MANIFEST)
-    of_logs = unique([label_of(log[0]) for log in logs], taken)
-    of_robots = unique([label_of(Path(name)) for name in robots], taken)
-    cases = [Case(log, robot) for log in of_logs for robot in of_robots]
+    of_logs = many.unique([many.label_of(log[0]) for log in logs], taken)
+    of_robots = many.unique([many.label_of(Path(name)) for name in robots], taken)
+    cases = [many.Case(log, robot) for log in of_logs for robot in of_robots]
     return dict(zip(cases, drives, strict=True))
 
 
 def _many(
-    drives: Mapping[Case, _Drive], folder: Path, configuration: dict[str, Any]
+    drives: Mapping[many.Case, _Drive], folder: Path, configuration: dict[str, Any]
 ) -> dict[str, Any]:
     """Run each log with each robot file, and write the results of all."""
-    scored: list[CaseScores] = []
-    failed: list[FailedCase] = []
+    scored: list[many.CaseScores] = []
+    failed: list[many.FailedCase] = []
     places = {case: _place(case, drives) for case in drives}
     for case, drive in drives.items():
         target = folder / places[case]
@@ -213,7 +205,7 @@ def _many(
         except Exception as problem:
             if Stop.number:
                 raise
-            failed.append(failed_case(case, problem))
+            failed.append(many.failed_case(case, problem))
             shutil.rmtree(target)
         else:
             scored += [] if found is None else [found]
@@ -221,14 +213,16 @@ def _many(
         "logs": {case.log: list(map(str, drive.paths)) for case, drive in drives.items()},
         "robots": {case.robot: drive.robot_name for case, drive in drives.items()},
     }
-    summary = summarise_many(scored, failed, command="replay", configuration=of_all | configuration)
+    summary = many.summarise_many(
+        scored, failed, command="replay", configuration=of_all | configuration
+    )
     for one in summary["logs"]:
-        one["folder"] = places[Case(one["label"], one["robot"])]
+        one["folder"] = places[many.Case(one["label"], one["robot"])]
     write_many(folder, summary)
     return summary
 
 
-def _place(case: Case, drives: Mapping[Case, _Drive]) -> str:
+def _place(case: many.Case, drives: Mapping[many.Case, _Drive]) -> str:
     """Subfolder of a case: the log and the robot, those of which there are several."""
-    several = (len({getattr(one, kind) for one in drives}) > 1 for kind in Case._fields)
+    several = (len({getattr(one, kind) for one in drives}) > 1 for kind in many.Case._fields)
     return "/".join(part for part, needed in zip(case, several, strict=True) if needed)

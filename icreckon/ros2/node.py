@@ -22,6 +22,7 @@ from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
 from icreckon.replay.live.silence import silent_topic
 from icreckon.replay.live.slip import SlipWatch
 from icreckon.replay.live.statuses import LiveStatuses, parameter_statuses
+from icreckon.ros2 import parameters
 from icreckon.ros2.inbox import NO_TIMES, Inbox, Queue, Received
 from icreckon.ros2.messages import (
     fill_diagnostics,
@@ -30,14 +31,6 @@ from icreckon.ros2.messages import (
     fill_pose,
     fill_transform,
     pose_of,
-)
-from icreckon.ros2.parameters import (
-    DESCRIPTIONS,
-    OF_QOS,
-    NodeOptions,
-    check_qos,
-    options_from,
-    unknown_parameters,
 )
 from icreckon.ros2.topics import find_topic, input_qos, message_class, overridable
 
@@ -159,7 +152,7 @@ class OdometryNode:
 
     # --- construction ----------------------------------------------------------------------------
 
-    def _declared(self, robot: str | None, variant: str | None) -> NodeOptions:
+    def _declared(self, robot: str | None, variant: str | None) -> parameters.NodeOptions:
         from rcl_interfaces.msg import ParameterDescriptor
 
         # Declaring them all instead would refuse empty lists.
@@ -167,23 +160,25 @@ class OdometryNode:
         self._qos = {
             name: one.value
             for name, one in overrides.items()
-            if name.startswith(OF_QOS) and not self.node.has_parameter(name)
+            if name.startswith(parameters.OF_QOS) and not self.node.has_parameter(name)
         }
-        for text in unknown_parameters(name for name in overrides if not name.startswith(OF_QOS)):
+        for text in parameters.unknown_parameters(
+            name for name in overrides if not name.startswith(parameters.OF_QOS)
+        ):
             self._warn(text)
-        defaults = {one.name: one.default for one in msgspec.structs.fields(NodeOptions)}
+        defaults = {one.name: one.default for one in msgspec.structs.fields(parameters.NodeOptions)}
         given = {"robot": robot, "variant": variant}
         values = {}
         for name, default in defaults.items():
             # Any type is taken here: `options_from` converts 2 to 2.0 and has the better messages.
             descriptor = ParameterDescriptor(
-                description=DESCRIPTIONS[name], read_only=True, dynamic_typing=True
+                description=parameters.DESCRIPTIONS[name], read_only=True, dynamic_typing=True
             )
             parameter = self.node.declare_parameter(name, default, descriptor)
             # An empty list has no value.
             value = default if parameter.value is None else parameter.value
             values[name] = value if given.get(name) is None else given[name]
-        return options_from(values)
+        return parameters.options_from(values)
 
     def _check_qos(self) -> None:
         """Refuse an invalid override of a topic's QoS, and warn of one of no topic."""
@@ -191,7 +186,7 @@ class OdometryNode:
         topics = [f"{resolve(one.topic)}.subscription" for one in self._missing]
         topics += [f"{resolve('initialpose')}.subscription"]
         topics += [f"{resolve(one)}.publisher" for one in OUTPUTS]
-        for text in check_qos(self._qos, topics):
+        for text in parameters.check_qos(self._qos, topics):
             self._warn(text)
 
     def _make_publishers(self) -> None:

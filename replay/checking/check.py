@@ -17,13 +17,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Imu, Robot
-from icreckon.replay.inspection.imu_mounting import (
-    ENOUGH_STILL,
-    are_usable,
-    rate_about,
-    standstill,
-    turning_correlation,
-)
+from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.inspection.wheels import STRAIGHT as BENDS
 from icreckon.replay.inspection.wheels import wheel_estimates
@@ -93,7 +87,7 @@ def mended(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]
 def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
     """Yaw rate (n,) and specific force (n, 3) in base_link, by the robot file."""
     rotation = robot.imu_rotation
-    vertical = rate_about(rotation[2], imu.angular_velocity, robot.imu.gyro_axes)
+    vertical = imu_mounting.rate_about(rotation[2], imu.angular_velocity, robot.imu.gyro_axes)
     force = imu.linear_acceleration
     return vertical, None if force is None else np.asarray(force @ rotation.T)
 
@@ -116,11 +110,11 @@ def mapped_tracks(robot: Robot) -> TrackTopic | None:
 
 def still_samples(log: Log) -> NDArray[np.bool_] | None:
     """IMU samples (n,) at standstill, None if there are too few."""
-    if log.imu is None or len(log.imu.stamps) < 2 or not are_usable(log.tracks):
+    if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
         return None
-    still = standstill(log.tracks, log.imu.stamps)
+    still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    return still if float(still.sum()) * step >= ENOUGH_STILL else None
+    return still if float(still.sum()) * step >= imu_mounting.ENOUGH_STILL else None
 
 
 def with_imu(**values: object) -> Mend:
@@ -171,10 +165,10 @@ def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
 
     None if they turn too little.
     """
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
     vertical = in_base(log.imu, robot)[0]
-    correlation = turning_correlation(log.tracks, log.imu, vertical)
+    correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
     found = wheel_estimates(log, vertical, correlation)
     return None if found.track_ratio is None else (found.track_ratio, found.track_sigma)
 
@@ -187,7 +181,7 @@ def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | No
         robot: the robot.
         bends: whether windows with bends count, too, in which tracks slip.
     """
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
     vertical = in_base(log.imu, robot)[0]
     found = wheel_estimates(log, vertical, None, BENDS if bends else STRAIGHT)

@@ -32,13 +32,7 @@ from icreckon.replay.checking.check import (
     true_motion,
     with_speeds,
 )
-from icreckon.replay.inspection.imu_mounting import (
-    CLEAR_TURNING,
-    SMOOTHING,
-    are_usable,
-    forward_yaw,
-    turning_correlation,
-)
+from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.inspection.wheels import DEGREES, turning_suspicion
 
@@ -77,7 +71,7 @@ FEWEST, CLEARLY_TURNS = 20, 0.05
 
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
     vertical = in_base(log.imu, robot)[0]
     turning = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
@@ -90,8 +84,8 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             "look at its driver and cable; gyro_axes in [imu] if only one axis is logged",
         )
         return
-    correlation = turning_correlation(log.tracks, log.imu, vertical)
-    if correlation is None or abs(correlation) < CLEAR_TURNING:
+    correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
+    if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
         shown = (
             "nothing turns" if correlation is None else f"correlation {correlation:.2f}: unclear"
         )
@@ -160,7 +154,9 @@ def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:
     force = in_base(log.imu, robot)[1]
     if force is None:
         return False
-    yaw = forward_yaw(log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical)
+    yaw = imu_mounting.forward_yaw(
+        log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical
+    )
     return yaw is not None and abs(yaw) == 180.0
 
 
@@ -180,7 +176,7 @@ def _drives_backward(log: Log) -> bool | None:
     if size == 0.0:
         return None
     agreement = float(ahead @ speed) / size
-    return agreement < 0.0 if abs(agreement) > CLEAR_TURNING else None
+    return agreement < 0.0 if abs(agreement) > imu_mounting.CLEAR_TURNING else None
 
 
 def _in_radians(log: Log, robot: Robot) -> tuple[Log, Robot]:
@@ -191,7 +187,7 @@ def _in_radians(log: Log, robot: Robot) -> tuple[Log, Robot]:
 
 def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     """Latency of the track speeds against the gyro, beyond that of the file."""
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
     late = track_latency(log.tracks, log.imu, in_base(log.imu, robot)[0])
     if not isinstance(late, Lag):
@@ -225,7 +221,7 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
 
 def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     """Scale of the track speeds, by truth, fixes or the accelerometer."""
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
     least, found = LEAST_SCALE, measured_scale(log, robot)
     if found is None:
@@ -309,7 +305,7 @@ def _scale_by_force(log: Log, robot: Robot) -> tuple[float, float] | None:
         return None
     stamps = log.imu.stamps
     step = float(np.median(np.diff(stamps))) * NANOSECOND
-    width = max(1, round(SMOOTHING / step))
+    width = max(1, round(imu_mounting.SMOOTHING / step))
     count = (len(stamps) - 1) // width
     if count < 20 * BLOCKS:
         return None
@@ -341,7 +337,7 @@ def is_other_track(ratio: float) -> bool:
 
 def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     """Effective track, by gyro and tracks."""
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
     found = measured_track(log, robot)
     in_file = effective_track(robot)

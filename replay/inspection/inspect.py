@@ -22,39 +22,13 @@ from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_stamps
-from icreckon.replay.inspection import wheels
+from icreckon.replay.inspection import imu_mounting, robot_file, topic_survey, wheels
+from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
 from icreckon.replay.inspection.guess_topics import Sample, guess_topics
 from icreckon.replay.inspection.gyro_bias import GyroBias, gyro_bias
-from icreckon.replay.inspection.imu_mounting import (
-    ABSURD,
-    Mounting,
-    estimate_mounting,
-    vertical_rate,
-)
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
-from icreckon.replay.inspection.robot_file import (
-    NO_SIZES,
-    LogEstimates,
-    Sizes,
-    has_tracks,
-    in_rates,
-    robot_file_text,
-)
-from icreckon.replay.inspection.topic_survey import (
-    Spacing,
-    Survey,
-    TopicReport,
-    spacing,
-    survey_bag,
-)
-from icreckon.replay.inspection.track_by_rate import (
-    TrackByRate,
-    extremes,
-    track_by_rate,
-    track_windows,
-)
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
@@ -88,21 +62,21 @@ class Inspection:
 
     path: Path
     duration: float
-    topics: tuple[TopicReport, ...]
+    topics: tuple[topic_survey.TopicReport, ...]
     mapping: TopicMap
-    mounting: Mounting | None
+    mounting: imu_mounting.Mounting | None
     findings: tuple[str, ...]
     dropped: dict[str, int]
     notes: tuple[str, ...]
     proposed_robot_file: str
-    track: TrackByRate | None = None
+    track: by_rate.TrackByRate | None = None
 
 
 def inspect(
     path: Path | str | Sequence[Path | str],
     *,
     definitions: Definitions = (),
-    sizes: Sizes = NO_SIZES,
+    sizes: robot_file.Sizes = robot_file.NO_SIZES,
 ) -> Inspection:
     """Inspect a log; a bag that was cut short is inspected up to the break.
 
@@ -164,23 +138,23 @@ def inspect(
         ),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
-        proposed_robot_file=robot_file_text(paths[0], seen),
+        proposed_robot_file=robot_file.robot_file_text(paths[0], seen),
         track=track,
     )
 
 
 def _estimates(
-    mapping: TopicMap, clocks: dict[str, Choice], log: Log | None, sizes: Sizes
-) -> LogEstimates:
+    mapping: TopicMap, clocks: dict[str, Choice], log: Log | None, sizes: robot_file.Sizes
+) -> robot_file.LogEstimates:
     """Estimate all that a log shows."""
     if log is None:
-        return LogEstimates(mapping, clocks, log, sizes)
-    mounting = estimate_mounting(log)
-    vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
+        return robot_file.LogEstimates(mapping, clocks, log, sizes)
+    mounting = imu_mounting.estimate_mounting(log)
+    vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     latencies = _latencies(log, vertical)
     in_time = _in_time(log, latencies)
     correlation = mounting.turning_correlation if mounting else None
-    return LogEstimates(
+    return robot_file.LogEstimates(
         mapping,
         clocks,
         log,
@@ -194,19 +168,25 @@ def _estimates(
     )
 
 
-def _track_by_rate(seen: LogEstimates) -> TrackByRate | None:
+def _track_by_rate(seen: robot_file.LogEstimates) -> by_rate.TrackByRate | None:
     """Effective track by the gyro, of the whole log and over the yaw rate."""
     ratio, bias, log = seen.wheels.track_ratio, seen.bias, seen.log
     if ratio is None or seen.vertical is None or log is None:
         return None
     whole, unit = seen.effective_track, "m"
     if whole is None:
-        unit = "the effective radius" if in_rates(seen.mapping) else "the controller's gauge"
+        unit = (
+            "the effective radius"
+            if robot_file.in_rates(seen.mapping)
+            else "the controller's gauge"
+        )
         whole, unit = ratio, f"times {unit}"
     is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
     value = bias.value if bias is not None and is_clear else 0.0
-    windows = track_windows(_in_time(log, seen.latencies), seen.vertical, value)
-    return TrackByRate(whole, unit, tuple(track_by_rate(windows * (1.0, whole / ratio))))
+    windows = by_rate.track_windows(_in_time(log, seen.latencies), seen.vertical, value)
+    return by_rate.TrackByRate(
+        whole, unit, tuple(by_rate.track_by_rate(windows * (1.0, whole / ratio)))
+    )
 
 
 def _in_degrees(mapping: TopicMap, log: Log) -> tuple[TopicMap, str] | None:
@@ -236,7 +216,7 @@ def guess_mapping(
     return _guessed(surveys.values())
 
 
-def _guessed(surveys: Iterable[Survey]) -> TopicMap:
+def _guessed(surveys: Iterable[topic_survey.Survey]) -> TopicMap:
     return guess_topics(
         {
             one.channel.topic: Sample(one.channel.msgtype, len(one.recorded), one.messages)
@@ -250,7 +230,7 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
     if log.imu is None or vertical is None:
         return {}
     found: dict[str, Lag | NoLag] = {}
-    if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= ABSURD:
+    if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= imu_mounting.ABSURD:
         found["tracks"] = track_latency(log.tracks, log.imu, vertical)
     truth = log.truth
     if truth is not None:
@@ -273,9 +253,9 @@ def _in_time(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
 
 def _look_through(
     paths: Sequence[Path], definitions: Definitions
-) -> tuple[dict[tuple[str, str], Survey], list[str], list[Table]]:
+) -> tuple[dict[tuple[str, str], topic_survey.Survey], list[str], list[Table]]:
     """Survey all files in one pass: topics by name and type, notes, tables."""
-    surveys: dict[tuple[str, str], Survey] = {}
+    surveys: dict[tuple[str, str], topic_survey.Survey] = {}
     notes: list[str] = []
     tables = []
     for path in paths:
@@ -283,7 +263,7 @@ def _look_through(
             tables.append(Table(path))
             notes += [*tables[-1].notes, *tables[-1].stray_texts()]
             continue
-        read = partial(survey_bag, source=str(path), definitions=definitions)
+        read = partial(topic_survey.survey_bag, source=str(path), definitions=definitions)
         found, remarks = over_bag(path, read)
         notes += remarks
         for survey in found:
@@ -295,21 +275,21 @@ def _look_through(
     return surveys, notes, tables
 
 
-def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicReport]:
+def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_survey.TopicReport]:
     """Report each column; numbers with their spacing in time, if that is known."""
     stamps = timed = None
     if columns is not None and table.has([columns.time]):
         with suppress(ReplayError):
             stamps, timed = table.stamps(columns.time, columns.time_unit)
     for column in table.columns:
-        spaced = Spacing()
+        spaced = topic_survey.Spacing()
         if columns is not None and stamps is not None:
             with suppress(ReplayError):
                 there = timed
                 if column.name != columns.time:
                     there = timed & ~np.isnan(table.numbers([column.name])[:, 0])
-                spaced = spacing(stamps[there])
-        yield TopicReport(
+                spaced = topic_survey.spacing(stamps[there])
+        yield topic_survey.TopicReport(
             topic=column.name,
             msgtype=column.kind,
             frame_id=table.path.name,
@@ -319,13 +299,13 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicRe
         )
 
 
-def _findings(seen: LogEstimates) -> Iterator[str]:
+def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
     log, mapping, mounting = seen.log, seen.mapping, seen.mounting
     for purpose, choice in seen.clocks.items():
         clock = "header stamps" if choice.clock == "header" else "time of recording"
         if not mapping.columns or getattr(mapping, purpose, None) is not None:
             yield f"{purpose}: {clock}; {choice.reason}"
-    if not has_tracks(mapping):
+    if not robot_file.has_tracks(mapping):
         yield (
             "no track speeds: nothing here looks like them, and without them nothing can be replayed; "
             "where messages of another type hold them, name topic and fields in [log.tracks]"
@@ -375,14 +355,14 @@ def _findings(seen: LogEstimates) -> Iterator[str]:
             log,
             mounting,
             seen.wheels,
-            rates=in_rates(mapping),
+            rates=robot_file.in_rates(mapping),
             vertical=seen.vertical,
             from_twist=seen.from_twist,
         )
     )
 
 
-def _of_track(seen: LogEstimates) -> str:
+def _of_track(seen: robot_file.LogEstimates) -> str:
     """Report the effective track by the gyro, as settings of a controller have it."""
     ratio, sigma = seen.wheels.track_ratio, seen.wheels.track_sigma
     error = "" if sigma is None else f" (± {sigma:.1g})"
@@ -391,20 +371,20 @@ def _of_track(seen: LogEstimates) -> str:
             f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"
         )
-    unit = "times the effective radius" if in_rates(seen.mapping) else "m"
+    unit = "times the effective radius" if robot_file.in_rates(seen.mapping) else "m"
     return (
         f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"
     )
 
 
-def _of_rates(track: TrackByRate | None) -> Iterator[str]:
+def _of_rates(track: by_rate.TrackByRate | None) -> Iterator[str]:
     """Report whether the effective track depends on the yaw rate."""
     rates = sorted(abs(one.rate) for one in track.bins) if track is not None else []
     if track is None or len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
         return
     text = f"tracks: from {rates[0]:.1f} to {rates[-1]:.1f} rad/s the effective track"
-    if (found := extremes(track.bins)) is None:
+    if (found := by_rate.extremes(track.bins)) is None:
         yield f"{text} does not depend significantly on the yaw rate"
         return
     low, high = (

@@ -13,13 +13,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import ImuSeries
-from icreckon.replay.inspection.imu_mounting import (
-    CLEAR_TURNING,
-    STILL_MARGIN,
-    Mounting,
-    are_usable,
-    standstill,
-)
+from icreckon.replay.inspection import imu_mounting
 
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.03
@@ -69,12 +63,12 @@ def wheel_estimates(
     """
     track_ratio = track_sigma = None
     speeds = log.tracks.speeds
-    usable = are_usable(log.tracks)
+    usable = imu_mounting.are_usable(log.tracks)
     if (
         usable
         and log.imu is not None
         and vertical is not None
-        and (correlation or 0.0) > CLEAR_TURNING
+        and (correlation or 0.0) > imu_mounting.CLEAR_TURNING
     ):
         difference = np.interp(log.imu.stamps, log.tracks.stamps, speeds[:, 1] - speeds[:, 0])
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
@@ -143,20 +137,22 @@ def standstills(log: Log) -> list[tuple[float, float]]:
     """Standstills of a second or more: (start, end) since the log's start [s]."""
     if not len(log.tracks.stamps):
         return []
-    still = standstill(log.tracks, log.tracks.stamps)
+    still = imu_mounting.standstill(log.tracks, log.tracks.stamps)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     stops = []
     for first, end in edges.reshape(-1, 2):
         begin, finish = (
             (int(log.tracks.stamps[place]) - log.start) * NANOSECOND for place in (first, end - 1)
         )
-        stops.append((max(0.0, begin - STILL_MARGIN), finish + STILL_MARGIN))
+        stops.append(
+            (max(0.0, begin - imu_mounting.STILL_MARGIN), finish + imu_mounting.STILL_MARGIN)
+        )
     return stops
 
 
 def unit_suspicions(
     log: Log,
-    mounting: Mounting | None,
+    mounting: imu_mounting.Mounting | None,
     estimates: WheelEstimates,
     *,
     vertical: Floats | None,

@@ -9,17 +9,7 @@ from typing import Annotated, Literal
 
 import msgspec
 
-from icreckon.estimator.base.checks import (
-    Bound,
-    Bounded,
-    Latency,
-    OnRobot,
-    Positive,
-    WanderSigma,
-    WanderTime,
-    check_bounds,
-    require_wander,
-)
+from icreckon.estimator.base import checks
 from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import Held, TrackUnit, check_sides, check_unit
 
@@ -72,14 +62,14 @@ class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     left: tuple[str, ...]
     right: tuple[str, ...]
     unit: TrackUnit = "m/s"
-    counts_per_turn: Positive | None = None
-    wrap: Positive | None = None
+    counts_per_turn: checks.Positive | None = None
+    wrap: checks.Positive | None = None
     held: Held = "keep"
     time: str | None = None
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        checks.check_bounds(self)
         if not (self.left and self.right):
             raise ValueError("left and right must name columns")
         check_sides(self.left, self.right)
@@ -104,10 +94,10 @@ class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_unit: RateUnit = "rad/s"
     acceleration_unit: AccelerationUnit = "m/s2"
     time: str | None = None
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        checks.check_bounds(self)
         check_axes(self.angular_velocity, self.linear_acceleration, "columns")
 
 
@@ -143,26 +133,26 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     longitude: str | None = None
     altitude: str | None = None
     sigma: str | None = None
-    position_sigma: Positive | None = None
-    heading_sigma: Positive | None = None
-    least_sigma: Positive | None = None
-    height_sigma: Positive | None = None
-    wander_sigma: WanderSigma = 0.0
-    wander_time: WanderTime = 0.0
+    position_sigma: checks.Positive | None = None
+    heading_sigma: checks.Positive | None = None
+    least_sigma: checks.Positive | None = None
+    height_sigma: checks.Positive | None = None
+    wander_sigma: checks.WanderSigma = 0.0
+    wander_time: checks.WanderTime = 0.0
     origin: tuple[float, float, float] | None = None
-    position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
+    position: tuple[checks.OnRobot, checks.OnRobot] = (0.0, 0.0)
     source: str = ""
     time: str | None = None
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
-        require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
+        checks.check_bounds(self)
+        checks.require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
         check_place((self.x, self.y), (self.latitude, self.longitude), "columns")
         check_origin(self.origin)
 
 
-class HeadingColumns(Bounded, frozen=True):
+class HeadingColumns(checks.Bounded, frozen=True):
     """Columns of a heading without a position.
 
     Attributes:
@@ -176,12 +166,12 @@ class HeadingColumns(Bounded, frozen=True):
     """
 
     yaw: str
-    sigma: Positive
+    sigma: checks.Positive
     unit: Literal["rad", "deg"] = "rad"
     clockwise: bool = False
-    offset_deg: Annotated[float, Bound("a number")] = 0.0
+    offset_deg: Annotated[float, checks.Bound("a number")] = 0.0
     time: str | None = None
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
 
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -11,17 +11,7 @@ from typing import Annotated, Literal, TypeVar
 
 import msgspec
 
-from icreckon.estimator.base.checks import (
-    Bound,
-    Bounded,
-    Latency,
-    OnRobot,
-    Positive,
-    WanderSigma,
-    WanderTime,
-    check_bounds,
-    require_wander,
-)
+from icreckon.estimator.base import checks
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
@@ -71,18 +61,18 @@ class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     topic: str
     left: tuple[str, ...] = ()
     right: tuple[str, ...] = ()
-    gauge: Positive | None = None
+    gauge: checks.Positive | None = None
     unit: TrackUnit = "rad/s"
-    counts_per_turn: Positive | None = None
-    wrap: Positive | None = None
+    counts_per_turn: checks.Positive | None = None
+    wrap: checks.Positive | None = None
     held: Held = "keep"
     time: Clock = "auto"
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
         if bool(self.left) != bool(self.right):
             raise ValueError("left and right must both name joints, or both be left out")
-        check_bounds(self)
+        checks.check_bounds(self)
         check_sides(self.left, self.right)
         on_a_side = max(len(self.left), len(self.right))
         check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
@@ -107,10 +97,10 @@ class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rate_unit: RateUnit = "rad/s"
     acceleration_unit: AccelerationUnit = "m/s2"
     time: Clock = "auto"
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        checks.check_bounds(self)
         if self.angular_velocity or self.linear_acceleration:
             check_axes(self.angular_velocity, self.linear_acceleration, "fields")
 
@@ -155,21 +145,21 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     longitude: str | None = None
     altitude: str | None = None
     sigma: str | None = None
-    position_sigma: Positive | None = None
-    heading_sigma: Positive | None = None
-    least_sigma: Positive | None = None
-    height_sigma: Positive | None = None
-    wander_sigma: WanderSigma = 0.0
-    wander_time: WanderTime = 0.0
+    position_sigma: checks.Positive | None = None
+    heading_sigma: checks.Positive | None = None
+    least_sigma: checks.Positive | None = None
+    height_sigma: checks.Positive | None = None
+    wander_sigma: checks.WanderSigma = 0.0
+    wander_time: checks.WanderTime = 0.0
     frames: tuple[str, str] | None = None
     origin: tuple[float, float, float] | None = None
-    position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
+    position: tuple[checks.OnRobot, checks.OnRobot] = (0.0, 0.0)
     time: Clock = "auto"
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
-        require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
+        checks.check_bounds(self)
+        checks.require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
         _check_frames(self.frames)
         check_origin(self.origin)
         plane, globe = (self.x, self.y), (self.latitude, self.longitude)
@@ -177,7 +167,7 @@ class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             check_place(plane, globe, "fields")
 
 
-class HeadingTopic(Bounded, frozen=True):
+class HeadingTopic(checks.Bounded, frozen=True):
     """The topic of a heading without a position: two antennas, a compass.
 
     Attributes:
@@ -190,10 +180,10 @@ class HeadingTopic(Bounded, frozen=True):
     """
 
     topic: str
-    sigma: Positive | None = None
-    offset_deg: Annotated[float, Bound("a number")] = 0.0
+    sigma: checks.Positive | None = None
+    offset_deg: Annotated[float, checks.Bound("a number")] = 0.0
     time: Clock = "auto"
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
 
 class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -222,12 +212,12 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     frames: tuple[str, str] | None = None
     origin: tuple[float, float, float] | None = None
     time: Clock = "auto"
-    latency: Latency = 0.0
+    latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
         _check_frames(self.frames)
         check_origin(self.origin)
-        check_bounds(self)
+        checks.check_bounds(self)
 
 
 class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
