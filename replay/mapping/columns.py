@@ -31,19 +31,6 @@ def check_axes(rates: tuple[str, ...], forces: tuple[str, ...], what: str) -> No
         raise ValueError(f"linear_acceleration must name three {what}, or none")
 
 
-Pair = tuple[str | None, str | None]
-
-
-def check_place(plane: Pair, globe: Pair, what: str) -> None:
-    """Refuse names of a place that are neither x and y nor latitude and longitude.
-
-    Raises:
-        ValueError: one is missing, or there are both.
-    """
-    if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
-        raise ValueError(f"x and y must name {what}, or else latitude and longitude")
-
-
 class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Columns of the track speeds.
 
@@ -101,28 +88,29 @@ class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         check_axes(self.angular_velocity, self.linear_acceleration, "columns")
 
 
-class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Columns of fixes or of the truth.
+class PoseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Keys of a pose that fields of messages and columns of tables share.
 
     Attributes:
-        x: column of x in `odom` [m]; with `y`, or else `latitude` and `longitude`.
-        y: column of y [m].
-        yaw: column of the heading, counter-clockwise from x [rad]; None for none.
-        latitude: column [deg].
-        longitude: column [deg].
-        altitude: column [m], or None.
-        sigma: column of the standard deviation of each coordinate [m], or None.
-        position_sigma: standard deviation of each coordinate for all rows [m], without `sigma`; with
-            `wander_sigma` in its place, too.
-        heading_sigma: standard deviation of yaw [rad]; without it, fixes have no heading.
-        least_sigma: lower bound of the standard deviations of the rows [m].
+        x: field or column of x in `odom` [m]; with `y`, or else `latitude` and `longitude`.
+        y: field or column of y [m].
+        yaw: field or column of the heading, counter-clockwise from x [rad]; None for none.
+        latitude: field or column [deg].
+        longitude: field or column [deg].
+        altitude: field or column [m], or None.
+        sigma: field or column of the standard deviation of each coordinate [m], or None.
+        position_sigma: standard deviation of each coordinate where there is no covariance or `sigma` [m];
+            with `wander_sigma` that of all fixes, since receivers state their whole error.
+        heading_sigma: standard deviation of yaw, likewise [rad]; if left out, there is no heading then.
+        least_sigma: lower bound of the standard deviations [m]: errors of GPS are correlated over time,
+            but a filter assumes independent fixes.
         height_sigma: standard deviation of the height of fixes [m]; without it their height is not used.
-        wander_sigma: standard deviation of the part of the error that wanders [m]; of fixes only.
+        wander_sigma: standard deviation of the part of the error that wanders [m], see `FixWander`; of
+            fixes only.
         wander_time: its correlation time [s].
-        origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
+        origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes; the first fix if
+            left out.
         position: the antenna or other measured point in base_link, forward and left [m]; of fixes only.
-        source: name of the reference system of the truth, for reports.
-        time: column of their time, if other than the map's.
         latency: latency of the stamps, subtracted from them [s].
     """
 
@@ -141,15 +129,38 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     wander_time: checks.WanderTime = 0.0
     origin: tuple[float, float, float] | None = None
     position: tuple[checks.OnRobot, checks.OnRobot] = (0.0, 0.0)
-    source: str = ""
-    time: str | None = None
     latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
         checks.check_bounds(self)
         checks.require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
-        check_place((self.x, self.y), (self.latitude, self.longitude), "columns")
         check_origin(self.origin)
+
+    def check_place(self, what: str) -> None:
+        """Refuse names of a place that are neither x and y nor latitude and longitude.
+
+        Raises:
+            ValueError: one is missing, or there are both.
+        """
+        plane, globe = (self.x, self.y), (self.latitude, self.longitude)
+        if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
+            raise ValueError(f"x and y must name {what}, or else latitude and longitude")
+
+
+class PoseColumns(PoseKeys, frozen=True):
+    """Columns of fixes or of the truth.
+
+    Attributes:
+        source: name of the reference system of the truth, for reports.
+        time: column of their time, if other than the map's.
+    """
+
+    source: str = ""
+    time: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_place("columns")
 
 
 class HeadingColumns(checks.Bounded, frozen=True):

@@ -18,9 +18,9 @@ from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import (
     AccelerationUnit,
     ColumnMap,
+    PoseKeys,
     RateUnit,
     check_axes,
-    check_place,
 )
 from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import Held, TrackUnit, check_sides, check_unit
@@ -105,66 +105,28 @@ class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             check_axes(self.angular_velocity, self.linear_acceleration, "fields")
 
 
-class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class FixTopic(PoseKeys, frozen=True):
     """The topic of position or pose fixes in `odom`.
 
     Attributes:
         topic: name; geometry_msgs/PoseWithCovarianceStamped or PoseStamped, nav_msgs/Odometry,
             sensor_msgs/NavSatFix (then `odom` is east and north from `origin`), or tf
             (tf2_msgs/TFMessage, geometry_msgs/TransformStamped) with `frames`; or any other type, if
-            `x` and `y`, or `latitude` and `longitude`, name its fields.
-        x: field of x [m], as "position.x"; the next ones likewise.
-        y: field of y [m].
-        yaw: field of the heading, counter-clockwise from x [rad], or None.
-        latitude: field [deg].
-        longitude: field [deg].
-        altitude: field [m], or None.
-        sigma: field of the standard deviation of each coordinate [m], or None.
-        position_sigma: standard deviation of each coordinate if a message has no covariance [m]; with
-            `wander_sigma` that of all fixes, since messages state their whole error.
-        heading_sigma: standard deviation of yaw if a message has no covariance [rad]; if left out, such
-            a message has no heading.
-        least_sigma: lower bound of the messages' standard deviations [m]: errors of GPS are
-            correlated over time, but a filter assumes independent fixes.
-        height_sigma: standard deviation of the height of fixes [m]; without it their height is not used.
-        wander_sigma: standard deviation of the part of the error that wanders [m], see `FixWander`.
-        wander_time: its correlation time [s].
+            `x` and `y`, or `latitude` and `longitude`, name its fields, as "position.x".
         frames: for tf, the frame of the fixes and that of the robot, ["map", "base_link"].
-        origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; the first fix
-            if left out.
-        position: the antenna or other measured point in base_link, forward and left [m].
         time: clock of the stamps.
-        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
-    x: str | None = None
-    y: str | None = None
-    yaw: str | None = None
-    latitude: str | None = None
-    longitude: str | None = None
-    altitude: str | None = None
-    sigma: str | None = None
-    position_sigma: checks.Positive | None = None
-    heading_sigma: checks.Positive | None = None
-    least_sigma: checks.Positive | None = None
-    height_sigma: checks.Positive | None = None
-    wander_sigma: checks.WanderSigma = 0.0
-    wander_time: checks.WanderTime = 0.0
     frames: tuple[str, str] | None = None
-    origin: tuple[float, float, float] | None = None
-    position: tuple[checks.OnRobot, checks.OnRobot] = (0.0, 0.0)
     time: Clock = "auto"
-    latency: checks.Latency = 0.0
 
     def __post_init__(self) -> None:
-        checks.check_bounds(self)
-        checks.require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
+        super().__post_init__()
         _check_frames(self.frames)
-        check_origin(self.origin)
-        plane, globe = (self.x, self.y), (self.latitude, self.longitude)
-        if any((*plane, *globe, self.yaw, self.altitude, self.sigma)):
-            check_place(plane, globe, "fields")
+        names = (self.x, self.y, self.yaw, self.latitude, self.longitude, self.altitude, self.sigma)
+        if any(names):
+            self.check_place("fields")
 
 
 class HeadingTopic(checks.Bounded, frozen=True):
