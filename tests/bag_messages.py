@@ -4,6 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -57,6 +59,16 @@ def imu(stamp: int, rate=(0.0, 0.0, 0.1), force=(0.0, 0.0, 9.8), rate_covariance
         vector(*force),
         zeros,
     )
+
+
+def mcap_messages(path: Path) -> dict[str, list]:
+    """Type, time of recording and content of all messages by topic, by the official reader."""
+    found: dict[str, list] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((schema.name, message.log_time, decoded))
+    return found
 
 
 def write_bag(path: Path, messages, delay: int = 0, raw=(), times=None) -> Path:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from icreckon import Scenario, simulate, write_log
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import (
     FixSeries,
@@ -95,6 +96,13 @@ def data_dir() -> Path:
 @pytest.fixture(scope="session")
 def robot() -> Robot:
     return load_robot("auriga-alpha")
+
+
+def simulated(path: Path, seconds: float, **scenario: Any) -> Path:
+    """A bag of a simulated drive of auriga-alpha."""
+    robot = load_robot("auriga-alpha")
+    log = simulate(Scenario(duration=seconds, **scenario), robot)
+    return write_log(log, path, "mcap", robot)
 
 
 @pytest.fixture(scope="session")

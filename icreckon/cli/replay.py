@@ -193,7 +193,7 @@ def _many(
 ) -> dict[str, Any]:
     """Run each log with each robot file, and write the results of all."""
     scored: list[many.CaseScores] = []
-    failed: list[many.FailedCase] = []
+    failed: list[dict[str, Any]] = []
     places = {case: _place(case, drives) for case in drives}
     for case, drive in drives.items():
         target = folder / places[case]

@@ -285,7 +285,8 @@ class _Task:
             raise
         except Exception as problem:
             return (LostFilter(variant, described(problem)),)
-        return self.checked((found,) if isinstance(found, Run) else found)
+        runs = (found,) if isinstance(found, Run) else found
+        return tuple(loss_of(one, begin) or one for one in runs)
 
     def only_run(self, variant: str) -> Run:
         """Run a variant that is not smoothed.
@@ -297,10 +298,6 @@ class _Task:
         if isinstance(found, LostFilter):
             raise found
         return found
-
-    def checked(self, runs: Sequence[Run]) -> Outcome:
-        """Replace a lost run by its failure."""
-        return tuple(loss_of(one, self.log.start) or one for one in runs)
 
 
 def _outcomes(

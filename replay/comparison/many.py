@@ -54,13 +54,6 @@ class CaseScores:
     lag: float  # lag of the truth that was removed [s]
 
 
-class FailedCase(NamedTuple):
-    """A log that has no results, with the reason."""
-
-    case: Case
-    reason: str
-
-
 def compare_many(
     logs: Sequence[Log | Path | str],
     robots: Robot | Mapping[str, Robot],
@@ -99,7 +92,7 @@ def compare_many(
         raise ReplayError("no log or no robot: give at least one of each")
     labels = unique([one.name if isinstance(one, Log) else label_of(Path(one)) for one in logs])
     scored: list[CaseScores] = []
-    failed: list[FailedCase] = []
+    failed: list[Results] = []
     for label, one in zip(labels, logs, strict=True):
         for name, robot in named.items():
             case = Case(label, name)
@@ -159,16 +152,16 @@ def case_scores(case: Case, comparison: Comparison, summary: Results, drifts: Dr
     return CaseScores(case, kept, drifts, lag)
 
 
-def failed_case(case: Case, problem: Exception) -> FailedCase:
-    """Failure of a log, with the message of the error."""
-    if isinstance(problem, IcreckonError):
-        return FailedCase(case, " ".join(str(problem).split()))
-    return FailedCase(case, described(problem))
+def failed_case(case: Case, problem: Exception) -> Results:
+    """Row of "failed": a log without results, and the message of the error."""
+    ours = isinstance(problem, IcreckonError)
+    reason = " ".join(str(problem).split()) if ours else described(problem)
+    return case._asdict() | {"reason": reason}
 
 
 def summarise_many(
     scored: Sequence[CaseScores],
-    failed: Sequence[FailedCase],
+    failed: Sequence[Results],
     *,
     command: str,
     configuration: dict[str, Any],
@@ -183,7 +176,7 @@ def summarise_many(
         ReplayError: no log has results.
     """
     if not scored:
-        reasons = "; ".join(f"{one.case.log}: {one.reason}" for one in failed)
+        reasons = "; ".join(f"{one['log']}: {one['reason']}" for one in failed)
         raise ReplayError(f"no log has a result: {reasons}")
     robots = list(dict.fromkeys(one.case.robot for one in scored))
     fair = _with_known_bias(scored)
@@ -201,9 +194,7 @@ def summarise_many(
         "horizons": list(drift_table.horizon_labels()),
         "baseline_variant": baseline,
         "logs": [_of_log(one) for one in scored],
-        "failed": [
-            {"log": one.case.log, "robot": one.case.robot, "reason": one.reason} for one in failed
-        ],
+        "failed": list(failed),
         "notes": list(_consecutive(scored)),
         "pooled": {
             robot: _pooled([one for one in fair if one.case.robot == robot], baseline)

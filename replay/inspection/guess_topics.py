@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
 
 from icreckon.replay.bags import message_types as ros
+from icreckon.replay.inspection.topic_survey import Survey
 from icreckon.replay.mapping.topics import (
     FixTopic,
     HeadingTopic,
@@ -28,15 +28,7 @@ PLACEHOLDER_SIGMA = 0.05
 """Placeholder sigma of fixes without a covariance [m] and of headings [rad], for the user to replace."""
 
 
-class Sample(NamedTuple):
-    """A topic: type, number of messages, and some decoded ones (of some types only)."""
-
-    msgtype: str
-    number: int
-    messages: list[Any]
-
-
-def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
+def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     """Guess the topic of each stream.
 
     Track speeds come from a JointState with velocities of left and right joints, or else from an
@@ -47,7 +39,8 @@ def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
     Returns:
         The mapping; None for streams that were not found.
     """
-    found = {topic: sample for topic, sample in sorted(samples.items()) if sample.number}
+    found = {one.channel.topic: one for one in surveys if one.recorded}
+    found = dict(sorted(found.items()))
     truths = {topic: sample for topic, sample in found.items() if is_truth(topic)}
     own = {topic: sample for topic, sample in found.items() if not is_truth(topic)}
     tracks = _tracks(own)
@@ -88,9 +81,9 @@ def is_command(topic: str) -> bool:
     return COMMAND.search(topic.lower()) is not None
 
 
-def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
+def _tracks(samples: Mapping[str, Survey]) -> TrackTopic | None:
     for topic, sample in samples.items():
-        if sample.msgtype != ros.JOINT_STATE or is_command(topic):
+        if sample.channel.msgtype != ros.JOINT_STATE or is_command(topic):
             continue
         named = [list(one.name) for one in sample.messages if len(one.velocity) == len(one.name)]
         # Some drivers publish each wheel in a message of its own.
@@ -102,17 +95,17 @@ def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
     candidates = [
         topic
         for topic, sample in samples.items()
-        if sample.msgtype in (ros.ODOMETRY, ros.TWIST) and not is_command(topic)
+        if sample.channel.msgtype in (ros.ODOMETRY, ros.TWIST) and not is_command(topic)
     ]
 
     def unlikely(topic: str) -> tuple[bool, bool]:
         wheels = any(word in topic.lower() for word in (*DRIVE_WORDS, "controller", "odom"))
-        return (samples[topic].msgtype != ros.ODOMETRY, not wheels)
+        return (samples[topic].channel.msgtype != ros.ODOMETRY, not wheels)
 
     return TrackTopic(min(candidates, key=unlikely)) if candidates else None
 
 
-def _measures_rates(sample: Sample) -> bool:
+def _measures_rates(sample: Survey) -> bool:
     return any(
         message.angular_velocity_covariance[0] != ABSENT
         and (message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z)
@@ -121,9 +114,9 @@ def _measures_rates(sample: Sample) -> bool:
     )
 
 
-def _heading(samples: Mapping[str, Sample]) -> HeadingTopic | None:
+def _heading(samples: Mapping[str, Survey]) -> HeadingTopic | None:
     for topic, sample in samples.items():
-        if sample.msgtype != ros.IMU or _measures_rates(sample):
+        if sample.channel.msgtype != ros.IMU or _measures_rates(sample):
             continue
         turned = [one for one in sample.messages if one.orientation_covariance[0] != ABSENT]
         if any(abs(one.orientation.z) > 0.0 for one in turned):
@@ -132,36 +125,36 @@ def _heading(samples: Mapping[str, Sample]) -> HeadingTopic | None:
     return None
 
 
-def _imu(samples: Mapping[str, Sample]) -> ImuTopic | None:
+def _imu(samples: Mapping[str, Survey]) -> ImuTopic | None:
     rates = {
-        topic: sample.number
+        topic: len(sample.recorded)
         for topic, sample in samples.items()
-        if sample.msgtype == ros.IMU and _measures_rates(sample)
+        if sample.channel.msgtype == ros.IMU and _measures_rates(sample)
     }
     return ImuTopic(max(rates, key=lambda topic: rates[topic])) if rates else None
 
 
-def _fixes(samples: Mapping[str, Sample]) -> FixTopic | None:
+def _fixes(samples: Mapping[str, Survey]) -> FixTopic | None:
     for msgtype in (ros.POSE_WITH_COVARIANCE, ros.POSE):
         for topic, sample in samples.items():
-            if sample.msgtype == msgtype and not is_command(topic):
+            if sample.channel.msgtype == msgtype and not is_command(topic):
                 sigma = PLACEHOLDER_SIGMA if msgtype == ros.POSE else None
                 return FixTopic(topic, position_sigma=sigma)
     for topic, sample in samples.items():
-        if sample.msgtype == ros.NAVSATFIX:
+        if sample.channel.msgtype == ros.NAVSATFIX:
             known = any(one.position_covariance_type for one in sample.messages)
             return FixTopic(topic, position_sigma=None if known else PLACEHOLDER_SIGMA)
     return None
 
 
-def _truth(samples: Mapping[str, Sample], tracks: TrackTopic | None) -> TruthTopic | None:
+def _truth(samples: Mapping[str, Survey], tracks: TrackTopic | None) -> TruthTopic | None:
     def first(*msgtypes: str) -> str | None:
         return next(
             (
                 topic
                 for kind in msgtypes
                 for topic, sample in samples.items()
-                if sample.msgtype == kind
+                if sample.channel.msgtype == kind
             ),
             None,
         )

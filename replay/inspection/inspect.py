@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
@@ -26,7 +26,7 @@ from icreckon.replay.inspection import imu_mounting, robot_file, topic_survey, w
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
-from icreckon.replay.inspection.guess_topics import Sample, guess_topics
+from icreckon.replay.inspection.guess_topics import guess_topics
 from icreckon.replay.inspection.gyro_bias import GyroBias, gyro_bias
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
 from icreckon.replay.mapping.columns import ColumnMap
@@ -91,7 +91,7 @@ def inspect(
     paths = as_paths(path)
     surveys, notes, tables = _look_through(paths, definitions)
     reports = {survey.channel.topic: survey.report() for survey in surveys.values()}
-    mapping = _guessed(surveys.values())
+    mapping = guess_topics(surveys.values())
     if tables:
         mapping = replace(mapping, columns=guess_columns(tables))
         if mapping.columns is None:
@@ -213,16 +213,7 @@ def guess_mapping(
     surveys, _, tables = _look_through(as_paths(path), definitions)
     if tables or any(topic == MAPPING_TOPIC for topic, _ in surveys):
         return None
-    return _guessed(surveys.values())
-
-
-def _guessed(surveys: Iterable[topic_survey.Survey]) -> TopicMap:
-    return guess_topics(
-        {
-            one.channel.topic: Sample(one.channel.msgtype, len(one.recorded), one.messages)
-            for one in surveys
-        }
-    )
+    return guess_topics(surveys.values())
 
 
 def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:

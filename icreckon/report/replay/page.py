@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.base.units import unit
@@ -26,12 +25,8 @@ from icreckon.report.replay.tables import (
 DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
 
 
-class Section(NamedTuple):
-    """Section of the page: its title, a note, tables."""
-
-    title: str
-    note: str
-    tables: Sequence[Table]
+# Section of the page: its title, a note, tables.
+Section = tuple[str, str, list[Table]]
 
 
 def replay_page(results: Results) -> str:
@@ -79,18 +74,18 @@ def _scored(results: Results) -> list[Section]:
         caption = f"Distance from {results['reference_variant']}, % of the distance driven"
         note = f"{caption}, aligned at each segment's start."
         return [
-            Section("How far apart per horizon", note, [Table("", head, rows)]),
-            Section("Ends", "", [_score_table(results, DIFFERENCE_COLUMNS)]),
+            ("How far apart per horizon", note, [Table("", head, rows)]),
+            ("Ends", "", [_score_table(results, DIFFERENCE_COLUMNS)]),
         ]
     has_yaw = page_text.has_yaw_errors(results)
     of_truth = (*SCORE_COLUMNS[3:], *END_COLUMNS) if has_yaw else POSITION_COLUMNS[3:]
-    sections = [
-        Section("Drift per horizon", page_text.scored_text(results), drift_tables(results)),
-        Section("Other scores", "", [_score_table(results, of_truth)]),
+    sections: list[Section] = [
+        ("Drift per horizon", page_text.scored_text(results), drift_tables(results)),
+        ("Other scores", "", [_score_table(results, of_truth)]),
     ]
     if page_text.is_spatial(results):
         table = _score_table(results, SPATIAL_COLUMNS)
-        sections.append(Section("Height, roll and pitch", page_text.level_text(results), [table]))
+        sections.append(("Height, roll and pitch", page_text.level_text(results), [table]))
     return sections
 
 

@@ -347,7 +347,7 @@ def _known(results: Results, statistic: str) -> bool:
 
 
 def _numbers(values: list[Any]) -> Any:
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
+    return np.array(values, dtype=float)
 
 
 def _colours(results: Results) -> dict[str, str]:

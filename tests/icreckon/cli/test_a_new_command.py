@@ -10,7 +10,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from icreckon import Robot, Scenario, simulate, write_log
+from conftest import simulated
 from icreckon.cli.common.options import Json, Logs
 from icreckon.cli.main import app, main
 
@@ -53,10 +53,8 @@ def command() -> Iterator[None]:
 
 
 @pytest.fixture
-def bag(tmp_path: Path, robot: Robot) -> Path:
-    scenario = Scenario(duration=20.0, trajectory="straight", fix_rate=0.0)
-    write_log(simulate(scenario, robot), tmp_path / "drive", "mcap", robot)
-    return tmp_path / "drive"
+def bag(tmp_path: Path) -> Path:
+    return simulated(tmp_path / "drive", 20.0, trajectory="straight", fix_rate=0.0)
 
 
 def test_it_runs_over_a_bag(bag: Path) -> None:

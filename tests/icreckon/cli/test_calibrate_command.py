@@ -10,7 +10,8 @@ from markupsafe import escape
 from rich.console import Console
 
 from command_line import results_in, succeeds
-from icreckon import Scenario, calibrate, compare, drift, read_log, simulate, write_log
+from conftest import simulated
+from icreckon import calibrate, compare, drift, read_log
 from icreckon.cli.calibrate import command
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
@@ -28,9 +29,7 @@ PAGE = "docs/tutorials/calibrate.md"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of a robot that is not quite its file's, and what calibration made of it."""
     folder = tmp_path_factory.mktemp("calibrate")
-    robot = load_robot("auriga-alpha")
-    scenario = Scenario(duration=90.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
-    write_log(simulate(scenario, robot), folder / "drive", "mcap", robot)
+    simulated(folder / "drive", 90.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
     words = ("--robot", "auriga-alpha", "--models", "constant,inertia")
     words = (*words, "--write", "found.toml", "--ros", "ros.yaml", "--out", "results")
     done = succeeds("calibrate", "drive", *words, cwd=folder, drawn=True)

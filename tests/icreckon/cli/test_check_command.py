@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from command_line import fails, icreckon, results_in, succeeds
-from icreckon import Scenario, simulate, write_log
+from conftest import simulated
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, changed_robot, load_robot
 
 
@@ -14,9 +14,7 @@ from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, changed_robot, lo
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a bag, the file of its robot, and one in which the radius is a diameter."""
     path = tmp_path_factory.mktemp("check")
-    robot = load_robot("auriga-alpha")
-    scenario = Scenario(duration=70.0, seed=2, trajectory="random", fix_rate=1.0)
-    write_log(simulate(scenario, robot), path / "drive", "mcap", robot)
+    simulated(path / "drive", 70.0, seed=2, trajectory="random", fix_rate=1.0)
     text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
     (path / "right.toml").write_text(text, encoding="utf-8")
     assert "sprocket_radius = 0.1 " in text
@@ -75,9 +73,7 @@ def test_a_file_that_maps_no_imu_is_not_called_right(folder: Path) -> None:
 
 
 def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path) -> None:
-    robot = load_robot("auriga-alpha")
-    scenario = Scenario(duration=25.0, seed=2, trajectory="straight", fix_rate=0.0)
-    write_log(simulate(scenario, robot), tmp_path / "drive", "mcap", robot)
+    simulated(tmp_path / "drive", 25.0, seed=2, trajectory="straight", fix_rate=0.0)
     done = icreckon("check", "drive", "--robot", "auriga-alpha", cwd=tmp_path)
     assert (
         "To learn more in the next log: turn on the spot once to each side (eta0 ± " in done.stdout

@@ -11,24 +11,9 @@ from command_line import fails, icreckon, results_in, succeeds
 from icreckon import Scenario, load_robot, robot_toml, simulate
 from icreckon.report.replay.page_text import calibration_hint, ends_text, noise_text
 from icreckon.report.replay.tables import results_table
+from small_robot import COLUMNS
 
 ROBOT = load_robot("auriga-alpha")
-COLUMNS = """
-[log.columns]
-time = "t"
-time_unit = "s"
-[log.columns.tracks]
-left = ["left"]
-right = ["right"]
-unit = "m/s"
-[log.columns.imu]
-angular_velocity = ["gx", "gy", "gz"]
-linear_acceleration = ["ax", "ay", "az"]
-[log.columns.truth]
-x = "x"
-y = "y"
-yaw = "yaw"
-"""
 REPLAY = ("--robot", "robot.toml", "--variants", "gyro,differential", "--out", "out", "--overwrite")
 
 
@@ -45,7 +30,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
             log.imu.angular_velocity,
             log.imu.linear_acceleration,
         ),
-        "truth": ("t,x,y,yaw", log.truth.poses.stamps, log.truth.poses.poses[:, :3]),
+        "truth": (
+            "t,truth_x,truth_y,truth_yaw",
+            log.truth.poses.stamps,
+            log.truth.poses.poses[:, :3],
+        ),
     }
     for place, offset in ((folder, 0.0), (folder / "early", -20.0)):
         place.mkdir(exist_ok=True)
@@ -69,7 +58,7 @@ def test_tables_that_are_named_together_are_one_log(folder: Path) -> None:
     assert results["log"]["imu_samples"] > 4000
     assert results["truth"]["distance_m"] > 10.0
     mapping = json.loads(icreckon("inspect", *names, "--json", cwd=folder).stdout)["mapping"]
-    assert mapping["columns"]["truth"]["x"] == "x"
+    assert mapping["columns"]["truth"]["x"] == "truth_x"
 
 
 def test_stamps_below_zero_are_refused_before_the_run_where_a_format_has_none(folder: Path) -> None:

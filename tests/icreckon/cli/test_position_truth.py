@@ -22,10 +22,8 @@ VARIANT = "constant-online"
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    scenario = Scenario(
-        duration=60.0, seed=5, trajectory="aggressive", fix_rate=0.0, truth="kinematic"
-    )
-    return simulate(scenario, ALPHA)
+    how = {"trajectory": "aggressive", "fix_rate": 0.0, "truth": "kinematic"}
+    return simulate(Scenario(duration=60.0, seed=5, **how), ALPHA)
 
 
 def receiver(stamp: int, east: float, north: float):
@@ -62,14 +60,18 @@ def sensors(log: Log) -> list[tuple[str, object]]:
     return messages
 
 
-@pytest.fixture(scope="module")
-def bag(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag_with_gps(log: Log, path: Path) -> Path:
     stamps, places = east_north(log)
     truth = [
         ("/truth/gps", receiver(stamp, *place))
         for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
     ]
-    return write_bag(tmp_path_factory.mktemp("truth") / "bag", [*sensors(log), *truth])
+    return write_bag(path, [*sensors(log), *truth])
+
+
+@pytest.fixture(scope="module")
+def bag(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return bag_with_gps(log, tmp_path_factory.mktemp("truth") / "bag")
 
 
 def robot_file(folder: Path, truth: str) -> Path:
@@ -165,12 +167,7 @@ def test_inspect_takes_navsatfix_for_the_truth_by_its_name(bag: Path, tmp_path: 
 def test_a_robot_that_stands_has_a_truth_that_is_not_used(tmp_path: Path) -> None:
     # Its first three seconds are a standstill.
     still = simulate(Scenario(duration=3.5, fix_rate=0.0), ALPHA)
-    stamps, places = east_north(still)
-    truth = [
-        ("/truth/gps", receiver(stamp, *place))
-        for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
-    ]
-    bag = write_bag(tmp_path / "bag", [*sensors(still), *truth])
+    bag = bag_with_gps(still, tmp_path / "bag")
     words = ("--robot", robot_file(tmp_path, NAVSAT))
     done = succeeds("replay", bag, *words, "--variants", VARIANT, "--json", cwd=tmp_path)
     results = json.loads(done.stdout)

@@ -14,37 +14,16 @@ from command_line import succeeds
 from conftest import thorough
 from icreckon import Log, PoseSeries, Scenario, simulate
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
+from small_robot import COLUMNS
 
 ALPHA = load_robot("auriga-alpha")
 VARIANT = "constant-online"
-COLUMNS = """[log.columns]
-time = "t"
-time_unit = "ns"
-[log.columns.tracks]
-left = ["left"]
-right = ["right"]
-[log.columns.imu]
-angular_velocity = ["gx", "gy", "gz"]
-linear_acceleration = ["ax", "ay", "az"]
-[log.columns.truth]
-x = "truth_x"
-y = "truth_y"
-yaw = "truth_yaw"
-"""
-
-
-def driven(trajectory: str = "aggressive", **options: object) -> Log:
-    return simulate(
-        Scenario(
-            duration=90.0, seed=5, trajectory=trajectory, fix_rate=0.0, truth="kinematic", **options
-        ),
-        ALPHA,
-    )
 
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    return driven()
+    how = {"trajectory": "aggressive", "fix_rate": 0.0, "truth": "kinematic"}
+    return simulate(Scenario(duration=90.0, seed=5, **how), ALPHA)
 
 
 def late(log: Log, seconds: float, yaw: str = "true") -> Log:
@@ -83,7 +62,8 @@ def table(log: Log, path: Path) -> tuple[str, ...]:
         pyarrow.parquet.write_table(pa.table(columns), path)
     robot = path.with_suffix(".toml")
     text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
-    robot.write_text(text[: text.index("[log.fixes]")] + COLUMNS, encoding="utf-8")
+    columns = COLUMNS.replace('time_unit = "s"', 'time_unit = "ns"')
+    robot.write_text(text[: text.index("[log.fixes]")] + columns, encoding="utf-8")
     return str(path), "--robot", str(robot)
 
 

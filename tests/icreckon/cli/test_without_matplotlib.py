@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from command_line import Done, icreckon
-from icreckon import Scenario, load_robot, simulate, write_log
+from conftest import simulated
 from icreckon.report.pages import unless_missing
 
 LINE = "no figures: matplotlib cannot be imported"
@@ -25,9 +25,7 @@ duration = 20.0
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a bag that has a truth, and a study."""
     path = tmp_path_factory.mktemp("plain")
-    robot = load_robot("auriga-alpha")
-    scenario = Scenario(duration=60.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
-    write_log(simulate(scenario, robot), path / "drive", "mcap", robot)
+    simulated(path / "drive", 60.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
     (path / "small.toml").write_text(STUDY, encoding="utf-8")
     return path
 

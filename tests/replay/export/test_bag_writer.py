@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability
 
 import icreckon
+from bag_messages import mcap_messages
 from conftest import make_log
 from icreckon import ImuSeries, Log, PoseSeries, ReplayError, Robot, Vehicle, load_robot, read_log
 from icreckon.estimator.base.frames import wrap_angle
@@ -171,17 +170,12 @@ def test_what_cannot_be_written_is_refused_beforehand(tmp_path: Path, robot: Rob
 def test_the_official_reader_finds_standard_messages(tmp_path: Path, robot: Robot) -> None:
     log = make_log()
     path = write_log(log, tmp_path / "bag", "mcap", robot)
-    rows = {}
-    with (path / "bag.mcap").open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, decoded in reader.iter_decoded_messages():
-            if schema.name == "std_msgs/msg/String":
-                assert (channel.topic, decoded.data) == ("/ground_truth/source", log.truth.source)
-                continue
-            stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
-            assert stamp == message.log_time
-            rows.setdefault((channel.topic, schema.name), []).append((stamp, decoded))
-    assert {name: len(found) for name, found in rows.items()} == {
+    rows = mcap_messages(path / "bag.mcap")
+    ((_, _, source),) = rows.pop("/ground_truth/source")
+    assert source.data == log.truth.source
+    for _, time, decoded in (one for found in rows.values() for one in found):
+        assert decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec == time
+    assert {(topic, found[0][0]): len(found) for topic, found in rows.items()} == {
         ("/joint_states", "sensor_msgs/msg/JointState"): len(log.tracks.stamps),
         ("/imu/data_raw", "sensor_msgs/msg/Imu"): len(log.imu.stamps),
         ("/fix/pose", "geometry_msgs/msg/PoseWithCovarianceStamped"): len(log.fixes.stamps),
@@ -189,15 +183,15 @@ def test_the_official_reader_finds_standard_messages(tmp_path: Path, robot: Robo
         ("/ground_truth/twist", "geometry_msgs/msg/TwistStamped"): len(log.truth.twists.stamps),
         ("/ground_truth/joint_states", "sensor_msgs/msg/JointState"): len(log.truth.tracks.stamps),
     }
-    _, joints = rows["/joint_states", "sensor_msgs/msg/JointState"][3]
+    _, _, joints = rows["/joint_states"][3]
     assert joints.name == ["left_track_joint", "right_track_joint"]
     radius = robot.vehicle.sprocket_radius
     np.testing.assert_array_equal(joints.velocity, log.tracks.speeds[3] / radius)
-    _, imu = rows["/imu/data_raw", "sensor_msgs/msg/Imu"][5]
+    _, _, imu = rows["/imu/data_raw"][5]
     assert imu.header.frame_id == "imu_link"
     assert imu.orientation_covariance[0] == -1
     assert imu.linear_acceleration.z == log.imu.linear_acceleration[5, 2]
-    _, fix = rows["/fix/pose", "geometry_msgs/msg/PoseWithCovarianceStamped"][0]
+    _, _, fix = rows["/fix/pose"][0]
     assert fix.header.frame_id == "odom"
     covariance = np.reshape(fix.pose.covariance, (6, 6))
     np.testing.assert_array_equal(covariance, np.diag(np.diag(covariance)))

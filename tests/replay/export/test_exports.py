@@ -8,10 +8,9 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag1 import Reader as Ros1Reader
 
+from bag_messages import mcap_messages
 from command_line import fails, succeeds
 from icreckon import IndexValues, PoseSeries, ReplayError, Robot, Scenario, simulate
 from icreckon.estimator.base import state as s
@@ -184,15 +183,6 @@ def test_odometry_holds_the_estimate(one: Run, messages) -> None:
         assert (spatial < 1.0).all()
         np.testing.assert_array_equal(np.diag(np.reshape(found.twist.covariance, (6, 6)))[2:5], 1e6)
         assert found.twist.twist.angular.z == one.trajectory.twists[row, 2]
-
-
-def mcap_messages(path: Path) -> dict[str, list]:
-    found: dict[str, list] = {}
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, decoded in reader.iter_decoded_messages():
-            found.setdefault(channel.topic, []).append((schema.name, message.log_time, decoded))
-    return found
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
+from bag_messages import mcap_messages
 from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, simulate
 from icreckon.replay.export.formats import check_formats
 from icreckon.replay.export.geojson import write_geojson
@@ -70,11 +69,7 @@ def test_each_path_is_a_line_in_its_colour(on_globe: Comparison, tmp_path: Path)
 
 def test_a_bag_has_the_paths_as_fixes_of_a_receiver(on_globe: Comparison, tmp_path: Path) -> None:
     bag = write_replay_bag(tmp_path / "o.mcap", "mcap", on_globe, load_robot("auriga-alpha"))
-    with bag.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        found = [
-            message for *_, message in reader.iter_decoded_messages(topics=["/constant_online/fix"])
-        ]
+    found = [message for *_, message in mcap_messages(bag)["/constant_online/fix"]]
     trajectory = on_globe.runs["constant-online"].trajectory
     assert len(found) == pytest.approx(50, abs=1)
     for message in (found[0], found[-1]):

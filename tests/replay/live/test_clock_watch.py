@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from icreckon import PoseEstimator, Robot, Scenario, simulate, write_log
+from conftest import simulated
+from icreckon import PoseEstimator, Robot
 from icreckon.replay.live.clock_watch import WITNESSES, ClockWatch
 from icreckon.replay.live.odometry import LiveOdometry
 
@@ -83,10 +84,9 @@ def test_few_wrong_stamps_are_lost(wrong: int) -> None:
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Path:
-    scenario = Scenario(duration=12.0, seed=4, trajectory="slalom", fix_rate=0.0)
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("clock") / "bag"
-    return write_log(simulate(scenario, robot), path, "mcap", robot)
+    return simulated(path, 12.0, seed=4, trajectory="slalom", fix_rate=0.0)
 
 
 def set_stamps(message: Any, by: int) -> Any:

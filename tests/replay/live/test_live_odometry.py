@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from icreckon import Log, Robot, Scenario, Settings, read_log, run, simulate, write_log
+from conftest import simulated
+from icreckon import Log, Robot, Settings, read_log, run
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.scores import interpolate_poses
@@ -36,10 +37,9 @@ class Arrived(NamedTuple):
 
 
 @pytest.fixture(scope="module")
-def bag(tmp_path_factory: pytest.TempPathFactory, robot: Robot) -> Path:
-    scenario = Scenario(duration=SECONDS, seed=4, trajectory="slalom", fix_rate=2.0)
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("live") / "bag"
-    return write_log(simulate(scenario, robot), path, "mcap", robot)
+    return simulated(path, SECONDS, seed=4, trajectory="slalom", fix_rate=2.0)
 
 
 @pytest.fixture(scope="module")
