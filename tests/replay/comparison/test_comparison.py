@@ -81,9 +81,8 @@ def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(rob
             if key in before["variants"][name]:
                 assert scores[name][key] == pytest.approx(before["variants"][name][key], rel=1e-6)
         assert scores[name]["used"] == before["variants"][name]["used"]
-    assert (
-        scores["inertia-online-smoothed"]["rmse_v_y_m_s"] < scores["inertia-online"]["rmse_v_y_m_s"]
-    )
+    of_filter, of_smoother = (scores[f"inertia-online{end}"] for end in ("", "-smoothed"))
+    assert of_smoother["rmse_v_y_m_s"] < of_filter["rmse_v_y_m_s"]
     blind = Comparison(replace(log, truth=None), comparison.runs, None)
     results = summarise(blind, robot)
     assert results["reference_variant"] == VARIANTS[-1]
@@ -100,9 +99,8 @@ def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) ->
         "compare(log, robot, ('gyro', 'constant-fixed'), workers=2)\n",
         encoding="utf-8",
     )
-    done = subprocess.run(
-        [sys.executable, script], capture_output=True, text=True, timeout=120, check=False
-    )
+    command = [sys.executable, script]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 1
     assert 'needs `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
 
@@ -112,9 +110,7 @@ def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) ->
 
 @pytest.fixture(scope="module")
 def log() -> icreckon.Log:
-    return icreckon.simulate(
-        icreckon.Scenario(duration=60.0, fix_rate=1.0), icreckon.load_robot("auriga-alpha")
-    )
+    return simulate(Scenario(duration=60.0, fix_rate=1.0), icreckon.load_robot("auriga-alpha"))
 
 
 def test_one_variant_and_a_part_as_texts(log: icreckon.Log, tmp_path: Path):

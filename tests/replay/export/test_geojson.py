@@ -45,14 +45,12 @@ def test_each_path_is_a_line_in_its_colour(on_globe: Comparison, tmp_path: Path)
     features = {one["properties"]["name"]: one for one in found["features"]}
     assert list(features) == ["gyro", "constant-online", "ground_truth", "fixes"]
     assert len({one["properties"].get("stroke") for one in features.values()}) == 4
-    assert on_globe.log.truth is not None
     for name, run in on_globe.runs.items():
         line = features[name]
         assert line["geometry"]["type"] == "LineString"
         longitude, latitude, altitude = np.array(line["geometry"]["coordinates"]).T
         level = np.full(len(latitude), ORIGIN[2])
         places = east_north(np.column_stack([latitude, longitude, level]), ORIGIN)
-        assert run.trajectory.spatial is not None
         assert altitude[-1] == pytest.approx(ORIGIN[2] + run.trajectory.spatial[-1, 0], abs=0.1)
         # Five points a second of a drive of ten seconds.
         assert len(places) == pytest.approx(50, abs=1)

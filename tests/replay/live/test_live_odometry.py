@@ -319,7 +319,6 @@ def test_a_start_pose_places_the_map_without_fixes(robot: Robot, messages: list[
     for one, other in zip(estimates, alone, strict=True):
         assert np.array_equal(one.pose, other.pose)
     last = placed[-1]
-    assert last.map_pose is not None
     assert relative(start, last.map_pose) == pytest.approx(last.pose, abs=0.02)
     # AMCL's, and the drift.
     assert last.map_covariance[0, 0] > 0.25
@@ -336,10 +335,8 @@ def test_a_pose_that_is_given_starts_the_map_anew(robot: Robot, messages: list[A
     assert np.hypot(*(after[0].pose - before.pose)[:2]) < 0.1
     first = next(one for one in after if one.map_pose is not None)
     assert first.map_pose == pytest.approx((50.0, 20.0, 1.0), abs=0.1)
-    assert first.map_covariance is not None
     assert np.diagonal(first.map_covariance) == pytest.approx([0.04, 0.09, 0.01], rel=0.05)
     last = after[-1]
-    assert last.map_pose is not None
     moved = relative(first.pose, last.pose)
     assert relative(first.map_pose, last.map_pose) == pytest.approx(moved, abs=0.03)
     assert live.map.estimator is not None

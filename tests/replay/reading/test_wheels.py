@@ -96,7 +96,6 @@ def test_repeated_wheels_are_interpolated_as_their_mean_is(tmp_path: Path) -> No
     values[100:160, 0] += 1.6
     path = bag_of(tmp_path / "bag", values, [*LEFT, *RIGHT])
     tracks = read_log(path, robot_of(held="interpolate")).tracks
-    assert tracks.left_wheels is not None
     for speeds, wheels in zip(
         tracks.speeds.T, (tracks.left_wheels, tracks.right_wheels), strict=True
     ):
