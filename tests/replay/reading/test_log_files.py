@@ -58,12 +58,6 @@ def test_no_file_and_one_twice(tmp_path: Path, robot: Robot) -> None:
         read_log([bag, tmp_path / "." / "bag"], robot)
 
 
-def test_a_topic_that_is_in_none_of_the_files(tmp_path: Path) -> None:
-    paths = [write_bag(tmp_path / name, SPEEDS) for name in ("a", "b")]
-    with pytest.raises(ReplayError, match=r"a and 1 more: topic '/wheels' for tracks is not in"):
-        read_log(paths, robot_with(tracks=JOINTS | {"topic": "/wheels"}))
-
-
 def test_late_messages_are_sorted(tmp_path: Path) -> None:
     order = [1, 2, 5, 3, 4, 6, 7, 8]
     messages = [("/js", joints(k * SECOND // 10, (float(k), 0.0))) for k in order]
