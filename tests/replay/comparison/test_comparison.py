@@ -95,7 +95,8 @@ def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) ->
     script.write_text(
         "from icreckon import Scenario, compare, load_robot, simulate\n"
         "robot = load_robot('auriga-alpha')\n"
-        "log = simulate(Scenario(duration=60.0), robot)\n"
+        # So long that processes pay off.
+        "log = simulate(Scenario(duration=2500.0), robot)\n"
         "compare(log, robot, ('gyro', 'constant-fixed'), workers=2)\n",
         encoding="utf-8",
     )

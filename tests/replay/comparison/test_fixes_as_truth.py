@@ -50,7 +50,7 @@ def test_errors_of_the_fixes_are_stated(log: Log):
     poses[:, :2] += rng.normal(0.0, 0.4, (len(poses), 2))
     rough = replace(log, truth=None, fixes=replace(fixes, poses=poses))
     (note,) = (one for one in scored(rough)["log"]["notes"] if "scored against" in one)
-    stated = float(note.partition("about ")[2].split()[0])
+    stated = float(note.partition("scatter by ")[2].split()[0])
     assert stated == pytest.approx(0.4, rel=0.3)
 
 
