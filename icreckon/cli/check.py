@@ -11,15 +11,8 @@ from typing import Annotated, Any
 import typer
 from rich.text import Text
 
+from icreckon.cli.common import console
 from icreckon.cli.common.comparing import kernels_of, the_robot
-from icreckon.cli.common.console import (
-    FAILED,
-    check_writable,
-    print_banner,
-    progress,
-    results,
-    write_file,
-)
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
@@ -51,9 +44,9 @@ def command(
     Says what contradicts the log, worst first, its cost, and what to set; exit status 1 if anything does.
     """
     _, robot = the_robot(robot_name, paths)
-    check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
+    console.check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     definitions = read_definitions(message_files or [])
-    with progress(f"reading {source_name(paths)}") as report:
+    with console.progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
         guessed = guess_mapping(paths, definitions=definitions)
     log = replace(log, notes=(*log.notes, *robot_check.far_centre(robot)))
@@ -62,7 +55,7 @@ def command(
     if len(log.tracks.stamps) and log.imu is not None:
         # Without a result with everything mended nothing has a price.
         with (
-            progress(
+            console.progress(
                 "filtering, as the file is and mended", compiles=kernels_of([VARIANT])
             ) as report,
             suppress(ReplayError),
@@ -80,9 +73,11 @@ def command(
         of_log, of_robot = robot_check.with_mended(log, robot, checks)
         source = "by this log" if mended else "of the robot file"
         settings = ros_settings([of_log], of_robot, source=source, mended=mended)
-        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
+        console.write_file(
+            ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
+        )
     if any(one.problem for one in checks) or not _any_measured(checks):
-        raise typer.Exit(FAILED)
+        raise typer.Exit(console.FAILED)
 
 
 def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]]:
@@ -95,35 +90,33 @@ def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]
 
 
 def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str]) -> None:
-    console = results()
-    print_banner(log.notes)
+    out = console.results()
+    console.print_banner(log.notes)
     for what, count in log.dropped.items():
-        console.print(Text(f"Dropped from the log: {count} x {what}"))
+        out.print(Text(f"Dropped from the log: {count} x {what}"))
     for note in (one for one in log.notes if not one.startswith(OF_STAMPS)):
-        console.print(Text(f"Note: {note}"))
+        out.print(Text(f"Note: {note}"))
     for one in checks:
         mark = "!" if one.problem else "-"
         stated = f" (file: {one.in_file})" if one.in_file else ""
-        console.print(Text(f"{mark} {one.name}: {one.in_log}{stated}"))
+        out.print(Text(f"{mark} {one.name}: {one.in_log}{stated}"))
     wrong = _costs(checks, worth)
     if not wrong and not _any_measured(checks):
-        console.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
+        out.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
     elif not wrong:
-        console.print(Text("\nNothing in the log contradicts the robot file."))
+        out.print(Text("\nNothing in the log contradicts the robot file."))
     else:
-        console.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
+        out.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
     for number, (cost, one) in enumerate(wrong, 1):
         costs = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
-        console.print(Text(f"{number}. {_sentence(one.problem)}{costs}"))
-        console.print(
-            Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Mend: {one.remedy}")
-        )
+        out.print(Text(f"{number}. {_sentence(one.problem)}{costs}"))
+        out.print(Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Mend: {one.remedy}"))
     if worth is not None and (text := _drift(worth, bool(wrong), has_truth=log.truth is not None)):
-        console.print(Text(f"\n{text}"))
+        out.print(Text(f"\n{text}"))
     if worth is not None and worth.missing:
-        console.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
+        out.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
     for hint in left_out:
-        console.print(Text(f"\nHint: {hint}"))
+        out.print(Text(f"\nHint: {hint}"))
 
 
 def _any_measured(checks: list[Check]) -> bool:

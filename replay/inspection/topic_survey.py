@@ -37,29 +37,21 @@ GAP = 5.0
 
 @dataclass(frozen=True)
 class TopicReport:
-    """Statistics of a topic.
+    """Statistics of a topic."""
 
-    Attributes:
-        topic: name.
-        msgtype: message type.
-        frame_id: frame of the first message, "" if it has none.
-        count: number of messages.
-        mean_rate: rate by the median interval between two messages [Hz], or None for fewer than two.
-        largest_gap: longest time between two messages, by recording [s], or None likewise.
-        gaps: number of intervals longer than `GAP` times the usual one, or None.
-        clock_offset: median of header stamp minus time of recording [s], or None without headers.
-        repeated_share: share of samples equal to the previous one: of the values of track speeds
-            while the tracks moved, of the samples of the IMU; None for other topics.
-    """
-
-    topic: str
-    msgtype: str
-    frame_id: str
-    count: int
+    topic: str  # name
+    msgtype: str  # message type
+    frame_id: str  # frame of the first message, "" if it has none
+    count: int  # number of messages
+    # rate by the median interval between two messages [Hz], or None for fewer than two
     mean_rate: float | None
+    # longest time between two messages, by recording [s], or None likewise
     largest_gap: float | None
+    # median of header stamp minus time of recording [s], or None without headers
     clock_offset: float | None
-    gaps: int | None = None
+    gaps: int | None = None  # number of intervals longer than `GAP` times the usual one, or None
+    # share of samples equal to the previous one: of the values of track speeds while the tracks
+    # moved, of the samples of the IMU; None for other topics
     repeated_share: float | None = None
 
 

@@ -19,16 +19,8 @@ from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences
+from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
-from icreckon.replay.reading.conversions import (
-    TrackValues,
-    fill_variances,
-    fix_heights,
-    headings,
-    track_values,
-    track_width,
-    without_unknown_headings,
-)
 from icreckon.replay.reading.gather import Gathered
 from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import POSE_WIDTH, JointReader, planar_poses, spatial_part
@@ -187,11 +179,11 @@ class _Assembly:
         vehicle, spec = self.robot.vehicle, self._spec(stream)
         if spec is None:
             return None
-        stamps, rows = self._arrays(stream, track_width(stream.msgtype, spec))
+        stamps, rows = self._arrays(stream, conversions.track_width(stream.msgtype, spec))
         if stream.purpose == "truth tracks":
-            read = TrackValues(rows * vehicle.sprocket_radius, len(spec.left))
+            read = conversions.TrackValues(rows * vehicle.sprocket_radius, len(spec.left))
         else:
-            read = track_values(rows, stream.msgtype, spec, vehicle)
+            read = conversions.track_values(rows, stream.msgtype, spec, vehicle)
         stamps, values = interpolated(stamps, read.values, read.wrap)
         keep = self._screened(stream, stamps, values)
         stamps, values = stamps[keep], values[keep]
@@ -246,7 +238,7 @@ class _Assembly:
         else:
             stamps, rows = self._arrays(stream, POSE_WIDTH)
             poses, variances, heights = planar_poses(rows), rows[:, 6:8].copy(), rows[:, 11]
-        unknown = fill_variances(variances, spec)
+        unknown = conversions.fill_variances(variances, spec)
         where = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
         if len(stamps) and unknown.all():
             raise ReplayError(
@@ -258,13 +250,13 @@ class _Assembly:
             stream.lose("no covariance, and no position_sigma given", int(unknown.sum()))
             stamps, poses, variances = stamps[~unknown], poses[~unknown], variances[~unknown]
             heights = heights[~unknown]
-        poses = without_unknown_headings(poses, variances)
+        poses = conversions.without_unknown_headings(poses, variances)
         no_heading = np.isnan(poses[:, 2])
         needed = np.where(no_heading[:, None], variances[:, :1], variances)
         keep = self._screened(stream, stamps, poses[:, :2], positive=needed)
         if not keep.any():
             return None
-        self._heights = fix_heights(stamps[keep], heights[keep], spec)
+        self._heights = conversions.fix_heights(stamps[keep], heights[keep], spec)
         antennas = np.tile(spec.position, (int(keep.sum()), 1)) if any(spec.position) else None
         return series.FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
 
@@ -303,7 +295,7 @@ class _Assembly:
         if mapped is None:
             return ()
         stamps, rows = self._arrays(stream, 2)
-        yaw, variances = headings(rows, mapped)
+        yaw, variances = conversions.headings(rows, mapped)
         if len(stamps) and mapped.sigma is None and np.isnan(rows[:, 1]).all():
             raise ReplayError(
                 f"{stream.source}: topic {stream.topic!r}: the headings carry no covariance; give "

@@ -10,17 +10,10 @@ from typing import Any
 from icreckon.replay.base.colours import colour_of, on_dark
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
-from icreckon.report.replay import many_text
+from icreckon.report.replay import many_text, page_text
 from icreckon.report.replay.many_text import horizon_of, left_out, pooled_over
 from icreckon.report.replay.page import drift_tables, interval_cell
-from icreckon.report.replay.page_text import (
-    CHECK_HINT,
-    filtered,
-    horizon_text,
-    interval_text,
-    lowest,
-    number,
-)
+from icreckon.report.replay.page_text import number
 
 HORIZONS = ("10s", "30s", "60s")
 # Heights of a row's label, of a variant in it, and of what lies between rows [px].
@@ -37,7 +30,7 @@ def many_page(results: Results) -> str:
         subtitle=f"icreckon {results['command']}",
         failures=many_text.many_failures(results),
         doubts=many_text.many_doubts(results),
-        check_hint=CHECK_HINT,
+        check_hint=page_text.CHECK_HINT,
         headline=many_text.many_headline(results),
         remarks=many_text.many_remarks(results),
         drifts=drift_picture(results),
@@ -45,7 +38,7 @@ def many_page(results: Results) -> str:
         parts=[_part(results, robot) for robot in robots],
         head=_head(results),
         logs=[_row(results, one) for one in results["logs"]],
-        horizon=horizon_text(many_text.horizon_of(results)),
+        horizon=page_text.horizon_text(many_text.horizon_of(results)),
         configuration=results["configuration"],
         robots=results["robots"],
         origin={key: results[key] for key in ("versions", "inputs", "format")},
@@ -106,7 +99,7 @@ def _ratios(results: Results) -> list[Table]:
                 interval_cell(one[f"ratio_{label}"], one[f"ratio_{label}_95"]) for label in labels
             ]
             rows.append((name, cells))
-        head = ["variant", *(horizon_text(label) for label in labels)]
+        head = ["variant", *(page_text.horizon_text(label) for label in labels)]
         title = f"Drift with {robot} over that with {found['to']}, on the same segments"
         tables.append(Table(title, head, rows))
     return tables
@@ -124,7 +117,7 @@ def _head(results: Results) -> list[str]:
 def _row(results: Results, one: Results) -> Named:
     """Length of a log, and the drift of all variants in it."""
     key = f"drift_percent_{many_text.horizon_of(results)}_mean"
-    best = lowest(one["variants"], key) if one["truth"] else None
+    best = page_text.lowest(one["variants"], key) if one["truth"] else None
     robot = [Cell(one["robot"], "text")] if len(results["pooled"]) > 1 else []
     distance = Cell(number(one["truth"]["distance_m"]) if one["truth"] else "no truth")
     cells = [
@@ -172,12 +165,12 @@ def drift_picture(results: Results) -> Named | None:
         for at, (name, (value, interval)) in enumerate(of.items()):
             y = top + LABEL + LINE * at + LINE // 2
             ends = None if interval is None else (place(interval[0]), place(interval[1]))
-            said = f"{name}: {number(value)} %{interval_text(interval, '95 % interval ')}"
+            said = f"{name}: {number(value)} %{page_text.interval_text(interval, '95 % interval ')}"
             mark = Named(at=place(value), interval=ends, y=y, variant=variants[name], text=said)
             marks.append(mark)
         rows.append(Named(label=heading, y=top + LABEL - 6, is_pooled=is_pooled, marks=marks))
         top += LABEL + LINE * len(of) + BETWEEN
-    title = f"Drift {horizon_text(label)}, % of the distance, with 95 % intervals"
+    title = f"Drift {page_text.horizon_text(label)}, % of the distance, with 95 % intervals"
     labelled = [(place(tick), f"{tick:g} %") for tick in ticks]
     every = list(variants.values())
     return Named(title=title, height=top, ticks=labelled, rows=rows, variants=every)
@@ -198,7 +191,7 @@ def _drifts(variants: Mapping[str, Any], label: str) -> dict[str, tuple[float, l
     key = f"drift_percent_{label}"
     return {
         name: (one[f"{key}_mean"], one[f"{key}_95"])
-        for name, one in filtered({"variants": variants}).items()
+        for name, one in page_text.filtered({"variants": variants}).items()
         if one.get(f"{key}_mean")
     }
 

@@ -117,9 +117,7 @@ def test_ends_that_differ_tenfold_and_noise_of_the_truth_are_named(results: dict
 
 
 @pytest.mark.parametrize("width", [60, 80, 100, 124])
-def test_tables_fill_the_width_and_have_the_column_of_the_verdict(
-    results: dict, width: int
-) -> None:
+def test_tables_fill_the_width_and_have_the_column_of_the_verdict(results, width):
     """Rejections are one line, however many variants rejected something."""
     results["verdict"]["horizon"] = "30m"
     for one in results["variants"].values():

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -78,9 +77,7 @@ def whole() -> Comparison:
         (breaks, "stopped at 12.0 s by LinAlgError: Singular matrix"),
     ],
 )
-def test_a_lost_variant_is_named_and_the_others_are_scored(
-    whole: Comparison, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, how: Any, reason: str
-) -> None:
+def test_a_lost_variant_is_named_and_others_are_scored(whole, monkeypatch, tmp_path, how, reason):
     lose(monkeypatch, ("inertia-online",), how)
     found = compare(LOG, ROBOT, VARIANTS)
     assert list(found.runs) == ["constant-online"]

@@ -21,11 +21,11 @@ from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.bags.writer import write_bag
 from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.export.folder import write_kitti, write_tum
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
 from icreckon.replay.export.replay_bag import write_replay_bag
 from icreckon.replay.export.tables import write_run
-from icreckon.replay.export.trajectories import write_kitti, write_tum
 from tum import read_tum
 
 VARIANTS = ["constant-online", "inertia-online"]

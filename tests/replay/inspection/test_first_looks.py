@@ -168,7 +168,7 @@ def test_counters_need_their_counts(tmp_path: Path) -> None:
     [
         *("current_{}_a", "{}_cmd_m_s", "v_battery_{}_volt", "temp_{}_speed", "{}_torque_enc"),
         *("{}_motor_A", "{}_status", "{}_joystick", "sonar_{}", "{}_wheel_load", "{}_position"),
-        "{}_error",
+        *("{}_error", "{}_m_s_sp"),
     ],
 )
 def test_columns_of_another_quantity_are_no_speeds(other: str, tmp_path: Path) -> None:
@@ -292,12 +292,6 @@ def drift_of(comparison: Comparison) -> float:
     """Drift of the only variant after 30 s [%]."""
     (run,) = comparison.runs.values()
     return drift(run.trajectory.pose_series, comparison.log.truth.poses, 30.0).percent_mean
-
-
-def test_demanded_speeds_beside_the_measured_ones_are_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text("t,left_rpm_sp,right_rpm_sp,left_rpm,right_rpm\n0.0,1,2,3,4\n0.1,2,3,4,5\n")
-    assert inspect(path).mapping.columns.tracks.left == ("left_rpm",)
 
 
 @pytest.mark.parametrize(

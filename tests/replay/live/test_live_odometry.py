@@ -25,6 +25,7 @@ from icreckon.replay.live.statuses import LiveStatuses
 VARIANT = "constant-online"
 SETTINGS = Settings()
 SECONDS = 8.0
+DAY = 86_400
 
 
 class Arrived(NamedTuple):
@@ -174,11 +175,10 @@ def without_stamp(one: Arrived) -> Arrived:
     return one._replace(message=message)
 
 
-@pytest.mark.parametrize("offset", [100 * 86_400 * 10**9])
 @pytest.mark.parametrize("streams", ["imu joint_states", "imu joint_states fix", "joint_states"])
-def test_messages_with_a_stamp_of_zero_go_by_their_arrival(live, robot, messages, offset, streams):
+def test_messages_with_a_stamp_of_zero_go_by_their_arrival(live, robot, messages, streams):
     """A tenth of a second of them under way; the clock of the headers may be another."""
-    sent = [one._replace(arrival=one.arrival - offset) for one in messages]
+    sent = [one._replace(arrival=one.arrival - 100 * DAY * 10**9) for one in messages]
     sound = live_run(robot, sent)[-1]
     begin = sent[0].arrival + 4 * 10**9
     sent = [
@@ -195,10 +195,7 @@ def test_messages_with_a_stamp_of_zero_go_by_their_arrival(live, robot, messages
 
 
 @pytest.mark.parametrize("late", ["imu", "fix"])
-@pytest.mark.parametrize("days", [-100])
-def test_a_stream_that_starts_late_by_another_clock_goes_by_its_arrival(
-    robot: Robot, messages: list[Arrived], late: str, days: int
-) -> None:
+def test_a_stream_that_starts_late_by_another_clock_goes_by_its_arrival(robot, messages, late):
     start = messages[0].arrival + 4 * 10**9
     sent = [one for one in messages if late not in one.topic or one.arrival > start]
     sound = live_run(robot, sent)[-1]
@@ -206,20 +203,19 @@ def test_a_stream_that_starts_late_by_another_clock_goes_by_its_arrival(
     for one in sent:
         message = deepcopy(one.message)
         if late in one.topic:
-            message.header.stamp.sec += days * 86_400
+            message.header.stamp.sec -= 100 * DAY
         moved.append(one._replace(message=message))
     last = live_run(robot, moved)[-1]
     assert last.pose == pytest.approx(sound.pose, abs=1e-6)
     assert last.map_pose == pytest.approx(sound.map_pose, abs=1e-6)
 
 
-@pytest.mark.parametrize("by", [3e8])
-def test_the_clock_of_messages_without_stamps_may_be_set(robot, messages, by):
+def test_the_clock_of_messages_without_stamps_may_be_set(robot, messages):
     """That of the system, which stamps their arrival; the steady one goes on."""
     sound = live_run(robot, messages)[-1]
     live, estimates = LiveOdometry(robot, VARIANT, settings=SETTINGS), []
     for one in map(without_stamp, messages):
-        ahead = round(by * 1e9) if one.arrival - messages[0].arrival > 4 * 10**9 else 0
+        ahead = 3 * 10**17 if one.arrival - messages[0].arrival > 4 * 10**9 else 0
         topic, steady = subscriptions(live)[one.topic], one.arrival
         estimates += live.take(topic, one.msgtype, one.message, steady + ahead, steady)
     last = estimates[-1]
@@ -239,14 +235,10 @@ def test_a_saved_run_starts_warm(robot: Robot, messages: list[Arrived], tmp_path
     assert warm.odom.parameters == live.map.estimator.parameters
 
 
-def _truncated(content: bytes) -> bytes:
-    return content[: len(content) // 2]
-
-
 @pytest.mark.parametrize(
     "damage",
     [
-        _truncated,
+        lambda content: content[: len(content) // 2],
         lambda _: b"",
         lambda _: b"\x00\xff{]",
         lambda content: content.replace(b'"version": %d' % VERSION, b'"version": 11'),
