@@ -120,7 +120,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             "rad/s",
             f"{ratio:.0f} times the tracks' turning",
             f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s",
-            'the driver\'s unit, or rate_unit = "deg/s" in [log.imu] for fields of a message',
+            'rate_unit = "deg/s" in [log.imu]',
             _in_radians,
             Measured(ratio, "-", 1.0),
         )

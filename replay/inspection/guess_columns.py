@@ -159,15 +159,8 @@ def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
 
 def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
     def ending(*words: str) -> str | None:
-        return next(
-            (
-                name
-                for name in names
-                for word in words
-                if re.search(rf"(?:^|[_.]){word}$", name.lower())
-            ),
-            None,
-        )
+        pattern = re.compile(rf"(?:^|[_.])(?:{'|'.join(words)})$")
+        return next((name for name in names if pattern.search(name.lower())), None)
 
     x, y, yaw = ending("x"), ending("y"), ending("yaw", "heading", "theta")
     return PoseColumns(x=x, y=y, yaw=yaw, time=time) if x and y else None

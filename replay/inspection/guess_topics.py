@@ -164,15 +164,9 @@ def _fixes(samples: Mapping[str, Sample]) -> FixTopic | None:
 
 
 def _truth(samples: Mapping[str, Sample], tracks: TrackTopic | None) -> TruthTopic | None:
-    def first(*msgtypes: str) -> str | None:
+    def first(*types: str) -> str | None:
         return next(
-            (
-                topic
-                for kind in msgtypes
-                for topic, sample in samples.items()
-                if sample.msgtype == kind
-            ),
-            None,
+            (name for kind in types for name, one in samples.items() if one.msgtype == kind), None
         )
 
     topic = first(POSE, POSE_WITH_COVARIANCE, ODOMETRY, NAVSATFIX)

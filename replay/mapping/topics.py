@@ -95,8 +95,8 @@ class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         topic: name; sensor_msgs/Imu, or any other type if `angular_velocity` names its fields.
         angular_velocity: fields of x, y and z, or of z alone, as "gyro.z" or "data[0]"; empty for Imu.
         linear_acceleration: fields of x, y and z (specific force); empty for none, and for Imu.
-        rate_unit: unit of these fields of the angular velocity.
-        acceleration_unit: unit of these fields of the acceleration.
+        rate_unit: unit of the angular velocity.
+        acceleration_unit: unit of the acceleration.
         time: clock of the stamps.
         latency: latency of the stamps, subtracted from them [s].
     """
@@ -292,7 +292,7 @@ def writable_topics(own: TopicMap) -> TopicMap:
     # Written stamps have no latency, and written speeds are as they are.
     full = TopicMap(
         _in_time(msgspec.structs.replace(tracks, held="keep")),
-        _in_time(own.imu or DEFAULT_TOPICS.imu),
+        ImuTopic(own.imu.topic, time=own.imu.time) if own.imu else DEFAULT_TOPICS.imu,
         _in_time(fixes),
         _in_time(truth),
     )

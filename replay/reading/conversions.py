@@ -20,6 +20,8 @@ from icreckon.replay.bags.message_types import ODOMETRY, TWIST
 from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
 from icreckon.replay.mapping.track_units import ADDS_UP, metres
+from icreckon.replay.reading.message_rows import imu_row
+from icreckon.replay.reading.stream import RowReader
 
 STANDARD_GRAVITY = 9.80665
 """Acceleration of a unit g [m/s²]."""
@@ -34,7 +36,7 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
         spec: names and units.
         values: (n, k) values in the order of angular_velocity, linear_acceleration.
     """
-    axes = len(spec.angular_velocity)
+    axes = len(spec.angular_velocity) or 3
     rates, forces = values[:, :axes], values[:, axes:]
     if axes == 1:
         rates = np.column_stack([np.zeros_like(rates), np.zeros_like(rates), rates])
@@ -45,6 +47,13 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
     elif spec.acceleration_unit == "g":
         forces = forces * STANDARD_GRAVITY
     return np.column_stack([rates, forces])
+
+
+def imu_reader(spec: ImuTopic) -> RowReader:
+    """Reader of sensor_msgs/Imu in the units of the mapping."""
+    if spec.rate_unit == "rad/s" and spec.acceleration_unit == "m/s2":
+        return imu_row
+    return lambda message: tuple(imu_rows(spec, np.array([imu_row(message)]))[0].tolist())
 
 
 def pose_names(spec: FixTopic | PoseColumns) -> list[str]:

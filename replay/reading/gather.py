@@ -19,12 +19,11 @@ from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.field_paths import FieldReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
-from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
+from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_names, pose_rows
 from icreckon.replay.reading.message_rows import (
     GEODETIC_READERS,
     HEADING_READERS,
     POSE_READERS,
-    imu_row,
     track_readers,
     twist_row,
 )
@@ -228,13 +227,11 @@ def wanted_streams(
             speeds.any_reader = FieldReader((*tracks.left, *tracks.right), None)
         yield speeds
     if imu := mapping.imu:
-        if imu.angular_velocity:
-            by_field = stream("imu", imu.topic, imu.time, {})
-            names = (*imu.angular_velocity, *imu.linear_acceleration)
-            by_field.any_reader = FieldReader(names, partial(imu_rows, imu))
-            yield by_field
-        else:
-            yield stream("imu", imu.topic, imu.time, {IMU: imu_row})
+        names = (*imu.angular_velocity, *imu.linear_acceleration)
+        of_imu = stream("imu", imu.topic, imu.time, {} if names else {IMU: imu_reader(imu)})
+        if names:
+            of_imu.any_reader = FieldReader(names, partial(imu_rows, imu))
+        yield of_imu
     if fixes := mapping.fixes:
         yield _poses("fixes", fixes, source, definitions)
     if heading := mapping.heading:

@@ -1,0 +1,81 @@
+"""Logs with names, units and signs that the package did not choose."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bag_messages import imu, joints, pose_stamped, robot_with, write_bag
+from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
+from icreckon.replay.inspection.inspect import inspect
+from icreckon.replay.reading.read_log import read_log
+
+START, STEP = 1_700_000_000_000_000_000, 50_000_000
+SECONDS = np.arange(0.0, 60.0, 0.05)
+TURN = 0.6 * np.sin(0.4 * SECONDS)
+SPEED = np.where(SECONDS > 5.0, 0.5 + 0.2 * np.sin(1.3 * SECONDS), 0.0)
+TURN[SECONDS <= 5.0] = 0.0
+RADIUS, TRACK = 0.2, 0.9
+LEFT, RIGHT = ((SPEED + side * 0.5 * TRACK * TURN) / RADIUS for side in (-1.0, 1.0))
+YAW = np.cumsum(TURN) * 0.05
+NAMES = ("mast", "m3", "m1", "m4", "m2")
+
+
+def bag(path: Path, *, sign: float = 1.0, rate: float = 1.0, force: float = 1.0) -> Path:
+    """Four wheels under names that show no side, an IMU, and the true poses."""
+    messages: list[tuple[str, object]] = []
+    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
+    for k in range(len(SECONDS)):
+        stamp = START + k * STEP
+        wheels = (0.0, RIGHT[k], LEFT[k], sign * RIGHT[k], LEFT[k])
+        messages.append(("/motors", joints(stamp, wheels, NAMES)))
+        turn, up = (0.0, 0.0, rate * TURN[k]), (0.0, force * SPEED[k] * TURN[k], force * 9.80665)
+        messages.append(("/imu", imu(stamp, turn, up)))
+        q = (0.0, 0.0, float(np.sin(YAW[k] / 2)), float(np.cos(YAW[k] / 2)))
+        messages.append(("/slam", pose_stamped(stamp, x=float(x[k]), y=float(y[k]), q=q)))
+    return write_bag(path, messages)
+
+
+def proposed_with(log: Path, robot: Path) -> dict:
+    """A second proposal, with what a person filled in."""
+    text = inspect(log, sizes=filled_in_sizes(robot)).proposed_robot_file
+    return tomllib.loads(with_filled_in(text, robot)[0])
+
+
+WHEELS = """
+[log.tracks]
+topic = "/motors"
+left = ["m1", "m2"]
+right = ["m3", "m4"]
+"""
+
+
+def test_streams_that_were_filled_in_are_those_that_are_inspected(tmp_path: Path) -> None:
+    log, robot = bag(tmp_path / "bag"), tmp_path / "robot.toml"
+    first = inspect(log)
+    assert np.isnan(tomllib.loads(first.proposed_robot_file)["vehicle"]["sprocket_radius"])
+    text = first.proposed_robot_file.replace("[log.fixes]", "[log.truth]")
+    text = text.replace("track_gauge = nan", "track_gauge = 0.6")
+    text = text.replace("position_sigma = 0.05", "# ")
+    robot.write_text(text + WHEELS, encoding="utf-8")
+    found = proposed_with(log, robot)
+    assert found["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
+    assert found["indices"]["eta0"] == pytest.approx(TRACK / 0.6, rel=0.01)
+    assert found["vehicle"]["track_gauge"] == 0.6
+    assert found["log"]["truth"] == {"topic": "/slam"}
+    assert "fixes" not in found["log"]
+
+
+def test_an_imu_message_in_degrees_and_g(tmp_path: Path) -> None:
+    log = bag(tmp_path / "bag", rate=180.0 / np.pi, force=1.0 / 9.80665)
+    found = inspect(log)
+    units = {"rate_unit": "deg/s", "acceleration_unit": "g"}
+    assert tomllib.loads(found.proposed_robot_file)["log"]["imu"] == {"topic": "/imu", **units}
+    assert not [text for text in found.findings if "suspicious" in text]
+    tracks = tomllib.loads(WHEELS)["log"]["tracks"]
+    read = read_log(log, robot_with(tracks=tracks, imu={"topic": "/imu", **units})).imu
+    assert read is not None
+    assert read.linear_acceleration is not None
+    np.testing.assert_allclose(read.angular_velocity[:, 2], TURN, atol=1e-12)
+    np.testing.assert_allclose(read.linear_acceleration[:, 2], 9.80665)
