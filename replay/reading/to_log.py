@@ -138,10 +138,9 @@ class _Assembly:
             stream.lose("stamp is days from most others", int(far.sum()))
             stamps, rows = stamps[~far], rows[~far]
         for begin, end in self._overlaid:
-            if stream.purpose in OVERLAID:
-                inside = (stamps >= begin) & (stamps <= end)
-                stream.lose("two times one over the other", int(inside.sum()))
-                stamps, rows = stamps[~inside], rows[~inside]
+            inside = (stamps >= begin) & (stamps <= end)
+            stream.lose("of a time that occurs twice", int(inside.sum()))
+            stamps, rows = stamps[~inside], rows[~inside]
         spec = None if stream.purpose.startswith("truth ") else self._spec(stream)
         late = 0 if spec is None else round(spec.latency / NANOSECOND)
         return stamps - late, rows.reshape(-1, width)

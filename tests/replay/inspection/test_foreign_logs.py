@@ -24,7 +24,7 @@ NAMES = ("mast", "m3", "m1", "m4", "m2")
 
 def bag(path: Path, *, sign: float = 1.0, rate: float = 1.0, force: float = 1.0) -> Path:
     """Four wheels under names that show no side, an IMU, and the true poses."""
-    messages: list[tuple[str, object]] = []
+    messages = []
     x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
     for k in range(len(SECONDS)):
         stamp = START + k * STEP
@@ -79,3 +79,20 @@ def test_an_imu_message_in_degrees_and_g(tmp_path: Path) -> None:
     assert read.linear_acceleration is not None
     np.testing.assert_allclose(read.angular_velocity[:, 2], TURN, atol=1e-12)
     np.testing.assert_allclose(read.linear_acceleration[:, 2], 9.80665)
+
+
+def test_a_clock_set_back_takes_the_truth_with_it(tmp_path: Path) -> None:
+    """The same 6 s of the recorder's clock hold two parts of the drive, of the truth as well."""
+    messages = []
+    for k in range(len(SECONDS)):
+        stamp = START + (k if k < 600 else k - 120) * STEP
+        messages.append(("/motors", joints(stamp, (LEFT[k], RIGHT[k]))))
+        messages.append(("/imu", imu(stamp, (0.0, 0.0, TURN[k]))))
+        messages.append(("/slam", pose_stamped(stamp, x=float(k))))
+    tracks = {"topic": "/motors", "left": ["l"], "right": ["r"]}
+    robot = robot_with(tracks=tracks, imu={"topic": "/imu"}, truth={"topic": "/slam"})
+    messages.sort(key=lambda one: (one[1].header.stamp.sec, one[1].header.stamp.nanosec))
+    log = read_log(write_bag(tmp_path / "bag", messages), robot)
+    assert log.truth is not None
+    assert (np.diff(log.truth.poses.poses[:, 0]) > 0.0).all()
+    assert log.dropped["truth: of a time that occurs twice"] >= 240
