@@ -93,23 +93,24 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         )
         return
     correlation = turning_correlation(log.tracks, log.imu, vertical)
+    shown = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
+    found = Check("sense of turning", "left is positive", shown)
     if correlation is None or abs(correlation) < CLEAR_TURNING:
-        shown = (
-            "nothing turns" if correlation is None else f"correlation {correlation:.2f}: unclear"
-        )
-        off = []
-        if (tracks := mapped_tracks(robot)) is not None and not tracks.left:
+        found = replace(found, in_log=shown if correlation is None else f"{shown}: unclear")
+        tracks = mapped_tracks(robot)
+        if tracks is not None and not tracks.left:
             gauge = tracks.gauge or robot.vehicle.track_gauge
-            off = turning_suspicion(log, vertical, gauge)
-        yield Check(
-            "sense of turning",
-            "left is positive",
-            shown,
-            off[0] if off else "",
-            "look at the odometry's yaw rate; gauge in [log.tracks] is that of its controller"
-            if off
-            else "",
-        )
+            if off := turning_suspicion(log, vertical, gauge):
+                remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
+                found = found.contradicted(off[0], remedy)
+        elif (reversed_side := _reversed_side(log, vertical)) is not None:
+            side, signs = reversed_side
+            found = found.contradicted(
+                f"the {side} side counts backward: the robot turns as the sum of both sides",
+                f'a minus before the names of {side} in [log.tracks], as "-motor"',
+                with_speeds(lambda speeds: speeds * signs),
+            )
+        yield found
         return
     turned = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
     difference = float(turned.std()) / effective_track(robot)
@@ -124,19 +125,19 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             _in_radians,
             Measured(ratio, "-", 1.0),
         )
-    measured = Measured(correlation, "-", 1.0)
+    found = replace(found, measured=Measured(correlation, "-", 1.0))
     backward = _drives_backward(log)
     if correlation > 0.0 and not backward:
-        shown = f"correlation {correlation:.2f}"
-        yield Check("sense of turning", "left is positive", shown, measured=measured)
+        yield found
         return
+    minus = 'with a minus before each name, as "-motor"'
     if correlation > 0.0:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
-        remedy = "exchange left and right in [log.tracks], and the sign of both sides in the driver"
+        remedy = f"exchange left and right in [log.tracks], {minus}"
         mend = with_speeds(lambda speeds: -speeds[:, ::-1])
     elif backward or (backward is None and _accelerates_backward(log, robot, vertical)):
         text = "both tracks count backward: they turn the other way than the gyro"
-        remedy = "the sign of both sides, in the driver"
+        remedy = f"left and right in [log.tracks] {minus}"
         mend = with_speeds(lambda speeds: -speeds)
         if backward is None:
             text += " and accelerate the other way than the IMU"
@@ -145,15 +146,18 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         text = "left and right are swapped: the tracks turn the other way than the gyro"
         remedy = "exchange left and right in [log.tracks] (or the gyro's z axis points down)"
         mend = with_speeds(lambda speeds: speeds[:, ::-1].copy())
-    yield Check(
-        "sense of turning",
-        "left is positive",
-        f"correlation {correlation:.2f}",
-        text,
-        remedy,
-        mend,
-        measured,
-    )
+    yield found.contradicted(text, remedy, mend)
+
+
+def _reversed_side(log: Log, vertical: Floats) -> tuple[str, Floats] | None:
+    """Side that counts backward, and the signs (2,) that mend it; None if unclear."""
+    assert log.imu is not None  # noqa: S101 - checked by the caller
+    signs = np.array([1.0, -1.0])
+    mirrored = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * signs)
+    by_sum = turning_correlation(mirrored, log.imu, vertical)
+    if by_sum is None or abs(by_sum) < CLEAR_TURNING:
+        return None
+    return ("right", signs) if by_sum > 0.0 else ("left", -signs)
 
 
 def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:

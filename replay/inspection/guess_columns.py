@@ -111,9 +111,9 @@ def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
         return None
     column = left[0].lower()
     if re.search("count|tick|enc", column):
-        return TrackColumns(left, right, "counts", counts_per_turn=1.0, time=time)
+        return TrackColumns(left=left, right=right, unit="counts", counts_per_turn=1.0, time=time)
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
-    return TrackColumns(left, right, unit, time=time)
+    return TrackColumns(left=left, right=right, unit=unit, time=time)
 
 
 def _is_bare(name: str) -> bool:

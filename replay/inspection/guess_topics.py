@@ -107,7 +107,7 @@ def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
         for names in (*named, together):
             left, right = sides(names)
             if left and right:
-                return TrackTopic(topic, left, right)
+                return TrackTopic(topic, left=left, right=right)
     candidates = [
         topic
         for topic, sample in samples.items()

@@ -23,6 +23,7 @@ from icreckon.replay.mapping.track_units import ADDS_UP, metres
 from icreckon.replay.reading.message_rows import imu_row
 from icreckon.replay.reading.stream import RowReader
 
+RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
 STANDARD_GRAVITY = 9.80665
 """Acceleration of a unit g [m/s²]."""
 NO_HEADING_VARIANCE = 1e3
@@ -75,7 +76,7 @@ def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Flo
     if spec.latitude and spec.longitude:
         altitude = values[spec.altitude] if spec.altitude else unknown
         return np.column_stack([values[spec.latitude], values[spec.longitude], altitude, variance])
-    yaw = values[spec.yaw] if spec.yaw else unknown
+    yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
     yaw_variance = np.full(count, spec.heading_sigma**2 if spec.heading_sigma else np.nan)
     return np.column_stack(
         [
@@ -128,7 +129,7 @@ def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:
 
 def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
     """Length of a row of `message_rows.track_readers`, or of a table."""
-    return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.left) + len(mapped.right)
+    return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.names)
 
 
 def track_values(
@@ -140,7 +141,7 @@ def track_values(
         return speeds_of_twist(rows, vehicle.track_gauge if own is None else own)
     factor = metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
-    return TrackValues(rows * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)
+    return TrackValues(rows * mapped.signs * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)
 
 
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:

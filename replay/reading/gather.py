@@ -221,10 +221,10 @@ def wanted_streams(
         return Stream(purpose, topic, source, time, readers, definitions=definitions)
 
     if tracks := mapping.tracks:
-        readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
+        readers = track_readers(tracks.names, tracks.unit in ADDS_UP)
         speeds = stream("tracks", tracks.topic, tracks.time, readers)
         if tracks.left and types.get(tracks.topic) not in readers:
-            speeds.any_reader = FieldReader((*tracks.left, *tracks.right), None)
+            speeds.any_reader = FieldReader(tracks.names, None)
         yield speeds
     if imu := mapping.imu:
         names = (*imu.angular_velocity, *imu.linear_acceleration)
@@ -241,7 +241,7 @@ def wanted_streams(
         if truth.twist:
             yield stream("truth twist", truth.twist, truth.time, {TWIST: twist_row})
         if truth.tracks and tracks:
-            readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
+            readers = track_readers(tracks.names, tracks.unit in ADDS_UP)
             joints = {JOINT_STATE: readers[JOINT_STATE]}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from bag_messages import imu, joints, pose_stamped, robot_with, write_bag
+from icreckon.replay.checking.robot_check import check_robot
+from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.reading.read_log import read_log
@@ -79,6 +81,30 @@ def test_an_imu_message_in_degrees_and_g(tmp_path: Path) -> None:
     assert read.linear_acceleration is not None
     np.testing.assert_allclose(read.angular_velocity[:, 2], TURN, atol=1e-12)
     np.testing.assert_allclose(read.linear_acceleration[:, 2], 9.80665)
+
+
+def test_a_wheel_that_counts_backward_is_named_with_a_minus(tmp_path: Path) -> None:
+    log = bag(tmp_path / "bag", sign=-1.0)
+    as_it_is = tomllib.loads(WHEELS)["log"]["tracks"]
+    read = read_log(log, robot_with(tracks=as_it_is))
+    assert 'turn opposite ways: name a reversed one "-m4"' in str(read.notes)
+    mended = as_it_is | {"right": ["m3", "-m4"]}
+    read = read_log(log, robot_with(tracks=mended))
+    np.testing.assert_allclose(read.tracks.speeds, 0.5 * np.column_stack([LEFT, RIGHT]))
+    written = write_log(read, tmp_path / "written", "mcap", robot_with(tracks=mended))
+    again = read_log(written, robot_with(tracks=mended))
+    np.testing.assert_allclose(again.tracks.speeds, read.tracks.speeds)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_side_that_counts_backward_is_found(tmp_path: Path, side: str) -> None:
+    tracks = {"topic": "/motors", "left": ["m1"], "right": ["m3"]}
+    tracks[side] = ["-m1" if side == "left" else "-m3"]
+    robot = robot_with(tracks=tracks, imu={"topic": "/imu"}, truth={"topic": "/slam"})
+    checks = check_robot(read_log(bag(tmp_path / "bag"), robot), robot)
+    found = next(one for one in checks if one.name == "sense of turning")
+    assert found.problem.startswith(f"the {side} side counts backward")
+    assert f"minus before the names of {side}" in found.remedy
 
 
 def test_a_clock_set_back_takes_the_truth_with_it(tmp_path: Path) -> None:
