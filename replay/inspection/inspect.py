@@ -190,6 +190,7 @@ def inspect(
         mapping=mapping,
         mounting=mounting,
         findings=(
+            *(() if has_tracks(mapping) else (_no_tracks(surveys.values()),)),
             *_findings(log, mapping, mounting, estimates, clocks, latencies),
             *_of_rates(track),
             *_of_bias(bias),
@@ -354,6 +355,16 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicRe
         )
 
 
+def _no_tracks(surveys: Iterable[Survey]) -> str:
+    states = [one for survey in surveys for one in survey.messages if hasattr(one, "velocity")]
+    joints = ", ".join(dict.fromkeys(name for one in states for name in one.name))
+    return (
+        "no track speeds: nothing here looks like them, and without them nothing can be replayed; name "
+        "joints, fields or columns in [log.tracks] or [log.columns.tracks] of the robot file, and "
+        f"inspect again with --overwrite{joints and f'; joints here are {joints}'}"
+    )
+
+
 def _findings(
     log: Log | None,
     mapping: TopicMap,
@@ -366,11 +377,6 @@ def _findings(
         clock = "header stamps" if choice.clock == "header" else "time of recording"
         if not mapping.columns or getattr(mapping, purpose, None) is not None:
             yield f"{purpose}: {clock}; {choice.reason}"
-    if not has_tracks(mapping):
-        yield (
-            "no track speeds: nothing here looks like them, and without them nothing can be replayed; "
-            "where messages of another type hold them, name topic and fields in [log.tracks]"
-        )
     if log is None:
         return
     fault = None

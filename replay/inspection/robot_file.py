@@ -30,7 +30,7 @@ USUAL_DIFFERENCE_SIGMA = 0.02
 STANDING_BIAS_SIGMA = 0.002
 """Standard deviation of a gyro bias that a standstill has shown, for other logs [rad/s]."""
 FILL_IN = "# not in the log: fill in"
-CHECKED = ("unit", "wrap", "rate_unit", "acceleration_unit")
+CHECKED = ("unit", "wrap", "rate_unit", "acceleration_unit", "yaw_unit")
 """Keys that are guessed from names and sizes."""
 MARGIN = 1.2
 """Highest speed of a robot over the fastest in a log [-]."""
@@ -395,10 +395,12 @@ def columns_text(
         if spec is None:
             continue
         lines += ["", f"[log.columns.{purpose}]"]
-        own = {"latency", "held", "wander_sigma", "wander_time"}
+        own = {"latency", "held", "wander_sigma", "wander_time", "position_sigma" if wander else ""}
         for name in spec.__struct_fields__:
             value = getattr(spec, name)
-            if value in (None, (), "") or name in own or (name == "position_sigma" and wander):
+            if value in (None, (), "", (0.0, 0.0)) or name in own:
+                continue
+            if name == "yaw_unit" and not spec.yaw:
                 continue
             text = "nan" if name == "counts_per_turn" else toml_value(value)
             filled = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""

@@ -85,6 +85,7 @@ def test_an_imu_message_in_degrees_and_g(tmp_path: Path) -> None:
 
 def test_a_wheel_that_counts_backward_is_named_with_a_minus(tmp_path: Path) -> None:
     log = bag(tmp_path / "bag", sign=-1.0)
+    assert "joints here are mast, m3, m1, m4, m2" in str(inspect(log).findings)
     as_it_is = tomllib.loads(WHEELS)["log"]["tracks"]
     read = read_log(log, robot_with(tracks=as_it_is))
     assert 'turn opposite ways: name a reversed one "-m4"' in str(read.notes)
@@ -122,3 +123,50 @@ def test_a_clock_set_back_takes_the_truth_with_it(tmp_path: Path) -> None:
     assert log.truth is not None
     assert (np.diff(log.truth.poses.poses[:, 0]) > 0.0).all()
     assert log.dropped["truth: of a time that occurs twice"] >= 240
+
+
+def table(path: Path, names: str, *, ticks: bool = False) -> Path:
+    """German numbers: ms; rpm or counts of 16 bits; deg/s; g; m and deg of the truth."""
+    none = np.zeros_like(SECONDS)
+    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
+    wheels = [60.0 / (2.0 * np.pi) * one for one in (LEFT, RIGHT)]
+    if ticks:
+        turns = [np.cumsum(one) * 0.05 / (2.0 * np.pi) for one in (LEFT, RIGHT)]
+        wheels = [np.floor(8192.0 * one) % 65536.0 - 32768.0 for one in turns]
+    forces = [none, SPEED * TURN / 9.80665, none + 1.0]
+    columns = [1e3 * SECONDS, *wheels, none, none, np.degrees(TURN), *forces, x, y, np.degrees(YAW)]
+    rows = (";".join(f"{one:.6f}" for one in row) for row in np.column_stack(columns))
+    path.write_text("\n".join([names, *(row.replace(".", ",") for row in rows)]), encoding="utf-8")
+    return path
+
+
+GYRO, FORCE = "gyro x [°/s];gyro y [°/s];gyro z [°/s]", "acc x [g];acc y [g];acc z [g]"
+REST = f"{GYRO};{FORCE};true x [m];true y [m];true yaw [°]"
+
+
+def test_names_with_units_in_brackets(tmp_path: Path) -> None:
+    names = f"Time [ms];left speed [U/min];right speed [U/min];{REST}"
+    proposed = tomllib.loads(inspect(table(tmp_path / "own.csv", names)).proposed_robot_file)
+    columns = proposed["log"]["columns"]
+    assert (columns["time"], columns["time_unit"]) == ("Time [ms]", "ms")
+    assert columns["tracks"]["unit"] == "rpm"
+    assert (columns["imu"]["rate_unit"], columns["imu"]["acceleration_unit"]) == ("deg/s", "g")
+    assert (columns["truth"]["yaw"], columns["truth"]["yaw_unit"]) == ("true yaw [°]", "deg")
+    assert proposed["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
+    assert proposed["vehicle"]["track_gauge"] == pytest.approx(TRACK, rel=0.01)
+
+
+def test_counters_of_16_bits(tmp_path: Path) -> None:
+    log, robot = (
+        table(tmp_path / "own.csv", f"t [ms];enc_l;enc_r;{REST}", ticks=True),
+        tmp_path / "own.toml",
+    )
+    text = inspect(log).proposed_robot_file
+    assert tomllib.loads(text)["log"]["columns"]["tracks"]["wrap"] == 65536.0
+    marked = with_filled_in(text, robot)[0]
+    robot.write_text(
+        marked.replace("counts_per_turn = nan", "counts_per_turn = 8192.0"), encoding="utf-8"
+    )
+    vehicle = proposed_with(log, robot)["vehicle"]
+    assert vehicle["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
+    assert vehicle["max_track_speed"] == pytest.approx(1.2 * RADIUS * RIGHT.max(), rel=0.1)
