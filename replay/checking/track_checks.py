@@ -26,6 +26,7 @@ from icreckon.replay.checking.check import (
     in_base,
     in_rates_of,
     mapped_tracks,
+    tracks_table,
     with_speeds,
 )
 from icreckon.replay.checking.measured import (
@@ -43,6 +44,7 @@ from icreckon.replay.inspection.imu_mounting import (
 )
 from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.inspection.wheels import DEGREES, turning_suspicion
+from icreckon.replay.mapping.topics import TrackTopic
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
 # the distance by as much.
@@ -98,7 +100,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     if correlation is None or abs(correlation) < CLEAR_TURNING:
         found = replace(found, in_log=shown if correlation is None else f"{shown}: unclear")
         tracks = mapped_tracks(robot)
-        if tracks is not None and not tracks.left:
+        if isinstance(tracks, TrackTopic) and not tracks.left:
             gauge = tracks.gauge or robot.vehicle.track_gauge
             if off := turning_suspicion(log, vertical, gauge):
                 remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
@@ -223,9 +225,9 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
 
     yield found.contradicted(
         f"track speeds are stamped {abs(by):.2f} s {word} against the gyro, ± {late.sigma:.3f} s",
-        f"add {by:+.2f} to latency in [log.tracks]",
+        f"add {by:+.2f} to latency in [{tracks_table(robot)}]",
         shifted,
-        {"log.tracks.latency": round(of_file + by, 2)},
+        {f"{tracks_table(robot)}.latency": round(of_file + by, 2)},
     )
 
 
@@ -233,11 +235,11 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     """Scale of the track speeds, by truth, fixes or the accelerometer."""
     if log.imu is None or not are_usable(log.tracks):
         return
-    least, found = LEAST_SCALE, measured_scale(log, robot)
-    if found is None:
-        least, found = LEAST_IN_BENDS, measured_scale(log, robot, bends=True)
-    if found is not None:
-        ratio, sigma, source = found
+    least, seen = LEAST_SCALE, measured_scale(log, robot)
+    if seen is None:
+        least, seen = LEAST_IN_BENDS, measured_scale(log, robot, bends=True)
+    if seen is not None:
+        ratio, sigma, source = seen
     elif (by_force := _scale_by_force(log, robot)) is not None:
         ratio, sigma, source, least = *by_force, "accelerometer", SCALE_BY_FORCE
     else:
@@ -245,51 +247,38 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         return
     if source != "accelerometer":
         least = max(least, SIGMAS * robot.tracks.scale_sigma)
-    measured = Measured(ratio, "-", 1.0, sigma)
     error = "" if sigma is None else f" ± {sigma:.3f}"
     shown = f"{ratio:.3f}{error}, {source} over tracks"
     if sigma is None:
         shown += " (too few straight stretches to tell its error)"
+    table, name, of_file = "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
+    if not in_rates_of(robot) and (tracks := mapped_tracks(robot)) is not None:
+        table, name, of_file = tracks_table(robot), "scale", tracks.scale
+    value = float(f"{ratio * of_file:.4g}")
+    found = Check(SCALE, "1", shown, measured=Measured(ratio, "-", 1.0, sigma))
     if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
-        yield Check(
-            SCALE,
-            "1",
-            shown,
+        yield found.contradicted(
             f"the {source} moves {ratio:.3g} times as far as the tracks: one of them shows no motion, or "
             "they are in units that nobody uses",
             "look at both; a receiver without a fix may repeat one position",
-            measured=measured,
         )
         return
     if abs(ratio - 1.0) <= max(least, SIGMAS * (sigma or 0.0)) and 0.5 < ratio < 2.0:
         if abs(ratio - 1.0) > LEAST_SCALE:
-            shown += f"; counts from {least:.0%} on"
-            if in_rates_of(robot):
-                shown += (
-                    f", sprocket_radius = {ratio * robot.vehicle.sprocket_radius:.3g} would fit"
-                )
-        yield Check(SCALE, "1", shown, measured=measured)
+            shown += f"; counts from {least:.0%} on, {name} = {value:.3g} would fit"
+        yield replace(found, in_log=shown)
         return
+    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
     if source == "accelerometer":
         text = (
             f"accelerations are {ratio:.3g}{error} times the changes of the track speeds (suspensions "
             "explain 1.2)"
         )
-    else:
-        text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
-    radius = f"{ratio * robot.vehicle.sprocket_radius:.4g}"
-    by_radius = in_rates_of(robot)
-    yield Check(
-        SCALE,
-        "1",
-        shown,
+    yield found.contradicted(
         text,
-        f"sprocket_radius = {radius} in [vehicle]"
-        if by_radius
-        else "the unit of the speeds in [log], or the driver's wheel radius",
+        f"{name} = {value:g} in [{table}]",
         with_speeds(lambda speeds: ratio * speeds),
-        measured,
-        {"vehicle.sprocket_radius": float(radius)} if by_radius else {},
+        {f"{table}.{name}": value},
     )
 
 

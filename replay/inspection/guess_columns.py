@@ -145,7 +145,8 @@ def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
     if not rates:
         return None
     unit: RateUnit = "deg/s" if any(map(_in_degrees, rates)) else "rad/s"
-    return ImuColumns(rates, forces if len(forces) == 3 else (), unit, time=time)
+    forces = forces if len(forces) == 3 else ()
+    return ImuColumns(angular_velocity=rates, linear_acceleration=forces, rate_unit=unit, time=time)
 
 
 def _in_degrees(name: str) -> bool:

@@ -323,11 +323,9 @@ def _look_through(
         found, remarks = over_bag(path, read)
         notes += remarks
         for survey in found:
-            name = (survey.channel.topic, survey.channel.msgtype)
-            if name in surveys:
-                surveys[name].extend(survey)
-            else:
-                surveys[name] = survey
+            one = surveys.setdefault((survey.channel.topic, survey.channel.msgtype), survey)
+            if one is not survey:
+                one.extend(survey)
     return surveys, notes, tables
 
 

@@ -395,7 +395,8 @@ def columns_text(
         if spec is None:
             continue
         lines += ["", f"[log.columns.{purpose}]"]
-        own = {"latency", "held", "wander_sigma", "wander_time", "position_sigma" if wander else ""}
+        own = {"latency", "scale", "held", "wander_sigma", "wander_time"}
+        own |= {"position_sigma"} if wander else set()
         for name in spec.__struct_fields__:
             value = getattr(spec, name)
             if value in (None, (), "", (0.0, 0.0)) or name in own:

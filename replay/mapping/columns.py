@@ -32,18 +32,6 @@ AccelerationUnit = Literal["m/s2", "g"]
 NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}
 
 
-def check_axes(rates: tuple[str, ...], forces: tuple[str, ...], what: str) -> None:
-    """Refuse names of an IMU's axes that are not all there.
-
-    Raises:
-        ValueError: a number of names that is not allowed.
-    """
-    if len(rates) not in (1, 3):
-        raise ValueError(f"angular_velocity must name three {what}, or that of z alone")
-    if len(forces) not in (0, 3):
-        raise ValueError(f"linear_acceleration must name three {what}, or none")
-
-
 class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Keys of track speeds in messages and tables.
 
@@ -54,6 +42,7 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         unit: their unit; of JointState a cumulative one ("counts", "rad", ...) is that of the positions.
         counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
         wrap: range of the counter, in `unit`; None if it does not wrap.
+        scale: true speed over that of the log, also of speeds in m/s, for which no radius is used [-].
         held: treatment of values that the log repeats until the next: "auto" interpolates them if they
             are repeated regularly, "interpolate" always, "keep" never.
         latency: latency of the stamps, subtracted from them [s].
@@ -64,6 +53,7 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     unit: TrackUnit = "rad/s"
     counts_per_turn: Positive | None = None
     wrap: Positive | None = None
+    scale: Positive = 1.0
     held: Held = "keep"
     latency: Latency = 0.0
 
@@ -99,28 +89,51 @@ class TrackColumns(TrackKeys, frozen=True, kw_only=True):
         super().__post_init__()
 
 
-class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Columns of the IMU, in its own axes.
+class ImuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Keys of an IMU in messages and tables, in its own axes.
 
     Attributes:
-        angular_velocity: columns of x, y and z, or of z alone.
-        linear_acceleration: columns of x, y and z (specific force); empty for none.
+        angular_velocity: fields or columns of x, y and z, or of z alone, as "gyro.z" or "data[0]"; empty
+            for Imu.
+        linear_acceleration: those of x, y and z (specific force); empty for none, and for Imu.
         rate_unit: unit of the angular velocity.
         acceleration_unit: unit of the acceleration.
-        time: column of their time, if other than the map's.
         latency: latency of the stamps, subtracted from them [s].
     """
 
-    angular_velocity: tuple[str, ...]
+    angular_velocity: tuple[str, ...] = ()
     linear_acceleration: tuple[str, ...] = ()
     rate_unit: RateUnit = "rad/s"
     acceleration_unit: AccelerationUnit = "m/s2"
-    time: str | None = None
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        check_axes(self.angular_velocity, self.linear_acceleration, "columns")
+
+    def check_axes(self, what: str) -> None:
+        """Refuse names of axes that are not all there.
+
+        Raises:
+            ValueError: a number of names that is not allowed.
+        """
+        if len(self.angular_velocity) not in (1, 3):
+            raise ValueError(f"angular_velocity must name three {what}, or that of z alone")
+        if len(self.linear_acceleration) not in (0, 3):
+            raise ValueError(f"linear_acceleration must name three {what}, or none")
+
+
+class ImuColumns(ImuKeys, frozen=True, kw_only=True):
+    """Columns of the IMU.
+
+    Attributes:
+        time: column of their time, if other than the map's.
+    """
+
+    time: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_axes("columns")
 
 
 class PoseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

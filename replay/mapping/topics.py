@@ -15,14 +15,7 @@ from icreckon.estimator.base.checks import Bound, Bounded, Latency, Positive, ch
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.columns import (
-    AccelerationUnit,
-    ColumnMap,
-    PoseKeys,
-    RateUnit,
-    TrackKeys,
-    check_axes,
-)
+from icreckon.replay.mapping.columns import ColumnMap, ImuKeys, PoseKeys, TrackKeys
 from icreckon.replay.mapping.geodesy import check_origin
 
 Clock = Literal["auto", "header", "recording"]
@@ -58,31 +51,21 @@ class TrackTopic(TrackKeys, frozen=True):
         super().__post_init__()
 
 
-class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ImuTopic(ImuKeys, frozen=True):
     """The topic of the IMU.
 
     Attributes:
         topic: name; sensor_msgs/Imu, or any other type if `angular_velocity` names its fields.
-        angular_velocity: fields of x, y and z, or of z alone, as "gyro.z" or "data[0]"; empty for Imu.
-        linear_acceleration: fields of x, y and z (specific force); empty for none, and for Imu.
-        rate_unit: unit of the angular velocity.
-        acceleration_unit: unit of the acceleration.
         time: clock of the stamps.
-        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
-    angular_velocity: tuple[str, ...] = ()
-    linear_acceleration: tuple[str, ...] = ()
-    rate_unit: RateUnit = "rad/s"
-    acceleration_unit: AccelerationUnit = "m/s2"
     time: Clock = "auto"
-    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if self.angular_velocity or self.linear_acceleration:
-            check_axes(self.angular_velocity, self.linear_acceleration, "fields")
+            self.check_axes("fields")
 
 
 class FixTopic(PoseKeys, frozen=True):
@@ -226,7 +209,9 @@ def writable_topics(own: TopicMap) -> TopicMap:
     # Written stamps have no latency, and written speeds are as they are.
     left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
     full = TopicMap(
-        msgspec.structs.replace(tracks, held="keep", latency=0.0, left=left, right=right),
+        msgspec.structs.replace(
+            tracks, held="keep", latency=0.0, scale=1.0, left=left, right=right
+        ),
         ImuTopic(own.imu.topic, time=own.imu.time) if own.imu else DEFAULT_TOPICS.imu,
         fixes and msgspec.structs.replace(fixes, latency=0.0),
         truth,

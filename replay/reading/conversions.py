@@ -138,8 +138,8 @@ def track_values(
     """Convert the rows of `message_rows.track_readers`, or of a table."""
     if msgtype in (ODOMETRY, TWIST):
         own = mapped.gauge if isinstance(mapped, TrackTopic) else None
-        return speeds_of_twist(rows, vehicle.track_gauge if own is None else own)
-    factor = metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
+        return speeds_of_twist(rows * mapped.scale, vehicle.track_gauge if own is None else own)
+    factor = mapped.scale * metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
     return TrackValues(rows * mapped.signs * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)
 

@@ -111,10 +111,8 @@ def gather(
         for name, count in part.found.items():
             result.found[name] = result.found.get(name, 0) + count
         for purpose, stream in part.streams.items():
-            if purpose in result.streams:
-                result.streams[purpose].extend(stream)
-            else:
-                result.streams[purpose] = stream
+            if (one := result.streams.setdefault(purpose, stream)) is not stream:
+                one.extend(stream)
     _check_all_there(result, bags, paths)
     if bags:
         result.notes += _left_out(result)

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_messages import imu, joints, pose_stamped, robot_with, write_bag
+from bag_messages import imu, joints, odometry, pose_stamped, robot_with, write_bag
+from icreckon.replay.checking.check import SCALE
 from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
@@ -170,3 +171,25 @@ def test_counters_of_16_bits(tmp_path: Path) -> None:
     vehicle = proposed_with(log, robot)["vehicle"]
     assert vehicle["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
     assert vehicle["max_track_speed"] == pytest.approx(1.2 * RADIUS * RIGHT.max(), rel=0.1)
+
+
+def test_the_scale_of_an_odometry_has_a_place(tmp_path: Path) -> None:
+    """A controller whose wheels are 10 % too large."""
+    messages = []
+    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
+    for k in range(len(SECONDS)):
+        stamp = START + k * STEP
+        messages.append(("/odom", odometry(stamp, SPEED[k] / 0.9, TURN[k] / 0.9)))
+        messages.append(("/imu", imu(stamp, (0.0, 0.0, TURN[k]))))
+        q = (0.0, 0.0, float(np.sin(YAW[k] / 2)), float(np.cos(YAW[k] / 2)))
+        messages.append(("/slam", pose_stamped(stamp, x=float(x[k]), y=float(y[k]), q=q)))
+    log = write_bag(tmp_path / "bag", messages)
+    streams = {"imu": {"topic": "/imu"}, "truth": {"topic": "/slam"}}
+    robot = robot_with(tracks={"topic": "/odom", "gauge": TRACK}, **streams)
+    found = next(one for one in check_robot(read_log(log, robot), robot) if one.name == SCALE)
+    scale = found.settings["log.tracks.scale"]
+    assert scale == pytest.approx(0.9, rel=0.01)
+    assert found.remedy == f"scale = {scale:g} in [log.tracks]"
+    robot = robot_with(tracks={"topic": "/odom", "gauge": TRACK, "scale": 0.9}, **streams)
+    speeds = 0.2 * np.column_stack([LEFT, RIGHT])
+    np.testing.assert_allclose(read_log(log, robot).tracks.speeds, speeds, atol=1e-12)
