@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from bag_messages import imu, joints, odometry, pose_stamped, robot_with, write_bag
+from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.replay.checking.check import SCALE
 from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
+from icreckon.replay.inspection.imu_mounting import standstill
 from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.reading.read_log import read_log
 
@@ -193,3 +195,13 @@ def test_the_scale_of_an_odometry_has_a_place(tmp_path: Path) -> None:
     robot = robot_with(tracks={"topic": "/odom", "gauge": TRACK, "scale": 0.9}, **streams)
     speeds = 0.2 * np.column_stack([LEFT, RIGHT])
     np.testing.assert_allclose(read_log(log, robot).tracks.speeds, speeds, atol=1e-12)
+
+
+def test_a_spike_makes_no_standstill() -> None:
+    """A counter that wraps unnoticed: nearly all speeds are small against its jump."""
+    speeds = 0.2 * np.column_stack([LEFT, RIGHT])
+    speeds[400] = 500.0
+    stamps = START + STEP * np.arange(len(SECONDS))
+    still = standstill(TrackSpeedSeries(stamps, speeds), stamps)
+    assert not still[SECONDS > 5.0].any()
+    assert still[SECONDS < 4.0].mean() > 0.8
