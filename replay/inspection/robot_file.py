@@ -236,7 +236,9 @@ def _imu(mounting: Mounting | None, log: Log | None, found: GyroBias | None) -> 
             f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
         ]
     else:
-        lines.append("# Gyro bias: no standstill of 2 s, and driving shows none.")
+        none = "no standstill of 2 s, and driving shows none"
+        seen = log is not None and len(log.tracks.stamps)
+        lines.append(f"# Gyro bias: {none if seen else 'no track speeds to find a standstill by'}.")
     if mounting.gyro_noise_density:
         lines.append(
             f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
@@ -353,7 +355,8 @@ def _log(
         errors = wander
         if fixes.position_sigma is not None and not wander:
             errors = [f"position_sigma = {fixes.position_sigma}    {FILL_IN} (m)"]
-        lines += table("fixes", fixes.topic, *errors)
+        hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
+        lines += table("fixes", fixes.topic, hint, *errors)
     if heading := mapping.heading:
         sigma = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
         offset = f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
