@@ -44,6 +44,7 @@ LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_){short}({long})?(_deg)?$")
     for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
 )
+UNIT = re.compile(r"_(?:dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
     ("rpm", "rpm"),
     ("/min", "rpm"),
@@ -80,8 +81,8 @@ def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
 
 
 def _plain(name: str) -> str:
-    """Lower-case name without a unit in brackets, as acc_x of `Acc x [m/s²]`."""
-    return re.sub(r"\W+", "_", re.sub(r"[\[(].*", "", name.lower()).strip())
+    """Lower-case name without its unit, as acc_x of `Acc x [m/s²]` and `acc_x_g`."""
+    return UNIT.sub("", re.sub(r"\W+", "_", re.sub(r"[\[(].*", "", name.lower()).strip()))
 
 
 def _time_column(table: Table) -> str | None:
@@ -140,7 +141,7 @@ def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
 
 def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
     # Bare x, y and z are a position rather than rates.
-    named = [name for name in names if len(name) > 1]
+    named = [name for name in names if len(_plain(name)) > 1]
     rates, forces = _axes(named, GYRO), _axes(named, ACCELEROMETER)
     if not rates:
         return None

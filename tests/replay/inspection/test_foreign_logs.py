@@ -159,6 +159,19 @@ def test_names_with_units_in_brackets(tmp_path: Path) -> None:
     assert proposed["vehicle"]["track_gauge"] == pytest.approx(TRACK, rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [("imu_gyro_{}_dps", True), ("{} [m]", False), ("{}_m", False), ("pos_{}_m", False)],
+)
+def test_a_gyro_is_told_from_a_position(tmp_path: Path, names: str, found: bool) -> None:
+    gyro = ";".join(names.format(axis) for axis in "xyz")
+    names = f"t_ms;left_rpm;right_rpm;{gyro};{REST.removeprefix(GYRO + ';')}"
+    path = table(tmp_path / "own.csv", names)
+    columns = tomllib.loads(inspect(path).proposed_robot_file)["log"]["columns"]
+    assert columns["time"] == "t_ms"
+    assert ("imu" in columns) == found
+
+
 def test_counters_of_16_bits(tmp_path: Path) -> None:
     log, robot = (
         table(tmp_path / "own.csv", f"t [ms];enc_l;enc_r;{REST}", ticks=True),
