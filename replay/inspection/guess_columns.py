@@ -57,13 +57,13 @@ SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
 
 
-def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
+def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap | None:
     """Guess the columns of each stream; return None if no column looks like a time.
 
     Columns of the truth are those of `is_truth`, or their table is. Columns of commands
-    are skipped.
+    are skipped. That of the time may be known.
     """
-    times = [_time_column(table) for table in tables]
+    times = [_time_column(table, time_column) for table in tables]
     if not times or None in times:
         return None
     time, unit = str(times[0]), _time_unit(tables[0], str(times[0]))
@@ -85,12 +85,12 @@ def _plain(name: str) -> str:
     return UNIT.sub("", re.sub(r"\W+", "_", re.sub(r"[\[(].*", "", name.lower()).strip()))
 
 
-def _time_column(table: Table) -> str | None:
+def _time_column(table: Table, known: str) -> str | None:
     names = [column.name for column in table.columns]
     dates = [column.name for column in table.columns if column.kind.startswith("timestamp")]
     exact = [name for name in names if TIME.match(_plain(name))]
     likely = [name for name in names if TIME_WORDS.search(_plain(name))]
-    return next(iter([*exact, *dates, *likely]), None)
+    return known if known in names else next(iter([*exact, *dates, *likely]), None)
 
 
 def _time_unit(table: Table, name: str) -> TimeUnit:

@@ -136,7 +136,8 @@ def inspect(
     reports = {survey.channel.topic: survey.report() for survey in surveys.values()}
     mapping = _guessed(surveys.values())
     if tables:
-        mapping = replace(mapping, columns=guess_columns(tables))
+        time_column = str(sizes.log.get("columns", {}).get("time", ""))
+        mapping = replace(mapping, columns=guess_columns(tables, time_column))
         if mapping.columns is None:
             notes.append("not all tables have a column that looks like a time: none is proposed")
     mapping = _with_own(mapping, sizes.log)

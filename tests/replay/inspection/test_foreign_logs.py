@@ -172,6 +172,18 @@ def test_a_gyro_is_told_from_a_position(tmp_path: Path, names: str, found: bool)
     assert ("imu" in columns) == found
 
 
+def test_a_time_in_another_language_is_all_that_is_filled_in(tmp_path: Path) -> None:
+    log, robot = (
+        table(tmp_path / "own.csv", f"Zeit;left_rpm;right_rpm;{REST}"),
+        tmp_path / "own.toml",
+    )
+    assert "log" not in tomllib.loads(inspect(log).proposed_robot_file)
+    robot.write_text('[log.columns]\ntime = "Zeit"\ntime_unit = "ms"\n', encoding="utf-8")
+    found = proposed_with(log, robot)
+    assert {"tracks", "imu", "truth"} <= set(found["log"]["columns"])
+    assert found["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
+
+
 def test_counters_of_16_bits(tmp_path: Path) -> None:
     log, robot = (
         table(tmp_path / "own.csv", f"t [ms];enc_l;enc_r;{REST}", ticks=True),
