@@ -111,16 +111,13 @@ class Survey:
 
     def report(self) -> TopicReport:
         """Compute the statistics of the topic."""
-        spaced = spacing(np.array(self.recorded, dtype=np.int64))
         return TopicReport(
             topic=self.channel.topic,
             msgtype=self.channel.msgtype,
             frame_id=self.frame_id,
             count=len(self.recorded),
-            mean_rate=spaced.mean_rate,
-            largest_gap=spaced.largest_gap,
-            gaps=spaced.gaps,
             clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,
+            **spacing(np.array(self.recorded, dtype=np.int64))._asdict(),
         )
 
 

@@ -22,9 +22,7 @@ from icreckon.replay.bags.message_types import (
 from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, UnusableError
 
 
-def track_readers(
-    left: Sequence[str], right: Sequence[str], positions: bool = False
-) -> dict[str, RowReader]:
+def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, RowReader]:
     """Build the row readers of track speeds, by message type.
 
     Returns:
@@ -33,8 +31,8 @@ def track_readers(
         [rad/s].
     """
     readers: dict[str, RowReader] = {ODOMETRY: _odometry_speeds, TWIST: _twist_speeds}
-    if left and right:
-        readers[JOINT_STATE] = JointReader(left, right, positions)
+    if joints:
+        readers[JOINT_STATE] = JointReader(joints, positions)
     return readers
 
 
@@ -49,10 +47,10 @@ class JointReader:
         positions: whether positions are used instead of velocities.
     """
 
-    def __init__(self, left: Sequence[str], right: Sequence[str], positions: bool = False) -> None:
+    def __init__(self, joints: Sequence[str], positions: bool = False) -> None:
         self.seen: set[str] = set()
         self.positions = positions
-        self.joints = (*left, *right)
+        self.joints = joints
         self._places: dict[tuple[str, ...], dict[str, int]] = {}
 
     def __call__(self, message: Any) -> Row | None:  # noqa: D102

@@ -278,7 +278,7 @@ def test_what_is_missing_is_no_error(log: Log, missing: str):
 
 
 def test_streams_that_the_file_leaves_out():
-    tracks = TrackTopic("/joint_states", ("l",), ("r",))
+    tracks = TrackTopic("/joint_states", left=("l",), right=("r",))
     guessed = TopicMap(tracks, ImuTopic("/imu"), FixTopic("/fix"))
     hints = topics_left_out(guessed, MAPPED)
     assert len(hints) == 2
