@@ -27,12 +27,9 @@ RESULTS = "benchmarks/scoreboard.json"
 CHEAPEST_FIRST = (
     "broken_input",
     "wander",
-    "consistency_friction",
-    "study_table",
     "drift_summary",
     "demo_runs",
     "long_run",
-    "drift_ratios",
     "accuracy",
     "three_dimensions",
     "peers",

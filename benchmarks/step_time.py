@@ -1,23 +1,26 @@
-"""Time of one step of the streaming filter, beside filterpy's plain EKF of the same size.
+"""Time of one step of the filter, streaming and in C, next to filterpy's plain EKF of the same size.
 
 A step is a track-speed sample and an IMU sample (gyro and accelerometer), fed from a simulated drive, one
 by one or as arrays. Of arrays the newest second (`Settings.history`) is fed one by one, so their time
 depends on the length of the drive, which is ten minutes.
 
 The plain EKF does the same algebra (a prediction and two scalar updates with as many states) without any
-motion model, gate or bookkeeping. It and both engines of the filter are timed in turn, and the best of
-several runs counts, in processor time: what else the machine does makes a run longer, never shorter. With
---cold, it also tells how long the compiled engine takes when it is used for the first time, and in a
-later process.
+motion model, gate or bookkeeping. "C" is what `icreckon export` writes, in double precision, built with
+$CC and $CFLAGS (gcc -O2); without a compiler it is left out. All are timed in turn, and the
+best of several runs counts, in processor time: what else the machine does makes a run longer, never
+shorter. With --cold, it also prints how long the compiled engine takes when it is used for the first
+time, and in a later process.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -26,10 +29,11 @@ from filterpy.kalman import ExtendedKalmanFilter
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.batch.feed_arrays import feed_arrays
+from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import VARIANTS
+from icreckon.estimator.robot.variants import VARIANTS, find_variant
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
@@ -50,6 +54,32 @@ for stamp in (0, 20_000_000, 40_000_000):
     estimator.feed(icreckon.PositionFix(stamp, 0.0, 0.0, 0.01))
 estimator.twist
 print(time.perf_counter() - begin)
+"""
+# Feeds lines of standard input (stamp, track speeds, angular velocity, specific force); prints the time
+# of a line [µs].
+FEEDER = """
+#include <stdio.h>
+#include <time.h>
+#include "icreckon_filter.h"
+static icr_filter filter;
+static long long stamps[100000];
+static double rows[100000][8];
+int main(void) {
+    int n = 0, got = 9;
+    while (n < 100000 && got == 9) {
+        double *r = rows[n];
+        got = scanf("%lld%lf%lf%lf%lf", &stamps[n], r, r + 1, r + 2, r + 3);
+        got += scanf("%lf%lf%lf%lf", r + 4, r + 5, r + 6, r + 7);
+        n += got == 9;
+    }
+    icr_init(&filter);
+    clock_t begin = clock();
+    for (int k = 0; k < n; k++) {
+        icr_tracks(&filter, stamps[k], rows[k][0], rows[k][1]);
+        icr_imu(&filter, stamps[k], rows[k] + 2, rows[k] + 5);
+    }
+    printf("%g", 1e6 * (double)(clock() - begin) / CLOCKS_PER_SEC / n);
+}
 """
 
 
@@ -73,6 +103,33 @@ def array_microseconds(log: Log, robot: Robot, variant: str) -> float:
     begin = time.process_time()
     feed_arrays(estimator, log.tracks, log.imu)
     return 1e6 * (time.process_time() - begin) / len(log.imu.stamps)
+
+
+def feeder(robot: Robot, variant: str, folder: Path) -> list[str] | None:
+    """Command that times the filter in C, compiled in a folder; None without a compiler."""
+    compiler = shutil.which(os.environ.get("CC", "gcc"))
+    if compiler is None:
+        return None
+    files = filter_in_c(robot, find_variant(variant), bits=64, imu_rate=RATE).files
+    for name, text in {**files, "feeder.c": FEEDER}.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    flags = os.environ.get("CFLAGS", "-O2").split()
+    made = ["-o", variant, "feeder.c", "icreckon_filter.c", "-lm"]
+    subprocess.run([compiler, *flags, *made], cwd=folder, check=True)
+    return [str(folder / variant)]
+
+
+def c_microseconds(log: Log, command: list[str]) -> float:
+    """Mean time of a step of the filter in C [µs]."""
+    imu = log.imu
+    if imu is None or imu.linear_acceleration is None:
+        raise ValueError("the log has no IMU")
+    rows = np.column_stack([log.tracks.speeds, imu.angular_velocity, imu.linear_acceleration])
+    lines = zip(imu.stamps.tolist(), rows.tolist(), strict=True)
+    text = "\n".join(" ".join(map(str, [stamp, *row])) for stamp, row in lines)
+    return float(
+        subprocess.run(command, input=text, capture_output=True, text=True, check=True).stdout
+    )
 
 
 def plain_microseconds(steps: int) -> float:
@@ -117,16 +174,20 @@ def main() -> None:
     bare = {engine: Settings(engine=engine, history=0.0) for engine in ENGINES}
     rows = [(variant, variant, settings) for variant in VARIANTS]
     rows.append(("inertia-online, no history", "inertia-online", bare))
-    columns_of = ("plain, x filterpy", "compiled", "arrays")
+    columns_of = ("plain, x filterpy", "compiled", "arrays", "C")
+    folder = tempfile.TemporaryDirectory()
+    in_c = {variant: feeder(robot, variant, Path(folder.name)) for variant in VARIANTS}
     print(f"{'':29s} {'filterpy':>9s}  " + "  ".join(f"{name:>17s}" for name in columns_of))
     for name, variant, of_engine in rows:
-        plain, best = np.inf, dict.fromkeys((*ENGINES, "arrays"), np.inf)
+        plain, best = np.inf, dict.fromkeys((*ENGINES, "arrays", "C"), np.inf)
         for _ in range(arguments.repeat):
             plain = min(plain, plain_microseconds(3000))
             for engine, of_log in zip(ENGINES, (short_log, log), strict=True):
                 ours = filter_microseconds(of_log, robot, variant, of_engine[engine])
                 best[engine] = min(best[engine], ours)
             best["arrays"] = min(best["arrays"], array_microseconds(long_log, robot, variant))
+            if (command := in_c[variant]) is not None:
+                best["C"] = min(best["C"], c_microseconds(long_log, command))
         columns = (f"{one:6.1f} µs, x {one / plain:4.2f}" for one in best.values())
         print(f"{name:29s} {plain:6.1f} µs  " + "  ".join(columns), flush=True)
     if arguments.cold:

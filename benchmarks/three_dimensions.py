@@ -12,7 +12,8 @@ the specific force, time constant 2 s: the best of 2, 8 and 30 s on the hills. B
 the gyros by the first rest. Hills: 120 s of random driving, `--runs` runs of each of four robots. Roll
 and pitch: RMS error after 10 s. Drift of the height after 30 s over the distance [%]: mean over all
 segments, with a 95 % interval by runs. Height at the end: RMS error over the distance. NEES: that of the
-height at the end. The truth of the Warthog is levelled for each estimator by its own mean vertical.
+height at the end. The truth of the Warthog is levelled for each estimator by its own mean vertical, in
+the map and in the axes of the robot.
 """
 
 from __future__ import annotations

@@ -56,8 +56,8 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             the truth's default [-].
         track_lag: time constant of the tracks behind their commands; None for the truth's default [s].
         terrain: shape of the ground of the whole run.
-        patches: ground that differs along the way.
-        payloads: loads along the way.
+        patches: ground that differs along the path.
+        payloads: loads along the path.
         track_rate: track-speed samples per second [Hz].
         imu_rate: IMU samples per second [Hz].
         truth_rate: true poses, twists and track speeds per second [Hz].

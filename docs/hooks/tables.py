@@ -79,10 +79,10 @@ def rows(heads: tuple[str, ...], body: list[tuple[str, ...]]) -> str:
 
 
 def descriptions(kind: type) -> dict[str, str]:
-    """Text of each attribute in the docstrings of a type and of those that it extends."""
+    """Text of each attribute in the docstring of a type."""
     found = {}
-    for one in kind.__mro__:
-        _, _, listed = inspect.cleandoc(one.__doc__ or "").partition("Attributes:\n")
+    for of in reversed(kind.__mro__):
+        _, _, listed = inspect.cleandoc(of.__doc__ or "").partition("Attributes:\n")
         listed = re.split(r"\n\n?(?=\S)", listed)[0]
         found |= dict(re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", listed, flags=re.MULTILINE))
     return {name: " ".join(text.split()) for name, text in found.items()}

@@ -10,12 +10,12 @@ from uuid import uuid4
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file beside its place, and move it there.
+    """Write a file next to its place, and move it there.
 
     It has the mode of the file that it replaces. A symbolic link stays: what it points to is replaced.
 
     Raises:
-        OSError: the file cannot be written; nothing is left beside its place.
+        OSError: the file cannot be written; nothing is left next to its place.
     """
     path = Path(os.path.realpath(path))
     beside = path.with_name(f"{path.name}.{uuid4().hex}.tmp")

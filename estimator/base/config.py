@@ -50,7 +50,7 @@ def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
         raise error(f"{path}: cannot be read: {problem}") from None
     except UnicodeDecodeError:
         raise error(
-            f"{path}: cannot be read: it is not UTF-8; `iconv -f latin1 -t utf-8` mends that"
+            f"{path}: cannot be read: it is not UTF-8; `iconv -f latin1 -t utf-8` converts it"
         ) from None
     try:
         return tomllib.loads(text)

@@ -126,7 +126,7 @@ class FrontEnd:
         self._measured = measured._replace(track_stamps=since_first[0], fix_stamps=since_first[1])
         lanes, imu = len(measured.tracks), measured.imu_stamps
         oldest = np.searchsorted(imu, imu - settings.duration_ns)
-        # Twice as many as count at most, so that the buffers seldom have to be moved.
+        # Twice as many as count at most, so that the buffers rarely have to be moved.
         room = 2 * (int((np.arange(len(imu)) - oldest).max(initial=0)) + 3)
         start = FilterRecord(settings)
         early = imu[imu < measured.track_stamps[0]]

@@ -96,6 +96,6 @@ def run_many(
 
 
 def _tick_stamps(imu: Stamps, every: float) -> Stamps:
-    """Stamps of the first IMU sample in each interval of so many seconds [ns]."""
+    """Stamps of the first IMU sample in each interval of the given seconds [ns]."""
     wanted = np.arange(imu[0], imu[-1] + 1, max(1, int(every / NANOSECOND)))
     return np.asarray(imu[np.unique(np.searchsorted(imu, wanted))])

@@ -90,7 +90,7 @@ class Fit:
         """Find parameters whose start, the robot file's value, the logs do not contradict.
 
         Beginning with the one that is the most standard errors off, parameters are left out until chance
-        explains how far the others are off, each by itself and all together (Wald's test at 1 %).
+        explains how far the others are off, each alone and all together (Wald's test at 1 %).
 
         Args:
             names: names of parameters; held ones do not count.

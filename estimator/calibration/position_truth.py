@@ -44,7 +44,7 @@ def with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     remark = (
         f"{log.name}: the headings of the truth {fault}; they were found from the path of tracks and "
         f"gyro, ± {math.degrees(found.sigma):.1f}°. Sideslip looks like a heading then: zeta0, zeta1, "
-        "y_ICR and the difference of the radii are less certain than they say. Of the gyro such headings "
+        "y_ICR and the difference of the radii are less certain than stated. Of the gyro such headings "
         "show nothing: its scale and bias are by the tracks and the positions"
     )
     # Twists of such a truth are not used.

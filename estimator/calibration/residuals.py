@@ -30,7 +30,7 @@ BINS = 6
 ROWS = FORCE + 2 * BINS
 ORIGIN = ("zeta0", "epsilon0")
 """Parameters of models that place base_link in the robot. If neither the truth's lever arm nor the IMU's
-position does so, they are unobservable beside the lever arm, and are held."""
+position does so, they are unobservable next to the lever arm, and are held."""
 OF_TRACKS = ("scale", "difference", "track_latency")
 """Parameters of the track speeds: scale, difference of the radii (right less left), latency."""
 SIDES = np.array([-0.5, 0.5])

@@ -21,7 +21,7 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 # NumPy types by number of bits.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
 # Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
-# so much that they are those of another motion.
+# so far that they are those of another motion.
 REGRESSOR_SMOOTHING = 0.05
 PER_STEP, SMOOTHING = len(STEP_CONSTANTS), STEP_CONSTANTS.index("smoothing")
 # Alignment of arrays: length of the widest registers, and of a line of the cache [bytes].

@@ -35,7 +35,7 @@ from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, traced
 from icreckon.estimator.tracing.trace import select
 
-# Up to this angle [rad] a series of so many terms is exact to rounding.
+# Up to this angle [rad] a series of this many terms is exact to rounding.
 SERIES_TO, TERMS = 0.5, 8
 # From the paper's axes: forward is its second, left minus its first.
 PAPER_AXIS = (1, 0, 2)

@@ -176,7 +176,7 @@ class Step:
         return model.slip_at(*self.smooth, self.slip, gauge, lane.eta, self.pushed, factor)
 
     def draw_fast_slip(self) -> None:
-        """Draw the fast slip anew, independent of all states, and smooth the regressors."""
+        """Draw a new fast slip, independent of all states, and smooth the regressors."""
         lane, now = self.lane, self.model
         smoothing = lane.constant("smoothing")
         for axis, row in enumerate(now.rows):

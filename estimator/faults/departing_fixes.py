@@ -20,7 +20,7 @@ from icreckon.estimator.base.choices import select
 # Time of rejected fixes that depart from the path after which they are followed, and least number of
 # them before [s].
 DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
-# Farthest departure over the way, and standard deviations beside it.
+# Farthest departure over the distance, and standard deviations to a side of it.
 DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
 # Fastest turn of the path that a wrong gyro explains [rad/s].
 FASTEST_TURN = 0.2
@@ -52,7 +52,7 @@ class Shown(NamedTuple):
     """Standard deviations of the errors that a departure indicates, with signs.
 
     Attributes:
-        along: error of the position along the way, in x and y [m].
+        along: error of the position along the path, in x and y [m].
         slip: with it, that of the slip of v_x [m/s].
         beside: error of the position to a side, in x and y [m].
         yaw: with it, that of a yaw that was off from the begin on [rad].

@@ -1,4 +1,4 @@
-"""Faults of the gyro that it shows by itself: jumps, repeats, clipping.
+"""Faults of the gyro that its own readings show: jumps, repeats, clipping.
 
 A vehicle's yaw rate does not jump further between two samples than friction can turn it. After such a
 jump readings are not used until they jump back, or agree with the turning of the tracks. A gyro that is
@@ -22,7 +22,7 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 
 WORKS, JUMPED, REPEATS, BEYOND = range(4)
-# Least jump between two samples [rad/s]: this much, what friction can turn (`InputSettings`), or so many
+# Least jump between two samples [rad/s]: this, what friction can turn (`InputSettings`), or this many
 # times the mean change; and that mean before it is known.
 LEAST_JUMP, MEAN_CHANGES, AT_START = 0.5, 8.0, 0.15
 # Time over which the changes are averaged [s], and most that a change counts, over their mean.
@@ -33,7 +33,7 @@ LONGEST_INTERVAL = 0.1
 # jumped along by this share, and a distance from it of less than this share for so long [s].
 BACK, AGREES = 0.4, 0.5
 # Changes of the reading that have shown how long the gyro repeats itself, and least number of changes of
-# the tracks' turning over equal readings that is a fault: this, and so many times the most so far.
+# the tracks' turning over equal readings that is a fault: this, and this multiple of the most so far.
 LEARNT, LEAST_REPEATS, UNUSUAL = 200, 5, 4
 # Share of the range from which on a reading is clipped.
 FULL_SCALE = 0.995

@@ -32,12 +32,12 @@ NO_WHEEL = -1
 # Distance of two wheels of a side that is more than control and tyres explain: this much [m/s], or this
 # share of the fastest speed.
 LEAST_APART, OF_FASTEST = 0.15, 0.1
-# Way by which wheels must have disagreed to be reported [m], and time of agreement that ends it [s].
+# Distance by which wheels must have disagreed to be reported [m], and time of agreement that ends it [s].
 LEAST_WAY, OVER = 0.1, 0.2
 # The gyro decides between two speeds if one is as near to that which it shows as this share of their
 # distance, the error of the latter included.
 NEAR = 0.3
-# That error: so many standard deviations of the robot's bends, at least this share of the difference of
+# That error: this many standard deviations of the robot's bends, at least this share of the difference of
 # the sides; and before bends have shown how the robot turns, for each rad/s [m].
 SIGMAS, LEAST_SHARE, UNKNOWN_WIDTH = 3.0, 0.15, 2.0
 
@@ -53,7 +53,7 @@ class WheelsRecord(msgspec.Struct):
         apart: distance of that wheel from the speed of the side, or else of the two speeds that are
             possible from their mean [m/s].
         doubt: standard deviation of the side's speed, because it is not certain which is right [m/s].
-        way: way by which the wheels have disagreed [m].
+        way: distance by which the wheels have disagreed [m].
         samples: number of samples in which they did.
         times: number of times that they were found to disagree.
     """
@@ -93,7 +93,7 @@ def middle_of(mean: float, wheels: Wheels, limit: float) -> Middle:
 
     Args:
         mean: mean of its wheels [m/s].
-        wheels: speeds of the wheels [m/s]; fewer than two say nothing.
+        wheels: speeds of the wheels [m/s]; fewer than two show nothing.
         limit: least distance of two that disagree [m/s].
     """
     if len(wheels) < 2:
@@ -165,7 +165,7 @@ def take_wheels(
 def turning_of(spin: SpinRecord, stamp: int) -> tuple[float, float]:
     """Difference of the sides by the gyro, right less left, and its error [m/s].
 
-    It is NaN if the gyro says nothing: it is silent, it fails, or a whole track spins.
+    It is NaN if the gyro shows nothing: it is silent, it fails, or a whole track spins.
     """
     is_recent = spin.stamp != NEVER and abs(stamp - spin.stamp) * NANOSECOND <= LONGEST
     if not is_recent or is_found(spin):

@@ -1,7 +1,7 @@
 """Receivers that repeat one position while the tracks drive on.
 
 A receiver that lost its signal, or a driver that sends the newest position again, gives one position with
-fresh stamps. A position that is measured anew differs from the one before, if only in its last digits.
+fresh stamps. A position that is measured again differs from the one before, if only in its last digits.
 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
@@ -13,11 +13,12 @@ import msgspec
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 
-# Way of the tracks from which on a position that repeats itself is not used [m]: at most this, since
+# Distance of the tracks from which on a position that repeats itself is not used [m]: at most this, since
 # receivers with four digits of a minute of arc resolve 0.19 m.
 MOST_DRIVEN = 0.3
-# After so many changes of position, at speeds above this [m/s], a receiver has shown over which way it
-# repeats one while it works. From so many times this on a position is not used, and at least this [m].
+# After this many changes of position, at speeds above this [m/s], a receiver has shown over which
+# distance it repeats one while it works. From this multiple of it on a position is not used, and at
+# least this [m].
 LEARNT, MOVING, UNUSUAL, LEAST_DRIVEN = 20, 0.1, 4.0, 0.1
 
 

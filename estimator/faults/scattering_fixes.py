@@ -1,13 +1,12 @@
 """Position fixes that scatter more than stated.
 
 Receivers state covariances that are wrong by factors of ten and more. From one fix to the next, dead
-reckoning is off by a few per cent of the way. So the newest fixes are laid over its path by the turn, the
-stretch and the shift of least squares, which take out a wrong heading and slip along the tracks. The
-residuals are noise of the fixes, if they are large both along the robot and across it: slip leaves more
-along, and a gyro's bias more across. A robot that slides down a slope leaves both, but goes on in one
-direction: successive differences of the residuals resemble each other, and their differences are small.
-Those of noise are not, nor those of an error that walks. Fixes that scatter far more than stated are
-used with the variance that they show.
+reckoning is off by a few per cent of the distance. So the newest fixes are aligned with its path by a
+turn, a stretch and a shift (least squares), which remove a wrong heading and slip along the tracks. The
+residuals are noise of the fixes if they are large both along the robot and across it: slip leaves larger
+ones along, a gyro's bias across. A robot that slides down a slope leaves both, but continues in one
+direction: successive differences of its residuals are alike. With noise, or an error that walks, they are
+not. Fixes that scatter far more than stated are used with the measured variance.
 
 An error that wanders is worse than a white one of the same size, since all fixes of a minute share it.
 Then residuals resemble those before them: the sum of squares of their differences is less than twice
@@ -30,15 +29,15 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 
-# Most and fewest fixes that are laid over the path, and time between two of them [s]: at first less, this
-# share of the time since the oldest.
+# Most and fewest fixes that are aligned with the path, and time between two of them [s]: at first less,
+# this share of the time since the oldest.
 MOST, FEWEST, APART, SHARE_APART = 16, 4, 0.9, 0.25
 # Number of fixes from which on the order of the residuals counts.
 IN_ORDER = 8
 # After a longer time without a fix, the path is no measure [s].
 LONGEST = 15.0
-# Error of the path from one fix to the next, as a share of it; after more than a second, of so many times
-# it as there are seconds.
+# Error of the path from one fix to the next, as a share of it; after more than a second, times the
+# number of seconds.
 OF_STEP = 0.08
 # Variance by the differences of residuals over what is expected, from which on fixes scatter, and from
 # which on they still do; of few fixes it must be larger.
@@ -62,7 +61,7 @@ KEPT, KEPT_TIME = 0.85, 20.0
 LEAST_WAY = 0.1
 
 
-# Room for the fixes that are laid over the path, and for those that wait.
+# Room for the fixes that are aligned with the path, and for those that wait.
 ROOM = MOST + ROW
 OfFixes = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
 OfStates = Annotated[list[float], msgspec.Meta(min_length=s.SIZE, max_length=s.SIZE)]
@@ -76,13 +75,13 @@ def no_fixes() -> list[float]:
 class ScatterRecord(msgspec.Struct):
     """Record of the scatter of the newest position fixes.
 
-    Fixes are in order, the oldest first: those that are laid over the path, then those that wait, since
-    the gate rejected them; a few of these are outliers.
+    Fixes are in order, the oldest first: the aligned ones, then those that wait, since the gate rejected
+    them; a few of these are outliers.
 
     Attributes:
         begin: stamp from which times count [ns].
         newest: stamp of the newest fix [ns], or NEVER.
-        laid: number of fixes that are laid over the path.
+        laid: number of fixes that are aligned with the path.
         waiting: number of those that wait.
         time: their times [ns].
         x: measured [m].
@@ -215,7 +214,7 @@ def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
 
 
 def begin_path(scatter: ScatterRecord, stamp: int) -> None:
-    """Begin the path anew at a stamp [ns], as after a gap."""
+    """Begin the path again at a stamp [ns], as after a gap."""
     scatter.begin, scatter.laid, scatter.waiting = stamp, 0, 0
     scatter.newest_x = scatter.newest_y = scatter.turn = scatter.interval = 0.0
     scatter.likeness = LIKENESS_AT_START
@@ -314,7 +313,7 @@ def part_scatters(
 
 
 def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
-    """Expected sums of squares of residuals of the fixes that are laid over the path.
+    """Expected sums of squares of residuals of the aligned fixes.
 
     Returns:
         Sum of squares of successive differences over that of squares, of white errors; the same of
@@ -348,7 +347,7 @@ def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
 
 
 class Spread(NamedTuple):
-    """Sums of squares of the residuals of fixes that are laid over the path.
+    """Sums of squares of the residuals of fixes that are aligned with the path.
 
     Attributes:
         along: sum of the squares of successive differences, along the robot [m²].
@@ -385,7 +384,7 @@ def is_beyond(found: Spread, stated: float, least: float) -> bool:
 
 
 def spread_of(scatter: ScatterRecord, begin: int, end: int, inside: bool) -> Spread:
-    """Spread of fixes about the path that is laid over them.
+    """Spread of fixes about the path that is aligned with them.
 
     Args:
         scatter: the record.

@@ -20,7 +20,7 @@ from icreckon.estimator.base.records import NEVER, Count, Interval, Size, Stamp
 
 # Time over which a difference of velocity is forgotten, and over which gravity is averaged [s].
 FORGETTING, GRAVITY_AVERAGING = 0.3, 2.0
-# Difference that is a slide: so much [m/s], or so many times the robot's own root mean square.
+# Difference that is a slide: this [m/s], or this multiple of the robot's own root mean square.
 LEAST_SPEED, SIGMAS = 0.7, 8.0
 # The robot's own root mean square before it is known [m/s], the time for which this counts, and the
 # longest over which it is averaged [s].

@@ -21,7 +21,7 @@ from icreckon.estimator.base.records import NEVER, Count, Flag, Size, Stamp
 
 LEFT, UNKNOWN, RIGHT = -1, 0, 1
 Side = Annotated[int, msgspec.Meta(ge=LEFT, le=RIGHT)]
-# What slip explains beyond the turning of the robot's own bends, as a share of it: so many standard
+# What slip explains beyond the turning of the robot's own bends, as a share of it: this many standard
 # deviations of its bends, at least, and at most below and above.
 SIGMAS, LEAST_SHARE, MOST_BELOW, MOST_ABOVE = 5.0, 0.15, 0.4, 0.7
 # The same once a track whose speed jumped is found: it goes on until the speeds agree well.
@@ -40,7 +40,7 @@ LIKELY_WAY, LEAST_WAY, OVER = 0.04, 0.1, 0.2
 MOST_ACCELERATION, OF_JUMP = 30.0, 0.5
 # A mismatch below this share of the one that counts is none, once a track spins.
 GONE = 0.5
-# Time over which the force to the left is averaged [s], and the least that tells of loads [m/s²].
+# Time over which the force to the left is averaged [s], and the least that indicates loads [m/s²].
 LOAD_AVERAGING, LEAST_FORCE = 0.5, 0.15
 # Time over which the error of the assumed speed, as large as the mismatch, is correlated [s].
 CORRELATION = 0.3
@@ -121,7 +121,7 @@ def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIG
 
 
 def learn_width(spin: SpinRecord, dt: float) -> None:
-    """Add a sample of ordinary driving, after so much time [s], to the robot's bends."""
+    """Add a sample of ordinary driving, after a time [s], to the robot's bends."""
     turned = abs(spin.rate) * dt
     kept = math.exp(-turned / MEMORY)
     spin.turned = kept * spin.turned + turned

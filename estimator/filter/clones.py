@@ -55,7 +55,7 @@ class RelativeMotion(NamedTuple):
 class Clones(msgspec.Struct, frozen=True):
     """Motion since each of m marks; immutable.
 
-    Each clone is computed by itself, with the same rounding whatever other clones there are.
+    Each clone is computed separately, with the same rounding whatever other clones there are.
 
     Attributes:
         stamps: stamps of the marks [ns].
@@ -78,7 +78,7 @@ class Clones(msgspec.Struct, frozen=True):
 
     @classmethod
     def none(cls, size: int = s.SIZE) -> Clones:
-        """Make an empty set, of a filter of so many states."""
+        """Make an empty set, of a filter with the given number of states."""
         return cls((), np.zeros((0, 3)), np.zeros((0, size)), np.zeros((0, 0)))
 
     def begun(self, stamp: int, motion: Floats, by_state: Floats, P: Floats) -> Clones:

@@ -336,7 +336,7 @@ def normalised_square(z: Floats, S: Floats) -> float:
     """Normalised innovation squared (NIS) of an innovation (n,) of covariance (n, n)."""
     if len(z) == 1:
         return z.item() * z.item() / S.item()
-    # The prediction alone may be singular, beside which a sharp measurement vanishes.
+    # The prediction alone may be singular, next to which a sharp measurement vanishes.
     return float(z @ np.linalg.solve(S + ROUNDING_SHARE * np.diag(S.diagonal()), z))
 
 

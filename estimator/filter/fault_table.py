@@ -222,7 +222,7 @@ FAULTS = (
     Fault(
         "spinning",
         "track speeds differ by more than the gyro and the robot's own bends explain",
-        "the speed of that track is replaced: that of the other one and the gyro's turning",
+        "the speed of that track is replaced by the speed of the other one and the gyro's turning",
         "faults/spinning_tracks.py",
         _spinning,
         lambda record: record.tracks.spin.times,

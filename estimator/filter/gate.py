@@ -41,7 +41,7 @@ IMU_PATIENCE = 0.1
 LONGEST_COUNTED = 1.0
 # Largest factor on the patience by the distance of a position.
 FAR = 6.0
-# Largest inflation, over the variance of the innovation: double precision would lose that beside more.
+# Largest inflation, over the variance of the innovation: double precision would lose that next to more.
 LARGEST_INFLATION = 1e10
 
 
@@ -138,7 +138,7 @@ class Gate:
     Args:
         degrees: number of components of the innovation.
         patience: time of rejections after which the next measurement is re-acquired [s].
-        counts: its counts; None to begin anew.
+        counts: its counts; None to start again.
 
     Attributes:
         threshold: threshold of the normalised innovation squared.

@@ -39,7 +39,7 @@ class SampleArrays(NamedTuple):
     forces: Floats
 
     def newest(self, tracks: int, imu: int) -> tuple[int, int]:
-        """Key of the last of so many track speeds and IMU samples, at least one."""
+        """Key of the last of a number of track speeds and IMU samples, at least one."""
         streams = (TrackSpeeds, self.track_stamps, tracks), (ImuSample, self.imu_stamps, imu)
         return max((int(at[count - 1]), RANKS[kind]) for kind, at, count in streams if count)
 
@@ -59,7 +59,7 @@ class SampleArrays(NamedTuple):
         return SampleArrays(*up_to), self.after(tracks, imu)
 
     def after(self, tracks: int, imu: int) -> SampleArrays:
-        """Samples without so many track speeds and IMU samples at the start."""
+        """Samples without a number of track speeds and IMU samples at the start."""
         left: Any = (*(one[tracks:] for one in self[:4]), *(one[imu:] for one in self[4:]))
         return SampleArrays(*left)
 

@@ -1,11 +1,11 @@
 """Factor on the slip, and scatter, by successive fixes.
 
-The innovations of a filter with the right slip are white: they do not know of each other. If the slip is
+The innovations of a filter with the right slip are white: they are uncorrelated. If the slip is
 larger than assumed, or the parameters are those of other ground, those of successive fixes point to the
 same side of the robot. Their weighted mean shows that long before the size of single ones does: an error
 of 2 cm/s is less than the noise of a fix, and the mean of five fixes is not.
 
-Errors of fixes that wander point to one side, too. But their size is within what the fixes say: single
+Errors of fixes that wander point to one side, too. But their size is within what the fixes state: single
 innovations are then smaller than expected, while slip makes them larger. So a trend of small ones counts
 less.
 
@@ -78,7 +78,7 @@ def trend_after(trend: tuple[Any, Any, Any], ahead: Any, beside: Any) -> tuple[A
         trend: mean before it, to the front and to the left of the robot, and size: mean NIS of a degree
             of freedom [-].
         ahead: normalised innovation to the front, see `normalised`.
-        beside: that to the left.
+        beside: innovation to the left.
     """
     return (
         trend[0] + TREND_WEIGHT * (ahead - trend[0]),
@@ -92,7 +92,7 @@ def present_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, ri
 
     The normalised square of the trend is 1 in the mean if the innovations are white. The factor grows
     with more, so slowly that single fixes hardly count, and is at least 1: fixes whose noise is smaller
-    than they say must not make the slip vanish.
+    than they state must not make the slip vanish.
 
     Args:
         factor: the factor before.

@@ -34,7 +34,7 @@ MOST_APART = 0.1
 SAME = 1e-9
 """Headings that differ by less are the same [rad]."""
 REACH = 5.0
-"""Distance along the path, to each side, over which it is laid over the positions [m]."""
+"""Distance along the path, to each side, over which it is aligned with the positions [m]."""
 ALIKE = 1.0
 """Distance along the path over which errors of the positions are alike [m]."""
 LEAST_EXTENT = 1.0
@@ -62,7 +62,7 @@ class PathHeadings(NamedTuple):
 def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> str | None:
     """Check the headings of a truth by the course of its path, and by a gyro.
 
-    A robot that turns on the spot has a short path whose course says little: headings that turn as the
+    A robot that turns on the spot has a short path whose course shows little: headings that turn as the
     gyro does are some, too.
 
     Args:

@@ -29,7 +29,7 @@ VELOCITY_WINDOW = 1.0
 PATH_STEP = 0.5
 # Longest gap that is filled with evenly spaced times [s].
 LONGEST_FILLED = 10.0
-# Gap in a truth from which on segments across it are left out: this [s], or so many usual intervals.
+# Gap in a truth from which on segments across it are left out: this [s], or this many usual intervals.
 LEAST_GAP, USUAL_GAPS = 1.0, 2.5
 # A covariance with a smaller eigenvalue counts as singular.
 LEAST_EIGENVALUE = 1e-12

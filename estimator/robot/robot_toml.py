@@ -76,7 +76,7 @@ def _key(name: str) -> str:
 
 
 def toml_value(value: Any) -> str:
-    """Value, with so many significant digits as are worth keeping."""
+    """Value, rounded to its significant digits."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):

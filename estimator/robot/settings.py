@@ -108,7 +108,7 @@ class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Args:
             sigma: that of the white part of the fixes [m].
         """
-        # So large that the start has no weight beside the fixes, whose wander is its error.
+        # So large that the start has no weight against the fixes, whose wander is its error.
         return math.hypot(sigma, 3.0 * self.sigma)
 
     @classmethod

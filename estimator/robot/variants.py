@@ -117,7 +117,7 @@ class Adaptation(Bounded, frozen=True):
 # Sizes, time constants and walks were chosen by benchmarks/tune_variants.py.
 DEFAULT_SLIP: dict[Model, Slip] = {
     "differential": Slip(turning_x=0.12, turning_y=0.05, turning_w=0.65, time_constant=1.0),
-    # The yaw rate is the gyro's: the tracks say little of it.
+    # The yaw rate is the gyro's: the tracks show little of it.
     "gyro": Slip(
         turning_x=0.05,
         turning_y=0.025,

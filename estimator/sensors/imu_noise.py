@@ -27,7 +27,7 @@ CLIP = 4.0
 # Variance of the second difference of white noise of variance 1, and the standard deviation of a normal
 # distribution over its mean size.
 OF_DIFFERENCES, OF_MEAN_SIZE = 6.0, math.sqrt(0.5 * math.pi)
-# An interval that is longer than the usual one by this factor is a gap: differences begin anew.
+# An interval that is longer than the usual one by this factor is a gap: differences start again.
 GAP = 1.7
 # The file's noise counts while the measured noise is at most this many times as large, driving or with
 # resting tracks, or this many times as small. Jolts of driving are among the differences, and are motion.
@@ -132,7 +132,7 @@ def measure_noise(
         rate: yaw rate [rad/s], NaN if the gyro fails.
         force_x: specific force forward [m/s²], NaN if there is none.
         force_y: specific force to the left [m/s²], likewise.
-        hold: after a longer gap the differences begin anew [s].
+        hold: after a longer gap the differences start again [s].
     """
     gyro, x, y = noise.gyro, noise.accelerometer_x, noise.accelerometer_y
     # A missing reading repeats the last one, which is no noise.

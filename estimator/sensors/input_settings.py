@@ -11,7 +11,7 @@ from icreckon.estimator.robot.settings import Settings
 
 # Coefficient of friction beyond that of any tyre on any ground, bumps included [-].
 MOST_FRICTION = 2.0
-# Standard deviations within which a gyro's bias lies, and at least so much [rad/s]: 20 deg/s, the
+# Standard deviations within which a gyro's bias lies, and at least this [rad/s]: 20 deg/s, the
 # zero-rate output of the coarsest gyros (data sheet of the MPU-6050).
 OF_BIAS, LEAST_TURN = 5.0, 0.35
 # Share of the standard deviation of its bias by which that may change between standstills.

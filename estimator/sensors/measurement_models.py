@@ -26,7 +26,7 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.sensors.predictions import Prediction, point_on_robot
 
-# Gates have thresholds for so many components (`icreckon.estimator.filter.gate.CHI_SQUARE_1E4`).
+# Gates have thresholds for up to this many components (`icreckon.estimator.filter.gate.CHI_SQUARE_1E4`).
 MOST_COMPONENTS = 3
 # A twist measurement does not move pose and height, which are to be continuous.
 POSE_FIXED = (s.X, s.Y, s.YAW, s.Z)

@@ -4,7 +4,7 @@ A bias that differs from the estimate jumped, or walked, since the robot last st
 turned slowly and steadily with its tracks at rest looks the same; the uncertainty of the yaw covers that.
 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`. Yaw-rate
-readings lie in a buffer beside the record, for their number is known only when a log is.
+readings lie in a buffer outside the record, for their number is known only when a log is.
 """
 
 from __future__ import annotations

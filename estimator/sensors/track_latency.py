@@ -35,7 +35,7 @@ BLOCK = 1.25
 FEWEST_BLOCKS, MOST_BLOCKS = 4, 32
 """Numbers of blocks at which there is an estimate, and from which the oldest is dropped."""
 LARGEST_HOLE = 500_000_000
-"""Gap between samples at which the windows begin anew [ns]."""
+"""Gap between samples at which the windows start again [ns]."""
 LEAST_CORRELATION = 0.7
 """Smallest correlation of tracks and gyro at which there is an estimate [-]."""
 CAPACITY = 16_384

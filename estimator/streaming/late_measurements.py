@@ -142,7 +142,7 @@ class History:
         return used
 
     def set_clock(self, by: int) -> None:
-        """Change to a clock that is ahead by so much [ns], and clear the history."""
+        """Change to a clock that is ahead by this difference [ns], and clear the history."""
         LOGGER.warning("the clock was set by %.3f s", by * NANOSECOND)
         stamp, rank = self._keys[-1] if self._keys else self._checkpoints[0].after
         self.begin_anew((stamp + by, rank), shifted(self._reckoning.checkpoint().plain(), by))

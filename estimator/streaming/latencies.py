@@ -131,7 +131,7 @@ class StampCorrection:
     Args:
         latencies: the latencies.
         estimated: estimate of an earlier run to begin with [s].
-        watch: checkpoint of the watch, see `memory`; None to begin anew.
+        watch: checkpoint of the watch, see `memory`; None to start again.
 
     Attributes:
         latencies: the latencies.

@@ -90,7 +90,7 @@ class OwnFaults:
         return {one.name: deepcopy(one) for one in self._watched}
 
     def restore(self, memory: dict[str, Any]) -> None:
-        """Restore copies, or what a file has of them; faults that these lack begin anew.
+        """Restore copies, or what a file has of them; faults that these lack start again.
 
         Raises:
             EstimatorError: the fields of a file are not those of the fault.

@@ -486,7 +486,7 @@ class PoseEstimator:
     ) -> PoseEstimator:
         """Start a new estimator with the parameters, biases and scales of this one.
 
-        As `warm_start` without a file: pose, slip, clock and counts start anew.
+        As `warm_start` without a file: pose, slip, clock and counts start again.
 
         Args:
             start: pose at the first track speeds: x, y [m], yaw [rad].
@@ -562,7 +562,7 @@ class PoseEstimator:
         """Start a new estimator with the parameters, biases and scales of a saved one.
 
         They start with their covariance; that of the biases grows by their random walk over the time in
-        between. Pose, slip, clock and counts start anew.
+        between. Pose, slip, clock and counts start again.
 
         Args:
             path: file that `save` has written.

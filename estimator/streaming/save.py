@@ -38,7 +38,7 @@ from icreckon.estimator.streaming.saved_checks import require_64_bits
 
 FORMAT = "icreckon estimator"
 VERSION = 13
-# Objects of so many characters stand on one line of the file.
+# Objects of up to this many characters are written on one line of the file.
 SHORT = 120
 # Keys of a robot file that an estimator does not depend on.
 UNUSED = ("log", "note", "format")
@@ -69,7 +69,7 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         latencies: latencies of the stamps.
         estimated_latency: part of the track speeds' latency that was estimated [s].
         behind: rows of measurements that were too old, see `Admission`.
-        watch: watch over the track speeds' latency; None to begin it anew.
+        watch: watch over the track speeds' latency; None to start it again.
     """
 
     variant: str
@@ -105,13 +105,13 @@ class SavedEstimator(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if variant is not None and variant != self.variant:
             raise EstimatorError(
                 f"{source}: was saved by the variant {self.variant!r}, not {variant!r}; use that, or "
-                "start anew"
+                "start again"
             )
         before, now = _leaves(self.robot), _leaves(robot_constants(robot))
         for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
             matters = to_continue or any((key + ".").startswith(f"{w}.") for w in LEARNT_FROM)
             if matters and before.get(key) != now.get(key):
-                advice = "start anew" if not to_continue else "make a warm start, or start anew"
+                advice = "start again" if not to_continue else "make a warm start, or start again"
                 raise EstimatorError(
                     f"{source}: was saved for a robot with {key} = {before.get(key)!r}, here it is "
                     f"{now.get(key)!r}; use the same robot file, or {advice}"

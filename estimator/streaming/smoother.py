@@ -21,7 +21,7 @@ Simon, Optimal State Estimation, section 9.4, and Särkkä, Bayesian Filtering a
     over an update, backward:      lambda <- C' lambda - h' y / S   Lambda <- C' Lambda C + h' h / S
 
 with h the Jacobian's row, y the innovation, S its variance, k the gain and C = I - k h. No matrix is
-inverted. So states of zero variance need no special case, nor does the fast slip, which is drawn anew
+inverted. So states of zero variance need no special case, nor does the fast slip, which is drawn again
 with each step (there F has zeros).
 
 After the last fix the path is turned as a whole, and not stretched (`unstretched`). Smoothed parameters
@@ -149,7 +149,7 @@ class _Step(NamedTuple):
 
 
 class _Renewal(NamedTuple):
-    """States drawn anew, independent of all before: the fast slip, or a lost pose."""
+    """States drawn independently of all before: the fast slip, or a lost pose."""
 
     states: list[int]
 

@@ -14,7 +14,7 @@ FUNCTIONS = {"sqrt": "sqrt", "abs": "fabs", "round": "rint"}
 
 
 def literal(value: float, bits: int) -> str:
-    """Number in C, of so many bits."""
+    """Number in C, of the given bits."""
     if math.isnan(value):
         return "NAN"
     if math.isinf(value):
@@ -24,7 +24,7 @@ def literal(value: float, bits: int) -> str:
 
 
 def function_name(name: str, bits: int) -> str:
-    """Name of a function of `math.h`, for numbers of so many bits."""
+    """Name of a function of `math.h`, for numbers of the given bits."""
     return name if bits == 64 else f"{name}f"
 
 

@@ -20,7 +20,7 @@ from icreckon.estimator.tracing.trace import Traced, reachable
 BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 # Multiply-add may round once instead of twice; no other change of rounding is allowed.
 LOOSE = ("contract",)
-# A number of the workspace is loaded again after so many operations. The machine has too few registers
+# A number of the workspace is loaded again after this many operations. The machine has too few registers
 # for all numbers, and a copy on the stack would cost a write as well.
 RELOAD_AFTER = 150
 # Rows are counted from this one, to both sides: near ones have shorter instructions.
@@ -28,7 +28,7 @@ MIDDLE_ROW = 128
 
 
 def lanes_of_machine(bits: int) -> int:
-    """Number of lanes of the machine's vector registers, for numbers of so many bits."""
+    """Number of lanes of the machine's vector registers, by bits of a number."""
     features = llvm.get_host_cpu_features()
     for feature, width in (("avx512f", 512), ("avx2", 256)):
         if features.get(feature):

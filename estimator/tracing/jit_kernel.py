@@ -1,12 +1,12 @@
 """Compilation of plain Python functions together with the functions they call.
 
-Functions are written once, in plain Python, beside their equations. `entry` compiles such a function, and
-the functions of this package that it calls by name. If numba cannot compile one as it is (because it
+Functions are written once, in plain Python, next to their equations. `entry` compiles such a function
+and the functions of this package that it calls by name. If numba cannot compile one as it is (because it
 distinguishes arrays from numbers), a twin for one number at a time stands in `COMPILED`.
 
 Names of compiled functions become symbols of machine code, and machine code from disk is linked by
 symbol: of two symbols with the same name the first is used. So every name contains a digest of all that
-its machine code depends on. numba's own counter is not enough: it starts anew in each process.
+its machine code depends on. numba's own counter is not enough: it starts again in each process.
 
 Import it inside functions only, or from other kernels: numba takes half a second to load.
 """

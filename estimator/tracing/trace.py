@@ -322,7 +322,7 @@ def _make(
     uniform: bool = False,
     truth: bool = False,
 ) -> Traced:
-    """Make a number, uniform by itself or because its arguments are, if it is new."""
+    """Make a number, uniform itself or because its arguments are, if it is new."""
     numbers = [arg.number for arg in args]
     key = (op, tuple(sorted(numbers) if op in COMMUTATIVE else numbers), extra, truth)
     found = Traced._nodes.get(key)

@@ -135,15 +135,15 @@ def command(
             from icreckon.report.calibration.figure import write_calibration_figure
 
             write_calibration_figure(folder / FIGURE_FILE, summary)
+        if write is not None:
+            names_of_logs = [log.name for log in read]
+            text = robot_file_text(found, names_of_logs, robot_name, gained)
+            write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
+        if ros is not None:
+            settings = ros_settings(again, found.robot, source=_origin(found))
+            write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
         table = partial(calibration_tables, summary)
         show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
-    if write is not None:
-        names_of_logs = [log.name for log in read]
-        text = robot_file_text(found, names_of_logs, robot_name, gained)
-        write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
-    if ros is not None:
-        settings = ros_settings(again, found.robot, source=_origin(found))
-        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
 
 
 def _origin(found: Calibration) -> str:

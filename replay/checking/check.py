@@ -21,7 +21,8 @@ from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.inspection.wheels import STRAIGHT as BENDS
 from icreckon.replay.inspection.wheels import wheel_estimates
-from icreckon.replay.mapping.topics import TrackTopic, topic_map
+from icreckon.replay.mapping.columns import TrackKeys
+from icreckon.replay.mapping.topics import topic_map
 
 # Standard errors from which a difference is one.
 SIGMAS = 3.0
@@ -103,9 +104,19 @@ def from_twist(robot: Robot) -> bool:
     return tracks is not None and not tracks.left
 
 
-def mapped_tracks(robot: Robot) -> TrackTopic | None:
+def mapped_tracks(robot: Robot) -> TrackKeys | None:
     """Map of the track speeds of a robot's logs; None if there is none."""
-    return topic_map(robot, robot.name).tracks if robot.log else None
+    mapping = topic_map(robot, robot.name)
+    return mapping.columns.tracks if mapping.columns and not mapping.tracks else mapping.tracks
+
+
+def tracks_table(robot: Robot) -> str:
+    """Table of a robot file that maps the track speeds."""
+    return (
+        "log.columns.tracks"
+        if "columns" in robot.log and "tracks" not in robot.log
+        else "log.tracks"
+    )
 
 
 def still_samples(log: Log) -> NDArray[np.bool_] | None:

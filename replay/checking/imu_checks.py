@@ -98,7 +98,7 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
         force = log.imu.linear_acceleration * (GRAVITY / size)
         return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
 
-    remedy = "the driver's unit, or acceleration_unit in [log.imu] for fields of a message"
+    remedy = 'acceleration_unit = "g" in [log.imu], where the driver publishes g'
     if abs(size - GRAVITY) <= OFFSET_OF_GRAVITY * GRAVITY:
         remedy = "the accelerometer's scale or offset: calibrate it, or scale it in the driver"
     yield found.contradicted(

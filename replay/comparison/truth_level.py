@@ -1,6 +1,7 @@
 """Levelling of a truth: its vertical by the gravity that a filter estimates.
 
-The map of a lidar is level in the axes in which it began, on a slope or with a tilted sensor by degrees.
+The map of a lidar is level in the axes in which it began, on a slope or with a tilted sensor by degrees,
+and the lidar may be mounted with a tilt in the robot. The two are told apart as the robot turns.
 """
 
 from __future__ import annotations
@@ -14,15 +15,18 @@ from icreckon.estimator.log.trajectory import Trajectory
 
 # Length of the segments over which the drift of the height is scored [s].
 HORIZON = 30.0
+# Rounds in which the tilt of the map and of the truth's axes in the robot are estimated in turn.
+ROUNDS = 10
 
 
 def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float]:
     """Turn height, roll and pitch of a truth to the mean vertical of a run.
 
-    Position and yaw stay. The rest is as it was if either is planar.
+    Tilts of the map and of the truth's axes in the robot are corrected. Position and yaw do not change,
+    nor does anything if either is planar.
 
     Returns:
-        The poses, and the angle by which their vertical was off [rad].
+        The poses, and the angle by which the vertical of the map was off [rad].
     """
     stamps = shared_stamps(reckoned, truth)
     if truth.spatial is None or reckoned.spatial is None or not len(stamps):
@@ -33,13 +37,17 @@ def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float
     roll, pitch = interpolate(reckoned.stamps, reckoned.spatial, stamps)[:, 1:].T
     turns = Rotation.from_quat(truth.quaternions)
     by_run = Rotation.from_euler("xyz", np.column_stack([roll, pitch, np.zeros(len(stamps))]))
-    up = np.median(turns[inside].apply(by_run.inv().apply([0.0, 0.0, 1.0])), axis=0)
+    ups, lean = by_run.inv().apply([0.0, 0.0, 1.0]), Rotation.identity()
+    for _ in range(ROUNDS):
+        up = np.median((turns[inside] * lean).apply(ups), axis=0)
+        x, y, _ = np.median(turns[inside].inv().apply(up / np.linalg.norm(up)) - ups, axis=0)
+        lean = Rotation.from_rotvec([-y, x, 0.0])
     axis = np.cross(up, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, up[2]))
     level = Rotation.from_rotvec(axis * (angle / sine if sine else 0.0))
     heights = level.apply(truth.positions)[:, 2]
-    tilts = (level * turns).as_euler("xyz")[:, :2]
+    tilts = (level * turns * lean).as_euler("xyz")[:, :2]
     spatial = np.column_stack([heights - heights[0], tilts])
     return PoseSeries(truth.stamps, truth.poses, spatial), angle
 

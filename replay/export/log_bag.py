@@ -154,7 +154,7 @@ def _text(topic: str, stamps: Stamps, text: str) -> Outbox:
 def _joint_states(
     topic: str, tracks: series.TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
 ) -> Outbox:
-    names = [*mapped.left, *mapped.right]
+    names = list(mapped.names)
     sides = [0] * len(mapped.left) + [1] * len(mapped.right)
     # rosbags serialises contiguous rows only.
     rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, sides])

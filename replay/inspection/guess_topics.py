@@ -20,6 +20,7 @@ from icreckon.replay.reading.stream import ABSENT
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
 LEFT = {"l", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
+TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
 COMMAND = re.compile(
     r"cmd|command|desired|target|setpoint|demand|request|wanted"
     r"|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
@@ -33,8 +34,7 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
 
     Track speeds come from a JointState with velocities of left and right joints, or else from an
     odometry. The IMU is the fastest topic that measures rates; another Imu with an orientation but no
-    rates is a heading. Poses are the truth if the topic's name contains "truth" or "ground", otherwise
-    fixes.
+    rates is a heading. Poses are the truth if the topic is named so, otherwise fixes.
 
     Returns:
         The mapping; None for streams that were not found.
@@ -73,7 +73,7 @@ def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def is_truth(topic: str) -> bool:
     """Test for a topic or column of the truth, by its name."""
-    return "truth" in topic.lower() or "ground" in topic.lower()
+    return TRUE.search(topic.lower()) is not None
 
 
 def is_command(topic: str) -> bool:
@@ -91,7 +91,7 @@ def _tracks(samples: Mapping[str, Survey]) -> TrackTopic | None:
         for names in (*named, together):
             left, right = sides(names)
             if left and right:
-                return TrackTopic(topic, left, right)
+                return TrackTopic(topic, left=left, right=right)
     candidates = [
         topic
         for topic, sample in samples.items()
@@ -148,13 +148,13 @@ def _fixes(samples: Mapping[str, Survey]) -> FixTopic | None:
 
 
 def _truth(samples: Mapping[str, Survey], tracks: TrackTopic | None) -> TruthTopic | None:
-    def first(*msgtypes: str) -> str | None:
+    def first(*types: str) -> str | None:
         return next(
             (
-                topic
-                for kind in msgtypes
-                for topic, sample in samples.items()
-                if sample.channel.msgtype == kind
+                name
+                for kind in types
+                for name, one in samples.items()
+                if one.channel.msgtype == kind
             ),
             None,
         )

@@ -18,7 +18,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 
 STILL_SPEED = 0.005
-"""Track speeds below this share of the fastest count as zero [-]."""
+"""Track speeds below this share of the fastest, spikes aside, count as zero [-]."""
 STILL_MARGIN = 0.5
 """Time after a stop and before a start that does not count as standstill [s]."""
 ENOUGH_STILL = 2.0
@@ -186,7 +186,7 @@ def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[n
     if not len(tracks.stamps):
         return result
     speed = np.abs(tracks.speeds).max(axis=1)
-    still = speed <= STILL_SPEED * speed.max()
+    still = speed <= STILL_SPEED * np.percentile(speed, 99)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     margin = round(STILL_MARGIN / NANOSECOND)
     for first, end in edges.reshape(-1, 2):

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from msgspec import to_builtins
 from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.config import convert
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -36,6 +39,8 @@ from icreckon.replay.reading.gather import as_paths, gather
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
+UNUSED = ("latency", "held", "gauge")
+"""Keys of streams that a log is inspected without: it shows what they should be."""
 MOST_STOPS = 8
 """Highest number of standstills that are listed."""
 UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
@@ -83,7 +88,8 @@ def inspect(
     Args:
         path: the file or folder, or several that make one log, as for `read_log`.
         definitions: message types that bags lack, as for `read_log`.
-        sizes: the robot's, for `eta0` of the proposed robot file.
+        sizes: lengths and streams that a person filled in: the streams are read in place of guessed
+            ones, the lengths give `eta0` of the proposed robot file.
 
     Raises:
         ReplayError: no such file, no bag or table, or nothing of it is readable.
@@ -93,18 +99,19 @@ def inspect(
     reports = {survey.channel.topic: survey.report() for survey in surveys.values()}
     mapping = guess_topics(surveys.values())
     if tables:
-        mapping = replace(mapping, columns=guess_columns(tables))
+        time_column = str(sizes.log.get("columns", {}).get("time", ""))
+        mapping = replace(mapping, columns=guess_columns(tables, time_column))
         if mapping.columns is None:
             notes.append("not all tables have a column that looks like a time: none is proposed")
+    mapping = _with_own(mapping, sizes.log)
     log: Log | None = None
     clocks: dict[str, Choice] = {}
     try:
         gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
         clocks = choose_clocks(evidence_of(gathered.streams))
         log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
-        if (in_degrees := _in_degrees(mapping, log)) is not None:
-            mapping, note = in_degrees
-            notes.append(note)
+        if (changed := _other_units(mapping, log, notes)) is not mapping:
+            mapping = changed
             gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
             log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
     except EqualStampsError:
@@ -131,6 +138,7 @@ def inspect(
         mapping=mapping,
         mounting=seen.mounting,
         findings=(
+            *(() if robot_file.has_tracks(mapping) else (_no_tracks(surveys.values()),)),
             *_findings(seen),
             *_of_rates(track),
             *_of_bias(seen.bias),
@@ -189,17 +197,38 @@ def _track_by_rate(seen: robot_file.LogEstimates) -> by_rate.TrackByRate | None:
     )
 
 
-def _in_degrees(mapping: TopicMap, log: Log) -> tuple[TopicMap, str] | None:
-    """Mapping with the gyro in deg/s, and a note, if it is too fast for rad/s."""
-    columns = mapping.columns
-    if columns is None or columns.imu is None or log.imu is None:
-        return None
-    fast = wheels.fast_turning(log.imu)
-    if not wheels.FAST_TURNING < fast < math.degrees(wheels.FAST_TURNING):
-        return None
-    changed = replace(columns, imu=replace(columns.imu, rate_unit="deg/s"))
-    note = f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s"
-    return replace(mapping, columns=changed), note
+def _with_own(guess: TopicMap, own: Mapping[str, Mapping[str, Any]]) -> TopicMap:
+    """Mapping with the streams that were filled in, stamps and speeds as logged."""
+    named = {keys["topic"] for keys in own.values() if "topic" in keys}
+    found = {
+        name: stream
+        for name, stream in to_builtins(guess).items()
+        if stream and stream.get("topic") not in named - {own.get(name, {}).get("topic")}
+    }
+    for name, keys in own.items():
+        table = found
+        for part in name.split("."):
+            table[part] = table.get(part) or {}
+            table = table[part]
+        table |= {key: value for key, value in keys.items() if key not in UNUSED}
+    return convert(found, TopicMap, "[log]", ReplayError) if own else guess
+
+
+def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
+    """Mapping with the IMU in deg/s or g where its readings are, with a note on each."""
+    if log.imu is None:
+        return mapping
+    units, fast = {}, wheels.fast_turning(log.imu)
+    if wheels.FAST_TURNING < fast < math.degrees(wheels.FAST_TURNING):
+        units["rate_unit"] = "deg/s"
+        notes.append(f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s")
+    mounting = imu_mounting.estimate_mounting(log)
+    if mounting is not None and mounting.specific_force is not None:
+        force = float(np.linalg.norm(mounting.specific_force))
+        if wheels.unit_of_gravity(force) == "; in g?":
+            units["acceleration_unit"] = "g"
+            notes.append(f"the mean specific force is {force:.3g}: taken for g")
+    return _with_own(mapping, {"imu" if mapping.imu else "columns.imu": units} if units else {})
 
 
 def guess_mapping(
@@ -258,11 +287,9 @@ def _look_through(
         found, remarks = over_bag(path, read)
         notes += remarks
         for survey in found:
-            name = (survey.channel.topic, survey.channel.msgtype)
-            if name in surveys:
-                surveys[name].extend(survey)
-            else:
-                surveys[name] = survey
+            one = surveys.setdefault((survey.channel.topic, survey.channel.msgtype), survey)
+            if one is not survey:
+                one.extend(survey)
     return surveys, notes, tables
 
 
@@ -290,17 +317,22 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
         )
 
 
+def _no_tracks(surveys: Iterable[topic_survey.Survey]) -> str:
+    states = [one for survey in surveys for one in survey.messages if hasattr(one, "velocity")]
+    joints = ", ".join(dict.fromkeys(name for one in states for name in one.name))
+    return (
+        "no track speeds: nothing here looks like them, and without them nothing can be replayed; name "
+        "joints, fields or columns in [log.tracks] or [log.columns.tracks] of the robot file, and "
+        f"inspect again with --overwrite{joints and f'; joints here are {joints}'}"
+    )
+
+
 def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
     log, mapping, mounting = seen.log, seen.mapping, seen.mounting
     for purpose, choice in seen.clocks.items():
         clock = "header stamps" if choice.clock == "header" else "time of recording"
         if not mapping.columns or getattr(mapping, purpose, None) is not None:
             yield f"{purpose}: {clock}; {choice.reason}"
-    if not robot_file.has_tracks(mapping):
-        yield (
-            "no track speeds: nothing here looks like them, and without them nothing can be replayed; "
-            "where messages of another type hold them, name topic and fields in [log.tracks]"
-        )
     if log is None:
         return
     fault = None
@@ -402,16 +434,11 @@ def _of_wander(wander: FixWanderEstimate | str | None) -> Iterator[str]:
 
 def _repeated_shares(log: Log) -> dict[str, float]:
     """Shares of repeated values of moving tracks and of repeated IMU samples."""
-    shares = {}
-    speeds = log.tracks.speeds
-    moving = (speeds[:-1] != 0.0).any(axis=1)
-    if moving.any():
+    speeds, shares = log.tracks.speeds, {}
+    if (moving := (speeds[:-1] != 0.0).any(axis=1)).any():
         shares["tracks"] = float((speeds[1:] == speeds[:-1])[moving].mean())
     if log.imu is not None and len(log.imu.stamps) > 1:
-        rates = log.imu.angular_velocity
-        same = (rates[1:] == rates[:-1]).all(axis=1)
-        if log.imu.linear_acceleration is not None:
-            forces = log.imu.linear_acceleration
-            same &= (forces[1:] == forces[:-1]).all(axis=1)
-        shares["imu"] = float(same.mean())
+        forces = log.imu.linear_acceleration
+        rows = np.column_stack([log.imu.angular_velocity, *([] if forces is None else [forces])])
+        shares["imu"] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
     return shares

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -33,17 +33,20 @@ USUAL_DIFFERENCE_SIGMA = 0.02
 STANDING_BIAS_SIGMA = 0.002
 """Standard deviation of a gyro bias that a standstill has shown, for other logs [rad/s]."""
 FILL_IN = "# not in the log: fill in"
+CHECKED = ("unit", "wrap", "rate_unit", "acceleration_unit", "yaw_unit")
+"""Keys that are guessed from names and sizes."""
 MARGIN = 1.2
 """Highest speed of a robot over the fastest in a log [-]."""
 
 
 class Sizes(NamedTuple):
-    """Lengths of a robot that a person filled in [m]; None if unknown."""
+    """Lengths [m] and streams of a robot that a person filled in; None if unknown."""
 
     gauge: float | None = None  # track gauge
     radius: float | None = None  # sprocket radius
     # gauge of the controller whose odometry gives the track speeds
     of_controller: float | None = None
+    log: Mapping[str, Mapping[str, Any]] = {}  # keys of its [log] tables, by table
 
 
 NO_SIZES = Sizes()
@@ -160,7 +163,7 @@ def _vehicle(seen: LogEstimates) -> list[str]:
 
 
 def _radius(seen: LogEstimates) -> str:
-    if not in_rates(seen.mapping):
+    if has_tracks(seen.mapping) and not in_rates(seen.mapping):
         return "sprocket_radius = 0.1    # not used for this log"
     radius, sigma = seen.wheels.way_ratio, seen.wheels.way_sigma
     if radius is None:
@@ -236,7 +239,11 @@ def _imu(seen: LogEstimates) -> list[str]:
             f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
         ]
     else:
-        lines.append("# Gyro bias: no standstill of 2 s, and driving shows none.")
+        none = "no standstill of 2 s, and driving shows none"
+        driven = log is not None and len(log.tracks.stamps)
+        lines.append(
+            f"# Gyro bias: {none if driven else 'no track speeds to find a standstill by'}."
+        )
     if mounting.gyro_noise_density:
         lines.append(
             f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
@@ -346,13 +353,16 @@ def _log(seen: LogEstimates, track_latency: list[str], wander: list[str]) -> lis
         if not tracks.left:
             sides = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
         lines += table("tracks", tracks.topic, *sides, late=track_latency)
-    if mapping.imu:
-        lines += table("imu", mapping.imu.topic)
+    if imu := mapping.imu:
+        units = ("rate_unit", "rad/s"), ("acceleration_unit", "m/s2")
+        own = [f'{key} = "{unit}"' for key, usual in units if (unit := getattr(imu, key)) != usual]
+        lines += table("imu", imu.topic, *own)
     if fixes := mapping.fixes:
         errors = wander
         if fixes.position_sigma is not None and not wander:
             errors = [f"position_sigma = {fixes.position_sigma}    {FILL_IN} (m)"]
-        lines += table("fixes", fixes.topic, *errors)
+        hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
+        lines += table("fixes", fixes.topic, hint, *errors)
     if heading := mapping.heading:
         sigma = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
         offset = f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
@@ -394,19 +404,17 @@ def columns_text(
         if spec is None:
             continue
         lines += ["", f"[log.columns.{purpose}]"]
+        own = {"latency", "scale", "held", "wander_sigma", "wander_time"}
+        own |= {"position_sigma"} if wander else set()
         for name in spec.__struct_fields__:
             value = getattr(spec, name)
-            if value is None or value in ((), "") or name in ("latency", "held"):
+            if value in (None, (), "", (0.0, 0.0)) or name in own:
                 continue
-            if name.startswith("wander") or (
-                name == "position_sigma" and purpose == "fixes" and wander
-            ):
+            if name == "yaw_unit" and not spec.yaw:
                 continue
             text = "nan" if name == "counts_per_turn" else toml_value(value)
-            guessed = {"unit": "# check it", "rate_unit": "# check it"}
-            filled = {"position_sigma": FILL_IN, "counts_per_turn": FILL_IN}
-            remark = {**guessed, "acceleration_unit": "# check it", **filled}.get(name)
-            lines.append(f"{name} = {text}{f'    {remark}' if remark else ''}")
+            filled = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""
+            lines.append(f"{name} = {text}{'    # check it' if name in CHECKED else filled}")
         lines += track_latency if purpose == "tracks" else []
         lines += wander if purpose == "fixes" else []
     return lines

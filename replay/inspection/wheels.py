@@ -186,7 +186,7 @@ def unit_suspicions(
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
         if rates and fast > FAST_RATE:
-            found.append(f"joint rates of {fast:.3g}; rad/s, or rather rpm or deg/s?")
+            found.append(f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?")
         if not rates and fast > FAST_SPEED:
             found.append(f"track speeds of {fast:.3g}; m/s, or rather mm/s?")
     if not rates and estimates.way_ratio is not None and not 0.5 < estimates.way_ratio < 2.0:

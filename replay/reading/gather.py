@@ -20,7 +20,7 @@ from icreckon.replay.mapping.field_paths import FieldReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
 from icreckon.replay.reading import message_rows
-from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
+from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_names, pose_rows
 from icreckon.replay.reading.stream import RowReader, Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TRANSFORM_READERS, TransformStream
@@ -114,10 +114,8 @@ def gather(
         for name, count in part.found.items():
             result.found[name] = result.found.get(name, 0) + count
         for purpose, stream in part.streams.items():
-            if purpose in result.streams:
-                result.streams[purpose].extend(stream)
-            else:
-                result.streams[purpose] = stream
+            if (one := result.streams.setdefault(purpose, stream)) is not stream:
+                one.extend(stream)
     _check_all_there(result, bags, paths)
     if bags:
         result.notes += _left_out(result)
@@ -224,19 +222,17 @@ def wanted_streams(
         return Stream(purpose, topic, source, time, readers, definitions=definitions)
 
     if tracks := mapping.tracks:
-        readers = message_rows.track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
+        readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
         speeds = stream("tracks", tracks.topic, tracks.time, readers)
         if tracks.left and types.get(tracks.topic) not in readers:
-            speeds.any_reader = FieldReader((*tracks.left, *tracks.right), None)
+            speeds.any_reader = FieldReader(tracks.names, None)
         yield speeds
     if imu := mapping.imu:
-        if imu.angular_velocity:
-            by_field = stream("imu", imu.topic, imu.time, {})
-            names = (*imu.angular_velocity, *imu.linear_acceleration)
-            by_field.any_reader = FieldReader(names, partial(imu_rows, imu))
-            yield by_field
-        else:
-            yield stream("imu", imu.topic, imu.time, {IMU: message_rows.imu_row})
+        names = (*imu.angular_velocity, *imu.linear_acceleration)
+        of_imu = stream("imu", imu.topic, imu.time, {} if names else {IMU: imu_reader(imu)})
+        if names:
+            of_imu.any_reader = FieldReader(names, partial(imu_rows, imu))
+        yield of_imu
     if fixes := mapping.fixes:
         yield _poses("fixes", fixes, source, definitions)
     if heading := mapping.heading:
@@ -246,7 +242,7 @@ def wanted_streams(
         if truth.twist:
             yield stream("truth twist", truth.twist, truth.time, {TWIST: message_rows.twist_row})
         if truth.tracks and tracks:
-            readers = message_rows.track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
+            readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
             joints = {JOINT_STATE: readers[JOINT_STATE]}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
 

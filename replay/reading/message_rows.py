@@ -13,9 +13,7 @@ from icreckon.replay.bags import message_types as ros
 from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, UnusableError
 
 
-def track_readers(
-    left: Sequence[str], right: Sequence[str], positions: bool = False
-) -> dict[str, RowReader]:
+def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, RowReader]:
     """Build the row readers of track speeds, by message type.
 
     Returns:
@@ -24,8 +22,8 @@ def track_readers(
         [rad/s].
     """
     readers: dict[str, RowReader] = {ros.ODOMETRY: _odometry_speeds, ros.TWIST: _twist_speeds}
-    if left and right:
-        readers[ros.JOINT_STATE] = JointReader(left, right, positions)
+    if joints:
+        readers[ros.JOINT_STATE] = JointReader(joints, positions)
     return readers
 
 
@@ -40,10 +38,10 @@ class JointReader:
         positions: whether positions are used instead of velocities.
     """
 
-    def __init__(self, left: Sequence[str], right: Sequence[str], positions: bool = False) -> None:
+    def __init__(self, joints: Sequence[str], positions: bool = False) -> None:
         self.seen: set[str] = set()
         self.positions = positions
-        self.joints = (*left, *right)
+        self.joints = joints
         self._places: dict[tuple[str, ...], dict[str, int]] = {}
 
     def __call__(self, message: Any) -> Row | None:  # noqa: D102

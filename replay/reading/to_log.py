@@ -123,10 +123,9 @@ class _Assembly:
             stream.lose("stamp is days from most others", int(far.sum()))
             stamps, rows = stamps[~far], rows[~far]
         for begin, end in self._overlaid:
-            if stream.purpose in OVERLAID:
-                inside = (stamps >= begin) & (stamps <= end)
-                stream.lose("two times one over the other", int(inside.sum()))
-                stamps, rows = stamps[~inside], rows[~inside]
+            inside = (stamps >= begin) & (stamps <= end)
+            stream.lose("of a time that occurs twice", int(inside.sum()))
+            stamps, rows = stamps[~inside], rows[~inside]
         spec = None if stream.purpose.startswith("truth ") else self._spec(stream)
         late = 0 if spec is None else round(spec.latency / NANOSECOND)
         return stamps - late, rows.reshape(-1, width)
@@ -181,7 +180,8 @@ class _Assembly:
             return None
         stamps, rows = self._arrays(stream, conversions.track_width(stream.msgtype, spec))
         if stream.purpose == "truth tracks":
-            read = conversions.TrackValues(rows * vehicle.sprocket_radius, len(spec.left))
+            signed = rows * spec.signs * vehicle.sprocket_radius
+            read = conversions.TrackValues(signed, len(spec.left))
         else:
             read = conversions.track_values(rows, stream.msgtype, spec, vehicle)
         stamps, values = interpolated(stamps, read.values, read.wrap)
@@ -196,8 +196,7 @@ class _Assembly:
                     f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
                 )
         if len(stamps):
-            names = (*spec.left, *spec.right)
-            tracks, notes = of_sides(stamps, values, read.left, names, vehicle.max_track_speed)
+            tracks, notes = of_sides(stamps, values, read.left, spec.names, vehicle.max_track_speed)
             self.notes += notes if stream.purpose == "tracks" else []
             return tracks
         if stream.purpose == "tracks":
@@ -209,7 +208,7 @@ class _Assembly:
         reader, mapped = stream.readers.get(JOINT_STATE), self.gathered.mapping.tracks
         if stream.msgtype != JOINT_STATE or mapped is None or not isinstance(reader, JointReader):
             return ""
-        wanted, found = ", ".join((*mapped.left, *mapped.right)), ", ".join(sorted(reader.seen))
+        wanted, found = ", ".join(mapped.names), ", ".join(sorted(reader.seen))
         field_name = "positions" if mapped.unit in ADDS_UP else "velocities"
         return (
             f"; wanted are the {field_name} of the joints {wanted}, found were "

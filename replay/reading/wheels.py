@@ -10,6 +10,8 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.faults.odd_wheels import LEAST_WAY, OVER, least_apart
 from icreckon.estimator.log.series import TrackSpeedSeries
 
+OPPOSITE = 0.1
+"""Sum of two wheels, over their sizes, of which one counts backward [-]."""
 TOGETHER = 0.5
 """Longest time between two messages of a wheel, between which it is interpolated [s]."""
 
@@ -92,7 +94,9 @@ def _which(wheels: Floats, names: Sequence[str]) -> str:
     """Text on the wheel that is furthest from the others, by samples (n, k)."""
     if len(names) == 2:
         apart = float(_range(wheels).max())
-        return f"{names[0]} and {names[1]} are up to {apart:.2f} m/s apart"
+        opposite = np.abs(wheels.sum(axis=1)).sum() < OPPOSITE * np.abs(wheels).sum()
+        hint = f', and turn opposite ways: name a reversed one "-{names[1]}"' if opposite else ""
+        return f"{names[0]} and {names[1]} are up to {apart:.2f} m/s apart{hint}"
     off = np.abs(wheels - np.median(wheels, axis=1, keepdims=True))
     odd = int(off.sum(axis=0).argmax())
     return f"{names[odd]} is up to {off[:, odd].max():.2f} m/s off"

@@ -10,7 +10,7 @@ Newton's iteration (compiled) with the analytic Jacobian and step halving on the
 3. for the rest (fast vehicles with a high centre of mass), along rising track speeds in constant ratio,
    from a crawl with negligible inertia to the full speeds: the motion that a vehicle reaches by slow
    acceleration;
-4. if that motion ceases to exist on the way, from guesses spread over all plausible twists.
+4. if that motion ceases to exist in between, from guesses spread over all plausible twists.
 
 Hard turns at high speed can have more than one stationary motion; one of them is found. A pair that
 none of the stages solves is never dropped: it is named in an error, or marked in the result. With both
@@ -218,6 +218,6 @@ def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: f
 
 
 def _guess(V: Floats, contact: Contact) -> Floats:
-    """Twist (3, n) of a typical vehicle that turns about a point beside its centre."""
+    """Twist (3, n) of a typical vehicle that turns about a point next to its centre."""
     w = (V[1] - V[0]) / (TYPICAL_ETA * contact.geometry.gauge)
     return np.stack([contact.body.y_CM * w, V.mean(axis=0), w])

@@ -1,4 +1,4 @@
-"""Identity of a study: its digest, and the manifest beside its results."""
+"""Identity of a study: its digest, and the manifest next to its results."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from icreckon.simulation.study.cells import Cell, Plan
 from icreckon.simulation.study.failures import checked, run_by_run
 from icreckon.simulation.study.statistics import statistics
 
-# A block is not tried again after so many workers have died in it.
+# A block is not tried again after this many workers have died in it.
 MOST_TRIES = 4
 # Longest wait for blocks between checks for signals [s].
 POLL_SECONDS = 0.5

@@ -35,8 +35,8 @@ def make_truth(
         slip_noise: factor on the slip residual `icreckon.simulation.truth.true_motion.TRUE_SLIP` [-].
         track_lag: time constant of the tracks behind their commands [s].
         terrain: shape of the ground; level is None, too.
-        patches: terrain along the way.
-        payloads: loads along the way.
+        patches: terrain along the path.
+        payloads: loads along the path.
 
     Raises:
         SimulationError: an unknown truth (the message names the nearest), or one that does not support

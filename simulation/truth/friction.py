@@ -91,8 +91,8 @@ class FrictionTruth:
         track_lag: time constant of the tracks behind their commands [s].
         slip_noise: factor on the slip residual `icreckon.simulation.truth.true_motion.TRUE_SLIP` [-].
         terrain: shape of the ground; None for level ground.
-        patches: ground that differs along the way.
-        payloads: loads along the way.
+        patches: ground that differs along the path.
+        payloads: loads along the path.
         tolerance: relative error allowed per integration step.
     """
 
@@ -177,8 +177,8 @@ def drive(
         speed_rates: (n, 2) their derivatives [m/s²].
         step: time between grid points [s].
         surface: height field of the ground, looked up at each grid point; None for level ground.
-        patches: ground that differs along the way; looked up at each grid point.
-        payloads: loads along the way; put on and taken off at the nearest grid points.
+        patches: ground that differs along the path; looked up at each grid point.
+        payloads: loads along the path; put on and taken off at the nearest grid points.
         load_lag: time constant of the load transfer [s].
         tolerance: relative error allowed per step.
         start: initial state; None for rest.

@@ -80,7 +80,7 @@ class Vehicle(NamedTuple):
     """Constants of the moving vehicle.
 
     Attributes:
-        ground: the contact; its friction and rolling resistance (arrays) are overwritten on the way.
+        ground: the contact; its friction and rolling resistance (arrays) are overwritten in each step.
         inverse_mass: (3, 3) inverse of the mass matrix about the origin.
         load_lag: time constant T of the load transfer [s].
     """

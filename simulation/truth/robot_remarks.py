@@ -33,7 +33,7 @@ def robot_remarks(robot: Robot, truth: str) -> list[str]:
     if not 1.0 / FAR < contact / stated < FAR:
         found.append(
             f"{robot.name}: its contact turns it with an effective track of {contact:.2f} times the "
-            f"gauge, its file states {stated:.2f}, with which the filters begin; set eta0 = "
+            f"gauge, its file states {stated:.2f}, where the filters begin; set eta0 = "
             f"{contact:.2f} in [indices], or calibrate on simulated logs"
         )
     return found

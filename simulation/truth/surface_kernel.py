@@ -1,4 +1,4 @@
-"""Height field of the ground, and the way of a vehicle on it, compiled.
+"""Height field of the ground, and the path of a vehicle on it, compiled.
 
 The ground is z = h(x, y) in odom; `icreckon.simulation.truth.terrain.Terrain` describes its shape. With
 its gradient (p_x, p_y) the normal is n = (-p_x, -p_y, 1) / sqrt(1 + p²). The vehicle's z axis is n. Its x

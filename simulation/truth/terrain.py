@@ -1,4 +1,4 @@
-"""Terrain and payload along the way of a simulated vehicle.
+"""Terrain and payload along the path of a simulated vehicle.
 
 `Terrain` is the shape of the ground of a whole run: a plane, rolling ground, kerbs, or all of them. The
 vehicle moves on it in three dimensions. A `Patch` covers a rectangle of odom, a span of time, or both,

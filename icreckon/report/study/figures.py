@@ -18,7 +18,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormat
 from icreckon.replay.base.colours import COLOURS
 from icreckon.report.pages import Picture
 from icreckon.report.printable import any_letters
-from icreckon.report.study.text import NEES, title_of, unit_of
+from icreckon.report.study.text import NEES, swept, title_of, unit_of
 from icreckon.simulation.study.cells import OUTAGE
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
 from icreckon.simulation.study.summary import CONFIDENCE
@@ -80,12 +80,12 @@ def study_figures(results: Results) -> list[Picture]:
     """Draw all figures of a study."""
     figures = []
     drift = results["drift"]
-    for axis, effect in zip(results["axes"], results["effects"], strict=True):
+    for axis, effect in swept(results):
         for short, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
             if not _known(results, statistic):
                 continue
             title = title_of(results, statistic)
-            others = ", over all else that is swept" if len(results["axes"]) > 1 else ""
+            others = ", over all else that is swept" if len(swept(results)) > 1 else ""
             caption = (
                 f"{_capital(title)} against {axis['name']}{others}: means and their 95 % intervals."
             )
@@ -262,11 +262,11 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
-    keys = [axis["name"] for axis in results["axes"]]
+    keys = [axis["name"] for axis, _ in swept(results)]
     if keys and len(cells) <= MOST_NAMED_CELLS:
         names = ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
         _name_places(axes, names)
-        axes.set_xlabel(", ".join(map(with_unit, keys)))
+        axes.set_xlabel("\n".join(map(with_unit, keys)))
     elif len(cells) == 1:
         places = [_offset(number, len(variants)) for number in range(len(variants))]
         axes.set_xticks(places, [name.replace("-", "-\n") for name in variants])

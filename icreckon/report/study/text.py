@@ -199,7 +199,7 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
         narrow: whether to leave columns out, and to give intervals as factors, to fit 80 characters.
     """
     cells = results["cells"]
-    axes = [axis["name"] for axis in results["axes"]]
+    axes = [axis["name"] for axis, _ in swept(results)]
     if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
         places = [
             (tuple(shown(cell["values"][axis]) for axis in axes), cell["variants"], (cell["cell"],))
@@ -207,7 +207,7 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
         ]
         return [_table(results, "by cell" if axes else "", tuple(axes), places, narrow)]
     tables = []
-    for effect in results["effects"]:
+    for _, effect in swept(results):
         places = [
             ((group["name"],), group["variants"], tuple(group["cells"]))
             for group in effect["groups"]
@@ -215,6 +215,12 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
         title = f"by {effect['axis']}, over all else that is swept"
         tables.append(_table(results, title, (effect["axis"],), places, narrow))
     return tables
+
+
+def swept(results: Results) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Axes with more than one value, each with its effect."""
+    pairs = zip(results["axes"], results["effects"], strict=True)
+    return [(axis, effect) for axis, effect in pairs if len(effect["groups"]) > 1]
 
 
 def title_of(results: Results, statistic: str) -> str:

@@ -149,6 +149,20 @@ def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:
     assert not (folder / "other").exists()
 
 
+def test_a_reader_that_leaves_early_does_not_cost_the_robot_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `icreckon calibrate ... | head -3` does."""
+
+    def closed(*_: object, **__: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("icreckon.cli.calibrate.print_fitting", closed)
+    with pytest.raises(BrokenPipeError):
+        calibrated(folder, models="constant", write=folder / "early.toml", out=folder / "early")
+    assert load_robot(folder / "early.toml").name == "auriga-alpha"
+
+
 def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
     """Mapping, slip, notes: what calibration does not touch is written as it was."""
     shipped = load_robot("auriga-alpha")

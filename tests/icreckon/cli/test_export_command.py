@@ -1,5 +1,6 @@
 """`icreckon export` as a user calls it: the folder, its build with CMake, and bad input."""
 
+import os
 import shutil
 import subprocess
 from pathlib import Path
@@ -21,14 +22,15 @@ def test_a_folder_that_builds_and_passes_its_self_test(tmp_path: Path) -> None:
     assert "next: cmake -S filter" in done.stderr
     names = {one.name for one in (tmp_path / "filter").iterdir()}
     assert {"icreckon_filter.c", "icreckon_filter.hpp", "test_vectors.csv", "README.md"} <= names
-    for name in ("cmake", "cc", "c++"):
+    for name in ("cmake", "cc"):
         if shutil.which(name) is None:
             pytest.skip(f"no {name} here: install it to build exported filters")
     build = ["cmake", "-S", "filter", "-B", "build", "-DCMAKE_BUILD_TYPE=Debug"]
     for command in (build, ["cmake", "--build", "build"], ["ctest", "--test-dir", "build"]):
         ran = subprocess.run(
-            command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300
-        )
+            command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300,
+            env={**os.environ, "CXX": "no-compiler-of-C++-is-needed"},
+        )  # fmt: skip
         assert ran.returncode == 0, ran.stdout + ran.stderr
     lines = "tracks,1000000000,0.3,0.5\nimu,1010000000,0,0,0.2,0,0,9.81\nnonsense\n"
     ran = subprocess.run(

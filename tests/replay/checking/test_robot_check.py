@@ -221,7 +221,7 @@ def test_what_is_missing_is_no_error(log: Log):
 
 
 def test_streams_that_the_file_leaves_out():
-    tracks = mapping.TrackTopic("/joint_states", ("l",), ("r",))
+    tracks = mapping.TrackTopic("/joint_states", left=("l",), right=("r",))
     guessed = TopicMap(tracks, mapping.ImuTopic("/imu"), mapping.FixTopic("/fix"))
     hints = robot_check.topics_left_out(guessed, MAPPED)
     assert len(hints) == 2

@@ -31,11 +31,13 @@ def reckoned() -> Run:
     return compare(hills(), ROBOT, [VARIANT]).runs[VARIANT]
 
 
-def tilted(poses: PoseSeries, axis: tuple[float, float, float]) -> PoseSeries:
-    """Poses in a map whose vertical is off by a rotation; their yaw stays about as it was."""
-    turn = Rotation.from_rotvec(axis)
+def tilted(
+    poses: PoseSeries, axis: tuple[float, float, float], mount: tuple[float, float] = (0.0, 0.0)
+) -> PoseSeries:
+    """Poses in a map whose vertical is off by a rotation, of axes tilted in the robot."""
+    turn, own = Rotation.from_rotvec(axis), Rotation.from_rotvec([*mount, 0.0])
     heights = turn.apply(poses.positions)[:, 2]
-    tilts = (turn * Rotation.from_quat(poses.quaternions)).as_euler("xyz")[:, :2]
+    tilts = (turn * Rotation.from_quat(poses.quaternions) * own).as_euler("xyz")[:, :2]
     return replace(poses, spatial=np.column_stack([heights, tilts]))
 
 
@@ -50,6 +52,18 @@ def test_a_map_that_is_not_level_is_turned_to_gravity() -> None:
     after = spatial_scores(reckoned().trajectory, found, [(0, 2**62)])
     assert after["rms_roll_deg"] < 0.4 * before["rms_roll_deg"]
     assert after["height_drift_percent_30s_mean"] < before["height_drift_percent_30s_mean"]
+
+
+def test_a_tilt_of_its_axes_in_the_robot_is_no_error_of_the_attitude() -> None:
+    truth = hills().truth
+    assert truth is not None
+    path = reckoned().trajectory
+    found = [
+        spatial_scores(path, levelled(off, path)[0], [])
+        for off in (truth.poses, tilted(truth.poses, (0.05, 0.02, 0.0), mount=(0.02, -0.03)))
+    ]
+    for axis in ("rms_roll_deg", "rms_pitch_deg"):
+        assert found[1][axis] == pytest.approx(found[0][axis], rel=0.05)
 
 
 def test_its_scores_are_those_of_the_errors() -> None:

@@ -85,8 +85,16 @@ CASES = {
     ),
     "unit": ({"tracks": JOINTS | {"unit": "rpm"}}, TRACKS),
     "odometry with its own gauge": (
-        {"tracks": {"topic": "/o", "gauge": 1.1}},
+        {"tracks": {"topic": "/o", "gauge": 1.1, "scale": 0.95}},
         [("/o", made.odometry(stamp, 1.0, 0.01 * k)) for k, stamp in enumerate(STAMPS)],
+    ),
+    "a side that counts backward": ({"tracks": JOINTS | {"right": ["-r"]}}, TRACKS),
+    "IMU in deg/s and g": (
+        {
+            "tracks": JOINTS,
+            "imu": {"topic": "/imu", "rate_unit": "deg/s", "acceleration_unit": "g"},
+        },
+        TRACKS + IMU,
     ),
     "twist": (
         {"tracks": {"topic": "/t"}},
