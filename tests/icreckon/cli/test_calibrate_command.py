@@ -157,7 +157,7 @@ def test_a_reader_that_leaves_early_does_not_cost_the_robot_file(
     def closed(*_: object, **__: object) -> None:
         raise BrokenPipeError
 
-    monkeypatch.setattr("icreckon.cli.calibrate.print_fitting", closed)
+    monkeypatch.setattr("icreckon.cli.calibrate.show", closed)
     with pytest.raises(BrokenPipeError):
         calibrated(folder, models="constant", write=folder / "early.toml", out=folder / "early")
     assert load_robot(folder / "early.toml").name == "auriga-alpha"
