@@ -39,7 +39,7 @@ from icreckon.replay.reading.gather import as_paths, gather
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
-UNUSED = ("latency", "held", "gauge")
+UNUSED = ("latency", "gauge")
 """Keys of streams that a log is inspected without: it shows what they should be."""
 MOST_STOPS = 8
 """Highest number of standstills that are listed."""
@@ -357,8 +357,6 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
         )
     if seen.wheels.track_ratio is not None:
         yield _of_track(seen)
-    if held := seen.held:
-        yield f"tracks: {held}"
     if len(log.tracks.stamps):
         stops = wheels.standstills(log)
         total = sum(end - begin for begin, end in stops)

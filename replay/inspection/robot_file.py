@@ -22,7 +22,6 @@ from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.mapping.track_units import OF_GROUND
 from icreckon.replay.reading.clocks import Choice
-from icreckon.replay.reading.held_speeds import without_holding
 
 FIRST_WORDS = "# Proposed by inspecting"
 USUAL_SCALE_SIGMA, LEAST_SCALE_SIGMA = 0.02, 0.01
@@ -88,14 +87,6 @@ class LogEstimates:
             return None
         return self.wheels.track_ratio * scale
 
-    @property
-    def held(self) -> str:
-        """Rate of track speeds that the log repeats in between, empty if it does not."""
-        if self.log is None:
-            return ""
-        found = without_holding(self.log, "auto")
-        return "" if found is self.log else found.notes[-1].partition(":")[0]
-
 
 def robot_file_text(path: Path, seen: LogEstimates) -> str:
     """Format a robot file that `load_robot` and `topic_map` accept.
@@ -105,8 +96,6 @@ def robot_file_text(path: Path, seen: LogEstimates) -> str:
         seen: estimates from it.
     """
     late, wandering = _latency_lines(seen.latencies.get("tracks")), _wander_lines(seen.wander)
-    if held := seen.held:
-        late = [*late, f'held = "auto"    # {held}']
     columns = seen.mapping.columns
     lines = [
         f"{FIRST_WORDS} {toml_value(path.name)[1:-1]}: check every line.",
@@ -404,7 +393,7 @@ def columns_text(
         if spec is None:
             continue
         lines += ["", f"[log.columns.{purpose}]"]
-        own = {"latency", "scale", "held", "wander_sigma", "wander_time"}
+        own = {"latency", "scale", "wander_sigma", "wander_time"}
         own |= {"position_sigma"} if wander else set()
         for name in spec.__struct_fields__:
             value = getattr(spec, name)

@@ -94,9 +94,8 @@ class LiveEstimate(NamedTuple):
 class LiveOdometry:
     """Odometry of a robot from live messages, without threads, clocks or transport.
 
-    A run over the messages of a bag equals `icreckon replay --engine streaming` of that bag, provided
-    that `reorder` covers the disorder of the messages. Held track speeds are used as they come: the
-    next value, which a replay interpolates to, is not known yet.
+    A run over the messages of a bag equals `icreckon replay` of that bag, provided that `reorder` covers
+    the disorder of the messages.
 
     Args:
         robot: the robot; topics of its `[log]`, or those of `icreckon simulate` if it maps none.

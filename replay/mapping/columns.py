@@ -23,7 +23,7 @@ from icreckon.estimator.base.checks import (
     require_wander,
 )
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Held, TrackUnit, check_tracks
+from icreckon.replay.mapping.track_units import TrackUnit, check_tracks
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
@@ -43,8 +43,6 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
         wrap: range of the counter, in `unit`; None if it does not wrap.
         scale: true speed over that of the log, also of speeds in m/s, for which no radius is used [-].
-        held: treatment of values that the log repeats until the next: "auto" interpolates them if they
-            are repeated regularly, "interpolate" always, "keep" never.
         latency: latency of the stamps, subtracted from them [s].
     """
 
@@ -54,7 +52,6 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     counts_per_turn: Positive | None = None
     wrap: Positive | None = None
     scale: Positive = 1.0
-    held: Held = "keep"
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:

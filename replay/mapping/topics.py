@@ -209,9 +209,7 @@ def writable_topics(own: TopicMap) -> TopicMap:
     # Written stamps have no latency, and written speeds are as they are.
     left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
     full = TopicMap(
-        msgspec.structs.replace(
-            tracks, held="keep", latency=0.0, scale=1.0, left=left, right=right
-        ),
+        msgspec.structs.replace(tracks, latency=0.0, scale=1.0, left=left, right=right),
         ImuTopic(own.imu.topic, time=own.imu.time) if own.imu else DEFAULT_TOPICS.imu,
         fixes and msgspec.structs.replace(fixes, latency=0.0),
         truth,

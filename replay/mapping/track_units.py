@@ -106,7 +106,3 @@ def differences(
         speeds[keep],
         {reason: count for reason, count in lost.items() if count},
     )
-
-
-Held = Literal["auto", "interpolate", "keep"]
-"""Treatment of repeated track speeds, see `icreckon.replay.reading.held_speeds`."""

@@ -18,11 +18,10 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
-from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences
+from icreckon.replay.mapping.track_units import ADDS_UP, differences
 from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.gather import Gathered
-from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import POSE_WIDTH, JointReader, planar_poses, spatial_part
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
@@ -81,7 +80,7 @@ class _Assembly:
             for reason, count in stream.lost.items():
                 self._drop(f"{stream.purpose}: {reason}", count)
             self.notes += stream.notes
-        log = Log(
+        return Log(
             name=name,
             tracks=tracks,
             imu=imu,
@@ -92,7 +91,6 @@ class _Assembly:
             others=tuple(sorted((*headings, *self._heights), key=lambda one: one.stamp)),
             origin=self._origin_of(truth, streams.get("truth")),
         )
-        return without_holding(log, self._held(streams.get("tracks")))
 
     def _origin_of(self, truth: series.Truth | None, stream: Stream | None) -> Origin | None:
         """Origin of the frame that runs start in: the truth's, if there is one."""
@@ -107,11 +105,6 @@ class _Assembly:
         # The true track speeds come by the joints of the measured ones.
         purpose = stream.purpose.removeprefix("truth ")
         return getattr(mapping if table is None else table, purpose, None)
-
-    def _held(self, stream: Stream | None) -> Held:
-        """Treatment of repeated track speeds; those of counters are left alone."""
-        spec = self.gathered.mapping.tracks if stream is None else self._spec(stream)
-        return "keep" if spec is None or spec.unit in ADDS_UP else spec.held
 
     def _drop(self, reason: str, count: int) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + count

@@ -90,19 +90,6 @@ def test_columns_of_wheels_too(tmp_path: Path) -> None:
     assert len(notes_of(log)) == 1
 
 
-def test_repeated_wheels_are_interpolated_as_their_mean_is(tmp_path: Path) -> None:
-    """Each value comes four times; without this the wheels would lag behind the mean."""
-    values = np.repeat(np.linspace(1.0, 3.0, 50)[:, None], 4, axis=0) * np.ones((1, 4))
-    values[100:160, 0] += 1.6
-    path = bag_of(tmp_path / "bag", values, [*LEFT, *RIGHT])
-    tracks = read_log(path, robot_of(held="interpolate")).tracks
-    for speeds, wheels in zip(
-        tracks.speeds.T, (tracks.left_wheels, tracks.right_wheels), strict=True
-    ):
-        assert wheels.mean(axis=1) == pytest.approx(speeds, abs=1e-9)
-    assert len(np.unique(tracks.right_wheels[:, 0])) > 150
-
-
 def test_live_messages_have_the_wheels_always() -> None:
     robot = robot_of()
     inputs = LiveInputs(robot, topic_map(robot, "robot"))
