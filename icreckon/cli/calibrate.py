@@ -48,7 +48,7 @@ def command(
     paths: Annotated[
         list[Path],
         options.logs(
-            f"Logs of one robot with a truth, each by itself: {options.LOG_FILES}. A folder of such "
+            f"Logs of one robot with a truth, each a log: {options.LOG_FILES}. A folder of such "
             "files is one log."
         ),
     ],

@@ -53,10 +53,10 @@ def command(
     checks = robot_check.check_robot(log, robot)
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
-        # Without a result with everything mended nothing has a price.
+        # Without a result with everything corrected nothing has a price.
         with (
             console.progress(
-                "filtering, as the file is and mended", compiles=kernels_of([VARIANT])
+                "filtering, as the file is and corrected", compiles=kernels_of([VARIANT])
             ) as report,
             suppress(ReplayError),
         ):
@@ -69,10 +69,10 @@ def command(
     else:
         _show(log, checks, worth, left_out)
     if ros is not None:
-        mended = [one.name for one in checks if one.problem and one.mend is not None]
-        of_log, of_robot = robot_check.with_mended(log, robot, checks)
-        source = "by this log" if mended else "of the robot file"
-        settings = ros_settings([of_log], of_robot, source=source, mended=mended)
+        corrected = [one.name for one in checks if one.problem and one.correction is not None]
+        of_log, of_robot = robot_check.with_corrected(log, robot, checks)
+        source = "by this log" if corrected else "of the robot file"
+        settings = ros_settings([of_log], of_robot, source=source, corrected=corrected)
         console.write_file(
             ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
         )
@@ -110,7 +110,9 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str
     for number, (cost, one) in enumerate(wrong, 1):
         costs = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
         out.print(Text(f"{number}. {_sentence(one.problem)}{costs}"))
-        out.print(Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Mend: {one.remedy}"))
+        out.print(
+            Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Correction: {one.remedy}")
+        )
     if worth is not None and (text := _drift(worth, bool(wrong), has_truth=log.truth is not None)):
         out.print(Text(f"\n{text}"))
     if worth is not None and worth.missing:
@@ -150,15 +152,17 @@ def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
         if not is_wrong:
             return ""
         if worth.as_it_is < LEAST_COST:
-            return f"Path {of}: the same with all of this mended."
-        return f"Path {of}, against that with all of this mended: {as_it_is} away."
-    if math.isnan(worth.as_it_is) and math.isnan(worth.mended):
+            return f"Once corrected: no effect on the path {of}."
+        return f"Path {of}: {as_it_is} from that once corrected."
+    if math.isnan(worth.as_it_is) and math.isnan(worth.corrected):
         return "The log is too short, or its truth too rough, to tell what this costs."
-    if not is_wrong or math.isnan(worth.mended):
+    if not is_wrong or math.isnan(worth.corrected):
         return f"Drift {of}: {as_it_is}."
-    text = f"Drift {of}: {as_it_is}, with all of this mended {worth.mended:.1f} %."
-    if worth.mended >= worth.as_it_is + max(LEAST_COST, LEAST_SHARE * worth.as_it_is):
-        text += " Mended it is worse: set only what costs something, and icreckon calibrate for the rest."
+    text = f"Drift {of}: {as_it_is}, {worth.corrected:.1f} % once corrected."
+    if worth.corrected >= worth.as_it_is + max(LEAST_COST, LEAST_SHARE * worth.as_it_is):
+        text += (
+            " That is worse: set only what costs something, and icreckon calibrate for the rest."
+        )
     return text
 
 
@@ -186,6 +190,6 @@ def _as_plain(checks: list[Check], worth: Worth | None, left_out: list[str]) -> 
             "variant": VARIANT,
             "horizon_s": None if worth is None else worth.horizon,
             "drift_percent_as_it_is": None if worth is None else worth.as_it_is,
-            "drift_percent_mended": None if worth is None else worth.mended,
+            "drift_percent_corrected": None if worth is None else worth.corrected,
         }
     )

@@ -83,7 +83,9 @@ class _Drive:
 
 
 def command(
-    paths: Annotated[list[Path], options.logs(f"Logs, each by itself: {options.LOG_FILES}.")],
+    paths: Annotated[
+        list[Path], options.logs(f"Logs, each replayed separately: {options.LOG_FILES}.")
+    ],
     robot_names: Annotated[
         list[str] | None, options.robot_option(". Required; repeatable, to compare robot files")
     ] = None,

@@ -58,7 +58,7 @@ class Picture(NamedTuple):
 
 
 def _verbatim(name: str) -> Markup:
-    """Content of a style sheet or script beside the templates."""
+    """Content of a style sheet or script next to the templates."""
     return Markup(_TEMPLATES.get_source(_PAGES, name)[0])  # noqa: S704 - our own file
 
 

@@ -323,7 +323,7 @@ class OdometryNode:
             self._log.warning(f"initialpose: {problem}")
             return
         x, y, yaw = pose
-        self._log.info(f"{wanted} starts anew at x {x:.2f} m, y {y:.2f} m, yaw {yaw:.2f} rad")
+        self._log.info(f"{wanted} starts again at x {x:.2f} m, y {y:.2f} m, yaw {yaw:.2f} rad")
 
     def _on_message(
         self, subscription: Subscription, msgtype: str, message: Any, info: Mapping[str, Any]
@@ -354,7 +354,7 @@ class OdometryNode:
 
     def _on_jump(self, jump: Any) -> None:
         self._log.warning(
-            f"the clock went back by {-jump.delta.nanoseconds * 1e-9:.3f} s: starting anew at the "
+            f"the clock went back by {-jump.delta.nanoseconds * 1e-9:.3f} s: starting again at the "
             "origin, with the learnt parameters"
         )
         self.live.restart(self._now())
@@ -473,7 +473,7 @@ class OdometryNode:
         self.live.restart()
         self._warn_of_state_file()
         response.success = True
-        response.message = "started anew at the origin, with the learnt parameters"
+        response.message = "started again at the origin, with the learnt parameters"
         return response
 
     def _warn_of_state_file(self) -> None:

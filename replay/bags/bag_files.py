@@ -244,7 +244,7 @@ def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
         )
         return (
             f"{walk.path.name}: {reason}; {chunks}, the first at byte {walk.damaged[0]}{more}; "
-            f"{count} messages beside that were read"
+            f"{count} other messages were read"
         )
     if walk.complete:
         return f"{walk.path.name}: {reason}; all its {count} messages were read without the index"
@@ -255,7 +255,7 @@ def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
 
 
 def _packed_files(path: Path) -> list[Path]:
-    """Files of a bag that are compressed as a whole, and were not unpacked beside."""
+    """Files of a bag that are compressed as a whole, and were not unpacked."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ReplayError(f"{path}: is a device or a pipe; a log is a file or a folder")
     try:

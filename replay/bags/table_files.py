@@ -56,7 +56,7 @@ columns, such as lists, by name; and what was left out."""
 
 
 def are_few(count: int, rows: int) -> bool:
-    """Return True if so many of the rows may be damaged in a table that is read."""
+    """Return True if this many of the rows may be damaged in a table that is read."""
     return count <= FEW * rows or (count == 1 and rows >= ENOUGH)
 
 
@@ -65,7 +65,7 @@ def read_table(path: Path) -> Read:
 
     Args:
         path: the file; Parquet by its first bytes, otherwise CSV with a line of names, its delimiter
-            a comma, a semicolon or a tab; beside the latter two, numbers may have decimal commas.
+            a comma, a semicolon or a tab; with the latter two, numbers may have decimal commas.
 
     Raises:
         ReplayError: it has more than `MOST_COLUMNS` columns, unpacks to more than the limit, or many rows
@@ -82,7 +82,7 @@ def _read_csv(path: Path) -> Read:
     text = _text_of(path)
     begin = bytes(text[:FIRST_BYTES])
     if begin.startswith(UTF_16_MARKS):
-        raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` mends that")
+        raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` converts it")
     lines = [*begin.decode("utf-8", "replace").splitlines(), ""]
     first, rows = lines[0], lines[1:]
     delimiter = max(DELIMITERS, key=first.count)
@@ -146,7 +146,7 @@ class _DamagedRows:
         return "skip"
 
     def notes(self, rows: int) -> list[str]:
-        """Notes on what was left out of so many good rows and these.
+        """Notes on what was left out of the rows.
 
         Raises:
             ReplayError: these are too many.

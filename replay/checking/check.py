@@ -1,4 +1,4 @@
-"""Record of a check, mending of a log or a robot, and the IMU in base_link."""
+"""Record of a check, correction of a log or a robot, and the IMU in base_link."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ SIGMAS = 3.0
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
 
-Mend = Callable[[Log, Robot], tuple[Log, Robot]]
+Correction = Callable[[Log, Robot], tuple[Log, Robot]]
 
 
 class Measured(NamedTuple):
@@ -51,10 +51,10 @@ class Check:
         in_log: value that the log shows, with its unit and error; empty if it shows none.
         problem: what contradicts, in a sentence; empty if nothing does.
         remedy: what to set in the file.
-        mend: log and robot with this mended, None if it cannot be.
+        correction: log and robot with this corrected, None if it cannot be.
         measured: the numbers behind `in_file` and `in_log`, None if the log shows none.
         settings: values to set in the robot file by dotted key, such as "log.tracks.latency"; empty if
-            no single key mends it.
+            no single key corrects it.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Check:
     in_log: str
     problem: str = ""
     remedy: str = ""
-    mend: Mend | None = None
+    correction: Correction | None = None
     measured: Measured | None = None
     settings: dict[str, float | list[float]] = field(default_factory=dict)
 
@@ -70,18 +70,20 @@ class Check:
         self,
         problem: str,
         remedy: str,
-        mend: Mend | None = None,
+        correction: Correction | None = None,
         settings: dict[str, float | list[float]] | None = None,
     ) -> Check:
         """Copy that contradicts the file; arguments as the attributes."""
-        return replace(self, problem=problem, remedy=remedy, mend=mend, settings=settings or {})
+        return replace(
+            self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}
+        )
 
 
-def mended(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
-    """Mend log and robot by the checks that can, one after the other."""
+def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
+    """Correction log and robot by the checks that can, one after the other."""
     for one in checks:
-        if one.mend is not None:
-            log, robot = one.mend(log, robot)
+        if one.correction is not None:
+            log, robot = one.correction(log, robot)
     return log, robot
 
 
@@ -128,24 +130,24 @@ def still_samples(log: Log) -> NDArray[np.bool_] | None:
     return still if float(still.sum()) * step >= imu_mounting.ENOUGH_STILL else None
 
 
-def with_imu(**values: object) -> Mend:
-    """Mending of the robot's IMU."""
+def with_imu(**values: object) -> Correction:
+    """Correction of the robot's IMU."""
 
-    def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
         imu: Imu = structs.replace(robot.imu, **values)
         return log, structs.replace(robot, imu=imu)
 
-    return mended
+    return corrected
 
 
-def with_speeds(change: Callable[[Floats], Floats]) -> Mend:
-    """Mending of the track speeds (n, 2)."""
+def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
+    """Correction of the track speeds (n, 2)."""
 
-    def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
         tracks = TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))
         return replace(log, tracks=tracks), robot
 
-    return mended
+    return corrected
 
 
 def rounded_angles(rotation: Floats) -> tuple[float, ...]:

@@ -122,7 +122,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
     angles, in_log = (
         angles_text(robot.imu.rotation_rpy_deg),
-        f"{tilt:.1f} deg beside it, by gravity",
+        f"{tilt:.1f} deg off the file, by gravity",
     )
     found = Check(MOUNTING, angles, in_log, measured=Measured(tilt, "deg", 0.0))
     if tilt <= LEAST_TILT + _tilt_by_turning(log, robot):
@@ -137,7 +137,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     )
     upside = " (upside down)" if tilt > 180.0 - ANOTHER_MOUNTING else ""
     yield found.contradicted(
-        f"gravity shows the IMU {tilt:.1f} deg beside its mounting in the file{upside}",
+        f"gravity shows the IMU {tilt:.1f} deg off its mounting in the file{upside}",
         f"rotation_rpy_deg = {list(turned)} in [imu]",
         with_imu(rotation_rpy_deg=turned) if shows_turning else None,
         {"imu.rotation_rpy_deg": list(turned)},

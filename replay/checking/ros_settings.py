@@ -57,7 +57,7 @@ def ros_settings(
     *,
     source: str = "of the robot file",
     proposed: bool = False,
-    mended: Sequence[str] = (),
+    corrected: Sequence[str] = (),
 ) -> str:
     """Format settings for ROS as YAML.
 
@@ -67,13 +67,13 @@ def ros_settings(
         source: origin of the effective track, for a comment.
         proposed: True if the effective track is that of the logs, and the gauge a stand-in for one that
             nobody has measured.
-        mended: quantities in which the logs contradicted the robot file, and which are mended.
+        corrected: corrected quantities, in which the logs contradicted the robot file.
     """
     names = ", ".join(_word(log.name) for log in logs)
     lines = [f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {names}. Every line is in SI units."]
-    if mended:
+    if corrected:
         lines.append(
-            f"# The robot file contradicts the log in: {', '.join(mended)}. Here it is as the log shows."
+            f"# The robot file contradicts the log in: {', '.join(corrected)}. These are by the log."
         )
     if any(len(log.tracks.stamps) for log in logs):
         lines += _controller_lines(logs, robot, source=source, proposed=proposed)

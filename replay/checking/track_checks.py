@@ -128,23 +128,23 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     if correlation > 0.0:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
         remedy = f"exchange left and right in [log.tracks], {minus}"
-        mend = with_speeds(lambda speeds: -speeds[:, ::-1])
+        correction = with_speeds(lambda speeds: -speeds[:, ::-1])
     elif backward or (backward is None and _accelerates_backward(log, robot, vertical)):
         text = "both tracks count backward: they turn the other way than the gyro"
         remedy = f"left and right in [log.tracks] {minus}"
-        mend = with_speeds(lambda speeds: -speeds)
+        correction = with_speeds(lambda speeds: -speeds)
         if backward is None:
             text += " and accelerate the other way than the IMU"
             remedy += " (or left and right are swapped, and the IMU is turned by 180 deg)"
     else:
         text = "left and right are swapped: the tracks turn the other way than the gyro"
         remedy = "exchange left and right in [log.tracks] (or the gyro's z axis points down)"
-        mend = with_speeds(lambda speeds: speeds[:, ::-1].copy())
-    yield found.contradicted(text, remedy, mend)
+        correction = with_speeds(lambda speeds: speeds[:, ::-1].copy())
+    yield found.contradicted(text, remedy, correction)
 
 
 def _reversed_side(log: Log, vertical: Floats) -> tuple[str, Floats] | None:
-    """Side that counts backward, and the signs (2,) that mend it; None if unclear."""
+    """Side that counts backward, and the signs (2,) that correct it; None if unclear."""
     assert log.imu is not None  # noqa: S101 - checked by the caller
     signs = np.array([1.0, -1.0])
     mirrored = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * signs)

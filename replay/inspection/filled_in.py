@@ -102,7 +102,7 @@ def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
         former = _values(tomllib.loads(text))
     except (ValueError, OSError) as problem:
         raise ReplayError(
-            f"{path}: what was filled in cannot be read: {problem}; mend or move the file"
+            f"{path}: what was filled in cannot be read: {problem}; correct or move the file"
         ) from None
     marks = {mark for line in text.splitlines() if line.startswith(MARK) for mark in line.split()}
     own = {

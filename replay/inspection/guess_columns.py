@@ -29,7 +29,7 @@ SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|
 NO_SPEED = re.compile(
     r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
 )
-# Words of a name that may stand beside its side where none is a speed's.
+# Words of a name that may stand with its side where none is a speed's.
 BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
     r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
@@ -127,7 +127,7 @@ def _wrap(counts: Floats) -> float | None:
 
 
 def _is_bare(name: str) -> bool:
-    """Return True for a name with no other quantity beside its side, as `left_m_s`."""
+    """Return True for a name with no other quantity than its side, as `left_m_s`."""
     words = re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower()))
     return all(BARE.fullmatch(word) for word in words)
 

@@ -343,17 +343,15 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
     yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
     for purpose, latency in seen.latencies.items():
         if isinstance(latency, NoLag):
-            yield (
-                f"{purpose}: whether stamps are late against the gyro's cannot be seen: {latency.reason}"
-            )
+            yield (f"{purpose}: lag behind the gyro not observable: {latency.reason}")
             continue
-        late = "late" if latency.seconds > 0.0 else "early"
+        lags = "lag" if latency.seconds > 0.0 else "lead"
         places = purpose == "truth" and fault is not None
-        against = "the tracks', by what both drive" if places else "the gyro's, by what both turn"
+        against = "the tracks (by speed)" if places else "the gyro (by yaw rate)"
         why = objection(latency)
         yield (
-            f"{purpose}: stamps are {abs(latency.seconds):.2f} s (± {latency.sigma:.3f}) {late} against "
-            f"{against}" + (f"; {why}: no latency is proposed" if why else "")
+            f"{purpose}: stamps {lags} {against} by {abs(latency.seconds):.2f} s (± {latency.sigma:.3f})"
+            + (f"; {why}: no latency is proposed" if why else "")
         )
     if seen.wheels.track_ratio is not None:
         yield _of_track(seen)

@@ -42,7 +42,7 @@ START_SIGMA = (0.5, 0.5, math.pi / 12.0)
 """Standard deviations of a start whose own are unknown [m, m, rad], those of AMCL."""
 
 LOST_SIGMA = 10_000.0
-"""Standard deviation of a position beyond which no filter recovers by itself [m]."""
+"""Standard deviation of a position beyond which no filter recovers [m]."""
 
 
 class LiveEstimate(NamedTuple):
@@ -208,7 +208,7 @@ class LiveOdometry:
         return estimates + list(self._estimates(self._buffer.take_all()))
 
     def restart(self, now: int | None = None) -> None:
-        """Start anew at the origin with the learnt parameters.
+        """Start again at the origin with the learnt parameters.
 
         A lost filter starts with those of the file, see `loss_of`.
 
@@ -223,7 +223,7 @@ class LiveOdometry:
         self._newest = None
 
     def place(self, pose: Pose, covariance: ArrayLike) -> bool:
-        """Start the map anew at a pose, with the next messages; `odom` goes on.
+        """Start the map again at a pose, with the next messages; `odom` goes on.
 
         Args:
             pose: of the base frame in map: x, y [m], yaw [rad].
@@ -349,7 +349,7 @@ def live_topics(robot: Robot) -> TopicMap:
 
 
 def loss_of(estimator: PoseEstimator) -> str:
-    """Reason for which a filter cannot recover by itself, empty if it can."""
+    """Reason for which a filter cannot recover, empty if it can."""
     state, covariance = estimator.state, estimator.covariance
     if not (np.isfinite(state).all() and np.isfinite(covariance).all()):
         return "the filter is lost: its estimate is not finite"

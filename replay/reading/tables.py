@@ -81,7 +81,7 @@ class Table:
             raise ReplayError(f"{path}: {problem}") from None
         except UnicodeDecodeError:
             raise ReplayError(
-                f"{path}: the names of its columns are not UTF-8; `iconv -f latin1 -t utf-8` mends that"
+                f"{path}: the names of its columns are not UTF-8; `iconv -f latin1 -t utf-8` converts it"
             ) from None
         except (pa.ArrowException, OSError) as problem:
             reason = " ".join(str(problem).split())

@@ -170,7 +170,7 @@ def _drive_note(results: Results) -> str:
 
 
 def _inputs_note(results: Results) -> str:
-    note = "As measured, every so many samples of the log."
+    note = "As measured; thinned out."
     if "gyro_rad_s" in results["series"]["inputs"]:
         note += " The gyro's rate is about base_link's z axis, its bias included."
     return f"{note} Where the tracks turn faster than the gyro, they slip."

@@ -28,7 +28,7 @@ from icreckon.report.replay.page_drive import drive_data, floats, known, listed
 from icreckon.report.replay.page_text import has_yaw_errors
 
 TRUTH, FIXES = "ground truth", "fixes used"
-# Variants shown when the page opens, beside the best and the baseline.
+# Variants shown when the page opens, next to the best and the baseline.
 FIRST_SHOWN = ("differential", "constant-online", "inertia-online")
 # Number of variants up to which all are shown.
 FEW = 4
@@ -274,7 +274,7 @@ def _one_turn(results: Results, columns: dict[str, Numbers]) -> dict[str, str]:
 
 
 def _inputs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Measured track speeds, and the yaw rate by them beside that of the gyro."""
+    """Measured track speeds, and the yaw rate by them and that of the gyro."""
     inputs, place = results["series"]["inputs"], "inputs"
     tracks: Chart = {
         "place": place,

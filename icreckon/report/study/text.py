@@ -13,7 +13,7 @@ from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
 # Most cells of a table by cell; with more, tables are by axis.
 MOST_CELLS = 24
 NEES = "nees_pose_end"
-# NEES from which a filter is much too sure, the mark beside it, and keys that change the sensors' noise.
+# NEES from which a filter is much too sure, the mark next to it, and keys that change the sensors' noise.
 MUCH_NEES, MARK = 6.0, "*"
 NOISE_KEYS = ("noise", "gyro", "accelerometer", "encoders")
 # First word of failure messages.

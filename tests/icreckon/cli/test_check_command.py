@@ -47,7 +47,7 @@ def test_as_json(folder: Path):
     (scale,) = (one for one in found["checks"] if one["problem"])
     assert scale["name"] == "scale of the tracks"
     assert scale["cost_percent"] > 20.0
-    assert found["drift_percent_mended"] < 3.0 < 20.0 < found["drift_percent_as_it_is"]
+    assert found["drift_percent_corrected"] < 3.0 < 20.0 < found["drift_percent_as_it_is"]
     assert found["is_of_another_robot"] is False
     assert isinstance(found["missing_manoeuvres"], list)
     # A program needs no words: it reads the numbers, and sets what `set` says.
@@ -57,8 +57,8 @@ def test_as_json(folder: Path):
     assert (measured["expected"], measured["unit"]) == (1.0, "-")
     assert [one["contradicts"] for one in found["checks"]].count(True) == 1
     assert list(scale["set"]) == ["vehicle.sprocket_radius"]
-    mended = changed_robot(load_robot(folder / "wrong.toml"), scale["set"])
-    assert mended.vehicle.sprocket_radius == pytest.approx(0.1, rel=0.05)
+    corrected = changed_robot(load_robot(folder / "wrong.toml"), scale["set"])
+    assert corrected.vehicle.sprocket_radius == pytest.approx(0.1, rel=0.05)
 
 
 def test_a_file_that_maps_no_imu_is_not_called_right(folder: Path) -> None:

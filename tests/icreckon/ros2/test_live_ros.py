@@ -496,7 +496,7 @@ def test_a_given_pose_places_the_map(ros: dict[str, str], short_bag: Path, tmp_p
     with recorded_node(ros, tmp_path, **options) as (_, running):
         play(ros, short_bag, topics=INPUTS[:2])
         subprocess.run([sys.executable, "-c", GIVE_POSE], env=ros, check=True, timeout=LONGEST)
-        until(lambda: "map starts anew at x 3.00 m, y 4.00 m" in running.text(), running)
+        until(lambda: "map starts again at x 3.00 m, y 4.00 m" in running.text(), running)
         assert "initialpose is in frame 'odom', not in 'map': not used" in running.text()
     in_map = recorded(tmp_path / "out")["/pose_in_map"]
     first = in_map[0].pose.pose

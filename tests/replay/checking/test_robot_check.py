@@ -1,4 +1,4 @@
-"""A robot file against a log: every error is named, alone, and mended; right files are left in peace."""
+"""A robot file against a log: each error is named, alone, and corrected; right files are left alone."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -37,10 +37,10 @@ def problems(log: Log, robot: Robot) -> dict[str, str]:
     return {one.name: one.problem for one in check_robot(log, robot) if one.problem}
 
 
-def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
     for one in check_robot(log, robot):
-        if one.mend is not None:
-            log, robot = one.mend(log, robot)
+        if one.correction is not None:
+            log, robot = one.correction(log, robot)
     return log, robot
 
 
@@ -159,7 +159,7 @@ def test_an_error_is_named_alone_and_mended(log: Log, name: str):
     assert found.keys() == expected.keys()
     for quantity, text in expected.items():
         assert text in found[quantity]
-    assert problems(*mended(wrong, robot)) == {}
+    assert problems(*corrected(wrong, robot)) == {}
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_swapped_tracks_and_a_turned_imu_are_told_from_tracks_that_count_backwar
     found = problems(wrong, ALPHA)
     assert found.keys() == {TURNING, FORWARD}
     assert "left and right are swapped" in found[TURNING]
-    assert problems(*mended(wrong, ALPHA)) == {}
+    assert problems(*corrected(wrong, ALPHA)) == {}
     # Without a truth, both are possible.
     bare = [one for one in check_robot(replace(wrong, truth=None), ALPHA) if one.problem]
     assert [one.name for one in bare] == [TURNING]
@@ -237,7 +237,7 @@ def test_costs_are_those_of_each_error_alone(log: Log):
     worth = worth_of(wrong, robot, checks)
     of_latency, of_scale, of_bias = worth.costs
     assert worth.horizon == 30.0
-    assert worth.mended < 3.0 < 20.0 < worth.as_it_is
+    assert worth.corrected < 3.0 < 20.0 < worth.as_it_is
     # Half as much again of the way, and a rate that is soon learnt at standstill.
     assert 30.0 < of_scale < 60.0
     assert abs(of_latency) < 0.3 * of_scale
@@ -247,7 +247,7 @@ def test_costs_are_those_of_each_error_alone(log: Log):
 def test_costs_without_a_truth_are_distances_from_the_mended_path(log: Log):
     wrong = replace(late(log, 0.2), truth=None)
     worth = worth_of(wrong, ALPHA, check_robot(wrong, ALPHA))
-    assert np.isnan(worth.mended)
+    assert np.isnan(worth.corrected)
     assert worth.as_it_is == worth.costs[0] > 0.1
 
 
@@ -267,7 +267,7 @@ def test_real_logs(data_dir: Path, name: str, own: str, other: str):
     swapped = with_values(load_robot(other), log=robot.log)
     wrong = read_log(path, swapped)
     assert robot_check.is_of_another(check_robot(wrong, swapped))
-    assert problems(*mended(wrong, swapped)) == {}
+    assert problems(*corrected(wrong, swapped)) == {}
     doubled = with_vehicle(robot, sprocket_radius=2.0 * robot.vehicle.sprocket_radius)
     assert "diameter" in problems(read_log(path, doubled), doubled)[SCALE]
 
@@ -277,7 +277,7 @@ def test_a_truth_that_stays_is_named_and_not_mended(log: Log):
     truth = replace(log.truth, poses=replace(log.truth.poses, poses=poses), twists=None)
     stays = replace(log, truth=truth.positions_alone())
     (found,) = (one for one in check_robot(stays, ALPHA) if one.problem)
-    assert (found.name, found.mend) == (SCALE, None)
+    assert (found.name, found.correction) == (SCALE, None)
     assert "one of them shows no motion" in found.problem
     with pytest.raises(EstimatorError, match="its truth moves 0 m while the tracks drive"):
         calibrate([stays], ALPHA)

@@ -92,11 +92,11 @@ def test_a_wheel_that_counts_backward_is_named_with_a_minus(tmp_path: Path) -> N
     as_it_is = tomllib.loads(WHEELS)["log"]["tracks"]
     read = read_log(log, robot_with(tracks=as_it_is))
     assert 'turn opposite ways: name a reversed one "-m4"' in str(read.notes)
-    mended = as_it_is | {"right": ["m3", "-m4"]}
-    read = read_log(log, robot_with(tracks=mended))
+    corrected = as_it_is | {"right": ["m3", "-m4"]}
+    read = read_log(log, robot_with(tracks=corrected))
     np.testing.assert_allclose(read.tracks.speeds, 0.5 * np.column_stack([LEFT, RIGHT]))
-    written = write_log(read, tmp_path / "written", "mcap", robot_with(tracks=mended))
-    again = read_log(written, robot_with(tracks=mended))
+    written = write_log(read, tmp_path / "written", "mcap", robot_with(tracks=corrected))
+    again = read_log(written, robot_with(tracks=corrected))
     np.testing.assert_allclose(again.tracks.speeds, read.tracks.speeds)
 
 
