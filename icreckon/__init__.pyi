@@ -105,8 +105,8 @@ from icreckon.replay.comparison.known_bias import KnownBias as KnownBias
 from icreckon.replay.comparison.many import compare_many as compare_many
 from icreckon.replay.comparison.results import summarise as summarise
 from icreckon.replay.comparison.truth_alignment import TruthAlignment as TruthAlignment
-from icreckon.replay.export.columns import columns_of as columns_of
 from icreckon.replay.export.log_bag import write_log as write_log
+from icreckon.replay.export.tables import columns_of as columns_of
 from icreckon.replay.export.tables import run_columns as run_columns
 from icreckon.replay.inspection.inspect import Inspection as Inspection
 from icreckon.replay.inspection.inspect import inspect as inspect

@@ -27,7 +27,7 @@ from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
 # two for each IMU sample where HIGHEST_GRID allows.
 LOWEST_GRID = 200.0
 HIGHEST_GRID = 1000.0
-# So many samples of one sensor, or points of the true motion, take minutes and gigabytes.
+# This many samples of one sensor, or points of the true motion, take minutes and gigabytes.
 MOST_SAMPLES = 5e6
 # No such sensor samples more often [Hz].
 HIGHEST_RATE = 1e4

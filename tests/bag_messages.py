@@ -1,12 +1,14 @@
 """Small bags with messages made by hand."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -59,6 +61,16 @@ def imu(stamp: int, rate=(0.0, 0.0, 0.1), force=(0.0, 0.0, 9.8), rate_covariance
     )
 
 
+def mcap_messages(path: Path) -> dict[str, list]:
+    """Type, time of recording and content of all messages by topic, by the official reader."""
+    found: dict[str, list] = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((schema.name, message.log_time, decoded))
+    return found
+
+
 def write_bag(path: Path, messages, delay: int = 0, raw=(), times=None) -> Path:
     """A bag of (topic, message) pairs, recorded at their header stamps plus a delay, or at times."""
     times = iter(times) if times is not None else None
@@ -68,7 +80,8 @@ def write_bag(path: Path, messages, delay: int = 0, raw=(), times=None) -> Path:
             kind = message.__msgtype__
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            stamp = message.header.stamp
+            headed = message.transforms[0] if topic.startswith("/tf") else message
+            stamp = headed.header.stamp
             when = stamp.sec * 10**9 + stamp.nanosec + delay if times is None else next(times)
             writer.write(connections[topic], when, STORE.serialize_cdr(message, kind))
         for topic, when, data in raw:
@@ -82,25 +95,10 @@ def robot_with(**log) -> Robot:
 
 def halves(log):
     """A log cut in two; in the second half nothing but track speeds and IMU."""
-    from dataclasses import replace
-
-    first = replace(
-        log,
-        tracks=TrackSpeedSeries(log.tracks.stamps[:100], log.tracks.speeds[:100]),
-        imu=ImuSeries(
-            log.imu.stamps[:200], log.imu.angular_velocity[:200], log.imu.linear_acceleration[:200]
-        ),
-    )
-    second = replace(
-        log,
-        tracks=TrackSpeedSeries(log.tracks.stamps[100:], log.tracks.speeds[100:]),
-        imu=ImuSeries(
-            log.imu.stamps[200:], log.imu.angular_velocity[200:], log.imu.linear_acceleration[200:]
-        ),
-        fixes=None,
-        truth=None,
-    )
-    return first, second
+    cut = int(log.tracks.stamps[100]) - 10**6
+    first, second = log.between(log.start, cut), log.between(cut, log.end)
+    bare = replace(second, fixes=None, truth=None)
+    return replace(first, fixes=log.fixes, truth=log.truth), bare
 
 
 def drive_bag(path: Path, messages, plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
@@ -149,6 +147,22 @@ def twist(v=0.0, w=0.0):
 
 
 SPEEDS = [("/js", joints(k * 10**9, (1.0, 2.0))) for k in range(1, 4)]
+
+
+def transform(stamp: int, parent: str, child: str, x=0.0, y=0.0, yaw=0.0, q=None):
+    quaternion = q if q is not None else (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
+    turn = T["geometry_msgs/msg/Quaternion"](*map(float, quaternion))
+    step = T["geometry_msgs/msg/Transform"](vector(x, y, 0.0), turn)
+    return T["geometry_msgs/msg/TransformStamped"](header(stamp, parent), child, step)
+
+
+def tf_bag(path: Path, moving, static=(), speeds=SPEEDS) -> Path:
+    """A bag of track speeds and of transforms on /tf and /tf_static."""
+    made = T["tf2_msgs/msg/TFMessage"]
+    steps = [("/tf_static", made([one])) for one in static] + [
+        ("/tf", made([one])) for one in moving
+    ]
+    return write_bag(path, [*speeds, *steps])
 
 
 def navsatfix(

@@ -1,8 +1,10 @@
 """Running the command as a user does: in a process of its own, or in this one, which is quicker."""
 
 import io
+import json
 import subprocess
 import sys
+import time
 import traceback
 from collections.abc import Callable
 from contextlib import chdir, nullcontext, redirect_stderr, redirect_stdout
@@ -13,6 +15,11 @@ from unittest import mock
 from icreckon.cli.main import main
 
 Done = subprocess.CompletedProcess[str]
+# Started in the background, the tests hand on that interrupts are ignored.
+MAIN = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+    "from icreckon.cli.main import main; main()"
+)
 NO_PICTURE = b"\x89PNG\r\n"
 
 
@@ -48,16 +55,48 @@ def icreckon(*words: object, cwd: Path, drawn: bool = False) -> Done:
     return subprocess.CompletedProcess(command, code, out.getvalue(), err.getvalue())
 
 
-def icreckon_alone(*words: object, cwd: Path) -> Done:
+def icreckon_alone(*words: object, cwd: Path, **how: Any) -> Done:
     """Run the command in a process of its own."""
-    return subprocess.run(
-        [sys.executable, "-c", "from icreckon.cli.main import main; main()", *map(str, words)],
-        capture_output=True,
+    with started(*words, cwd=cwd, **how) as process:
+        out, err = process.communicate(timeout=300)
+    return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+
+def started(
+    *words: object,
+    cwd: Path,
+    script: str = MAIN,
+    env: dict[str, str] | None = None,
+    until: Callable[[], object] = lambda: True,
+) -> subprocess.Popen[str]:
+    """A command in a session of its own, once something holds."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, *map(str, words)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
         text=True,
         cwd=cwd,
-        timeout=300,
-        check=False,
+        env=env,
+        start_new_session=True,
     )
+    deadline = time.monotonic() + 120.0
+    while not until():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return process
+
+
+def succeeds(*words: object, cwd: Path, run: Callable[..., Done] = icreckon, **how: bool) -> Done:
+    """Run a command that ends well."""
+    done = run(*words, cwd=cwd, **how)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done
+
+
+def results_in(folder: Path) -> dict[str, Any]:
+    """Content of the results.json in a folder."""
+    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
 
 
 def fails(*words: object, cwd: Path, run: Callable[..., Done] = icreckon) -> str:

@@ -7,6 +7,7 @@ import sys
 import sysconfig
 import time
 import venv
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from icreckon import Scenario, simulate, write_log
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import (
     FixSeries,
@@ -38,7 +40,7 @@ settings.register_profile("same-examples", derandomize=True, database=None, dead
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-examples"))
 LONG = (
     "test_how_to.py", "test_fresh_cache.py", "test_pages.py", "test_live_ros.py",
-    "test_readme.py", "test_ros2.py", "test_accuracy.py", "test_calibrate_command.py",
+    "test_readme.py", "test_ros2.py", "test_sample_logs.py", "test_calibrate_command.py",
     "test_compiled.py", "test_cli.py", "test_study_command.py", "test_stopping.py",
     "test_extreme_configurations.py", "test_calibrate.py", "test_scattering_fixes.py",
     "test_agreement.py", "test_truth_tables.py", "test_considered.py", "test_position_truth.py",
@@ -96,6 +98,13 @@ def robot() -> Robot:
     return load_robot("auriga-alpha")
 
 
+def simulated(path: Path, seconds: float, **scenario: Any) -> Path:
+    """A bag of a simulated drive of auriga-alpha."""
+    robot = load_robot("auriga-alpha")
+    log = simulate(Scenario(duration=seconds, **scenario), robot)
+    return write_log(log, path, "mcap", robot)
+
+
 @pytest.fixture(scope="session")
 def evo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of evo's programs: on the path, or in a virtual environment for all workers."""
@@ -127,6 +136,19 @@ def evo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     if problem := result.read_text(encoding="utf-8"):
         pytest.skip(f"evo is not on the path, and pip cannot install it: {problem.strip()[-200:]}")
     return programs
+
+
+def holed(log: Log, begin: int, end: int, tracks_end: int | None = None) -> Log:
+    """A log without track speeds and IMU samples between two stamps [ns]."""
+    tracks, imu = log.tracks, log.imu
+    kept = (tracks.stamps < begin) | (tracks.stamps > (tracks_end or end))
+    kept_imu = (imu.stamps < begin) | (imu.stamps > end)
+    readings = (imu.stamps, imu.angular_velocity, imu.linear_acceleration)
+    return replace(
+        log,
+        tracks=TrackSpeedSeries(tracks.stamps[kept], tracks.speeds[kept]),
+        imu=ImuSeries(*(one[kept_imu] for one in readings)),
+    )
 
 
 def make_log(seconds: float = 4.0, seed: int = 1, start: int = 1_700_000_000_123_456_789) -> Log:

@@ -32,6 +32,25 @@ truth = {{ x = "x", y = "y", yaw = "yaw" }}
 """
 
 
+# Columns of a table with all streams.
+COLUMNS = """
+[log.columns]
+time = "t"
+time_unit = "s"
+[log.columns.tracks]
+left = ["left"]
+right = ["right"]
+unit = "m/s"
+[log.columns.imu]
+angular_velocity = ["gx", "gy", "gz"]
+linear_acceleration = ["ax", "ay", "az"]
+[log.columns.truth]
+x = "truth_x"
+y = "truth_y"
+yaw = "truth_yaw"
+"""
+
+
 def write_robot(path: Path, name: str = "small", topic: str = "/js") -> Path:
     """Write the file of a robot with a name, and with a topic of the track speeds."""
     text = ROBOT.format(name=json.dumps(name), topic=json.dumps(topic))

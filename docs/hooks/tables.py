@@ -80,10 +80,12 @@ def rows(heads: tuple[str, ...], body: list[tuple[str, ...]]) -> str:
 
 def descriptions(kind: type) -> dict[str, str]:
     """Text of each attribute in the docstring of a type."""
-    _, _, listed = inspect.cleandoc(kind.__doc__ or "").partition("Attributes:\n")
-    listed = re.split(r"\n\n?(?=\S)", listed)[0]
-    found = re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", listed, flags=re.MULTILINE)
-    return {name: " ".join(text.split()) for name, text in found}
+    found = {}
+    for of in reversed(kind.__mro__):
+        _, _, listed = inspect.cleandoc(of.__doc__ or "").partition("Attributes:\n")
+        listed = re.split(r"\n\n?(?=\S)", listed)[0]
+        found |= dict(re.findall(r"^    (\w+): (.*(?:\n {8}.*)*)", listed, flags=re.MULTILINE))
+    return {name: " ".join(text.split()) for name, text in found.items()}
 
 
 def bounds(kind: Any) -> str:

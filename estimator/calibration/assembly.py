@@ -115,10 +115,9 @@ def assembled(
     # What one model takes for a latency another explains by inertia: all that may be right must agree.
     kept = frozenset[str]().union(*(one.not_contradicted(common) for one in may_be_right))
     new = with_common(robot, main, radii, may_be_right, speeds_by_radius, kept)
-    if not speeds_by_radius and main.is_free("scale"):
+    if not speeds_by_radius and not robot.log:
         notes.append(
-            f"the log's track speeds are speeds already: their scale, {main.value('scale'):.4f}, cannot "
-            "go into sprocket_radius; scale_sigma covers it, or correct the unit or the controller"
+            f"track speeds are not by sprocket_radius: scale_sigma covers {main.value('scale'):.4f}"
         )
     written = main.with_start_of(kept)
     scaled = {name: written.value(name) for name in {"scale", *kept}}
@@ -261,7 +260,7 @@ def _parameters(
     found = [
         _plain(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)
         if speeds_by_radius
-        else _plain(main, "scale", "track_scale", "-", before=1.0),
+        else _plain(main, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale"),
         _plain(
             radii,
             "difference",

@@ -116,12 +116,12 @@ def with_common(
     vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
     scale, sigma = main.value("scale"), finite(main.sigma("scale"))
     deviation = _deviation(main, supported, "scale", tracks.scale_sigma)
+    scale_sigma = float(np.hypot(sigma, deviation))
     if speeds_by_radius:
         radius = float(vehicle.sprocket_radius * scale)
         vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)
-        scale_sigma = float(np.hypot(sigma, deviation))
-    else:
-        scale_sigma = float(np.sqrt(sigma**2 + deviation**2 + (scale - 1.0) ** 2))
+    elif not robot.log:
+        scale_sigma = float(np.hypot(scale_sigma, scale - 1.0))
     if "scale" in kept:
         scale_sigma = min(scale_sigma, tracks.scale_sigma)
     difference, difference_sigma = written_difference(robot, radii)[0], tracks.difference_sigma
@@ -153,7 +153,7 @@ def with_common(
         gyro_bias_sigma=bias.sigma,
     )
     new = msgspec.structs.replace(robot, vehicle=vehicle, imu=imu, tracks=tracks)
-    return _with_latency(new, main)
+    return _with_log(new, main, 1.0 if speeds_by_radius else scale)
 
 
 def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
@@ -172,15 +172,17 @@ def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
     return main.value("gyro_scale") * both / total
 
 
-def _with_latency(robot: Robot, main: Fit) -> Robot:
-    """Robot whose mapping removes the tracks' latency from logs, if it maps tracks."""
-    latency = main.value("track_latency")
-    if not main.is_free("track_latency") or abs(latency) < LEAST_LATENCY:
-        return robot
+def _with_log(robot: Robot, main: Fit, scale: float) -> Robot:
+    """Robot whose mapping, if it has tracks, corrects their latency and scale."""
+    late = main.value("track_latency") if main.is_free("track_latency") else 0.0
     for name, mapping in (("log", robot.log), ("log.columns", robot.log.get("columns", {}))):
         if "tracks" in mapping:
-            latency += float(mapping["tracks"].get("latency", 0.0))
-            return changed_robot(robot, {f"{name}.tracks.latency": round(latency, 4)})
+            of, changes = mapping["tracks"], {}
+            if abs(late) >= LEAST_LATENCY:
+                changes["latency"] = round(float(of.get("latency", 0.0)) + late, 4)
+            if scale != 1.0:
+                changes["scale"] = round(float(of.get("scale", 1.0)) * scale, 4)
+            return changed_robot(robot, {f"{name}.tracks.{key}": changes[key] for key in changes})
     return robot
 
 

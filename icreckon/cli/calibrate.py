@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-import os
 from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from icreckon.cli.common import options
 from icreckon.cli.common.comparing import kernels_of, the_robot
 from icreckon.cli.common.console import (
     check_writable,
-    print_fitting,
     progress,
     results_folder,
+    show,
     working,
     write_file,
-)
-from icreckon.cli.common.options import (
-    LOG_FILES,
-    Json,
-    MessageFiles,
-    Out,
-    Overwrite,
-    RobotName,
-    Ros,
-    UnpackedLimit,
-    Wide,
-    logs,
 )
 from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.calibration import Calibration, calibrate
@@ -45,12 +33,11 @@ from icreckon.replay.checking.worth import VARIANT
 from icreckon.replay.comparison.results import json_types, write_results
 from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map, with_column_keys
-from icreckon.replay.reading.gather import source_name
+from icreckon.replay.reading.gather import refuse_twice, source_name
 from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
-from icreckon.report.calibration.page import calibration_page
-from icreckon.report.calibration.tables import WIDE_FROM, calibration_tables
-from icreckon.report.drawing import unless_missing
+from icreckon.report.calibration.tables import WIDE_FROM, calibration_page, calibration_tables
+from icreckon.report.pages import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
 SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")
@@ -60,16 +47,16 @@ BAG_FOLDER = "metadata.yaml"
 def command(
     paths: Annotated[
         list[Path],
-        logs(
-            f"Logs of one robot with a truth, each by itself: {LOG_FILES}. A folder of such files is one "
-            "log."
+        options.logs(
+            f"Logs of one robot with a truth, each a log: {options.LOG_FILES}. A folder of such "
+            "files is one log."
         ),
     ],
-    robot_name: RobotName = None,
+    robot_name: options.RobotName = None,
     write: Annotated[
         Path | None, typer.Option(help="Write the robot file with what was found here.")
     ] = None,
-    ros: Ros = None,
+    ros: options.Ros = None,
     lever_arm: Annotated[
         str | None,
         typer.Option(
@@ -87,20 +74,19 @@ def command(
     segment: Annotated[
         float, typer.Option(help="Length of the segments that are predicted, in seconds.")
     ] = 3.0,
-    message_files: MessageFiles = None,
-    _unpacked_limit: UnpackedLimit = 0.5,
-    out: Out = None,
-    as_json: Json = False,
-    wide: Wide = False,
-    overwrite: Overwrite = False,
+    message_files: options.MessageFiles = None,
+    _unpacked_limit: options.UnpackedLimit = 0.5,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+    overwrite: options.Overwrite = False,
 ) -> None:
     """Calibrate a robot from logs with a ground truth.
 
     Reports which parameters the logs determine, and which model they support.
     """
     robot_name, robot = the_robot(robot_name, paths[:1])
-    if len({os.path.realpath(path) for path in paths}) < len(paths):
-        raise ReplayError("a log is given twice; it would count twice")
+    refuse_twice(paths, "log")
     check_writable(write, FIRST_WORDS, overwrite=overwrite)
     check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     names = MODELS if models is None else tuple(name.strip() for name in models.split(","))
@@ -149,17 +135,15 @@ def command(
             from icreckon.report.calibration.figure import write_calibration_figure
 
             write_calibration_figure(folder / FIGURE_FILE, summary)
-        if as_json:
-            typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
-        else:
-            print_fitting(partial(calibration_tables, summary), wide=wide, wide_from=WIDE_FROM)
-    if write is not None:
-        names_of_logs = [log.name for log in read]
-        text = robot_file_text(found, names_of_logs, robot_name, gained)
-        write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
-    if ros is not None:
-        settings = ros_settings(again, found.robot, source=_origin(found))
-        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
+        if write is not None:
+            names_of_logs = [log.name for log in read]
+            text = robot_file_text(found, names_of_logs, robot_name, gained)
+            write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
+        if ros is not None:
+            settings = ros_settings(again, found.robot, source=_origin(found))
+            write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
+        table = partial(calibration_tables, summary)
+        show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
 
 
 def _origin(found: Calibration) -> str:

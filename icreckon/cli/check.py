@@ -11,27 +11,14 @@ from typing import Annotated, Any
 import typer
 from rich.text import Text
 
+from icreckon.cli.common import console
 from icreckon.cli.common.comparing import kernels_of, the_robot
-from icreckon.cli.common.console import (
-    FAILED,
-    check_writable,
-    print_banner,
-    progress,
-    results,
-    write_file,
-)
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import OF_STAMPS, ReplayError
+from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import Check
-from icreckon.replay.checking.robot_check import (
-    check_robot,
-    far_centre,
-    is_of_another,
-    topics_left_out,
-    with_mended,
-)
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import LEAST_COST, VARIANT, Worth, judged
 from icreckon.replay.comparison.results import json_types
@@ -57,38 +44,40 @@ def command(
     Says what contradicts the log, worst first, its cost, and what to set; exit status 1 if anything does.
     """
     _, robot = the_robot(robot_name, paths)
-    check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
+    console.check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     definitions = read_definitions(message_files or [])
-    with progress(f"reading {source_name(paths)}") as report:
+    with console.progress(f"reading {source_name(paths)}") as report:
         log = read_log(paths, robot, definitions=definitions, progress=report)
         guessed = guess_mapping(paths, definitions=definitions)
-    log = replace(log, notes=(*log.notes, *far_centre(robot)))
-    checks = check_robot(log, robot)
+    log = replace(log, notes=(*log.notes, *robot_check.far_centre(robot)))
+    checks = robot_check.check_robot(log, robot)
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
-        # Without a result with everything mended nothing has a price.
+        # Without a result with everything corrected nothing has a price.
         with (
-            progress(
-                "filtering, as the file is and mended", compiles=kernels_of([VARIANT])
+            console.progress(
+                "filtering, as the file is and corrected", compiles=kernels_of([VARIANT])
             ) as report,
             suppress(ReplayError),
         ):
             checks, worth, kept = judged(log, robot, checks, report)
             log = replace(log, notes=(*log.notes, *kept))
-    hints = [] if guessed is None else topics_left_out(guessed, robot)
+    hints = [] if guessed is None else robot_check.topics_left_out(guessed, robot)
     left_out = [one for one in hints if one not in log.notes]
     if as_json:
         typer.echo(json.dumps(_as_plain(checks, worth, left_out), indent=1))
     else:
         _show(log, checks, worth, left_out)
     if ros is not None:
-        mended = [one.name for one in checks if one.problem and one.mend is not None]
-        of_log, of_robot = with_mended(log, robot, checks)
-        source = "by this log" if mended else "of the robot file"
-        settings = ros_settings([of_log], of_robot, source=source, mended=mended)
-        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
+        corrected = [one.name for one in checks if one.problem and one.correction is not None]
+        of_log, of_robot = robot_check.with_corrected(log, robot, checks)
+        source = "by this log" if corrected else "of the robot file"
+        settings = ros_settings([of_log], of_robot, source=source, corrected=corrected)
+        console.write_file(
+            ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
+        )
     if any(one.problem for one in checks) or not _any_measured(checks):
-        raise typer.Exit(FAILED)
+        raise typer.Exit(console.FAILED)
 
 
 def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]]:
@@ -101,35 +90,35 @@ def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]
 
 
 def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str]) -> None:
-    console = results()
-    print_banner(log.notes)
+    out = console.results()
+    console.print_banner(log.notes)
     for what, count in log.dropped.items():
-        console.print(Text(f"Dropped from the log: {count} x {what}"))
+        out.print(Text(f"Dropped from the log: {count} x {what}"))
     for note in (one for one in log.notes if not one.startswith(OF_STAMPS)):
-        console.print(Text(f"Note: {note}"))
+        out.print(Text(f"Note: {note}"))
     for one in checks:
         mark = "!" if one.problem else "-"
         stated = f" (file: {one.in_file})" if one.in_file else ""
-        console.print(Text(f"{mark} {one.name}: {one.in_log}{stated}"))
+        out.print(Text(f"{mark} {one.name}: {one.in_log}{stated}"))
     wrong = _costs(checks, worth)
     if not wrong and not _any_measured(checks):
-        console.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
+        out.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
     elif not wrong:
-        console.print(Text("\nNothing in the log contradicts the robot file."))
+        out.print(Text("\nNothing in the log contradicts the robot file."))
     else:
-        console.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
+        out.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
     for number, (cost, one) in enumerate(wrong, 1):
         costs = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
-        console.print(Text(f"{number}. {_sentence(one.problem)}{costs}"))
-        console.print(
-            Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Mend: {one.remedy}")
+        out.print(Text(f"{number}. {_sentence(one.problem)}{costs}"))
+        out.print(
+            Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Correction: {one.remedy}")
         )
     if worth is not None and (text := _drift(worth, bool(wrong), has_truth=log.truth is not None)):
-        console.print(Text(f"\n{text}"))
+        out.print(Text(f"\n{text}"))
     if worth is not None and worth.missing:
-        console.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
+        out.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
     for hint in left_out:
-        console.print(Text(f"\nHint: {hint}"))
+        out.print(Text(f"\nHint: {hint}"))
 
 
 def _any_measured(checks: list[Check]) -> bool:
@@ -138,7 +127,7 @@ def _any_measured(checks: list[Check]) -> bool:
 
 def _headline(count: int, checks: list[Check]) -> str:
     text = "One thing contradicts" if count == 1 else f"{count} things contradict"
-    of_another = is_of_another(checks)
+    of_another = robot_check.is_of_another(checks)
     return f"{text} the log, worst first" + (
         ". Is this the file of another robot?" if of_another else ":"
     )
@@ -163,15 +152,17 @@ def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
         if not is_wrong:
             return ""
         if worth.as_it_is < LEAST_COST:
-            return f"Path {of}: the same with all of this mended."
-        return f"Path {of}, against that with all of this mended: {as_it_is} away."
-    if math.isnan(worth.as_it_is) and math.isnan(worth.mended):
+            return f"Once corrected: no effect on the path {of}."
+        return f"Path {of}: {as_it_is} from that once corrected."
+    if math.isnan(worth.as_it_is) and math.isnan(worth.corrected):
         return "The log is too short, or its truth too rough, to tell what this costs."
-    if not is_wrong or math.isnan(worth.mended):
+    if not is_wrong or math.isnan(worth.corrected):
         return f"Drift {of}: {as_it_is}."
-    text = f"Drift {of}: {as_it_is}, with all of this mended {worth.mended:.1f} %."
-    if worth.mended >= worth.as_it_is + max(LEAST_COST, LEAST_SHARE * worth.as_it_is):
-        text += " Mended it is worse: set only what costs something, and icreckon calibrate for the rest."
+    text = f"Drift {of}: {as_it_is}, {worth.corrected:.1f} % once corrected."
+    if worth.corrected >= worth.as_it_is + max(LEAST_COST, LEAST_SHARE * worth.as_it_is):
+        text += (
+            " That is worse: set only what costs something, and icreckon calibrate for the rest."
+        )
     return text
 
 
@@ -195,10 +186,10 @@ def _as_plain(checks: list[Check], worth: Worth | None, left_out: list[str]) -> 
             ],
             "left_out": left_out,
             "missing_manoeuvres": [] if worth is None else worth.missing,
-            "is_of_another_robot": is_of_another(checks),
+            "is_of_another_robot": robot_check.is_of_another(checks),
             "variant": VARIANT,
             "horizon_s": None if worth is None else worth.horizon,
             "drift_percent_as_it_is": None if worth is None else worth.as_it_is,
-            "drift_percent_mended": None if worth is None else worth.mended,
+            "drift_percent_corrected": None if worth is None else worth.corrected,
         }
     )

@@ -12,15 +12,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.common.console import (
-    check_writable,
-    print_banner,
-    print_fitting,
-    results,
-    say,
-    working,
-    write_file,
-)
+from icreckon.cli.common import console
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, Ros, UnpackedLimit, Wide
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import OF_STAMPS, ReplayError
@@ -57,13 +49,13 @@ def command(
     overwrite: Overwrite = False,
 ) -> None:
     """List what a log holds, and propose a robot file for it."""
-    check_writable(write, FIRST_WORDS, overwrite=overwrite)
-    check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
+    console.check_writable(write, FIRST_WORDS, overwrite=overwrite)
+    console.check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
     if picture is not None:
         check_replaceable(picture, overwrite=overwrite, starts=(PNG,))
     sizes = NO_SIZES if write is None else filled_in_sizes(write)
     definitions = read_definitions(message_files or [])
-    with working(f"reading {source_name(paths)}"):
+    with console.working(f"reading {source_name(paths)}"):
         found = inspect(paths, definitions=definitions, sizes=sizes)
     proposed = found.proposed_robot_file
     if as_json:
@@ -77,11 +69,11 @@ def command(
             kept = write.with_name(f"{write.name}~")
             with written_beside(kept, overwrite=True) as old:
                 old.write_bytes(former)
-            say(f"the file before is in {kept}")
+            console.say(f"the file before is in {kept}")
         with written_beside(write, overwrite=overwrite, starts=(FIRST_WORDS.encode(),)) as new:
             new.write_text(proposed, encoding="utf-8")
         if taken:
-            say(f"kept from the file before: {', '.join(taken)}")
+            console.say(f"kept from the file before: {', '.join(taken)}")
         again = (
             ""
             if sizes.gauge or "eta0 = " not in proposed
@@ -93,16 +85,20 @@ def command(
             else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
         )
         if FILL_IN in proposed:
-            say(f"proposed robot file in {write}; complete the lines marked «fill in», {then}")
+            console.say(
+                f"proposed robot file in {write}; complete the lines marked «fill in», {then}"
+            )
         else:
             check = f"icreckon check {' '.join(map(str, paths))} --robot {write}"
-            say(f"proposed robot file in {write}; all is filled in: {check}")
+            console.say(f"proposed robot file in {write}; all is filled in: {check}")
     if picture is not None:
         _draw(picture, found, overwrite=overwrite)
     if ros is not None:
-        with working("measuring wheels and covariances"):
+        with console.working("measuring wheels and covariances"):
             settings = proposed_ros_settings(proposed, paths, definitions)
-        write_file(ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite)
+        console.write_file(
+            ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
+        )
 
 
 def _draw(picture: Path, found: Inspection, *, overwrite: bool) -> None:
@@ -116,7 +112,7 @@ def _draw(picture: Path, found: Inspection, *, overwrite: bool) -> None:
 
     with written_beside(picture, overwrite=overwrite, starts=(PNG,)) as new:
         write_track_figure(new, found.path.stem, found.track)
-    say(f"effective track over the yaw rate in {picture}")
+    console.say(f"effective track over the yaw rate in {picture}")
 
 
 def _topics(found: Inspection, *, narrow: bool) -> Table:
@@ -136,17 +132,17 @@ def _topics(found: Inspection, *, narrow: bool) -> Table:
 
 
 def _show(found: Inspection, *, wide: bool, with_file: bool) -> None:
-    print_banner(found.notes)
-    print_fitting(partial(_topics, found), wide=wide, wide_from=WIDE_FROM)
-    console = results()
+    console.print_banner(found.notes)
+    console.print_fitting(partial(_topics, found), wide=wide, wide_from=WIDE_FROM)
+    out = console.results()
     for finding in found.findings:
-        console.print(Text(f"Found: {finding}"))
+        out.print(Text(f"Found: {finding}"))
     for what, count in found.dropped.items():
-        console.print(Text(f"Would be dropped: {count} x {what}"))
+        out.print(Text(f"Would be dropped: {count} x {what}"))
     for note in (one for one in found.notes if not one.startswith(OF_STAMPS)):
-        console.print(Text(f"Note: {note}"))
+        out.print(Text(f"Note: {note}"))
     if with_file:
-        console.print(Text("\nProposed robot file (--write FILE saves it):\n"))
+        out.print(Text("\nProposed robot file (--write FILE saves it):\n"))
         typer.echo(printable(found.proposed_robot_file))
 
 

@@ -7,15 +7,13 @@ from functools import partial
 
 import msgspec
 import numpy as np
-import typer
 
-from icreckon.cli.common.console import print_fitting, results_folder, working
+from icreckon.cli.common.console import results_folder, show, working
 from icreckon.cli.common.options import Json, Out, Overwrite, Wide
 from icreckon.replay.base.outputs import write_text
 from icreckon.replay.comparison.results import FORMAT, Results, json_types, versions, write_results
-from icreckon.report.drawing import unless_missing
-from icreckon.report.paper.page import paper_page
-from icreckon.report.paper.tables import LEVELS, paper_tables
+from icreckon.report.pages import unless_missing
+from icreckon.report.paper.tables import LEVELS, paper_page, paper_tables
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 from icreckon.simulation.paper.contact import BEST_FILE, load_paper_contact
 from icreckon.simulation.paper.dynamic_map import VelocityErrors
@@ -52,10 +50,8 @@ def command(
             write_figures(folder, reproduced, FIGURE_FILE)
         write_results(folder / RESULTS_FILE, summary)
         write_text(folder / PAGE_FILE, paper_page(summary, folder))
-        if as_json:
-            typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
-        else:
-            print_fitting(partial(paper_tables, summary), wide=wide, wide_from=WIDE_FROM)
+        table = partial(paper_tables, summary)
+        show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
 
 
 def _summary(reproduced: Reproduction) -> Results:

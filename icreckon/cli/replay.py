@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,22 +13,9 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from icreckon.cli.common.comparing import compare_and_report, compare_and_write, show, the_robot
-from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say
-from icreckon.cli.common.options import (
-    LOG_FILES,
-    VARIANT_NAMES,
-    Formats,
-    Json,
-    MessageFiles,
-    Out,
-    Overwrite,
-    UnpackedLimit,
-    Wide,
-    Workers,
-    logs,
-    robot_option,
-)
+from icreckon.cli.common import options
+from icreckon.cli.common.comparing import compare_and_report, compare_and_write, the_robot
+from icreckon.cli.common.console import exit_if_failed, progress, results_folder, say, show
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
@@ -41,25 +27,18 @@ from icreckon.replay.base.outputs import MANIFEST
 from icreckon.replay.checking.check import LATENCY
 from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.checking.worth import judged
+from icreckon.replay.comparison import many
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS
 from icreckon.replay.comparison.fixes import parse_part
-from icreckon.replay.comparison.many import (
-    Case,
-    CaseScores,
-    FailedCase,
-    failed_case,
-    label_of,
-    summarise_many,
-    unique,
-)
 from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.gather import source_name
+from icreckon.replay.reading.gather import refuse_twice, source_name
 from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
 from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE, write_many
 from icreckon.report.replay.many_tables import many_tables
 from icreckon.report.replay.many_text import many_failures
+from icreckon.report.replay.tables import WIDE_FROM
 
 
 @dataclass(frozen=True)
@@ -104,9 +83,11 @@ class _Drive:
 
 
 def command(
-    paths: Annotated[list[Path], logs(f"Logs, each by itself: {LOG_FILES}.")],
+    paths: Annotated[
+        list[Path], options.logs(f"Logs, each replayed separately: {options.LOG_FILES}.")
+    ],
     robot_names: Annotated[
-        list[str] | None, robot_option(". Required; repeatable, to compare robot files")
+        list[str] | None, options.robot_option(". Required; repeatable, to compare robot files")
     ] = None,
     one_log: Annotated[
         bool, typer.Option("--one-log", help="The files are parts of one log.")
@@ -116,7 +97,7 @@ def command(
         typer.Option(
             help="Filter variants, separated by commas (default: all): gyro, differential, "
             "constant-fixed, constant-online, full-linear, inertia-fixed, inertia-online.",
-            autocompletion=VARIANT_NAMES,
+            autocompletion=options.VARIANT_NAMES,
         ),
     ] = None,
     fixes: Annotated[
@@ -126,8 +107,8 @@ def command(
             "ground truth if the log has no fixes. Default: all fixes of the log."
         ),
     ] = None,
-    message_files: MessageFiles = None,
-    _unpacked_limit: UnpackedLimit = 0.5,
+    message_files: options.MessageFiles = None,
+    _unpacked_limit: options.UnpackedLimit = 0.5,
     smooth: Annotated[
         bool,
         typer.Option(
@@ -136,12 +117,12 @@ def command(
             "as variants NAME-smoothed.",
         ),
     ] = False,
-    formats: Formats = None,
-    out: Out = None,
-    as_json: Json = False,
-    wide: Wide = False,
-    overwrite: Overwrite = False,
-    workers: Workers = None,
+    formats: options.Formats = None,
+    out: options.Out = None,
+    as_json: options.Json = False,
+    wide: options.Wide = False,
+    overwrite: options.Overwrite = False,
+    workers: options.Workers = None,
 ) -> None:
     """Run all filter variants over a log, or several, and score them.
 
@@ -150,10 +131,10 @@ def command(
     """
     robot_names, message_files = robot_names or [], message_files or []
     files_of = [paths] if one_log else [[path] for path in paths]
-    _refuse_twice(paths, "log")
+    refuse_twice(paths, "log")
     wanted: list[str | None] = [*robot_names] or [None]
     robots = dict(the_robot(name, files_of[0]) for name in wanted)
-    _refuse_twice(robot_names, "robot file")
+    refuse_twice(robot_names, "robot file")
     if any(
         are_parts(paths, topic_map(one, one.name).columns) for one in robots.values() if one.log
     ):
@@ -163,7 +144,7 @@ def command(
     for name in names or []:
         find_variant(name)
     settings = Settings()
-    options = {
+    shared = {
         "variants": names,
         "settings": settings,
         "fixes": None if fixes is None else parse_part(fixes),
@@ -179,7 +160,7 @@ def command(
     }
     definitions = read_definitions(message_files)
     drives = [
-        _Drive(log, name, robot, message_files, definitions, configuration, options)
+        _Drive(log, name, robot, message_files, definitions, configuration, shared)
         for log in files_of
         for name, robot in robots.items()
     ]
@@ -193,36 +174,28 @@ def command(
         else:
             summary = _many(_labelled(drives, files_of, robots), folder, configuration)
             failed = many_failures(summary)
-            show(folder, partial(many_tables, summary), as_json=as_json, wide=wide)
+            table = partial(many_tables, summary)
+            show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
     exit_if_failed(failed)
-
-
-def _refuse_twice(names: Sequence[Path | str], what: str) -> None:
-    seen = set()
-    for name in names:
-        place = os.path.realpath(name)
-        if place in seen:
-            raise ReplayError(f"{what} {name} is given twice; leave one of them out")
-        seen.add(place)
 
 
 def _labelled(
     drives: Sequence[_Drive], logs: Sequence[list[Path]], robots: Mapping[str, Robot]
-) -> dict[Case, _Drive]:
+) -> dict[many.Case, _Drive]:
     """Drives by labels that are names of folders."""
     taken = (PAGE_FILE, RESULTS_FILE, MANIFEST)
-    of_logs = unique([label_of(log[0]) for log in logs], taken)
-    of_robots = unique([label_of(Path(name)) for name in robots], taken)
-    cases = [Case(log, robot) for log in of_logs for robot in of_robots]
+    of_logs = many.unique([many.label_of(log[0]) for log in logs], taken)
+    of_robots = many.unique([many.label_of(Path(name)) for name in robots], taken)
+    cases = [many.Case(log, robot) for log in of_logs for robot in of_robots]
     return dict(zip(cases, drives, strict=True))
 
 
 def _many(
-    drives: Mapping[Case, _Drive], folder: Path, configuration: dict[str, Any]
+    drives: Mapping[many.Case, _Drive], folder: Path, configuration: dict[str, Any]
 ) -> dict[str, Any]:
     """Run each log with each robot file, and write the results of all."""
-    scored: list[CaseScores] = []
-    failed: list[FailedCase] = []
+    scored: list[many.CaseScores] = []
+    failed: list[dict[str, Any]] = []
     places = {case: _place(case, drives) for case in drives}
     for case, drive in drives.items():
         target = folder / places[case]
@@ -234,7 +207,7 @@ def _many(
         except Exception as problem:
             if Stop.number:
                 raise
-            failed.append(failed_case(case, problem))
+            failed.append(many.failed_case(case, problem))
             shutil.rmtree(target)
         else:
             scored += [] if found is None else [found]
@@ -242,14 +215,16 @@ def _many(
         "logs": {case.log: list(map(str, drive.paths)) for case, drive in drives.items()},
         "robots": {case.robot: drive.robot_name for case, drive in drives.items()},
     }
-    summary = summarise_many(scored, failed, command="replay", configuration=of_all | configuration)
+    summary = many.summarise_many(
+        scored, failed, command="replay", configuration=of_all | configuration
+    )
     for one in summary["logs"]:
-        one["folder"] = places[Case(one["label"], one["robot"])]
+        one["folder"] = places[many.Case(one["label"], one["robot"])]
     write_many(folder, summary)
     return summary
 
 
-def _place(case: Case, drives: Mapping[Case, _Drive]) -> str:
+def _place(case: many.Case, drives: Mapping[many.Case, _Drive]) -> str:
     """Subfolder of a case: the log and the robot, those of which there are several."""
-    several = (len({getattr(one, kind) for one in drives}) > 1 for kind in Case._fields)
+    several = (len({getattr(one, kind) for one in drives}) > 1 for kind in many.Case._fields)
     return "/".join(part for part, needed in zip(case, several, strict=True) if needed)

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn
 from rich.table import Table
 from rich.text import Text
 
-from icreckon.cli.common.console import BAR, exit_if_failed, messages, print_fitting, results, say
+from icreckon.cli.common.console import BAR, exit_if_failed, messages, results, say, show
 from icreckon.cli.common.options import Json, Wide, completed_by
 from icreckon.cli.common.stopping import Stop
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
@@ -106,10 +106,8 @@ def command(
     except KeyboardInterrupt:
         Stop.advice = _advice(folder, reporter)
         raise
-    if as_json:
-        typer.echo((folder / RESULTS).read_text(encoding="utf-8"), nl=False)
-    else:
-        print_fitting(partial(_summary, found), wide=wide, wide_from=WIDE_FROM)
+    table = partial(_summary, found)
+    show(folder / RESULTS, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
     say(f"results in {folder}/, the page to read and to send is {folder / PAGE}")
     for line in same_results(found):
         say(line, "yellow")

@@ -1,11 +1,16 @@
-"""Pages from templates: Jinja escapes all text that they are given."""
+"""Pages from templates: Jinja escapes all text that they are given.
+
+Figures need matplotlib; results, tables and pages do without it.
+"""
 
 from __future__ import annotations
 
 import base64
 import json
 import re
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -53,7 +58,7 @@ class Picture(NamedTuple):
 
 
 def _verbatim(name: str) -> Markup:
-    """Content of a style sheet or script beside the templates."""
+    """Content of a style sheet or script next to the templates."""
     return Markup(_TEMPLATES.get_source(_PAGES, name)[0])  # noqa: S704 - our own file
 
 
@@ -84,3 +89,18 @@ _PAGES.filters["base64"] = lambda data: base64.b64encode(data).decode()
 def render(template: str, **content: Any) -> str:
     """Render a template of `icreckon/report/templates`."""
     return _PAGES.get_template(template).render(content)
+
+
+@contextmanager
+def unless_missing() -> Iterator[None]:
+    """Run code that draws; warn in one line if matplotlib cannot be imported."""
+    try:
+        yield
+    except ImportError as problem:
+        if not (problem.name or "").startswith(("matplotlib", "kiwisolver", "contourpy", "PIL")):
+            raise
+        warnings.warn(
+            f"no figures: matplotlib cannot be imported ({problem}); all else is written. "
+            "`pip install matplotlib` brings them",
+            stacklevel=1,
+        )

@@ -52,7 +52,7 @@ class Queue(NamedTuple):
     depth: int  # longest length
 
     def take_all(self) -> list[Received]:
-        """Take out the messages that wait."""
+        """Remove and return the messages that wait."""
         taken: list[Received] = []
         with self.ros.handle:
             while len(taken) < self.depth:
@@ -93,7 +93,7 @@ class Inbox:
         self._waiting.append(message)
 
     def take(self) -> list[Received]:
-        """Take out all messages, in the order of their sending.
+        """Remove and return all messages, in the order of their sending.
 
         For a second after a stall it gives none. Call it often, also without messages: it sees stalls.
         """

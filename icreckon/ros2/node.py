@@ -14,18 +14,7 @@ import msgspec
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.outputs import IcrPoints, icr_points
-from icreckon.replay.bags.message_types import (
-    DIAGNOSTICS,
-    KEY_VALUE,
-    MARKER,
-    MARKERS,
-    ODOMETRY,
-    POINT,
-    POSE_WITH_COVARIANCE,
-    STATUS,
-    TF,
-    TRANSFORM,
-)
+from icreckon.replay.bags import message_types as ros
 from icreckon.replay.base.diagnostic_status import DiagnosticStatus
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
@@ -33,6 +22,7 @@ from icreckon.replay.live.odometry import LiveEstimate, LiveOdometry
 from icreckon.replay.live.silence import silent_topic
 from icreckon.replay.live.slip import SlipWatch
 from icreckon.replay.live.statuses import LiveStatuses, parameter_statuses
+from icreckon.ros2 import parameters
 from icreckon.ros2.inbox import NO_TIMES, Inbox, Queue, Received
 from icreckon.ros2.messages import (
     fill_diagnostics,
@@ -41,14 +31,6 @@ from icreckon.ros2.messages import (
     fill_pose,
     fill_transform,
     pose_of,
-)
-from icreckon.ros2.parameters import (
-    DESCRIPTIONS,
-    OF_QOS,
-    NodeOptions,
-    check_qos,
-    options_from,
-    unknown_parameters,
 )
 from icreckon.ros2.topics import find_topic, input_qos, message_class, overridable
 
@@ -170,7 +152,7 @@ class OdometryNode:
 
     # --- construction ----------------------------------------------------------------------------
 
-    def _declared(self, robot: str | None, variant: str | None) -> NodeOptions:
+    def _declared(self, robot: str | None, variant: str | None) -> parameters.NodeOptions:
         from rcl_interfaces.msg import ParameterDescriptor
 
         # Declaring them all instead would refuse empty lists.
@@ -178,23 +160,25 @@ class OdometryNode:
         self._qos = {
             name: one.value
             for name, one in overrides.items()
-            if name.startswith(OF_QOS) and not self.node.has_parameter(name)
+            if name.startswith(parameters.OF_QOS) and not self.node.has_parameter(name)
         }
-        for text in unknown_parameters(name for name in overrides if not name.startswith(OF_QOS)):
+        for text in parameters.unknown_parameters(
+            name for name in overrides if not name.startswith(parameters.OF_QOS)
+        ):
             self._warn(text)
-        defaults = {one.name: one.default for one in msgspec.structs.fields(NodeOptions)}
+        defaults = {one.name: one.default for one in msgspec.structs.fields(parameters.NodeOptions)}
         given = {"robot": robot, "variant": variant}
         values = {}
         for name, default in defaults.items():
             # Any type is taken here: `options_from` converts 2 to 2.0 and has the better messages.
             descriptor = ParameterDescriptor(
-                description=DESCRIPTIONS[name], read_only=True, dynamic_typing=True
+                description=parameters.DESCRIPTIONS[name], read_only=True, dynamic_typing=True
             )
             parameter = self.node.declare_parameter(name, default, descriptor)
             # An empty list has no value.
             value = default if parameter.value is None else parameter.value
             values[name] = value if given.get(name) is None else given[name]
-        return options_from(values)
+        return parameters.options_from(values)
 
     def _check_qos(self) -> None:
         """Refuse an invalid override of a topic's QoS, and warn of one of no topic."""
@@ -202,23 +186,23 @@ class OdometryNode:
         topics = [f"{resolve(one.topic)}.subscription" for one in self._missing]
         topics += [f"{resolve('initialpose')}.subscription"]
         topics += [f"{resolve(one)}.publisher" for one in OUTPUTS]
-        for text in check_qos(self._qos, topics):
+        for text in parameters.check_qos(self._qos, topics):
             self._warn(text)
 
     def _make_publishers(self) -> None:
         options, has_map = self.options, self.live.map is not None
-        self._odometry = self._publisher("odom", 100, ODOMETRY)
+        self._odometry = self._publisher("odom", 100, ros.ODOMETRY)
         self._map_pose = (
-            self._publisher("pose_in_map", 10, POSE_WITH_COVARIANCE) if has_map else None
+            self._publisher("pose_in_map", 10, ros.POSE_WITH_COVARIANCE) if has_map else None
         )
         self._tf = None
         if options.publish_tf or (options.publish_map_tf and has_map):
-            self._tf = self._publisher("/tf", 100, TF, TRANSFORM)
+            self._tf = self._publisher("/tf", 100, ros.TF, ros.TRANSFORM)
         self._markers = None
         if options.icr_markers:
-            self._markers = self._publisher("icrs", 10, MARKERS, MARKER, POINT)
+            self._markers = self._publisher("icrs", 10, ros.MARKERS, ros.MARKER, ros.POINT)
         self._slip, self._learnt, self._diagnostics = (
-            self._publisher(topic, 10, DIAGNOSTICS, STATUS, KEY_VALUE)
+            self._publisher(topic, 10, ros.DIAGNOSTICS, ros.STATUS, ros.KEY_VALUE)
             for topic in ("slip", "learnt_parameters", "/diagnostics")
         )
 
@@ -293,7 +277,7 @@ class OdometryNode:
                 found = find_topic(self.node, subscription)
                 if found is None:
                     continue
-                self._subscribe(subscription, found.msgtype, reliable=found.reliable)
+                self._subscribe(subscription, found[0], reliable=found[1])
             except ReplayError as problem:
                 self._warn(str(problem))
                 continue
@@ -312,17 +296,17 @@ class OdometryNode:
         if not hasattr(of_rclpy, "MessageInfo"):
             callback = partial(callback, info=NO_TIMES)
         kind = message_class(msgtype)
-        ros = self.node.create_subscription(
+        created = self.node.create_subscription(
             kind, subscription.topic, callback, qos, qos_overriding_options=overridable()
         )
-        self._inbox.add(Queue(subscription, msgtype, ros, options.input_depth))
+        self._inbox.add(Queue(subscription, msgtype, created, options.input_depth))
         self._log.info(f"{subscription.purpose}: {subscription.topic} ({msgtype})")
 
     def _listen_for_pose(self) -> None:
         """Subscribe to poses that somebody gives, as RViz does, if there is a map."""
         if self.live.map is not None:
             callback = self._on_initial_pose
-            kind = message_class(POSE_WITH_COVARIANCE)
+            kind = message_class(ros.POSE_WITH_COVARIANCE)
             self.node.create_subscription(
                 kind, "initialpose", callback, 1, qos_overriding_options=overridable()
             )
@@ -339,7 +323,7 @@ class OdometryNode:
             self._log.warning(f"initialpose: {problem}")
             return
         x, y, yaw = pose
-        self._log.info(f"{wanted} starts anew at x {x:.2f} m, y {y:.2f} m, yaw {yaw:.2f} rad")
+        self._log.info(f"{wanted} starts again at x {x:.2f} m, y {y:.2f} m, yaw {yaw:.2f} rad")
 
     def _on_message(
         self, subscription: Subscription, msgtype: str, message: Any, info: Mapping[str, Any]
@@ -370,7 +354,7 @@ class OdometryNode:
 
     def _on_jump(self, jump: Any) -> None:
         self._log.warning(
-            f"the clock went back by {-jump.delta.nanoseconds * 1e-9:.3f} s: starting anew at the "
+            f"the clock went back by {-jump.delta.nanoseconds * 1e-9:.3f} s: starting again at the "
             "origin, with the learnt parameters"
         )
         self.live.restart(self._now())
@@ -387,16 +371,16 @@ class OdometryNode:
     def _publish(self, estimates: list[LiveEstimate]) -> None:
         options = self.options
         for one in estimates:
-            odometry = self._new(ODOMETRY)
+            odometry = self._new(ros.ODOMETRY)
             planar = options.two_d_mode
             fill_odometry(odometry, one, options.odom_frame, options.base_frame, planar=planar)
             self._odometry.publish(odometry)
             if self._tf is not None and (transforms := self._transforms(one)):
-                message = self._new(TF)
+                message = self._new(ros.TF)
                 message.transforms = transforms
                 self._tf.publish(message)
             if self._map_pose is not None and (placed := one.in_map(planar=planar)) is not None:
-                pose = self._new(POSE_WITH_COVARIANCE)
+                pose = self._new(ros.POSE_WITH_COVARIANCE)
                 self._map_pose.publish(fill_pose(pose, one.stamp, options.map_frame, placed))
             if abs(one.stamp - self._last_slow) >= PERIOD * 1e9:
                 self._last_slow = one.stamp
@@ -406,13 +390,13 @@ class OdometryNode:
         options, transforms = self.options, []
         if options.publish_tf:
             frames = options.odom_frame, options.base_frame
-            transform = self._new(TRANSFORM)
+            transform = self._new(ros.TRANSFORM)
             pose = estimate.in_odom(planar=options.two_d_mode)
             transforms.append(fill_transform(transform, estimate.stamp, *frames, pose))
         odom = estimate.odom_in_map(planar=options.two_d_mode)
         if options.publish_map_tf and odom is not None:
             frames = options.map_frame, options.odom_frame
-            transform = self._new(TRANSFORM)
+            transform = self._new(ros.TRANSFORM)
             transforms.append(fill_transform(transform, estimate.stamp, *frames, odom))
         return transforms
 
@@ -425,14 +409,14 @@ class OdometryNode:
         if self._markers is not None:
             points = icr_points(estimate.indices, gauge)
             icrs = IcrPoints(*(live.base.point(*point) for point in points))
-            array = self._new(MARKERS)
+            array = self._new(ros.MARKERS)
             fill_icr_markers(array, estimate.stamp, self.options.base_frame, icrs, self._new)
             self._markers.publish(array)
 
     def _publish_statuses(
         self, publisher: Any, stamp: int, statuses: list[DiagnosticStatus]
     ) -> None:
-        array, name = self._new(DIAGNOSTICS), self.live.robot.name
+        array, name = self._new(ros.DIAGNOSTICS), self.live.robot.name
         publisher.publish(fill_diagnostics(array, stamp, statuses, name, self._new))
 
     def _report(self) -> None:
@@ -489,7 +473,7 @@ class OdometryNode:
         self.live.restart()
         self._warn_of_state_file()
         response.success = True
-        response.message = "started anew at the origin, with the learnt parameters"
+        response.message = "started again at the origin, with the learnt parameters"
         return response
 
     def _warn_of_state_file(self) -> None:

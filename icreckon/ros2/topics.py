@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any
 
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.live.inputs import Subscription
@@ -11,18 +11,11 @@ from icreckon.replay.reading.stream import unreadable
 from icreckon.ros2.parameters import QOS_POLICIES, Reliability
 
 
-class Found(NamedTuple):
-    """Message type of a topic and whether all of its publishers are reliable."""
-
-    msgtype: str
-    reliable: bool
-
-
-def find_topic(node: Any, subscription: Subscription) -> Found | None:
+def find_topic(node: Any, subscription: Subscription) -> tuple[str, bool] | None:
     """Find a topic in the ROS graph.
 
     Returns:
-        Its type and reliability, or None if nobody publishes it yet.
+        Its message type, and whether all of its publishers are reliable; None if nobody publishes it yet.
 
     Raises:
         ReplayError: its type is unsupported for this stream.
@@ -40,7 +33,7 @@ def find_topic(node: Any, subscription: Subscription) -> Found | None:
         purpose, readable = subscription.purpose, subscription.types
         raise ReplayError(unreadable(subscription.topic, types, purpose, readable))
     reliable = all(one.qos_profile.reliability == ReliabilityPolicy.RELIABLE for one in supported)
-    return Found(supported[0].topic_type, reliable)
+    return supported[0].topic_type, reliable
 
 
 def message_class(msgtype: str) -> Any:

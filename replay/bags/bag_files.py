@@ -6,19 +6,23 @@ or SQLite file. Files that are compressed as a whole are unpacked first.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol, Self, TypeVar
+from types import MappingProxyType
+from typing import Any, Protocol, Self, TypeVar
 
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
+from rosbags.rosbag1 import reader as rosbag1_reader
+from rosbags.rosbag2 import storage_mcap
+from rosbags.rosbag2.reader import DirectoryReader
 
-from icreckon.replay.bags.readers import Ros2Reader
 from icreckon.replay.bags.records import LATEST, Channel, Record
 from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
-from icreckon.replay.bags.unpacking import limit, unpack_file
+from icreckon.replay.bags.unpacking import limit, unpack, unpack_file
 from icreckon.replay.base.errors import ReplayError
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -27,6 +31,42 @@ PACKED_SUFFIX = ".zstd"
 """Ending of the name of a file that is compressed as a whole."""
 
 T = TypeVar("T")
+
+
+def _mcap_chunk(data: bytes, _: int, *, compression: str) -> bytes:
+    return unpack(data, compression)
+
+
+# The tables by which rosbags unpacks chunks. It compares the sizes of those of MCAP files afterwards.
+storage_mcap.DECOMPRESSORS.update(
+    {name: partial(_mcap_chunk, compression=name) for name in ("zstd", "lz4")}
+)
+rosbag1_reader.decompressors.update(
+    {name: partial(unpack, compression=name) for name in ("bz2", "lz4")}
+)
+
+
+class _FolderReader(DirectoryReader):
+    """Reader of ROS 2 folders that unpacks messages up to the limit."""
+
+    _packed = False
+
+    def open(self) -> None:
+        """Open the folder, and leave the unpacking of its messages to `messages`."""
+        super().open()
+        self._packed = self.metadata.compression_mode == "message"
+        self.metadata = self.metadata._replace(compression_mode=None)
+
+    def messages(self, *args: Any, **options: Any) -> Generator[Any, None, None]:
+        """Read messages, as `rosbag2.Reader.messages`."""
+        for connection, time, data in super().messages(*args, **options):
+            yield connection, time, unpack(data, "zstd") if self._packed else data
+
+
+class Ros2Reader(rosbag2.Reader):
+    """Reader of ROS 2 bags that unpacks up to the limit."""
+
+    STORAGE_PLUGINS = MappingProxyType({**rosbag2.Reader.STORAGE_PLUGINS, "dir": _FolderReader})
 
 
 class Bag(Protocol):
@@ -204,7 +244,7 @@ def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
         )
         return (
             f"{walk.path.name}: {reason}; {chunks}, the first at byte {walk.damaged[0]}{more}; "
-            f"{count} messages beside that were read"
+            f"{count} other messages were read"
         )
     if walk.complete:
         return f"{walk.path.name}: {reason}; all its {count} messages were read without the index"
@@ -215,7 +255,7 @@ def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
 
 
 def _packed_files(path: Path) -> list[Path]:
-    """Files of a bag that are compressed as a whole, and were not unpacked beside."""
+    """Files of a bag that are compressed as a whole, and were not unpacked."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ReplayError(f"{path}: is a device or a pipe; a log is a file or a folder")
     try:

@@ -7,7 +7,7 @@ import struct
 from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
@@ -82,15 +82,8 @@ def _inner_types(fields: Any) -> list[str]:
     return found
 
 
-class Header(NamedTuple):
-    """Message header: stamp [ns] and frame."""
-
-    stamp: int
-    frame_id: str
-
-
-def header_reader(channel: Channel) -> Callable[[bytes], Header] | None:
-    """Build a reader of only the headers of a channel; None if there are none.
+def header_reader(channel: Channel) -> Callable[[bytes], tuple[int, str]] | None:
+    """Build a reader of the stamps [ns] and frames of a channel; None without headers.
 
     The reader raises struct.error or UnicodeDecodeError if the bytes are not such a message.
     """
@@ -104,16 +97,16 @@ def header_reader(channel: Channel) -> Callable[[bytes], Header] | None:
     return _ros1_header if channel.encoding == "ros1" else _cdr_header
 
 
-def _cdr_header(data: bytes) -> Header:
+def _cdr_header(data: bytes) -> tuple[int, str]:
     order = "<" if data[1] & 1 else ">"
     seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", data, 4)
     frame = bytes(data[16 : 16 + length]).rstrip(b"\0").decode()
-    return Header(seconds * NANOSECONDS + nanoseconds, frame)
+    return seconds * NANOSECONDS + nanoseconds, frame
 
 
-def _ros1_header(data: bytes) -> Header:
+def _ros1_header(data: bytes) -> tuple[int, str]:
     _, seconds, nanoseconds, length = struct.unpack_from("<4I", data)
-    return Header(seconds * NANOSECONDS + nanoseconds, bytes(data[16 : 16 + length]).decode())
+    return seconds * NANOSECONDS + nanoseconds, bytes(data[16 : 16 + length]).decode()
 
 
 @cache

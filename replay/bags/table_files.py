@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from icreckon.replay.bags.unpacking import limit, too_large
 from icreckon.replay.base.errors import ReplayError
@@ -50,16 +50,13 @@ def _is_parquet(path: Path) -> bool:
         return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
 
 
-class Read(NamedTuple):
-    """Content of a table file."""
-
-    table: Any  # columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries
-    others: dict[str, str]  # types of the other columns, such as lists, by name
-    notes: list[str]  # what was left out
+Read = tuple[Any, dict[str, str], list[str]]
+"""Columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries; types of the other
+columns, such as lists, by name; and what was left out."""
 
 
 def are_few(count: int, rows: int) -> bool:
-    """Return True if so many of the rows may be damaged in a table that is read."""
+    """Return True if this many of the rows may be damaged in a table that is read."""
     return count <= FEW * rows or (count == 1 and rows >= ENOUGH)
 
 
@@ -68,7 +65,7 @@ def read_table(path: Path) -> Read:
 
     Args:
         path: the file; Parquet by its first bytes, otherwise CSV with a line of names, its delimiter
-            a comma, a semicolon or a tab; beside the latter two, numbers may have decimal commas.
+            a comma, a semicolon or a tab; with the latter two, numbers may have decimal commas.
 
     Raises:
         ReplayError: it has more than `MOST_COLUMNS` columns, unpacks to more than the limit, or many rows
@@ -85,7 +82,7 @@ def _read_csv(path: Path) -> Read:
     text = _text_of(path)
     begin = bytes(text[:FIRST_BYTES])
     if begin.startswith(UTF_16_MARKS):
-        raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` mends that")
+        raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` converts it")
     lines = [*begin.decode("utf-8", "replace").splitlines(), ""]
     first, rows = lines[0], lines[1:]
     delimiter = max(DELIMITERS, key=first.count)
@@ -97,14 +94,14 @@ def _read_csv(path: Path) -> Read:
         return csv.read_csv(BufferReader(text), parse_options=options, convert_options=numbers)
 
     try:
-        return Read(read(None), {}, [])
+        return read(None), {}, []
     except ArrowInvalid:
         # A handler of rows that are no UTF-8 writes a traceback.
         if not _is_utf_8(text):
             raise
     damaged = _DamagedRows()
     table = read(damaged.take)
-    return Read(table, {}, damaged.notes(int(table.num_rows)))
+    return table, {}, damaged.notes(int(table.num_rows))
 
 
 def _text_of(path: Path) -> Any:
@@ -149,7 +146,7 @@ class _DamagedRows:
         return "skip"
 
     def notes(self, rows: int) -> list[str]:
-        """Notes on what was left out of so many good rows and these.
+        """Notes on what was left out of the rows.
 
         Raises:
             ReplayError: these are too many.
@@ -191,7 +188,7 @@ def _read_parquet(path: Path) -> Read:
     with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
         table = file.read(columns=read, use_threads=False)
     others = {field.name: str(field.type) for field in schema if field.name not in read}
-    return Read(table, others, [])
+    return table, others, []
 
 
 def _check_columns(count: int) -> None:

@@ -10,15 +10,7 @@ from heapq import merge
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from rosbags import rosbag1, rosbag2
-from rosbags.interfaces import (
-    Qos,
-    QosDurability,
-    QosHistory,
-    QosLiveliness,
-    QosReliability,
-    QosTime,
-)
+from rosbags import interfaces, rosbag1, rosbag2
 from rosbags.rosbag2 import StoragePlugin
 
 from icreckon.estimator.base.array_types import Stamps
@@ -35,15 +27,15 @@ SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
 MARK = "written_by_icreckon"
 """Text in each bag, without which none is replaced."""
 
-UNSPECIFIED = QosTime(0, 0)
-LATCHED = Qos(
-    history=QosHistory.KEEP_LAST,
+UNSPECIFIED = interfaces.QosTime(0, 0)
+LATCHED = interfaces.Qos(
+    history=interfaces.QosHistory.KEEP_LAST,
     depth=1,
-    reliability=QosReliability.RELIABLE,
-    durability=QosDurability.TRANSIENT_LOCAL,
+    reliability=interfaces.QosReliability.RELIABLE,
+    durability=interfaces.QosDurability.TRANSIENT_LOCAL,
     deadline=UNSPECIFIED,
     lifespan=UNSPECIFIED,
-    liveliness=QosLiveliness.AUTOMATIC,
+    liveliness=interfaces.QosLiveliness.AUTOMATIC,
     liveliness_lease_duration=UNSPECIFIED,
     avoid_ros_namespace_conventions=False,
 )

@@ -17,19 +17,12 @@ LARGE_NIS = 4.0
 
 
 class DiagnosticStatus(NamedTuple):
-    """Status of one component.
+    """Status of one component."""
 
-    Attributes:
-        level: `OK`, `WARN`, `ERROR` or `STALE`.
-        name: name of the component.
-        message: summary in one sentence.
-        values: details by key.
-    """
-
-    level: int
-    name: str
-    message: str
-    values: dict[str, str]
+    level: int  # `OK`, `WARN`, `ERROR` or `STALE`
+    name: str  # name of the component
+    message: str  # summary in one sentence
+    values: dict[str, str]  # details by key
 
 
 def estimate_status(

@@ -1,4 +1,4 @@
-"""Atomic outputs: write beside the target, then move; overwrite only on request."""
+"""Atomic outputs: write next to the target, then move; overwrite only on request."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from icreckon.replay.base.errors import ReplayError
 
 # List of the files of a result folder, in it: others that are there were put there by a person.
 MANIFEST = ".icreckon-files"
-# Suffixes of files beside the new output in its temporary folder: the lock, and what it replaces.
+# Suffixes of files next to the new output in its temporary folder: the lock, and what it replaces.
 OWNER, REPLACED = ".owner", ".replaced"
 # Length of the ends of a file that are searched for a mark [bytes].
 MARKED = 2**20
@@ -36,7 +36,7 @@ def written_beside(
 ) -> Iterator[Path]:
     """Yield a temporary path and move it to `path` if the block succeeds.
 
-    The temporary path has the same name, in a temporary folder beside `path` that is always
+    The temporary path has the same name, in a temporary folder next to `path` that is always
     removed; if the process is killed, by the next one that writes to `path`. If the block raises, `path`
     is left unchanged. Missing parent folders are made.
 

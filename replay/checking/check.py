@@ -1,4 +1,4 @@
-"""Record of a check, mending of a log or a robot, and the IMU in base_link."""
+"""Record of a check, correction of a log or a robot, and the IMU in base_link."""
 
 from __future__ import annotations
 
@@ -11,21 +11,25 @@ import numpy as np
 from msgspec import structs
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import matrix_to_rpy
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.frames import matrix_to_rpy, relative
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.scores import even_grid, interpolate_poses
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Imu, Robot
-from icreckon.replay.inspection.imu_mounting import ENOUGH_STILL, are_usable, rate_about, standstill
+from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.robot_file import in_rates
-from icreckon.replay.mapping.topics import TrackTopic, topic_map
+from icreckon.replay.inspection.wheels import STRAIGHT as BENDS
+from icreckon.replay.inspection.wheels import wheel_estimates
+from icreckon.replay.mapping.columns import TrackKeys
+from icreckon.replay.mapping.topics import topic_map
 
 # Standard errors from which a difference is one.
 SIGMAS = 3.0
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
 
-Mend = Callable[[Log, Robot], tuple[Log, Robot]]
+Correction = Callable[[Log, Robot], tuple[Log, Robot]]
 
 
 class Measured(NamedTuple):
@@ -47,10 +51,10 @@ class Check:
         in_log: value that the log shows, with its unit and error; empty if it shows none.
         problem: what contradicts, in a sentence; empty if nothing does.
         remedy: what to set in the file.
-        mend: log and robot with this mended, None if it cannot be.
+        correction: log and robot with this corrected, None if it cannot be.
         measured: the numbers behind `in_file` and `in_log`, None if the log shows none.
         settings: values to set in the robot file by dotted key, such as "log.tracks.latency"; empty if
-            no single key mends it.
+            no single key corrects it.
     """
 
     name: str
@@ -58,7 +62,7 @@ class Check:
     in_log: str
     problem: str = ""
     remedy: str = ""
-    mend: Mend | None = None
+    correction: Correction | None = None
     measured: Measured | None = None
     settings: dict[str, float | list[float]] = field(default_factory=dict)
 
@@ -66,25 +70,27 @@ class Check:
         self,
         problem: str,
         remedy: str,
-        mend: Mend | None = None,
+        correction: Correction | None = None,
         settings: dict[str, float | list[float]] | None = None,
     ) -> Check:
         """Copy that contradicts the file; arguments as the attributes."""
-        return replace(self, problem=problem, remedy=remedy, mend=mend, settings=settings or {})
+        return replace(
+            self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}
+        )
 
 
-def mended(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
-    """Mend log and robot by the checks that can, one after the other."""
+def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
+    """Correction log and robot by the checks that can, one after the other."""
     for one in checks:
-        if one.mend is not None:
-            log, robot = one.mend(log, robot)
+        if one.correction is not None:
+            log, robot = one.correction(log, robot)
     return log, robot
 
 
 def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
     """Yaw rate (n,) and specific force (n, 3) in base_link, by the robot file."""
     rotation = robot.imu_rotation
-    vertical = rate_about(rotation[2], imu.angular_velocity, robot.imu.gyro_axes)
+    vertical = imu_mounting.rate_about(rotation[2], imu.angular_velocity, robot.imu.gyro_axes)
     force = imu.linear_acceleration
     return vertical, None if force is None else np.asarray(force @ rotation.T)
 
@@ -100,38 +106,48 @@ def from_twist(robot: Robot) -> bool:
     return tracks is not None and not tracks.left
 
 
-def mapped_tracks(robot: Robot) -> TrackTopic | None:
+def mapped_tracks(robot: Robot) -> TrackKeys | None:
     """Map of the track speeds of a robot's logs; None if there is none."""
-    return topic_map(robot, robot.name).tracks if robot.log else None
+    mapping = topic_map(robot, robot.name)
+    return mapping.columns.tracks if mapping.columns and not mapping.tracks else mapping.tracks
+
+
+def tracks_table(robot: Robot) -> str:
+    """Table of a robot file that maps the track speeds."""
+    return (
+        "log.columns.tracks"
+        if "columns" in robot.log and "tracks" not in robot.log
+        else "log.tracks"
+    )
 
 
 def still_samples(log: Log) -> NDArray[np.bool_] | None:
     """IMU samples (n,) at standstill, None if there are too few."""
-    if log.imu is None or len(log.imu.stamps) < 2 or not are_usable(log.tracks):
+    if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
         return None
-    still = standstill(log.tracks, log.imu.stamps)
+    still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    return still if float(still.sum()) * step >= ENOUGH_STILL else None
+    return still if float(still.sum()) * step >= imu_mounting.ENOUGH_STILL else None
 
 
-def with_imu(**values: object) -> Mend:
-    """Mending of the robot's IMU."""
+def with_imu(**values: object) -> Correction:
+    """Correction of the robot's IMU."""
 
-    def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
         imu: Imu = structs.replace(robot.imu, **values)
         return log, structs.replace(robot, imu=imu)
 
-    return mended
+    return corrected
 
 
-def with_speeds(change: Callable[[Floats], Floats]) -> Mend:
-    """Mending of the track speeds (n, 2)."""
+def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
+    """Correction of the track speeds (n, 2)."""
 
-    def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
         tracks = TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))
         return replace(log, tracks=tracks), robot
 
-    return mended
+    return corrected
 
 
 def rounded_angles(rotation: Floats) -> tuple[float, ...]:
@@ -142,3 +158,65 @@ def rounded_angles(rotation: Floats) -> tuple[float, ...]:
 def angles_text(values: tuple[float, float, float]) -> str:
     """Text of three angles [deg]."""
     return f"{', '.join(f'{value:g}' for value in values)} deg"
+
+
+# Turning of a window that hardly slips [rad].
+STRAIGHT = 0.2
+
+
+Scale = tuple[float, float | None, str]
+"""Distance over ground over that of the tracks [-], its standard error or None, and its source."""
+
+
+def effective_track(robot: Robot) -> float:
+    """Effective track of a robot file, with constant ICRs [m]."""
+    return robot.constant_indices.eta0 * robot.vehicle.track_gauge
+
+
+def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
+    """Effective track by gyro and tracks, and its standard error or None [m].
+
+    None if they turn too little.
+    """
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+        return None
+    vertical = in_base(log.imu, robot)[0]
+    correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
+    found = wheel_estimates(log, vertical, correlation)
+    return None if found.track_ratio is None else (found.track_ratio, found.track_sigma)
+
+
+def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:
+    """Scale of the track speeds by truth or fixes; None if they do not show it.
+
+    Args:
+        log: the log.
+        robot: the robot.
+        bends: whether windows with bends count, too, in which tracks slip.
+    """
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+        return None
+    vertical = in_base(log.imu, robot)[0]
+    found = wheel_estimates(log, vertical, None, BENDS if bends else STRAIGHT)
+    if found.way_ratio is None:
+        return None
+    return found.way_ratio, found.way_sigma, found.way_source
+
+
+def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:
+    """Motion of a truth in windows [s]; None if it is too short.
+
+    Returns:
+        (n + 1,) stamps of the starts and ends of the windows [ns], and (n, 3) the pose at the end of each
+        in that at its start [m, m, rad].
+    """
+    edges = even_grid(
+        max(truth.poses.stamps[0], log.start),
+        min(truth.poses.stamps[-1], log.end),
+        round(window / NANOSECOND),
+        truth.poses.stamps,
+    )
+    if len(edges) < 2:
+        return None
+    poses = interpolate_poses(truth.poses, edges)
+    return edges, relative(poses[:-1], poses[1:])

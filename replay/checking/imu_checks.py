@@ -23,14 +23,8 @@ from icreckon.replay.checking.check import (
     still_samples,
     with_imu,
 )
+from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.gyro_bias import gyro_bias
-from icreckon.replay.inspection.imu_mounting import (
-    ABSURD,
-    are_usable,
-    density,
-    estimate_mounting,
-    forward_yaw,
-)
 from icreckon.replay.inspection.robot_file import STANDING_BIAS_SIGMA
 from icreckon.replay.inspection.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gravity
 
@@ -66,7 +60,7 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
     topic = robot.log.get("imu", {}).get("topic")
     if topic is None and "imu" in columns:
         topic = "its columns"
-    if log.imu is not None and np.abs(log.imu.angular_velocity).max() > ABSURD:
+    if log.imu is not None and np.abs(log.imu.angular_velocity).max() > imu_mounting.ABSURD:
         largest = float(np.abs(log.imu.angular_velocity).max())
         yield Check(
             "gyro",
@@ -104,7 +98,7 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
         force = log.imu.linear_acceleration * (GRAVITY / size)
         return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
 
-    remedy = "the driver's unit, or acceleration_unit in [log.imu] for fields of a message"
+    remedy = 'acceleration_unit = "g" in [log.imu], where the driver publishes g'
     if abs(size - GRAVITY) <= OFFSET_OF_GRAVITY * GRAVITY:
         remedy = "the accelerometer's scale or offset: calibrate it, or scale it in the driver"
     yield found.contradicted(
@@ -128,14 +122,14 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
     angles, in_log = (
         angles_text(robot.imu.rotation_rpy_deg),
-        f"{tilt:.1f} deg beside it, by gravity",
+        f"{tilt:.1f} deg off the file, by gravity",
     )
     found = Check(MOUNTING, angles, in_log, measured=Measured(tilt, "deg", 0.0))
     if tilt <= LEAST_TILT + _tilt_by_turning(log, robot):
         yield found
         return
     turned = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
-    if tilt > ANOTHER_MOUNTING and (whole := estimate_mounting(log)) is not None:
+    if tilt > ANOTHER_MOUNTING and (whole := imu_mounting.estimate_mounting(log)) is not None:
         turned = rounded_angles(rpy_to_matrix(*np.radians(whole.rotation_rpy_deg)))
     roll, pitch, _ = np.radians(turned)
     shows_turning = (
@@ -143,7 +137,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     )
     upside = " (upside down)" if tilt > 180.0 - ANOTHER_MOUNTING else ""
     yield found.contradicted(
-        f"gravity shows the IMU {tilt:.1f} deg beside its mounting in the file{upside}",
+        f"gravity shows the IMU {tilt:.1f} deg off its mounting in the file{upside}",
         f"rotation_rpy_deg = {list(turned)} in [imu]",
         with_imu(rotation_rpy_deg=turned) if shows_turning else None,
         {"imu.rotation_rpy_deg": list(turned)},
@@ -156,7 +150,7 @@ def _tilt_by_turning(log: Log, robot: Robot) -> float:
     rate = in_base(log.imu, robot)[0]
     forward, left, _ = robot.imu.position
     force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
-    if are_usable(log.tracks):
+    if imu_mounting.are_usable(log.tracks):
         speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
         force += abs(float(np.mean(speed * rate)))
     return math.degrees(math.atan(force / GRAVITY))
@@ -173,14 +167,16 @@ def _turn_upright(up: Floats) -> Floats:
 
 def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
     """Yaw of the IMU's mounting, to the next 90 degrees, by accelerations."""
-    if log.imu is None or len(log.imu.stamps) < 2 or not are_usable(log.tracks):
+    if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
         return
     vertical, force = in_base(log.imu, robot)
     speeds = log.tracks.speeds
     drives = np.abs(speeds.mean(axis=1)).mean() > LEAST_DRIVING * np.abs(speeds).mean()
     if force is None or not drives:
         return
-    yaw = forward_yaw(log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical)
+    yaw = imu_mounting.forward_yaw(
+        log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical
+    )
     if yaw is None:
         return
     in_file = angles_text(robot.imu.rotation_rpy_deg)
@@ -237,7 +233,10 @@ def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     if log.imu is None or still is None or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
         return
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    noise, stated = density(in_base(log.imu, robot)[0], still, step), robot.imu.gyro_noise_density
+    noise, stated = (
+        imu_mounting.density(in_base(log.imu, robot)[0], still, step),
+        robot.imu.gyro_noise_density,
+    )
     in_file, in_log = f"{stated:.2g} rad/s/√Hz", f"{noise:.2g} rad/s/√Hz at standstill"
     found = Check("gyro noise", in_file, in_log, measured=Measured(noise, "rad/s/√Hz", stated))
     if noise <= OTHER_NOISE * stated:

@@ -1,7 +1,7 @@
 """Check of a robot file against a log: scale, signs, mounting, latency, units.
 
-Every check compares what the file states with what the log shows, and can mend the difference. Checks
-run one after the other, each on the log and file as mended so far, so that one error (a radius that is
+Every check compares what the file states with what the log shows, and can correct the difference. Checks
+run one after the other, each on the log and file as corrected so far, so that one error (a radius that is
 a diameter) does not show up as several.
 """
 
@@ -12,21 +12,8 @@ from dataclasses import replace
 
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
-from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check, mended
-from icreckon.replay.checking.imu_checks import (
-    check_bias,
-    check_forward,
-    check_gravity,
-    check_mounting,
-    check_noise,
-    check_presence,
-)
-from icreckon.replay.checking.track_checks import (
-    check_latency,
-    check_scale,
-    check_track,
-    check_turning,
-)
+from icreckon.replay.checking import imu_checks, track_checks
+from icreckon.replay.checking.check import FORWARD, MOUNTING, SCALE, TRACK, Check, corrected
 from icreckon.replay.mapping.topics import TopicMap, topic_map, with_column_keys
 from icreckon.replay.reading.gather import left_out
 
@@ -39,18 +26,18 @@ STREAMS = {
 }
 # Factor of the scale up to which the wheels can be the right ones [-].
 SLIGHT = 1.2
-# In this order: each needs what those before it have mended.
+# In this order: each needs what those before it have corrected.
 CHECKS = (
-    check_presence,
-    check_gravity,
-    check_mounting,
-    check_turning,
-    check_forward,
-    check_latency,
-    check_scale,
-    check_track,
-    check_bias,
-    check_noise,
+    imu_checks.check_presence,
+    imu_checks.check_gravity,
+    imu_checks.check_mounting,
+    track_checks.check_turning,
+    imu_checks.check_forward,
+    track_checks.check_latency,
+    track_checks.check_scale,
+    track_checks.check_track,
+    imu_checks.check_bias,
+    imu_checks.check_noise,
 )
 
 
@@ -65,7 +52,7 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
     for look in CHECKS:
         for one in look(log, robot):
             found.append(replace(one, remedy=with_column_keys(one.remedy, robot)))
-            log, robot = mended(log, robot, [one])
+            log, robot = corrected(log, robot, [one])
     return found
 
 
@@ -79,19 +66,21 @@ def far_centre(robot: Robot) -> list[str]:
     ]
 
 
-def with_mended(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
-    """Log and robot with all contradictions mended that a check can mend."""
-    wrong = [one for one in checks if one.problem and one.mend is not None]
-    log, robot = mended(log, robot, wrong)
+def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
+    """Log and robot with all contradictions corrected that a check can correct."""
+    wrong = [one for one in checks if one.problem and one.correction is not None]
+    log, robot = corrected(log, robot, wrong)
     return log, changed_robot(robot, {key: to for one in wrong for key, to in one.settings.items()})
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:
-    """True if so much contradicts that the file seems to be that of another robot."""
+    """True if the contradictions are such that the file seems to be that of another robot."""
     names = {
         one.name
         for one in checks
-        if one.problem and one.mend is not None and not (one.name == SCALE and _is_slight(one))
+        if one.problem
+        and one.correction is not None
+        and not (one.name == SCALE and _is_slight(one))
     }
     return len([one for one in ({MOUNTING, FORWARD}, {SCALE}, {TRACK}) if names & one]) >= 2
 

@@ -21,13 +21,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, make_robot
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import from_twist, in_base, in_rates_of
-from icreckon.replay.checking.measured import (
-    effective_track,
-    measured_scale,
-    measured_track,
-    true_motion,
-)
+from icreckon.replay.checking import check
 from icreckon.replay.checking.track_checks import is_other_track
 from icreckon.replay.inspection.filled_in import has_stand_in_gauge
 from icreckon.replay.inspection.imu_mounting import are_usable
@@ -63,7 +57,7 @@ def ros_settings(
     *,
     source: str = "of the robot file",
     proposed: bool = False,
-    mended: Sequence[str] = (),
+    corrected: Sequence[str] = (),
 ) -> str:
     """Format settings for ROS as YAML.
 
@@ -73,13 +67,13 @@ def ros_settings(
         source: origin of the effective track, for a comment.
         proposed: True if the effective track is that of the logs, and the gauge a stand-in for one that
             nobody has measured.
-        mended: quantities in which the logs contradicted the robot file, and which are mended.
+        corrected: corrected quantities, in which the logs contradicted the robot file.
     """
     names = ", ".join(_word(log.name) for log in logs)
     lines = [f"{ROS_FIRST_WORDS}, of {_word(robot.name)} on {names}. Every line is in SI units."]
-    if mended:
+    if corrected:
         lines.append(
-            f"# The robot file contradicts the log in: {', '.join(mended)}. Here it is as the log shows."
+            f"# The robot file contradicts the log in: {', '.join(corrected)}. These are by the log."
         )
     if any(len(log.tracks.stamps) for log in logs):
         lines += _controller_lines(logs, robot, source=source, proposed=proposed)
@@ -117,7 +111,7 @@ def proposed_ros_settings(
 
 def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
     """Estimate errors of wheel odometry with the effective track of a robot."""
-    track = effective_track(robot)
+    track = check.effective_track(robot)
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
     usual = np.sqrt(np.mean(speeds**2, axis=0))
     forward, forward_by = SHARE_FORWARD * float(usual.mean()), ""
@@ -139,7 +133,7 @@ def _turning_errors(log: Log, robot: Robot) -> Floats:
     left, right = (np.interp(log.imu.stamps, log.tracks.stamps, one) for one in log.tracks.speeds.T)
     size = np.abs(log.tracks.speeds).max(axis=1)
     moving = np.interp(log.imu.stamps, log.tracks.stamps, size) > 0.0
-    off = ((right - left) / effective_track(robot) - in_base(log.imu, robot)[0])[moving]
+    off = ((right - left) / check.effective_track(robot) - check.in_base(log.imu, robot)[0])[moving]
     return np.asarray(off - off.mean() if len(off) else off)
 
 
@@ -148,13 +142,13 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
     truth = log.truth
     if truth is None or not truth.headings or log.imu is None or not are_usable(log.tracks):
         return np.zeros(0)
-    late = truth_lag(truth, log.tracks, log.imu, in_base(log.imu, robot)[0])
+    late = truth_lag(truth, log.tracks, log.imu, check.in_base(log.imu, robot)[0])
     if isinstance(late, Lag) and truth.twists is None:
         truth = replace(truth, poses=without_lag(truth.poses, late))
-    motion = true_motion(log, truth, WINDOW)
+    motion = check.true_motion(log, truth, WINDOW)
     if motion is None:
         return np.zeros(0)
-    edges, moved = motion.edges, motion.moved
+    edges, moved = motion
     seconds = np.diff(edges) * NANOSECOND
     true_speed = np.hypot(moved[:, 0], moved[:, 1]) * np.sign(moved[:, 0]) / seconds
     true_speed /= np.sinc(moved[:, 2] / (2.0 * math.pi))
@@ -230,7 +224,7 @@ def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
         if is_other_track(ratio / multiplier):
             comment = f"{shown}, which contradicts {multiplier:.4g} {source}"
             multiplier = ratio
-    if from_twist(robot):
+    if check.from_twist(robot):
         comment += "; times that of the controller which made this odometry"
     return [
         f"    wheel_separation: {_number(gauge)}  # m, between the centrelines",
@@ -244,7 +238,7 @@ def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
     seen = _multipliers(logs, robot)
     if not seen:
         return [f"    # wheel_separation and its multiplier: {_not_seen(logs)}."]
-    if from_twist(robot):
+    if check.from_twist(robot):
         return [
             "    # wheel_separation_multiplier: that of the controller which made this odometry, times "
             f"{seen[0][0]:.4g}{_error(seen[0][1])}, {_shown(logs, 'gyro', [])}"
@@ -259,21 +253,21 @@ def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
 
 def _multipliers(logs: Sequence[Log], robot: Robot) -> list[Estimate]:
     """Effective track over the gauge, of each log that shows it."""
-    found = [measured_track(log, robot) for log in logs]
+    found = [check.measured_track(log, robot) for log in logs]
     return [_times(one, 1.0 / robot.vehicle.track_gauge) for one in found if one is not None]
 
 
 def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
     """Effective radius, unless the track speeds are no rates."""
-    if not in_rates_of(robot):
+    if not check.in_rates_of(robot):
         return []
     radius = robot.vehicle.sprocket_radius
-    scales = [measured_scale(log, robot, bends=True) for log in logs]
+    scales = [check.measured_scale(log, robot, bends=True) for log in logs]
     found = [one for one in scales if one is not None]
     comment = _not_seen(logs)
     if found:
-        seen = [_times((one.ratio, one.sigma), radius) for one in found]
-        comment = _shown(logs, found[0].source, seen)
+        seen = [_times((ratio, sigma), radius) for ratio, sigma, _ in found]
+        comment = _shown(logs, found[0][2], seen)
     return [f"    wheel_radius: {_number(radius)}  # m, effective: {comment}"]
 
 

@@ -23,26 +23,20 @@ from icreckon.replay.checking.check import (
     TRACK,
     Check,
     Measured,
+    effective_track,
     in_base,
     in_rates_of,
     mapped_tracks,
-    with_speeds,
-)
-from icreckon.replay.checking.measured import (
-    effective_track,
     measured_scale,
     measured_track,
+    tracks_table,
     true_motion,
+    with_speeds,
 )
-from icreckon.replay.inspection.imu_mounting import (
-    CLEAR_TURNING,
-    SMOOTHING,
-    are_usable,
-    forward_yaw,
-    turning_correlation,
-)
+from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.inspection.wheels import DEGREES, turning_suspicion
+from icreckon.replay.mapping.topics import TrackTopic
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
 # the distance by as much.
@@ -79,7 +73,7 @@ FEWEST, CLEARLY_TURNS = 20, 0.05
 
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
     vertical = in_base(log.imu, robot)[0]
     turning = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
@@ -92,24 +86,25 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             "look at its driver and cable; gyro_axes in [imu] if only one axis is logged",
         )
         return
-    correlation = turning_correlation(log.tracks, log.imu, vertical)
-    if correlation is None or abs(correlation) < CLEAR_TURNING:
-        shown = (
-            "nothing turns" if correlation is None else f"correlation {correlation:.2f}: unclear"
-        )
-        off = []
-        if (tracks := mapped_tracks(robot)) is not None and not tracks.left:
+    correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
+    shown = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
+    found = Check("sense of turning", "left is positive", shown)
+    if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
+        found = replace(found, in_log=shown if correlation is None else f"{shown}: unclear")
+        tracks = mapped_tracks(robot)
+        if isinstance(tracks, TrackTopic) and not tracks.left:
             gauge = tracks.gauge or robot.vehicle.track_gauge
-            off = turning_suspicion(log, vertical, gauge)
-        yield Check(
-            "sense of turning",
-            "left is positive",
-            shown,
-            off[0] if off else "",
-            "look at the odometry's yaw rate; gauge in [log.tracks] is that of its controller"
-            if off
-            else "",
-        )
+            if off := turning_suspicion(log, vertical, gauge):
+                remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
+                found = found.contradicted(off[0], remedy)
+        elif (reversed_side := _reversed_side(log, vertical)) is not None:
+            side, signs = reversed_side
+            found = found.contradicted(
+                f"the {side} side counts backward: the robot turns as the sum of both sides",
+                f'a minus before the names of {side} in [log.tracks], as "-motor"',
+                with_speeds(lambda speeds: speeds * signs),
+            )
+        yield found
         return
     turned = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
     difference = float(turned.std()) / effective_track(robot)
@@ -120,40 +115,43 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             "rad/s",
             f"{ratio:.0f} times the tracks' turning",
             f"the gyro reads {ratio:.0f} times what the tracks turn: it is in deg/s",
-            'the driver\'s unit, or rate_unit = "deg/s" in [log.imu] for fields of a message',
+            'rate_unit = "deg/s" in [log.imu]',
             _in_radians,
             Measured(ratio, "-", 1.0),
         )
-    measured = Measured(correlation, "-", 1.0)
+    found = replace(found, measured=Measured(correlation, "-", 1.0))
     backward = _drives_backward(log)
     if correlation > 0.0 and not backward:
-        shown = f"correlation {correlation:.2f}"
-        yield Check("sense of turning", "left is positive", shown, measured=measured)
+        yield found
         return
+    minus = 'with a minus before each name, as "-motor"'
     if correlation > 0.0:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
-        remedy = "exchange left and right in [log.tracks], and the sign of both sides in the driver"
-        mend = with_speeds(lambda speeds: -speeds[:, ::-1])
+        remedy = f"exchange left and right in [log.tracks], {minus}"
+        correction = with_speeds(lambda speeds: -speeds[:, ::-1])
     elif backward or (backward is None and _accelerates_backward(log, robot, vertical)):
         text = "both tracks count backward: they turn the other way than the gyro"
-        remedy = "the sign of both sides, in the driver"
-        mend = with_speeds(lambda speeds: -speeds)
+        remedy = f"left and right in [log.tracks] {minus}"
+        correction = with_speeds(lambda speeds: -speeds)
         if backward is None:
             text += " and accelerate the other way than the IMU"
             remedy += " (or left and right are swapped, and the IMU is turned by 180 deg)"
     else:
         text = "left and right are swapped: the tracks turn the other way than the gyro"
         remedy = "exchange left and right in [log.tracks] (or the gyro's z axis points down)"
-        mend = with_speeds(lambda speeds: speeds[:, ::-1].copy())
-    yield Check(
-        "sense of turning",
-        "left is positive",
-        f"correlation {correlation:.2f}",
-        text,
-        remedy,
-        mend,
-        measured,
-    )
+        correction = with_speeds(lambda speeds: speeds[:, ::-1].copy())
+    yield found.contradicted(text, remedy, correction)
+
+
+def _reversed_side(log: Log, vertical: Floats) -> tuple[str, Floats] | None:
+    """Side that counts backward, and the signs (2,) that correct it; None if unclear."""
+    assert log.imu is not None  # noqa: S101 - checked by the caller
+    signs = np.array([1.0, -1.0])
+    mirrored = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * signs)
+    by_sum = imu_mounting.turning_correlation(mirrored, log.imu, vertical)
+    if by_sum is None or abs(by_sum) < imu_mounting.CLEAR_TURNING:
+        return None
+    return ("right", signs) if by_sum > 0.0 else ("left", -signs)
 
 
 def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:
@@ -162,7 +160,9 @@ def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:
     force = in_base(log.imu, robot)[1]
     if force is None:
         return False
-    yaw = forward_yaw(log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical)
+    yaw = imu_mounting.forward_yaw(
+        log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical
+    )
     return yaw is not None and abs(yaw) == 180.0
 
 
@@ -174,7 +174,7 @@ def _drives_backward(log: Log) -> bool | None:
     motion = true_motion(log, truth, BACKWARD_WINDOW)
     if motion is None:
         return None
-    ahead, edges = motion.moved[:, 0], motion.edges
+    edges, ahead = motion[0], motion[1][:, 0]
     speed = np.interp(
         0.5 * (edges[1:] + edges[:-1]), log.tracks.stamps, log.tracks.speeds.mean(axis=1)
     )
@@ -182,7 +182,7 @@ def _drives_backward(log: Log) -> bool | None:
     if size == 0.0:
         return None
     agreement = float(ahead @ speed) / size
-    return agreement < 0.0 if abs(agreement) > CLEAR_TURNING else None
+    return agreement < 0.0 if abs(agreement) > imu_mounting.CLEAR_TURNING else None
 
 
 def _in_radians(log: Log, robot: Robot) -> tuple[Log, Robot]:
@@ -193,7 +193,7 @@ def _in_radians(log: Log, robot: Robot) -> tuple[Log, Robot]:
 
 def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     """Latency of the track speeds against the gyro, beyond that of the file."""
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
     late = track_latency(log.tracks, log.imu, in_base(log.imu, robot)[0])
     if not isinstance(late, Lag):
@@ -219,21 +219,21 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
 
     yield found.contradicted(
         f"track speeds are stamped {abs(by):.2f} s {word} against the gyro, ± {late.sigma:.3f} s",
-        f"add {by:+.2f} to latency in [log.tracks]",
+        f"add {by:+.2f} to latency in [{tracks_table(robot)}]",
         shifted,
-        {"log.tracks.latency": round(of_file + by, 2)},
+        {f"{tracks_table(robot)}.latency": round(of_file + by, 2)},
     )
 
 
 def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     """Scale of the track speeds, by truth, fixes or the accelerometer."""
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    least, found = LEAST_SCALE, measured_scale(log, robot)
-    if found is None:
-        least, found = LEAST_IN_BENDS, measured_scale(log, robot, bends=True)
-    if found is not None:
-        ratio, sigma, source = found
+    least, seen = LEAST_SCALE, measured_scale(log, robot)
+    if seen is None:
+        least, seen = LEAST_IN_BENDS, measured_scale(log, robot, bends=True)
+    if seen is not None:
+        ratio, sigma, source = seen
     elif (by_force := _scale_by_force(log, robot)) is not None:
         ratio, sigma, source, least = *by_force, "accelerometer", SCALE_BY_FORCE
     else:
@@ -241,51 +241,38 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         return
     if source != "accelerometer":
         least = max(least, SIGMAS * robot.tracks.scale_sigma)
-    measured = Measured(ratio, "-", 1.0, sigma)
     error = "" if sigma is None else f" ± {sigma:.3f}"
     shown = f"{ratio:.3f}{error}, {source} over tracks"
     if sigma is None:
         shown += " (too few straight stretches to tell its error)"
+    table, name, of_file = "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
+    if not in_rates_of(robot) and (tracks := mapped_tracks(robot)) is not None:
+        table, name, of_file = tracks_table(robot), "scale", tracks.scale
+    value = float(f"{ratio * of_file:.4g}")
+    found = Check(SCALE, "1", shown, measured=Measured(ratio, "-", 1.0, sigma))
     if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
-        yield Check(
-            SCALE,
-            "1",
-            shown,
+        yield found.contradicted(
             f"the {source} moves {ratio:.3g} times as far as the tracks: one of them shows no motion, or "
             "they are in units that nobody uses",
             "look at both; a receiver without a fix may repeat one position",
-            measured=measured,
         )
         return
     if abs(ratio - 1.0) <= max(least, SIGMAS * (sigma or 0.0)) and 0.5 < ratio < 2.0:
         if abs(ratio - 1.0) > LEAST_SCALE:
-            shown += f"; counts from {least:.0%} on"
-            if in_rates_of(robot):
-                shown += (
-                    f", sprocket_radius = {ratio * robot.vehicle.sprocket_radius:.3g} would fit"
-                )
-        yield Check(SCALE, "1", shown, measured=measured)
+            shown += f"; counts from {least:.0%} on, {name} = {value:.3g} would fit"
+        yield replace(found, in_log=shown)
         return
+    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
     if source == "accelerometer":
         text = (
             f"accelerations are {ratio:.3g}{error} times the changes of the track speeds (suspensions "
             "explain 1.2)"
         )
-    else:
-        text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
-    radius = f"{ratio * robot.vehicle.sprocket_radius:.4g}"
-    by_radius = in_rates_of(robot)
-    yield Check(
-        SCALE,
-        "1",
-        shown,
+    yield found.contradicted(
         text,
-        f"sprocket_radius = {radius} in [vehicle]"
-        if by_radius
-        else "the unit of the speeds in [log], or the driver's wheel radius",
+        f"{name} = {value:g} in [{table}]",
         with_speeds(lambda speeds: ratio * speeds),
-        measured,
-        {"vehicle.sprocket_radius": float(radius)} if by_radius else {},
+        {f"{table}.{name}": value},
     )
 
 
@@ -311,7 +298,7 @@ def _scale_by_force(log: Log, robot: Robot) -> tuple[float, float] | None:
         return None
     stamps = log.imu.stamps
     step = float(np.median(np.diff(stamps))) * NANOSECOND
-    width = max(1, round(SMOOTHING / step))
+    width = max(1, round(imu_mounting.SMOOTHING / step))
     count = (len(stamps) - 1) // width
     if count < 20 * BLOCKS:
         return None
@@ -343,7 +330,7 @@ def is_other_track(ratio: float) -> bool:
 
 def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     """Effective track, by gyro and tracks."""
-    if log.imu is None or not are_usable(log.tracks):
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
     found = measured_track(log, robot)
     in_file = effective_track(robot)

@@ -14,7 +14,7 @@ from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import LATENCY, Check, mended
+from icreckon.replay.checking.check import LATENCY, Check, corrected
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
@@ -28,50 +28,45 @@ LEAST_COST = 0.05
 
 @dataclass(frozen=True)
 class Worth:
-    """Drift of dead reckoning, as the file is and with its contradictions mended.
+    """Drift of dead reckoning, as the file is and with its contradictions corrected.
 
-    Without a truth all is relative to the path with everything mended, whose own drift is unknown.
-
-    Attributes:
-        horizon: time without fixes after which drift is taken [s].
-        as_it_is: drift with the file as it is [% of distance]; NaN if the filter has no result.
-        mended: drift with everything mended [% of distance]; NaN without a truth.
-        costs: drift that each contradiction alone adds to that [% of distance], in the order of the
-            checks; NaN if it cannot be mended, or the filter has no result with it.
-        missing: manoeuvres that would show what this log does not, see `missing_manoeuvres`.
+    Without a truth all is relative to the path with everything corrected, whose own drift is unknown.
     """
 
-    horizon: float
-    as_it_is: float
-    mended: float
+    horizon: float  # time without fixes after which drift is taken [s]
+    as_it_is: float  # drift with the file as it is [% of distance]; NaN if the filter has no result
+    corrected: float  # drift with everything corrected [% of distance]; NaN without a truth
+    # drift that each contradiction alone adds to that [% of distance], in the order of the checks;
+    # NaN if it cannot be corrected, or the filter has no result with it
     costs: tuple[float, ...]
+    # manoeuvres that would show what this log does not, see `missing_manoeuvres`
     missing: tuple[str, ...] = ()
 
 
 def worth_of(
     log: Log, robot: Robot, checks: Sequence[Check], progress: Callable[[float], None] | None = None
 ) -> Worth:
-    """Run the filter with a robot file as it is, mended, and with each error alone.
+    """Run the filter with a robot file as it is, corrected, and with each error alone.
 
     Fixes are not used.
 
     Raises:
-        ReplayError: the filter has no result with everything mended.
+        ReplayError: the filter has no result with everything corrected.
     """
     report = progress or (lambda _: None)
     log = replace(log, fixes=None)
     wrong = [one for one in checks if one.problem]
     count = 2 + len(wrong)
     horizon = next((one for one in HORIZONS if log.duration > 2.0 * one), HORIZONS[-1])
-    run, truth = _run(*mended(log, robot, wrong))
+    run, truth = _run(*corrected(log, robot, wrong))
     best = run.trajectory.pose_series
     reference = best if truth is None else truth
     drift_of_best = drift(best, reference, horizon).percent_mean
     report(1 / count)
 
-    def drift_without(errors_mended: Sequence[Check]) -> float:
+    def drift_without(errors_corrected: Sequence[Check]) -> float:
         try:
-            other, own_truth = _run(*mended(log, robot, errors_mended))
+            other, own_truth = _run(*corrected(log, robot, errors_corrected))
         except ReplayError:
             return float("nan")
         path = other.trajectory.pose_series
@@ -80,12 +75,12 @@ def worth_of(
     costs = []
     for place, one in enumerate(wrong):
         cost = float("nan")
-        if one.mend is not None and len(wrong) > 1:
+        if one.correction is not None and len(wrong) > 1:
             cost = drift_without([other for other in wrong if other is not one]) - drift_of_best
         costs.append(cost)
         report((2 + place) / count)
     as_it_is = drift_without([]) if wrong else drift_of_best
-    if len(wrong) == 1 and wrong[0].mend is not None:
+    if len(wrong) == 1 and wrong[0].correction is not None:
         costs = [as_it_is - drift_of_best]
     report(1.0)
     missing = missing_manoeuvres(run.state_names, run.state_sigmas[-1])
@@ -110,7 +105,7 @@ def judged(
                 f"{one.problem}; but with that set {VARIANT} drifts {-cost:.1f} points more after "
                 f"{worth.horizon:g} s: file value kept"
             )
-            kept[kept.index(one)] = replace(one, problem="", mend=None, settings={})
+            kept[kept.index(one)] = replace(one, problem="", correction=None, settings={})
     return (kept, worth_of(log, robot, kept, progress) if notes else worth, notes)
 
 

@@ -46,20 +46,13 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class PairedDrift:
-    """Drift of several variants over the same segments of one horizon.
+    """Drift of several variants over the same segments of one horizon."""
 
-    Attributes:
-        names: (v,) names of the variants.
-        errors: (v, n) position errors [m].
-        distances: (n,) length of the true path [m].
-        block: (segments) length of a block.
-        counts: numbers of segments of each log, in their order; empty for one log.
-    """
-
-    names: tuple[str, ...]
-    errors: Floats
-    distances: Floats
-    block: int
+    names: tuple[str, ...]  # (v,) names of the variants
+    errors: Floats  # (v, n) position errors [m]
+    distances: Floats  # (n,) length of the true path [m]
+    block: int  # (segments) length of a block
+    # numbers of segments of each log, in their order; empty for one log
     counts: tuple[int, ...] = ()
 
     @property

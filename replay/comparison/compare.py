@@ -95,7 +95,6 @@ def compare(
     fixes: LogPart | str | None = None,
     smooth: bool = False,
     workers: int = 1,
-    executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
     """Run filter variants over a log.
@@ -119,8 +118,6 @@ def compare(
             `parse_part`; None for all logged fixes. Without a truth, the others are scored against.
         smooth: whether each run is smoothed, too, see `icreckon.estimator.streaming.smoother`.
         workers: number of processes for the variants; 1 runs them in this one.
-        executor: executor that runs the variants instead, such as
-            `dask.distributed.Client(address).get_executor()` (extra `cluster`).
         progress: called periodically with the share that is done, 0 to 1.
 
     Raises:
@@ -129,7 +126,7 @@ def compare(
     """
     require_part("log", log, Log)
     require_robot(robot)
-    report = progress or _unreported
+    report = progress or (lambda _: None)
     variants = (variants,) if isinstance(variants, str) else tuple(variants)
     fixes = parse_part(fixes) if isinstance(fixes, str) else fixes
     for name in variants:
@@ -148,10 +145,7 @@ def compare(
             variants, lambda name: start_from_fixes(log, robot, name, settings)
         )
     task = _Task(log, robot, settings, start, sigma, smooth)
-    if executor is not None:
-        runs = _on_executor(task, variants, executor, report)
-    else:
-        runs = _in_any_way(task, variants, workers, report)
+    runs = _outcomes(task, variants, workers, report)
     # All filtered runs precede the smoothed ones.
     found = [one for kind in zip_longest(*runs) for one in kind if one is not None]
     failed = {one.variant: one for one in found if isinstance(one, LostFilter)}
@@ -257,10 +251,6 @@ def _first_found(variants: Sequence[str], attempt: Callable[[str], Found]) -> Fo
     raise _all_failed(failed)
 
 
-def _unreported(_: float) -> None:
-    """Progress that is not reported."""
-
-
 def _pose_at(truth: Truth, stamp: int) -> Place:
     x, y, yaw = interpolate_poses(truth.poses, truth.poses.stamps[:1] * 0 + stamp)[0].tolist()
     return x, y, yaw
@@ -295,7 +285,8 @@ class _Task:
             raise
         except Exception as problem:
             return (LostFilter(variant, described(problem)),)
-        return self.checked((found,) if isinstance(found, Run) else found)
+        runs = (found,) if isinstance(found, Run) else found
+        return tuple(loss_of(one, begin) or one for one in runs)
 
     def only_run(self, variant: str) -> Run:
         """Run a variant that is not smoothed.
@@ -303,24 +294,24 @@ class _Task:
         Raises:
             LostFilter: it has no result.
         """
-        ((found,),) = _in_any_way(self, (variant,), 1, _unreported)
+        ((found,),) = _outcomes(self, (variant,), 1, lambda _: None)
         if isinstance(found, LostFilter):
             raise found
         return found
 
-    def checked(self, runs: Sequence[Run]) -> Outcome:
-        """Replace a lost run by its failure."""
-        return tuple(loss_of(one, self.log.start) or one for one in runs)
 
-
-def _in_any_way(
+def _outcomes(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
     """Run the variants, in processes if that pays off, or one by one."""
     in_processes = workers > 1 and len(variants) > 1 and not OWN_FAULTS
     if in_processes and _processes_pay_off(task, len(variants)):
         return _in_processes(task, variants, workers, progress)
-    return _here(task, variants, progress)
+
+    def share_of(index: int) -> Progress:
+        return lambda done: progress((index + done) / len(variants))
+
+    return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
 
 
 def _processes_pay_off(task: _Task, variants: int) -> bool:
@@ -329,24 +320,6 @@ def _processes_pay_off(task: _Task, variants: int) -> bool:
     count = len(log.tracks.stamps) + (0 if log.imu is None else len(log.imu.stamps))
     work = variants * count * (OF_SMOOTHING if task.smooth else 1)
     return work >= MANY_MEASUREMENTS or not kernel_files()
-
-
-def _here(task: _Task, variants: Sequence[str], progress: Progress) -> list[Outcome]:
-    def share_of(index: int) -> Progress:
-        return lambda done: progress((index + done) / len(variants))
-
-    return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
-
-
-def _on_executor(
-    task: _Task, variants: Sequence[str], executor: Executor, progress: Progress
-) -> list[Outcome]:
-    futures = [executor.submit(task.run, variant, _unreported) for variant in variants]
-    runs = []
-    for future in futures:
-        runs.append(future.result())
-        progress(len(runs) / len(futures))
-    return runs
 
 
 class _Worker:

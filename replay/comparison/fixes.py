@@ -24,15 +24,10 @@ SCORED_OUTAGE = 15.0
 
 
 class Bound(NamedTuple):
-    """A time in a log.
+    """A time in a log."""
 
-    Attributes:
-        value: seconds since the log's start, or a share of its duration [-].
-        is_share: True for a share.
-    """
-
-    value: float
-    is_share: bool
+    value: float  # seconds since the log's start, or a share of its duration [-]
+    is_share: bool  # True for a share
 
     def stamp(self, log: Log) -> int:
         """Convert to a stamp [ns] of a log."""

@@ -17,23 +17,10 @@ from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.lost import described
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.bootstrap import (
-    Estimate,
-    PairedDrift,
-    matched_drifts,
-    paired_drift,
-    pooled_drift,
-)
+from icreckon.replay.comparison import bootstrap, drift_table
+from icreckon.replay.comparison.bootstrap import PairedDrift
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, Comparison, compare
-from icreckon.replay.comparison.drift_table import (
-    Drifts,
-    baseline_of,
-    drift_scores,
-    horizon_labels,
-    listed,
-    paired_drifts,
-    verdict,
-)
+from icreckon.replay.comparison.drift_table import Drifts
 from icreckon.replay.comparison.fixes import LogPart
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import (
@@ -65,13 +52,6 @@ class CaseScores:
     results: Results  # output of `summarise`, without the series
     drifts: Drifts  # drift of all variants, see `comparison_drifts`; empty without a truth
     lag: float  # lag of the truth that was removed [s]
-
-
-class FailedCase(NamedTuple):
-    """A log that has no results, with the reason."""
-
-    case: Case
-    reason: str
 
 
 def compare_many(
@@ -112,7 +92,7 @@ def compare_many(
         raise ReplayError("no log or no robot: give at least one of each")
     labels = unique([one.name if isinstance(one, Log) else label_of(Path(one)) for one in logs])
     scored: list[CaseScores] = []
-    failed: list[FailedCase] = []
+    failed: list[Results] = []
     for label, one in zip(labels, logs, strict=True):
         for name, robot in named.items():
             case = Case(label, name)
@@ -172,16 +152,16 @@ def case_scores(case: Case, comparison: Comparison, summary: Results, drifts: Dr
     return CaseScores(case, kept, drifts, lag)
 
 
-def failed_case(case: Case, problem: Exception) -> FailedCase:
-    """Failure of a log, with the message of the error."""
-    if isinstance(problem, IcreckonError):
-        return FailedCase(case, " ".join(str(problem).split()))
-    return FailedCase(case, described(problem))
+def failed_case(case: Case, problem: Exception) -> Results:
+    """Row of "failed": a log without results, and the message of the error."""
+    ours = isinstance(problem, IcreckonError)
+    reason = " ".join(str(problem).split()) if ours else described(problem)
+    return case._asdict() | {"reason": reason}
 
 
 def summarise_many(
     scored: Sequence[CaseScores],
-    failed: Sequence[FailedCase],
+    failed: Sequence[Results],
     *,
     command: str,
     configuration: dict[str, Any],
@@ -196,14 +176,14 @@ def summarise_many(
         ReplayError: no log has results.
     """
     if not scored:
-        reasons = "; ".join(f"{one.case.log}: {one.reason}" for one in failed)
+        reasons = "; ".join(f"{one['log']}: {one['reason']}" for one in failed)
         raise ReplayError(f"no log has a result: {reasons}")
     robots = list(dict.fromkeys(one.case.robot for one in scored))
     fair = _with_known_bias(scored)
     names = [
         name for one in fair for name in one.results["variants"] if not name.endswith(SMOOTHED)
     ]
-    baseline = baseline_of(list(dict.fromkeys(names)))
+    baseline = drift_table.baseline_of(list(dict.fromkeys(names)))
     found: Results = {
         "format": FORMAT,
         "command": command,
@@ -211,12 +191,10 @@ def summarise_many(
         "versions": versions(),
         "inputs": {name: hash_ for one in scored for name, hash_ in one.results["inputs"].items()},
         "robots": {one.case.robot: one.results["robot"] for one in scored},
-        "horizons": list(horizon_labels()),
+        "horizons": list(drift_table.horizon_labels()),
         "baseline_variant": baseline,
         "logs": [_of_log(one) for one in scored],
-        "failed": [
-            {"log": one.case.log, "robot": one.case.robot, "reason": one.reason} for one in failed
-        ],
+        "failed": list(failed),
         "notes": list(_consecutive(scored)),
         "pooled": {
             robot: _pooled([one for one in fair if one.case.robot == robot], baseline)
@@ -275,7 +253,7 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
 def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
     """Scores of a robot over all logs with a truth, and the verdict."""
     # A log without a stretch of dead reckoning has nothing to pool.
-    pairs = [(one, paired_drifts(one.drifts)) for one in scored]
+    pairs = [(one, drift_table.paired_drifts(one.drifts)) for one in scored]
     pairs = [(one, of) for one, of in pairs if any(len(pair.distances) for pair in of.values())]
     of_logs = [of for _, of in pairs]
     names = dict.fromkeys(name for one in scored for name in one.results["variants"])
@@ -284,20 +262,26 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
         logs = [one for one in of_logs if all(name in pair.names for pair in one.values())]
         variants[name] = {"logs": len(logs)} | _nees(scored, name)
         if logs:
-            variants[name] |= drift_scores(_joined(logs, [name]), name, name)
+            variants[name] |= drift_table.drift_scores(_joined(logs, [name]), name, name)
         both = [one for one in logs if all(baseline in pair.names for pair in one.values())]
         joined = _joined(both, [name, baseline]) if both else {}
-        for label in horizon_labels():
-            ratio = joined[label].ratio(name, baseline) if joined else Estimate(math.nan, None)
+        for label in drift_table.horizon_labels():
+            ratio = (
+                joined[label].ratio(name, baseline)
+                if joined
+                else bootstrap.Estimate(math.nan, None)
+            )
             variants[name][f"drift_ratio_{label}"] = ratio.value
-            variants[name][f"drift_ratio_{label}_95"] = listed(ratio)
+            variants[name][f"drift_ratio_{label}_95"] = drift_table.listed(ratio)
     found = None
     if of_logs:
         joined = _joined(of_logs, list(names))
         kept = next(iter(joined.values())).names
         filters = [name for name in kept if not name.endswith(SMOOTHED)]
         if filters:
-            found = verdict(joined, baseline if baseline in kept else baseline_of(filters))
+            found = drift_table.verdict(
+                joined, baseline if baseline in kept else drift_table.baseline_of(filters)
+            )
         if found is not None:
             found |= _logs_with_less(of_logs, found)
     return {
@@ -322,7 +306,8 @@ def _joined(
 ) -> dict[str, PairedDrift]:
     """Drift of some variants in all logs, by the label of the horizon."""
     return {
-        label: pooled_drift([one[label].only(names) for one in logs]) for label in horizon_labels()
+        label: bootstrap.pooled_drift([one[label].only(names) for one in logs])
+        for label in drift_table.horizon_labels()
     }
 
 
@@ -357,20 +342,20 @@ def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
 def _ratio(both: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
     """Ratio of a variant with one robot file to that with another, in all logs."""
     found: Results = {}
-    for label in horizon_labels():
+    for label in drift_table.horizon_labels():
         pairs = []
         for first, other in both:
             if name in first.drifts[label] and name in other.drifts[label]:
                 # A larger lag moves the stamps of the truth further back.
                 later = first.lag - other.lag
-                one, two = matched_drifts(
+                one, two = bootstrap.matched_drifts(
                     first.drifts[label][name], other.drifts[label][name], later=later
                 )
-                pairs.append(paired_drift({"first": one, "other": two}))
+                pairs.append(bootstrap.paired_drift({"first": one, "other": two}))
         if not pairs:
             return {}
-        joined = pooled_drift(pairs)
+        joined = bootstrap.pooled_drift(pairs)
         ratio = joined.ratio("other", "first")
-        found[f"ratio_{label}"], found[f"ratio_{label}_95"] = ratio.value, listed(ratio)
+        found[f"ratio_{label}"], found[f"ratio_{label}_95"] = ratio.value, drift_table.listed(ratio)
         found[f"segments_{label}"] = len(joined.distances)
     return found | {"logs": len(pairs)}

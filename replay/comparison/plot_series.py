@@ -22,7 +22,7 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.holes import largest_sigma
 from icreckon.replay.comparison.scores import truths_of
 
-# Rows of the series: one each `SERIES_STEP` [s], but at least and at most so many. With all nine
+# Rows of the series: one each `SERIES_STEP` [s], within these limits. With all nine
 # variants, 1500 rows make a page of 2.6 MB, 4000 rows one of 5.7 MB.
 SERIES_POINTS, MOST_SERIES_POINTS, SERIES_STEP = 1500, 4000, 0.25
 PARAMETER_POINTS = 300

@@ -26,16 +26,9 @@ from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
+from icreckon.replay.comparison import drift_table
 from icreckon.replay.comparison.compare import Comparison
-from icreckon.replay.comparison.drift_table import (
-    Drifts,
-    baseline_of,
-    drift_scores,
-    drifts_of,
-    horizon_labels,
-    paired_drifts,
-    verdict,
-)
+from icreckon.replay.comparison.drift_table import Drifts
 from icreckon.replay.comparison.fixes import scored_intervals
 from icreckon.replay.comparison.holes import holes_of
 from icreckon.replay.comparison.plot_series import series_of
@@ -77,18 +70,20 @@ def summarise(
     log = comparison.log
     scored, holes = scored_intervals(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
-    reference, baseline = filters[-1], baseline_of(filters)
+    reference, baseline = filters[-1], drift_table.baseline_of(filters)
     variants, found, arm = {}, None, (0.0, 0.0)
     headline = reference
     if log.truth is not None:
         truths = truths_of(comparison)
-        paired = paired_drifts(comparison_drifts(comparison) if drifts is None else drifts)
-        found = verdict(paired, baseline)
+        paired = drift_table.paired_drifts(
+            comparison_drifts(comparison) if drifts is None else drifts
+        )
+        found = drift_table.verdict(paired, baseline)
         headline = reference if found is None else found["best"]
         arm = truths[headline].lever_arm
         for name, one in comparison.runs.items():
             variants[name] = scores(one, truths[name], scored, holes)
-            variants[name] |= drift_scores(paired, name, baseline)
+            variants[name] |= drift_table.drift_scores(paired, name, baseline)
     else:
         for name, one in comparison.runs.items():
             variants[name] = differences(one, comparison.runs[reference])
@@ -117,7 +112,7 @@ def summarise(
         "truth": _truth_summary(comparison, robot, scored, arm),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
-        "horizons": list(horizon_labels()),
+        "horizons": list(drift_table.horizon_labels()),
         "verdict": found,
         "gyro_bias": _gyro_bias(comparison),
         "failed": {
@@ -135,7 +130,9 @@ def comparison_drifts(comparison: Comparison) -> Drifts:
     """Drift of all runs of a comparison; empty without a truth."""
     if comparison.log.truth is None:
         return {}
-    return drifts_of(comparison.runs, truths_of(comparison), scored_intervals(comparison.log))
+    return drift_table.drifts_of(
+        comparison.runs, truths_of(comparison), scored_intervals(comparison.log)
+    )
 
 
 def write_results(path: Path, results: Results) -> None:

@@ -14,7 +14,7 @@ from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of
 from icreckon.replay.base.outputs import write_text
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.export.formats import check_formats
-from icreckon.replay.export.sampling import thinned
+from icreckon.replay.export.replay_bag import thinned
 from icreckon.replay.mapping.geodesy import Origin, degrees
 
 # Highest rate of the points of a path [Hz].

@@ -10,23 +10,10 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Stamps
 from icreckon.estimator.base.frames import yaw_to_quaternion
+from icreckon.estimator.log import series
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import (
-    FixSeries,
-    ImuSeries,
-    PoseSeries,
-    TrackSpeedSeries,
-    TwistSeries,
-)
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.bags.message_types import (
-    IMU,
-    JOINT_STATE,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    STRING,
-    TWIST,
-)
+from icreckon.replay.bags import message_types as ros
 from icreckon.replay.bags.messages import (
     BASE_LINK,
     IMU_LINK,
@@ -156,14 +143,18 @@ def _mapping(log: Log, topics: TopicMap) -> Outbox:
 
 def _text(topic: str, stamps: Stamps, text: str) -> Outbox:
     return Outbox(
-        topic, STRING, stamps, lambda messages, _: messages.new(STRING, data=text), latched=True
+        topic,
+        ros.STRING,
+        stamps,
+        lambda messages, _: messages.new(ros.STRING, data=text),
+        latched=True,
     )
 
 
 def _joint_states(
-    topic: str, tracks: TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
+    topic: str, tracks: series.TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
 ) -> Outbox:
-    names = [*mapped.left, *mapped.right]
+    names = list(mapped.names)
     sides = [0] * len(mapped.left) + [1] * len(mapped.right)
     # rosbags serialises contiguous rows only.
     rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, sides])
@@ -171,7 +162,7 @@ def _joint_states(
 
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
-            JOINT_STATE,
+            ros.JOINT_STATE,
             header=messages.header(tracks.stamps[i], ""),
             name=names,
             position=nothing,
@@ -179,10 +170,10 @@ def _joint_states(
             effort=nothing,
         )
 
-    return Outbox(topic, JOINT_STATE, tracks.stamps, make)
+    return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make)
 
 
-def _imu(topic: str, imu: ImuSeries) -> Outbox:
+def _imu(topic: str, imu: series.ImuSeries) -> Outbox:
     absent, unknown = np.zeros(9), np.zeros(9)
     absent[0] = ABSENT
     forces = imu.linear_acceleration
@@ -190,7 +181,7 @@ def _imu(topic: str, imu: ImuSeries) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
-            IMU,
+            ros.IMU,
             header=messages.header(imu.stamps[i], IMU_LINK),
             orientation=messages.quaternion((0.0, 0.0, 0.0, 1.0)),
             orientation_covariance=absent,
@@ -200,10 +191,10 @@ def _imu(topic: str, imu: ImuSeries) -> Outbox:
             linear_acceleration_covariance=absent if forces is None else unknown,
         )
 
-    return Outbox(topic, IMU, imu.stamps, make)
+    return Outbox(topic, ros.IMU, imu.stamps, make)
 
 
-def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
+def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
     """Fixes as geometry_msgs/PoseWithCovarianceStamped in odom."""
     no_heading = np.isnan(fixes.poses[:, 2])
     quaternions = yaw_to_quaternion(np.where(no_heading, 0.0, fixes.poses[:, 2]))
@@ -214,36 +205,36 @@ def fix_messages(topic: str, fixes: FixSeries) -> Outbox:
         variances = [position_variance, position_variance, yaw_variances[i]]
         place = (*fixes.poses[i, :2], 0.0)
         return messages.new(
-            POSE_WITH_COVARIANCE,
+            ros.POSE_WITH_COVARIANCE,
             header=messages.header(fixes.stamps[i], ODOM),
             pose=messages.pose_with_covariance(
                 place, quaternions[i], planar_covariance(np.diag(variances))
             ),
         )
 
-    return Outbox(topic, POSE_WITH_COVARIANCE, fixes.stamps, make)
+    return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make)
 
 
-def pose_messages(topic: str, poses: PoseSeries) -> Outbox:
+def pose_messages(topic: str, poses: series.PoseSeries) -> Outbox:
     """Poses as geometry_msgs/PoseStamped in odom."""
     places, quaternions = poses.positions, poses.quaternions
 
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
-            POSE,
+            ros.POSE,
             header=messages.header(poses.stamps[i], ODOM),
             pose=messages.pose(places[i], quaternions[i]),
         )
 
-    return Outbox(topic, POSE, poses.stamps, make)
+    return Outbox(topic, ros.POSE, poses.stamps, make)
 
 
-def _twists(topic: str, twists: TwistSeries) -> Outbox:
+def _twists(topic: str, twists: series.TwistSeries) -> Outbox:
     def make(messages: Messages, i: int) -> Any:
         return messages.new(
-            TWIST,
+            ros.TWIST,
             header=messages.header(twists.stamps[i], BASE_LINK),
             twist=messages.twist(twists.twists[i]),
         )
 
-    return Outbox(topic, TWIST, twists.stamps, make)
+    return Outbox(topic, ros.TWIST, twists.stamps, make)

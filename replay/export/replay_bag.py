@@ -12,20 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.outputs import icr_points
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.bags.message_types import (
-    MARKER,
-    MARKERS,
-    NAVSATFIX,
-    ODOMETRY,
-    PATH,
-    TF,
-    TRANSFORM,
-)
+from icreckon.replay.bags import message_types as ros
 from icreckon.replay.bags.messages import (
     BASE_LINK,
     ICR_MARKERS,
@@ -40,8 +34,6 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages, pose_messages
-from icreckon.replay.export.sampling import thinned
-from icreckon.replay.export.tables import icr_series
 from icreckon.replay.mapping.geodesy import Origin, degrees
 
 TRUTH = "ground_truth"
@@ -121,7 +113,7 @@ def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
         if spatial is not None:
             covariance[SPATIAL] = spatial[i]
         return messages.new(
-            ODOMETRY,
+            ros.ODOMETRY,
             header=messages.header(trajectory.stamps[i], ODOM),
             child_frame_id=frame,
             pose=messages.pose_with_covariance(places[i], quaternions[i], covariance),
@@ -130,7 +122,7 @@ def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
             ),
         )
 
-    return Outbox(topic, ODOMETRY, trajectory.stamps, make)
+    return Outbox(topic, ros.ODOMETRY, trajectory.stamps, make)
 
 
 def _transforms(series: PoseSeries, frame: str) -> Outbox:
@@ -140,7 +132,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         transform = messages.new(
-            TRANSFORM,
+            ros.TRANSFORM,
             header=messages.header(series.stamps[i], ODOM),
             child_frame_id=frame,
             transform=messages.new(
@@ -149,9 +141,9 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
                 rotation=messages.quaternion(quaternions[i]),
             ),
         )
-        return messages.new(TF, transforms=[transform])
+        return messages.new(ros.TF, transforms=[transform])
 
-    return Outbox(TF_TOPIC, TF, series.stamps, make)
+    return Outbox(TF_TOPIC, ros.TF, series.stamps, make)
 
 
 def _path(topic: str, series: PoseSeries) -> Outbox:
@@ -162,9 +154,9 @@ def _path(topic: str, series: PoseSeries) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         stamped = [poses.make(messages, k) for k in range(len(rows))]
-        return messages.new(PATH, header=messages.header(poses.stamps[i], ODOM), poses=stamped)
+        return messages.new(ros.PATH, header=messages.header(poses.stamps[i], ODOM), poses=stamped)
 
-    return Outbox(topic, PATH, poses.stamps[:1], make, latched=True)
+    return Outbox(topic, ros.PATH, poses.stamps[:1], make, latched=True)
 
 
 def _icrs(
@@ -173,17 +165,14 @@ def _icrs(
     """ICRs of both tracks as spheres joined by a line, in the robot's frame."""
     rows = thinned(all_stamps, MARKER_RATE)
     stamps = all_stamps[rows]
-    icrs = icr_series(indices[rows], robot.vehicle.track_gauge)
+    icrs = icr_points(IndexValues(*indices[rows].T), robot.vehicle.track_gauge)
     red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
-    left, right = (
-        np.column_stack([x, y, np.zeros(len(rows))])
-        for x, y in ((icrs.left_x, icrs.left_y), (icrs.right_x, icrs.right_y))
-    )
+    left, right = (np.column_stack([*place, np.zeros(len(rows))]) for place in icrs)
 
     def make(messages: Messages, i: int) -> Any:
         markers = [
             messages.blank(
-                MARKER,
+                ros.MARKER,
                 header=messages.header(stamps[i], frame),
                 ns="icrs",
                 id=number,
@@ -196,9 +185,9 @@ def _icrs(
             )
             for number, (kind, size) in enumerate(ICR_MARKERS)
         ]
-        return messages.new(MARKERS, markers=markers)
+        return messages.new(ros.MARKERS, markers=markers)
 
-    return Outbox(topic, MARKERS, stamps, make)
+    return Outbox(topic, ros.MARKERS, stamps, make)
 
 
 def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
@@ -215,7 +204,7 @@ def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> O
 
     def make(messages: Messages, i: int) -> Any:
         return messages.blank(
-            NAVSATFIX,
+            ros.NAVSATFIX,
             header=messages.header(stamps[i], frame),
             latitude=latitude[i],
             longitude=longitude[i],
@@ -224,4 +213,12 @@ def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> O
             position_covariance_type=COVARIANCE_KNOWN,
         )
 
-    return Outbox(topic, NAVSATFIX, stamps, make)
+    return Outbox(topic, ros.NAVSATFIX, stamps, make)
+
+
+def thinned(stamps: Stamps, rate: float) -> Any:
+    """Select rows (m,) of stamps [ns], at most `rate` a second; even stamps stay even."""
+    if not len(stamps):
+        return np.zeros(0, int)
+    slot = np.floor((stamps - stamps[0]) * NANOSECOND * rate + 1e-6).astype(np.int64)
+    return np.flatnonzero(np.diff(slot, prepend=-1))

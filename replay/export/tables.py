@@ -1,24 +1,31 @@
-"""Export of a run as a CSV or Parquet table: a row for each pair of track speeds.
+"""Export of a run as a CSV or Parquet table, or columns of a data frame.
 
-Column names end with units. Unknown values are empty (null).
+A row for each pair of track speeds. Column names end with units. Unknown values are empty (null).
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.frames import wrap_angle
+from icreckon.estimator.log.scores import nees, regular
 from icreckon.estimator.log.series import PoseSeries
-from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
+from icreckon.estimator.motion.icr import IndexValues
 from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.outputs import Run
+from icreckon.estimator.streaming.outputs import Run, icr_points
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import new_file
 from icreckon.replay.base.units import column
+from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.fixes import OF_FIXES
+from icreckon.replay.comparison.plot_series import true_poses_at
+from icreckon.replay.comparison.scores import truths_of
 
 Format = Literal["csv", "parquet"]
 
@@ -40,28 +47,6 @@ TWIST_COVARIANCES = {
 }
 # Noise compresses badly, but better if bytes of equal significance are grouped.
 ENCODING = "BYTE_STREAM_SPLIT"
-
-
-class IcrSeries(NamedTuple):
-    """ICRs of the tracks over time in base_link: x forward, y left, (n,) each [m]."""
-
-    left_x: Floats
-    left_y: Floats
-    right_x: Floats
-    right_y: Floats
-
-
-def icr_series(indices: Floats, gauge: float) -> IcrSeries:
-    """Compute ICRs by (28) to (30).
-
-    Args:
-        indices: (n, 3) zeta [m], epsilon [m], eta [-].
-        gauge: track gauge [m].
-    """
-    icrs = icrs_from_indices(IndexValues(*indices.T), gauge)
-    left_x, left_y = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
-    right_x, right_y = paper_to_rep103(icrs.x_ICRr, icrs.y_ICR)
-    return IcrSeries(*(np.asarray(one, dtype=float) for one in (left_x, left_y, right_x, right_y)))
 
 
 def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, Any]:
@@ -90,9 +75,9 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
         names = ("sigma_z_m", "sigma_roll_rad", "sigma_pitch_rad")
         single |= dict(zip(names, moved.spatial_sigmas.T, strict=True))
     single |= dict(zip(("zeta_m", "epsilon_m", "eta"), one.indices.T, strict=True))
-    icrs = icr_series(one.indices, robot.vehicle.track_gauge)
-    for side, x, y in (("left", icrs.left_x, icrs.left_y), ("right", icrs.right_x, icrs.right_y)):
-        single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = x, y
+    icrs = icr_points(IndexValues(*one.indices.T), robot.vehicle.track_gauge)
+    for side, place in icrs._asdict().items():
+        single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = place
     for index in (*range(s.SLIP.start, s.SLIP.stop), *range(s.LEARNT.start, s.GRAVITY.stop)):
         name = one.state_names[index]
         if name:
@@ -152,3 +137,57 @@ def _write(path: Path, form: Format, columns: dict[str, Any]) -> Path:
                 table, new, compression="zstd", use_dictionary=False, column_encoding=ENCODING
             )
     return path
+
+
+def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, NDArray[Any]]:
+    """Columns of a run, and its errors against the truth, for `pandas.DataFrame`.
+
+    Columns are those of the tables that `write_report` writes: `stamp_ns`, `t_s` since the log's start,
+    pose, twist, their covariances, ICRs, states and innovations, units in their names. With a truth,
+    interpolated to the rows, there are also `true_x_m`, `true_y_m`, `true_yaw_rad`, `position_error_m`,
+    `yaw_error_rad` and `nees_pose` (3 is ideal). All are NaN in holes of the truth, yaw and NEES also
+    without headings, and the NEES against fixes and where the covariance is singular.
+
+    Args:
+        comparison: the runs, from `compare`.
+        robot: the robot, for its gauge.
+        variant: name of a run of the comparison.
+
+    Raises:
+        ReplayError: the comparison has no such run.
+    """
+    if variant not in comparison.runs:
+        lost = comparison.failed.get(variant)
+        why = (
+            f"there are {', '.join(comparison.runs)}"
+            if lost is None
+            else f"it failed: {lost.reason}"
+        )
+        raise ReplayError(f"the comparison has no run {variant!r}; {why}")
+    one = comparison.runs[variant]
+    columns: dict[str, NDArray[Any]] = run_columns(one, robot, comparison.log.start)
+    if comparison.log.truth is not None:
+        columns |= _truth_columns(comparison, variant, one)
+    return columns
+
+
+def _truth_columns(comparison: Comparison, variant: str, one: Run) -> dict[str, NDArray[Any]]:
+    """Truth and errors at the rows of a run, NaN where the truth does not show them."""
+    truth = truths_of(comparison)[variant].truth
+    poses = true_poses_at(truth, one.stamps)
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    apart = one.trajectory.poses - poses
+    apart[:, 2] = wrap_angle(apart[:, 2])
+    covariances = one.trajectory.pose_covariances
+    # Errors of fixes are not known to the filter's covariance.
+    judged = regular(covariances) & (truth.source != OF_FIXES)
+    normalised = np.full(len(apart), np.nan)
+    normalised[judged] = nees(apart[judged], covariances[judged])
+    return {
+        "true_x_m": poses[:, 0],
+        "true_y_m": poses[:, 1],
+        "true_yaw_rad": poses[:, 2],
+        "position_error_m": np.hypot(apart[:, 0], apart[:, 1]),
+        "yaw_error_rad": apart[:, 2],
+        "nees_pose": normalised,
+    }

@@ -82,14 +82,17 @@ def has_stand_in_gauge(proposed: str) -> bool:
 
 
 def filled_in_sizes(path: Path) -> Sizes:
-    """Lengths of the robot by a person, in an earlier proposal that can be read."""
+    """Lengths and streams by a person, in an earlier proposal that can be read."""
     try:
         own = _own(path)[1]
     except ReplayError:
         return NO_SIZES
     vehicle, tracks = own.get("vehicle", {}), own.get("log.tracks", {})
     found = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
-    return Sizes(*(one if isinstance(one, float | int) and one > 0.0 else None for one in found))
+    lengths = (one if isinstance(one, float | int) and one > 0.0 else None for one in found)
+    log = {name[4:]: keys for name, keys in own.items() if name.startswith("log.")}
+    gauge, radius, of_controller = lengths
+    return Sizes(gauge, radius, of_controller, log)
 
 
 def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
@@ -99,7 +102,7 @@ def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
         former = _values(tomllib.loads(text))
     except (ValueError, OSError) as problem:
         raise ReplayError(
-            f"{path}: what was filled in cannot be read: {problem}; mend or move the file"
+            f"{path}: what was filled in cannot be read: {problem}; correct or move the file"
         ) from None
     marks = {mark for line in text.splitlines() if line.startswith(MARK) for mark in line.split()}
     own = {

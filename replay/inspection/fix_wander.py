@@ -51,22 +51,14 @@ OUTLYING = 8.0
 
 
 class FixWanderEstimate(NamedTuple):
-    """Error of the fixes of a log.
+    """Error of the fixes of a log."""
 
-    Attributes:
-        white: standard deviation of the white part along each axis [m].
-        sigma: standard deviation of the wander along each axis [m].
-        time: its correlation time [s].
-        times: shortest and longest candidate time that fits as well [s].
-        reason: reason not to propose it, empty if there is none.
-        stated: standard deviation that the fixes state, if this alone shows that they wander [m].
-    """
-
-    white: float
-    sigma: float
-    time: float
-    times: tuple[float, float]
-    reason: str
+    white: float  # standard deviation of the white part along each axis [m]
+    sigma: float  # standard deviation of the wander along each axis [m]
+    time: float  # its correlation time [s]
+    times: tuple[float, float]  # shortest and longest candidate time that fits as well [s]
+    reason: str  # reason not to propose it, empty if there is none
+    # standard deviation that the fixes state, if this alone shows that they wander [m]
     stated: float | None = None
 
     @property

@@ -6,13 +6,17 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
+from msgspec.structs import replace
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA, is_command, is_truth, sides
 from icreckon.replay.mapping.columns import (
+    AngleUnit,
     ColumnMap,
     ImuColumns,
     PoseColumns,
+    RateUnit,
     TimeUnit,
     TrackColumns,
 )
@@ -25,7 +29,7 @@ SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|
 NO_SPEED = re.compile(
     r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
 )
-# Words of a name that may stand beside its side where none is a speed's.
+# Words of a name that may stand with its side where none is a speed's.
 BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
     r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
@@ -40,30 +44,26 @@ LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_){short}({long})?(_deg)?$")
     for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
 )
+UNIT = re.compile(r"_(?:dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
     ("rpm", "rpm"),
+    ("/min", "rpm"),
     ("rad", "rad/s"),
     ("deg", "deg/s"),
     ("mm", "mm/s"),
     ("km", "km/h"),
 )
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
-ENDINGS: tuple[tuple[str, TimeUnit], ...] = (
-    ("ns", "ns"),
-    ("nsec", "ns"),
-    ("us", "us"),
-    ("ms", "ms"),
-    ("msec", "ms"),
-)
+ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
 
 
-def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
+def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap | None:
     """Guess the columns of each stream; return None if no column looks like a time.
 
-    Columns of the truth have "truth" or "ground" in their names, or their table has. Columns of commands
-    are skipped.
+    Columns of the truth are those of `is_truth`, or their table is. Columns of commands
+    are skipped. That of the time may be known.
     """
-    times = [_time_column(table) for table in tables]
+    times = [_time_column(table, time_column) for table in tables]
     if not times or None in times:
         return None
     time, unit = str(times[0]), _time_unit(tables[0], str(times[0]))
@@ -73,27 +73,30 @@ def guess_columns(tables: Sequence[Table]) -> ColumnMap | None:
         names = [one.name for one in table.columns if one.is_number and one.name != own]
         true = names if is_truth(table.path.stem) else [name for name in names if is_truth(name)]
         measured = [name for name in names if name not in true and not is_command(name)]
-        tracks = tracks or _tracks(measured, other)
+        tracks = tracks or _tracks(measured, other, table)
         imu = imu or _imu(measured, other)
         fixes = fixes or _fixes(measured, other)
         truth = truth or _truth(true, other)
     return ColumnMap(time, unit, tracks, imu, fixes, truth)
 
 
-def _time_column(table: Table) -> str | None:
+def _plain(name: str) -> str:
+    """Lower-case name without its unit, as acc_x of `Acc x [m/s²]` and `acc_x_g`."""
+    return UNIT.sub("", re.sub(r"\W+", "_", re.sub(r"[\[(].*", "", name.lower()).strip()))
+
+
+def _time_column(table: Table, known: str) -> str | None:
     names = [column.name for column in table.columns]
     dates = [column.name for column in table.columns if column.kind.startswith("timestamp")]
-    exact = [name for name in names if TIME.match(name.lower())]
-    likely = [name for name in names if TIME_WORDS.search(name.lower())]
-    found = [*exact, *dates, *likely]
-    return found[0] if found else None
+    exact = [name for name in names if TIME.match(_plain(name))]
+    likely = [name for name in names if TIME_WORDS.search(_plain(name))]
+    return known if known in names else next(iter([*exact, *dates, *likely]), None)
 
 
 def _time_unit(table: Table, name: str) -> TimeUnit:
-    words = re.split(r"[^a-z]+", name.lower())
-    for ending, unit in ENDINGS:
-        if ending in words:
-            return unit
+    for word in re.split(r"[^a-z]+", name.lower()):
+        if word in ENDINGS:
+            return ENDINGS[word]
     try:
         values = table.numbers([name])[:, 0]
     except ReplayError:
@@ -102,7 +105,7 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
     return next((unit for size, unit in SINCE_1970 if largest > size), "s")
 
 
-def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
+def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumns | None:
     likely = [name for name in names if not NO_SPEED.search(name.lower())]
     left, right = sides([name for name in likely if SPEED.search(name.lower())])
     if not (left and right):
@@ -111,19 +114,26 @@ def _tracks(names: Sequence[str], time: str | None) -> TrackColumns | None:
         return None
     column = left[0].lower()
     if re.search("count|tick|enc", column):
-        return TrackColumns(left, right, "counts", counts_per_turn=1.0, time=time)
+        counts = TrackColumns(left=left, right=right, unit="counts", counts_per_turn=1.0, time=time)
+        return counts if len(left) > 1 else replace(counts, wrap=_wrap(table.numbers(counts.names)))
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
-    return TrackColumns(left, right, unit, time=time)
+    return TrackColumns(left=left, right=right, unit=unit, time=time)
+
+
+def _wrap(counts: Floats) -> float | None:
+    """Range of counters of 16 or 32 bits that start again; None if they do not."""
+    step = np.abs(np.diff(counts[~np.isnan(counts).any(axis=1)], axis=0)).max(initial=0.0)
+    return next((size for size in (2.0**16, 2.0**32) if 0.5 * size < step < size), None)
 
 
 def _is_bare(name: str) -> bool:
-    """Return True for a name with no other quantity beside its side, as `left_m_s`."""
+    """Return True for a name with no other quantity than its side, as `left_m_s`."""
     words = re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower()))
     return all(BARE.fullmatch(word) for word in words)
 
 
 def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
-    found = {match.group(1): name for name in names if (match := pattern.match(name.lower()))}
+    found = {match.group(1): name for name in names if (match := pattern.match(_plain(name)))}
     if set("xyz") <= set(found):
         return tuple(found[axis] for axis in "xyz")
     return (found["z"],) if "z" in found and "x" not in found else ()
@@ -131,19 +141,22 @@ def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
 
 def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
     # Bare x, y and z are a position rather than rates.
-    named = [name for name in names if len(name) > 1]
+    named = [name for name in names if len(_plain(name)) > 1]
     rates, forces = _axes(named, GYRO), _axes(named, ACCELEROMETER)
     if not rates:
         return None
-    degrees = any("deg" in name.lower() for name in rates)
-    return ImuColumns(
-        rates, forces if len(forces) == 3 else (), "deg/s" if degrees else "rad/s", time=time
-    )
+    unit: RateUnit = "deg/s" if any(map(_in_degrees, rates)) else "rad/s"
+    forces = forces if len(forces) == 3 else ()
+    return ImuColumns(angular_velocity=rates, linear_acceleration=forces, rate_unit=unit, time=time)
+
+
+def _in_degrees(name: str) -> bool:
+    return any(word in name.lower() for word in ("deg", "dps", "°"))
 
 
 def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
     def first(pattern: re.Pattern[str]) -> str | None:
-        return next((name for name in names if pattern.search(name.lower())), None)
+        return next((name for name in names if pattern.search(_plain(name))), None)
 
     latitude, longitude = first(LATITUDE), first(LONGITUDE)
     if latitude is None or longitude is None:
@@ -159,15 +172,9 @@ def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
 
 def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
     def ending(*words: str) -> str | None:
-        return next(
-            (
-                name
-                for name in names
-                for word in words
-                if re.search(rf"(?:^|[_.]){word}$", name.lower())
-            ),
-            None,
-        )
+        pattern = re.compile(rf"(?:^|[_.])(?:{'|'.join(words)})$")
+        return next((name for name in names if pattern.search(_plain(name))), None)
 
     x, y, yaw = ending("x"), ending("y"), ending("yaw", "heading", "theta")
-    return PoseColumns(x=x, y=y, yaw=yaw, time=time) if x and y else None
+    unit: AngleUnit = "deg" if yaw and _in_degrees(yaw) else "rad"
+    return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, time=time) if x and y else None

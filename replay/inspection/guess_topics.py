@@ -3,19 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Mapping
 
-from icreckon.replay.bags.message_types import (
-    IMU,
-    JOINT_STATE,
-    NAVSATFIX,
-    ODOMETRY,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    STRING,
-    TWIST,
-)
+from icreckon.replay.bags import message_types as ros
+from icreckon.replay.inspection.topic_survey import Survey
 from icreckon.replay.mapping.topics import (
     FixTopic,
     HeadingTopic,
@@ -29,6 +20,7 @@ from icreckon.replay.reading.stream import ABSENT
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
 LEFT = {"l", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
 RIGHT = {"r", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
+TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
 COMMAND = re.compile(
     r"cmd|command|desired|target|setpoint|demand|request|wanted"
     r"|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
@@ -37,26 +29,18 @@ PLACEHOLDER_SIGMA = 0.05
 """Placeholder sigma of fixes without a covariance [m] and of headings [rad], for the user to replace."""
 
 
-class Sample(NamedTuple):
-    """A topic: type, number of messages, and some decoded ones (of some types only)."""
-
-    msgtype: str
-    number: int
-    messages: list[Any]
-
-
-def guess_topics(samples: Mapping[str, Sample]) -> TopicMap:
+def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     """Guess the topic of each stream.
 
     Track speeds come from a JointState with velocities of left and right joints, or else from an
     odometry. The IMU is the fastest topic that measures rates; another Imu with an orientation but no
-    rates is a heading. Poses are the truth if the topic's name contains "truth" or "ground", otherwise
-    fixes.
+    rates is a heading. Poses are the truth if the topic is named so, otherwise fixes.
 
     Returns:
         The mapping; None for streams that were not found.
     """
-    found = {topic: sample for topic, sample in sorted(samples.items()) if sample.number}
+    found = {one.channel.topic: one for one in surveys if one.recorded}
+    found = dict(sorted(found.items()))
     truths = {topic: sample for topic, sample in found.items() if is_truth(topic)}
     own = {topic: sample for topic, sample in found.items() if not is_truth(topic)}
     tracks = _tracks(own)
@@ -89,7 +73,7 @@ def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 def is_truth(topic: str) -> bool:
     """Test for a topic or column of the truth, by its name."""
-    return "truth" in topic.lower() or "ground" in topic.lower()
+    return TRUE.search(topic.lower()) is not None
 
 
 def is_command(topic: str) -> bool:
@@ -97,9 +81,9 @@ def is_command(topic: str) -> bool:
     return COMMAND.search(topic.lower()) is not None
 
 
-def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
+def _tracks(samples: Mapping[str, Survey]) -> TrackTopic | None:
     for topic, sample in samples.items():
-        if sample.msgtype != JOINT_STATE or is_command(topic):
+        if sample.channel.msgtype != ros.JOINT_STATE or is_command(topic):
             continue
         named = [list(one.name) for one in sample.messages if len(one.velocity) == len(one.name)]
         # Some drivers publish each wheel in a message of its own.
@@ -107,21 +91,21 @@ def _tracks(samples: Mapping[str, Sample]) -> TrackTopic | None:
         for names in (*named, together):
             left, right = sides(names)
             if left and right:
-                return TrackTopic(topic, left, right)
+                return TrackTopic(topic, left=left, right=right)
     candidates = [
         topic
         for topic, sample in samples.items()
-        if sample.msgtype in (ODOMETRY, TWIST) and not is_command(topic)
+        if sample.channel.msgtype in (ros.ODOMETRY, ros.TWIST) and not is_command(topic)
     ]
 
     def unlikely(topic: str) -> tuple[bool, bool]:
         wheels = any(word in topic.lower() for word in (*DRIVE_WORDS, "controller", "odom"))
-        return (samples[topic].msgtype != ODOMETRY, not wheels)
+        return (samples[topic].channel.msgtype != ros.ODOMETRY, not wheels)
 
     return TrackTopic(min(candidates, key=unlikely)) if candidates else None
 
 
-def _measures_rates(sample: Sample) -> bool:
+def _measures_rates(sample: Survey) -> bool:
     return any(
         message.angular_velocity_covariance[0] != ABSENT
         and (message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z)
@@ -130,9 +114,9 @@ def _measures_rates(sample: Sample) -> bool:
     )
 
 
-def _heading(samples: Mapping[str, Sample]) -> HeadingTopic | None:
+def _heading(samples: Mapping[str, Survey]) -> HeadingTopic | None:
     for topic, sample in samples.items():
-        if sample.msgtype != IMU or _measures_rates(sample):
+        if sample.channel.msgtype != ros.IMU or _measures_rates(sample):
             continue
         turned = [one for one in sample.messages if one.orientation_covariance[0] != ABSENT]
         if any(abs(one.orientation.z) > 0.0 for one in turned):
@@ -141,42 +125,42 @@ def _heading(samples: Mapping[str, Sample]) -> HeadingTopic | None:
     return None
 
 
-def _imu(samples: Mapping[str, Sample]) -> ImuTopic | None:
+def _imu(samples: Mapping[str, Survey]) -> ImuTopic | None:
     rates = {
-        topic: sample.number
+        topic: len(sample.recorded)
         for topic, sample in samples.items()
-        if sample.msgtype == IMU and _measures_rates(sample)
+        if sample.channel.msgtype == ros.IMU and _measures_rates(sample)
     }
     return ImuTopic(max(rates, key=lambda topic: rates[topic])) if rates else None
 
 
-def _fixes(samples: Mapping[str, Sample]) -> FixTopic | None:
-    for msgtype in (POSE_WITH_COVARIANCE, POSE):
+def _fixes(samples: Mapping[str, Survey]) -> FixTopic | None:
+    for msgtype in (ros.POSE_WITH_COVARIANCE, ros.POSE):
         for topic, sample in samples.items():
-            if sample.msgtype == msgtype and not is_command(topic):
-                sigma = PLACEHOLDER_SIGMA if msgtype == POSE else None
+            if sample.channel.msgtype == msgtype and not is_command(topic):
+                sigma = PLACEHOLDER_SIGMA if msgtype == ros.POSE else None
                 return FixTopic(topic, position_sigma=sigma)
     for topic, sample in samples.items():
-        if sample.msgtype == NAVSATFIX:
+        if sample.channel.msgtype == ros.NAVSATFIX:
             known = any(one.position_covariance_type for one in sample.messages)
             return FixTopic(topic, position_sigma=None if known else PLACEHOLDER_SIGMA)
     return None
 
 
-def _truth(samples: Mapping[str, Sample], tracks: TrackTopic | None) -> TruthTopic | None:
-    def first(*msgtypes: str) -> str | None:
+def _truth(samples: Mapping[str, Survey], tracks: TrackTopic | None) -> TruthTopic | None:
+    def first(*types: str) -> str | None:
         return next(
             (
-                topic
-                for kind in msgtypes
-                for topic, sample in samples.items()
-                if sample.msgtype == kind
+                name
+                for kind in types
+                for name, one in samples.items()
+                if one.channel.msgtype == kind
             ),
             None,
         )
 
-    topic = first(POSE, POSE_WITH_COVARIANCE, ODOMETRY, NAVSATFIX)
+    topic = first(ros.POSE, ros.POSE_WITH_COVARIANCE, ros.ODOMETRY, ros.NAVSATFIX)
     if topic is None:
         return None
-    joints = first(JOINT_STATE) if tracks and tracks.left else None
-    return TruthTopic(topic, twist=first(TWIST), tracks=joints, source_topic=first(STRING))
+    joints = first(ros.JOINT_STATE) if tracks and tracks.left else None
+    return TruthTopic(topic, twist=first(ros.TWIST), tracks=joints, source_topic=first(ros.STRING))

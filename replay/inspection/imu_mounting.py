@@ -18,7 +18,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 
 STILL_SPEED = 0.005
-"""Track speeds below this share of the fastest count as zero [-]."""
+"""Track speeds below this share of the fastest, spikes aside, count as zero [-]."""
 STILL_MARGIN = 0.5
 """Time after a stop and before a start that does not count as standstill [s]."""
 ENOUGH_STILL = 2.0
@@ -35,35 +35,25 @@ CLEAR_SCORE = 0.4
 
 @dataclass(frozen=True)
 class Mounting:
-    """Mounting and noise of an IMU, estimated from a log.
+    """Mounting and noise of an IMU, estimated from a log."""
 
-    Attributes:
-        rotation_rpy_deg: roll and pitch at which the vertical points up, and yaw to the next 90 deg
-            [deg].
-        up_shown_by: what shows the vertical: "gravity", "turning", or "" for an IMU that is taken as
-            upright.
-        yaw_shown: whether the track speeds show that yaw; otherwise it is unknown, and set to 0.
-        specific_force: (3,) mean specific force in the IMU's axes [m/s²], or None without
-            accelerometers.
-        still_seconds: duration of standstill in the log [s].
-        gyro_axes: "z" if the other two gyros always read zero, otherwise "xyz".
-        turning_correlation: correlation of the rate about the vertical with V_r - V_l, or None without
-            turning in the track speeds.
-        gyro_bias: (3,) mean rates at standstill in the IMU's axes [rad/s], or None.
-        gyro_noise_density: noise density of the vertical rate at standstill [rad/s/√Hz], or None.
-        accelerometer_noise_density: noise density of the specific force to the left over half a second,
-            including vibration, slopes and all else beyond the tracks' motion [m/s²/√Hz], or None.
-    """
-
+    # roll and pitch at which the vertical points up, and yaw to the next 90 deg [deg]
     rotation_rpy_deg: tuple[float, float, float]
+    # what shows the vertical: "gravity", "turning", or "" for an IMU that is taken as upright
     up_shown_by: str
-    yaw_shown: bool
+    yaw_shown: bool  # whether the track speeds show that yaw; otherwise it is unknown, and set to 0
+    # (3,) mean specific force in the IMU's axes [m/s²], or None without accelerometers
     specific_force: Floats | None
-    still_seconds: float
-    gyro_axes: str
+    still_seconds: float  # duration of standstill in the log [s]
+    gyro_axes: str  # "z" if the other two gyros always read zero, otherwise "xyz"
+    # correlation of the rate about the vertical with V_r - V_l, or None without turning in the
+    # track speeds
     turning_correlation: float | None
-    gyro_bias: Floats | None
+    gyro_bias: Floats | None  # (3,) mean rates at standstill in the IMU's axes [rad/s], or None
+    # noise density of the vertical rate at standstill [rad/s/√Hz], or None
     gyro_noise_density: float | None
+    # noise density of the specific force to the left over half a second, including vibration,
+    # slopes and all else beyond the tracks' motion [m/s²/√Hz], or None
     accelerometer_noise_density: float | None
 
 
@@ -196,7 +186,7 @@ def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[n
     if not len(tracks.stamps):
         return result
     speed = np.abs(tracks.speeds).max(axis=1)
-    still = speed <= STILL_SPEED * speed.max()
+    still = speed <= STILL_SPEED * np.percentile(speed, 99)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     margin = round(STILL_MARGIN / NANOSECOND)
     for first, end in edges.reshape(-1, 2):

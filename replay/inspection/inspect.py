@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from msgspec import to_builtins
 from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.base.config import convert
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -22,58 +25,24 @@ from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_stamps
+from icreckon.replay.inspection import imu_mounting, robot_file, topic_survey, wheels
+from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
-from icreckon.replay.inspection.guess_topics import Sample, guess_topics
+from icreckon.replay.inspection.guess_topics import guess_topics
 from icreckon.replay.inspection.gyro_bias import GyroBias, gyro_bias
-from icreckon.replay.inspection.imu_mounting import (
-    ABSURD,
-    Mounting,
-    estimate_mounting,
-    vertical_rate,
-)
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
-from icreckon.replay.inspection.robot_file import (
-    NO_SIZES,
-    Sizes,
-    effective_track,
-    has_tracks,
-    in_rates,
-    robot_file_text,
-)
-from icreckon.replay.inspection.topic_survey import (
-    Spacing,
-    Survey,
-    TopicReport,
-    spacing,
-    survey_bag,
-)
-from icreckon.replay.inspection.track_by_rate import (
-    TrackByRate,
-    extremes,
-    track_by_rate,
-    track_windows,
-)
-from icreckon.replay.inspection.wheels import (
-    FAST_TURNING,
-    WheelEstimates,
-    fast_turning,
-    heading_offset,
-    standstills,
-    unit_suspicions,
-    wheel_estimates,
-)
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, TopicMap
 from icreckon.replay.reading.clocks import Choice, choose_clocks
 from icreckon.replay.reading.gather import as_paths, gather
-from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
+UNUSED = ("latency", "gauge")
+"""Keys of streams that a log is inspected without: it shows what they should be."""
 MOST_STOPS = 8
 """Highest number of standstills that are listed."""
-NO_ESTIMATES = WheelEstimates(None, "", None)
 UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
 """Robot with a sprocket radius of 1 m, so that rates are read as speeds."""
 
@@ -98,28 +67,29 @@ class Inspection:
 
     path: Path
     duration: float
-    topics: tuple[TopicReport, ...]
+    topics: tuple[topic_survey.TopicReport, ...]
     mapping: TopicMap
-    mounting: Mounting | None
+    mounting: imu_mounting.Mounting | None
     findings: tuple[str, ...]
     dropped: dict[str, int]
     notes: tuple[str, ...]
     proposed_robot_file: str
-    track: TrackByRate | None = None
+    track: by_rate.TrackByRate | None = None
 
 
 def inspect(
     path: Path | str | Sequence[Path | str],
     *,
     definitions: Definitions = (),
-    sizes: Sizes = NO_SIZES,
+    sizes: robot_file.Sizes = robot_file.NO_SIZES,
 ) -> Inspection:
     """Inspect a log; a bag that was cut short is inspected up to the break.
 
     Args:
         path: the file or folder, or several that make one log, as for `read_log`.
         definitions: message types that bags lack, as for `read_log`.
-        sizes: the robot's, for `eta0` of the proposed robot file.
+        sizes: lengths and streams that a person filled in: the streams are read in place of guessed
+            ones, the lengths give `eta0` of the proposed robot file.
 
     Raises:
         ReplayError: no such file, no bag or table, or nothing of it is readable.
@@ -127,20 +97,21 @@ def inspect(
     paths = as_paths(path)
     surveys, notes, tables = _look_through(paths, definitions)
     reports = {survey.channel.topic: survey.report() for survey in surveys.values()}
-    mapping = _guessed(surveys.values())
+    mapping = guess_topics(surveys.values())
     if tables:
-        mapping = replace(mapping, columns=guess_columns(tables))
+        time_column = str(sizes.log.get("columns", {}).get("time", ""))
+        mapping = replace(mapping, columns=guess_columns(tables, time_column))
         if mapping.columns is None:
             notes.append("not all tables have a column that looks like a time: none is proposed")
+    mapping = _with_own(mapping, sizes.log)
     log: Log | None = None
     clocks: dict[str, Choice] = {}
     try:
         gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
         clocks = choose_clocks(evidence_of(gathered.streams))
         log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
-        if (in_degrees := _in_degrees(mapping, log)) is not None:
-            mapping, note = in_degrees
-            notes.append(note)
+        if (changed := _other_units(mapping, log, notes)) is not mapping:
+            mapping = changed
             gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
             log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
     except EqualStampsError:
@@ -152,24 +123,8 @@ def inspect(
         entry = mapping.tracks if purpose == "tracks" else mapping.imu
         if entry is not None and entry.topic in reports:
             reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
-    mounting = estimate_mounting(log) if log is not None else None
-    estimates, bias, track = NO_ESTIMATES, None, None
-    latencies: dict[str, Lag | NoLag] = {}
-    wander: FixWanderEstimate | str | None = None
-    if log is not None:
-        vertical = vertical_rate(log.imu, mounting) if log.imu and mounting else None
-        correlation = mounting.turning_correlation if mounting else None
-        latencies = _latencies(log, vertical)
-        estimates = wheel_estimates(_in_time(log, latencies), vertical, correlation)
-        bias = None if vertical is None else gyro_bias(_in_time(log, latencies), vertical)
-        wander = estimate_wander(log, vertical) if log.fixes is not None else None
-        if estimates.track_ratio is not None and vertical is not None:
-            whole, unit = _track_of(mapping, estimates, sizes)
-            is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
-            value = bias.value if bias is not None and is_clear else 0.0
-            windows = track_windows(_in_time(log, latencies), vertical, value)
-            bins = track_by_rate(windows * (1.0, whole / estimates.track_ratio))
-            track = TrackByRate(whole, unit, tuple(bins))
+    seen = _estimates(mapping, clocks, log, sizes)
+    track = _track_by_rate(seen)
     times = [survey.recorded for survey in surveys.values() if survey.recorded]
     duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
     if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
@@ -181,52 +136,99 @@ def inspect(
         duration=duration,
         topics=tuple(listed),
         mapping=mapping,
-        mounting=mounting,
+        mounting=seen.mounting,
         findings=(
-            *_findings(log, mapping, mounting, estimates, clocks, latencies),
+            *(() if robot_file.has_tracks(mapping) else (_no_tracks(surveys.values()),)),
+            *_findings(seen),
             *_of_rates(track),
-            *_of_bias(bias),
-            *_of_wander(wander),
+            *_of_bias(seen.bias),
+            *_of_wander(seen.wander),
         ),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
-        proposed_robot_file=robot_file_text(
-            paths[0],
-            _with_clocks(mapping, clocks),
-            mounting,
-            log,
-            estimates,
-            clocks,
-            heading_offset(log) if log is not None else None,
-            latencies.get("tracks"),
-            wander if isinstance(wander, FixWanderEstimate) else None,
-            sizes=sizes,
-            held=_held(log),
-            bias=bias,
-        ),
+        proposed_robot_file=robot_file.robot_file_text(paths[0], seen),
         track=track,
     )
 
 
-def _in_degrees(mapping: TopicMap, log: Log) -> tuple[TopicMap, str] | None:
-    """Mapping with the gyro in deg/s, and a note, if it is too fast for rad/s."""
-    columns = mapping.columns
-    if columns is None or columns.imu is None or log.imu is None:
-        return None
-    fast = fast_turning(log.imu)
-    if not FAST_TURNING < fast < math.degrees(FAST_TURNING):
-        return None
-    changed = replace(columns, imu=replace(columns.imu, rate_unit="deg/s"))
-    note = f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s"
-    return replace(mapping, columns=changed), note
-
-
-def _held(log: Log | None) -> str:
-    """Rate of track speeds that the log repeats in between, empty if it does not."""
+def _estimates(
+    mapping: TopicMap, clocks: dict[str, Choice], log: Log | None, sizes: robot_file.Sizes
+) -> robot_file.LogEstimates:
+    """Estimate all that a log shows."""
     if log is None:
-        return ""
-    found = without_holding(log, "auto")
-    return "" if found is log else found.notes[-1].partition(":")[0]
+        return robot_file.LogEstimates(mapping, clocks, log, sizes)
+    mounting = imu_mounting.estimate_mounting(log)
+    vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
+    latencies = _latencies(log, vertical)
+    in_time = _in_time(log, latencies)
+    correlation = mounting.turning_correlation if mounting else None
+    return robot_file.LogEstimates(
+        mapping,
+        clocks,
+        log,
+        sizes,
+        mounting,
+        vertical,
+        wheels.wheel_estimates(in_time, vertical, correlation),
+        latencies,
+        None if vertical is None else gyro_bias(in_time, vertical),
+        estimate_wander(log, vertical) if log.fixes is not None else None,
+    )
+
+
+def _track_by_rate(seen: robot_file.LogEstimates) -> by_rate.TrackByRate | None:
+    """Effective track by the gyro, of the whole log and over the yaw rate."""
+    ratio, bias, log = seen.wheels.track_ratio, seen.bias, seen.log
+    if ratio is None or seen.vertical is None or log is None:
+        return None
+    whole, unit = seen.effective_track, "m"
+    if whole is None:
+        unit = (
+            "the effective radius"
+            if robot_file.in_rates(seen.mapping)
+            else "the controller's gauge"
+        )
+        whole, unit = ratio, f"times {unit}"
+    is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
+    value = bias.value if bias is not None and is_clear else 0.0
+    windows = by_rate.track_windows(_in_time(log, seen.latencies), seen.vertical, value)
+    return by_rate.TrackByRate(
+        whole, unit, tuple(by_rate.track_by_rate(windows * (1.0, whole / ratio)))
+    )
+
+
+def _with_own(guess: TopicMap, own: Mapping[str, Mapping[str, Any]]) -> TopicMap:
+    """Mapping with the streams that were filled in, stamps and speeds as logged."""
+    named = {keys["topic"] for keys in own.values() if "topic" in keys}
+    found = {
+        name: stream
+        for name, stream in to_builtins(guess).items()
+        if stream and stream.get("topic") not in named - {own.get(name, {}).get("topic")}
+    }
+    for name, keys in own.items():
+        table = found
+        for part in name.split("."):
+            table[part] = table.get(part) or {}
+            table = table[part]
+        table |= {key: value for key, value in keys.items() if key not in UNUSED}
+    return convert(found, TopicMap, "[log]", ReplayError) if own else guess
+
+
+def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
+    """Mapping with the IMU in deg/s or g where its readings are, with a note on each."""
+    if log.imu is None:
+        return mapping
+    units, fast = {}, wheels.fast_turning(log.imu)
+    if wheels.FAST_TURNING < fast < math.degrees(wheels.FAST_TURNING):
+        units["rate_unit"] = "deg/s"
+        notes.append(f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s")
+    mounting = imu_mounting.estimate_mounting(log)
+    if mounting is not None and mounting.specific_force is not None:
+        force = float(np.linalg.norm(mounting.specific_force))
+        if wheels.unit_of_gravity(force) == "; in g?":
+            units["acceleration_unit"] = "g"
+            notes.append(f"the mean specific force is {force:.3g}: taken for g")
+    return _with_own(mapping, {"imu" if mapping.imu else "columns.imu": units} if units else {})
 
 
 def guess_mapping(
@@ -240,16 +242,7 @@ def guess_mapping(
     surveys, _, tables = _look_through(as_paths(path), definitions)
     if tables or any(topic == MAPPING_TOPIC for topic, _ in surveys):
         return None
-    return _guessed(surveys.values())
-
-
-def _guessed(surveys: Iterable[Survey]) -> TopicMap:
-    return guess_topics(
-        {
-            one.channel.topic: Sample(one.channel.msgtype, len(one.recorded), one.messages)
-            for one in surveys
-        }
-    )
+    return guess_topics(surveys.values())
 
 
 def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
@@ -257,7 +250,7 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
     if log.imu is None or vertical is None:
         return {}
     found: dict[str, Lag | NoLag] = {}
-    if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= ABSURD:
+    if len(log.tracks.speeds) and np.abs(log.tracks.speeds).max() <= imu_mounting.ABSURD:
         found["tracks"] = track_latency(log.tracks, log.imu, vertical)
     truth = log.truth
     if truth is not None:
@@ -267,7 +260,7 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
     return found
 
 
-def _in_time(log: Log, latencies: dict[str, Lag | NoLag]) -> Log:
+def _in_time(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
     """Log whose track speeds and truth are as late as its gyro, where that is clear."""
     tracks, truth = (latencies.get(purpose) for purpose in ("tracks", "truth"))
     if isinstance(tracks, Lag) and not objection(tracks):
@@ -280,9 +273,9 @@ def _in_time(log: Log, latencies: dict[str, Lag | NoLag]) -> Log:
 
 def _look_through(
     paths: Sequence[Path], definitions: Definitions
-) -> tuple[dict[tuple[str, str], Survey], list[str], list[Table]]:
+) -> tuple[dict[tuple[str, str], topic_survey.Survey], list[str], list[Table]]:
     """Survey all files in one pass: topics by name and type, notes, tables."""
-    surveys: dict[tuple[str, str], Survey] = {}
+    surveys: dict[tuple[str, str], topic_survey.Survey] = {}
     notes: list[str] = []
     tables = []
     for path in paths:
@@ -290,61 +283,56 @@ def _look_through(
             tables.append(Table(path))
             notes += [*tables[-1].notes, *tables[-1].stray_texts()]
             continue
-        read = partial(survey_bag, source=str(path), definitions=definitions)
+        read = partial(topic_survey.survey_bag, source=str(path), definitions=definitions)
         found, remarks = over_bag(path, read)
         notes += remarks
         for survey in found:
-            name = (survey.channel.topic, survey.channel.msgtype)
-            if name in surveys:
-                surveys[name].extend(survey)
-            else:
-                surveys[name] = survey
+            one = surveys.setdefault((survey.channel.topic, survey.channel.msgtype), survey)
+            if one is not survey:
+                one.extend(survey)
     return surveys, notes, tables
 
 
-def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[TopicReport]:
+def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_survey.TopicReport]:
     """Report each column; numbers with their spacing in time, if that is known."""
     stamps = timed = None
     if columns is not None and table.has([columns.time]):
         with suppress(ReplayError):
             stamps, timed = table.stamps(columns.time, columns.time_unit)
     for column in table.columns:
-        spaced = Spacing(None, None, None)
+        spaced = topic_survey.Spacing()
         if columns is not None and stamps is not None:
             with suppress(ReplayError):
                 there = timed
                 if column.name != columns.time:
                     there = timed & ~np.isnan(table.numbers([column.name])[:, 0])
-                spaced = spacing(stamps[there])
-        yield TopicReport(
+                spaced = topic_survey.spacing(stamps[there])
+        yield topic_survey.TopicReport(
             topic=column.name,
             msgtype=column.kind,
             frame_id=table.path.name,
             count=column.filled,
-            mean_rate=spaced.mean_rate,
-            largest_gap=spaced.largest_gap,
-            gaps=spaced.gaps,
             clock_offset=None,
+            **spaced._asdict(),
         )
 
 
-def _findings(
-    log: Log | None,
-    mapping: TopicMap,
-    mounting: Mounting | None,
-    estimates: WheelEstimates,
-    clocks: dict[str, Choice],
-    latencies: dict[str, Lag | NoLag],
-) -> Iterator[str]:
-    for purpose, choice in clocks.items():
+def _no_tracks(surveys: Iterable[topic_survey.Survey]) -> str:
+    states = [one for survey in surveys for one in survey.messages if hasattr(one, "velocity")]
+    joints = ", ".join(dict.fromkeys(name for one in states for name in one.name))
+    return (
+        "no track speeds: nothing here looks like them, and without them nothing can be replayed; name "
+        "joints, fields or columns in [log.tracks] or [log.columns.tracks] of the robot file, and "
+        f"inspect again with --overwrite{joints and f'; joints here are {joints}'}"
+    )
+
+
+def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
+    log, mapping, mounting = seen.log, seen.mapping, seen.mounting
+    for purpose, choice in seen.clocks.items():
         clock = "header stamps" if choice.clock == "header" else "time of recording"
-        if not mapping.columns or purpose in _mapped_purposes(mapping):
+        if not mapping.columns or getattr(mapping, purpose, None) is not None:
             yield f"{purpose}: {clock}; {choice.reason}"
-    if not has_tracks(mapping):
-        yield (
-            "no track speeds: nothing here looks like them, and without them nothing can be replayed; "
-            "where messages of another type hold them, name topic and fields in [log.tracks]"
-        )
     if log is None:
         return
     fault = None
@@ -353,26 +341,22 @@ def _findings(
         if fault is not None:
             yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
-    for purpose, latency in latencies.items():
+    for purpose, latency in seen.latencies.items():
         if isinstance(latency, NoLag):
-            yield (
-                f"{purpose}: whether stamps are late against the gyro's cannot be seen: {latency.reason}"
-            )
+            yield (f"{purpose}: lag behind the gyro not observable: {latency.reason}")
             continue
-        late = "late" if latency.seconds > 0.0 else "early"
+        lags = "lag" if latency.seconds > 0.0 else "lead"
         places = purpose == "truth" and fault is not None
-        against = "the tracks', by what both drive" if places else "the gyro's, by what both turn"
+        against = "the tracks (by speed)" if places else "the gyro (by yaw rate)"
         why = objection(latency)
         yield (
-            f"{purpose}: stamps are {abs(latency.seconds):.2f} s (± {latency.sigma:.3f}) {late} against "
-            f"{against}" + (f"; {why}: no latency is proposed" if why else "")
+            f"{purpose}: stamps {lags} {against} by {abs(latency.seconds):.2f} s (± {latency.sigma:.3f})"
+            + (f"; {why}: no latency is proposed" if why else "")
         )
-    if estimates.track_ratio is not None:
-        yield _of_track(estimates, mapping)
-    if held := _held(log):
-        yield f"tracks: {held}"
+    if seen.wheels.track_ratio is not None:
+        yield _of_track(seen)
     if len(log.tracks.stamps):
-        stops = standstills(log)
+        stops = wheels.standstills(log)
         total = sum(end - begin for begin, end in stops)
         spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in stops[:MOST_STOPS])
         more = ", ..." if len(stops) > MOST_STOPS else ""
@@ -386,48 +370,40 @@ def _findings(
         yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
     yield from (
         f"suspicious: {text}"
-        for text in unit_suspicions(
+        for text in wheels.unit_suspicions(
             log,
             mounting,
-            estimates,
-            rates=in_rates(mapping),
-            vertical=vertical_rate(log.imu, mounting) if log.imu and mounting else None,
-            from_twist=mapping.tracks is not None and not mapping.tracks.left,
+            seen.wheels,
+            rates=robot_file.in_rates(mapping),
+            vertical=seen.vertical,
+            from_twist=seen.from_twist,
         )
     )
 
 
-def _of_track(estimates: WheelEstimates, mapping: TopicMap) -> str:
+def _of_track(seen: robot_file.LogEstimates) -> str:
     """Report the effective track by the gyro, as settings of a controller have it."""
-    ratio, sigma = estimates.track_ratio, estimates.track_sigma
+    ratio, sigma = seen.wheels.track_ratio, seen.wheels.track_sigma
     error = "" if sigma is None else f" (± {sigma:.1g})"
-    if mapping.tracks is not None and not mapping.tracks.left:
+    if seen.from_twist:
         return (
             f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"
         )
-    unit = "times the effective radius" if in_rates(mapping) else "m"
+    unit = "times the effective radius" if robot_file.in_rates(seen.mapping) else "m"
     return (
         f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"
     )
 
 
-def _track_of(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> tuple[float, str]:
-    """Effective track by the gyro, and its unit."""
-    if (metres := effective_track(mapping, estimates, sizes)) is not None:
-        return metres, "m"
-    times = "the effective radius" if in_rates(mapping) else "the controller's gauge"
-    return estimates.track_ratio or 0.0, f"times {times}"
-
-
-def _of_rates(track: TrackByRate | None) -> Iterator[str]:
+def _of_rates(track: by_rate.TrackByRate | None) -> Iterator[str]:
     """Report whether the effective track depends on the yaw rate."""
     rates = sorted(abs(one.rate) for one in track.bins) if track is not None else []
     if track is None or len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
         return
     text = f"tracks: from {rates[0]:.1f} to {rates[-1]:.1f} rad/s the effective track"
-    if (found := extremes(track.bins)) is None:
+    if (found := by_rate.extremes(track.bins)) is None:
         yield f"{text} does not depend significantly on the yaw rate"
         return
     low, high = (
@@ -452,36 +428,13 @@ def _of_wander(wander: FixWanderEstimate | str | None) -> Iterator[str]:
         yield f"fixes: whether their error wanders cannot be seen: {wander}"
 
 
-def _mapped_purposes(mapping: TopicMap) -> list[str]:
-    return [
-        name
-        for name in ("tracks", "imu", "fixes", "heading", "truth")
-        if getattr(mapping, name) is not None
-    ]
-
-
-def _with_clocks(mapping: TopicMap, clocks: dict[str, Choice]) -> TopicMap:
-    """Set the time of recording in the mapping for the streams that use it."""
-    changes = {
-        purpose: replace(getattr(mapping, purpose), time="recording")
-        for purpose in _mapped_purposes(mapping)
-        if purpose in clocks and clocks[purpose].clock == "recording"
-    }
-    return replace(mapping, **changes)
-
-
 def _repeated_shares(log: Log) -> dict[str, float]:
     """Shares of repeated values of moving tracks and of repeated IMU samples."""
-    shares = {}
-    speeds = log.tracks.speeds
-    moving = (speeds[:-1] != 0.0).any(axis=1)
-    if moving.any():
+    speeds, shares = log.tracks.speeds, {}
+    if (moving := (speeds[:-1] != 0.0).any(axis=1)).any():
         shares["tracks"] = float((speeds[1:] == speeds[:-1])[moving].mean())
     if log.imu is not None and len(log.imu.stamps) > 1:
-        rates = log.imu.angular_velocity
-        same = (rates[1:] == rates[:-1]).all(axis=1)
-        if log.imu.linear_acceleration is not None:
-            forces = log.imu.linear_acceleration
-            same &= (forces[1:] == forces[:-1]).all(axis=1)
-        shares["imu"] = float(same.mean())
+        forces = log.imu.linear_acceleration
+        rows = np.column_stack([log.imu.angular_velocity, *([] if forces is None else [forces])])
+        shares["imu"] = float((rows[1:] == rows[:-1]).all(axis=1).mean())
     return shares

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_toml import toml_value
@@ -15,7 +17,7 @@ from icreckon.replay.inspection.fix_wander import FixWanderEstimate
 from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
-from icreckon.replay.inspection.wheels import WheelEstimates
+from icreckon.replay.inspection.wheels import WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.mapping.track_units import OF_GROUND
@@ -30,67 +32,82 @@ USUAL_DIFFERENCE_SIGMA = 0.02
 STANDING_BIAS_SIGMA = 0.002
 """Standard deviation of a gyro bias that a standstill has shown, for other logs [rad/s]."""
 FILL_IN = "# not in the log: fill in"
+CHECKED = ("unit", "wrap", "rate_unit", "acceleration_unit", "yaw_unit")
+"""Keys that are guessed from names and sizes."""
 MARGIN = 1.2
 """Highest speed of a robot over the fastest in a log [-]."""
 
 
 class Sizes(NamedTuple):
-    """Lengths of a robot that a person filled in [m]; None if unknown."""
+    """Lengths [m] and streams of a robot that a person filled in; None if unknown."""
 
     gauge: float | None = None  # track gauge
     radius: float | None = None  # sprocket radius
     # gauge of the controller whose odometry gives the track speeds
     of_controller: float | None = None
+    log: Mapping[str, Mapping[str, Any]] = {}  # keys of its [log] tables, by table
 
 
 NO_SIZES = Sizes()
+NO_WHEELS = WheelEstimates(None, "", None)
 
 
-def robot_file_text(
-    path: Path,
-    mapping: TopicMap,
-    mounting: Mounting | None,
-    log: Log | None,
-    estimates: WheelEstimates,
-    clocks: Mapping[str, Choice],
-    heading_offset: float | None,
-    track_latency: Lag | NoLag | None = None,
-    wander: FixWanderEstimate | None = None,
-    *,
-    sizes: Sizes = NO_SIZES,
-    held: str = "",
-    bias: GyroBias | None = None,
-) -> str:
+@dataclass(frozen=True)
+class LogEstimates:
+    """Estimates from a log, for findings and a robot file; None if not observable."""
+
+    mapping: TopicMap  # the guessed topics
+    clocks: Mapping[str, Choice]  # clock of each stream and the reason of its choice, by purpose
+    # the log read by that mapping with a sprocket radius of 1 m; None if it cannot be read
+    log: Log | None
+    sizes: Sizes  # lengths of the robot that a person filled in
+    mounting: Mounting | None = None  # estimated mounting of the IMU
+    vertical: Floats | None = None  # (n,) rate about the vertical at the IMU's stamps [rad/s]
+    wheels: WheelEstimates = NO_WHEELS  # estimated effective radius and track
+    # latencies of tracks and truth against the gyro, by purpose
+    latencies: Mapping[str, Lag | NoLag] = field(default_factory=dict)
+    bias: GyroBias | None = None  # bias of the gyro
+    # error of the fixes, or the reason why it is not observable
+    wander: FixWanderEstimate | str | None = None
+
+    @property
+    def from_twist(self) -> bool:
+        """True for track speeds from a twist, which are read with a gauge of 1 m."""
+        return self.mapping.tracks is not None and not self.mapping.tracks.left
+
+    @property
+    def effective_track(self) -> float | None:
+        """Effective track by the gyro [m]; None without radius or gauge of a controller."""
+        scale: float | None = 1.0
+        if self.from_twist:
+            scale = self.sizes.of_controller
+        elif in_rates(self.mapping):
+            scale = self.sizes.radius or self.wheels.way_ratio
+        if self.wheels.track_ratio is None or scale is None:
+            return None
+        return self.wheels.track_ratio * scale
+
+
+def robot_file_text(path: Path, seen: LogEstimates) -> str:
     """Format a robot file that `load_robot` and `topic_map` accept.
 
     Args:
         path: the bag, for the robot's name.
-        mapping: the guessed topics.
-        mounting: estimated mounting of the IMU, or None.
-        log: the log read by that mapping with a sprocket radius of 1 m, or None.
-        estimates: estimated effective radius and track.
-        clocks: clock of each stream and the reason of its choice, by purpose.
-        heading_offset: offset from a heading to the direction of driving [deg], or None.
-        track_latency: latency of the track speeds against the gyro, or None if not observable.
-        wander: error of the fixes, or None if not observable.
-        sizes: lengths of the robot that a person filled in.
-        held: note on track speeds that the log repeats, empty if it does not.
-        bias: bias of the gyro, or None if not observable.
+        seen: estimates from it.
     """
-    late, wandering = _latency_lines(track_latency), _wander_lines(wander)
-    if held:
-        late = [*late, f'held = "auto"    # {held}']
+    late, wandering = _latency_lines(seen.latencies.get("tracks")), _wander_lines(seen.wander)
+    columns = seen.mapping.columns
     lines = [
         f"{FIRST_WORDS} {toml_value(path.name)[1:-1]}: check every line.",
         f"name = {toml_value(path.stem)}",
         "format = 1",
         "",
-        *_vehicle(mapping, log, estimates, sizes),
+        *_vehicle(seen),
         "",
-        *_imu(mounting, log, bias),
-        *_tracks(mapping, estimates, sizes),
-        *_log(mapping, clocks, heading_offset, late, wandering),
-        *(columns_text(mapping.columns, late, wandering) if mapping.columns else []),
+        *_imu(seen),
+        *_tracks(seen),
+        *_log(seen, late, wandering),
+        *(columns_text(columns, late, wandering) if columns else []),
     ]
     return "\n".join(lines) + "\n"
 
@@ -108,21 +125,18 @@ def has_tracks(mapping: TopicMap) -> bool:
     return mapping.tracks is not None or bool(mapping.columns and mapping.columns.tracks)
 
 
-def _vehicle(
-    mapping: TopicMap, log: Log | None, estimates: WheelEstimates, sizes: Sizes
-) -> list[str]:
-    # Not a number, so that an incomplete robot file is refused.
-    radius = sizes.radius or estimates.way_ratio
-    fastest = None
+def _vehicle(seen: LogEstimates) -> list[str]:
+    fastest, log = None, seen.log
     if log is not None and len(log.tracks.speeds):
         fastest = float(np.abs(log.tracks.speeds).max())
+    # Not a number, so that an incomplete robot file is refused.
     lines = [
         "[vehicle]",
         f"mass = nan               {FILL_IN} (kg, with load)",
-        *_gauge(mapping, estimates, sizes),
-        _radius(mapping, estimates),
+        _gauge(seen.effective_track),
+        _radius(seen),
     ]
-    size = radius if in_rates(mapping) else 1.0
+    size = (seen.sizes.radius or seen.wheels.way_ratio) if in_rates(seen.mapping) else 1.0
     if fastest and size is not None and fastest < ABSURD:
         top = MARGIN * fastest * size
         lines.append(
@@ -132,64 +146,44 @@ def _vehicle(
         lines.append(f"max_track_speed = 2.0    {FILL_IN} (m/s)")
         if fastest:
             lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
-    if not has_tracks(mapping):
+    if not has_tracks(seen.mapping):
         lines.append("# Nothing in the log looks like track speeds: no track speeds, no replay.")
-    return lines + _indices(mapping, estimates, sizes)
+    return lines + _indices(seen)
 
 
-def _radius(mapping: TopicMap, estimates: WheelEstimates) -> str:
-    if not in_rates(mapping):
+def _radius(seen: LogEstimates) -> str:
+    if has_tracks(seen.mapping) and not in_rates(seen.mapping):
         return "sprocket_radius = 0.1    # not used for this log"
-    radius, sigma = estimates.way_ratio, estimates.way_sigma
+    radius, sigma = seen.wheels.way_ratio, seen.wheels.way_sigma
     if radius is None:
         return f"sprocket_radius = nan    {FILL_IN} (m, effective)"
     error = "" if sigma is None else f" ± {sigma:.2g}"
     return (
-        f"sprocket_radius = {radius:.4g}    # m{error}, effective, by the {estimates.way_source} "
+        f"sprocket_radius = {radius:.4g}    # m{error}, effective, by the {seen.wheels.way_source} "
         "where it hardly turned"
     )
 
 
-def effective_track(
-    mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes = NO_SIZES
-) -> float | None:
-    """Effective track by the gyro [m]; None without radius or gauge of a controller."""
-    scale: float | None = 1.0
-    if _from_twist(mapping):
-        scale = sizes.of_controller
-    elif in_rates(mapping):
-        scale = sizes.radius or estimates.way_ratio
-    if estimates.track_ratio is None or scale is None:
-        return None
-    return estimates.track_ratio * scale
-
-
-def _from_twist(mapping: TopicMap) -> bool:
-    """True for track speeds from a twist, which are read with a gauge of 1 m."""
-    return mapping.tracks is not None and not mapping.tracks.left
-
-
-def _gauge(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list[str]:
-    track = effective_track(mapping, estimates, sizes)
+def _gauge(track: float | None) -> str:
     if track is None:
-        return [f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"]
-    return [
+        return f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"
+    return (
         f"track_gauge = {track:.3g}    # m, the effective track ({track:.3g}): fill in the distance "
         "between the centrelines of tracks or wheels"
-    ]
+    )
 
 
-def _indices(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list[str]:
+def _indices(seen: LogEstimates) -> list[str]:
     """Steering efficiency of constant ICRs by the gyro."""
-    ratio, track = estimates.track_ratio, effective_track(mapping, estimates, sizes)
+    ratio, track = seen.wheels.track_ratio, seen.effective_track
     if ratio is None:
         return []
     if track is not None:
-        eta0 = max(1.0, track / (sizes.gauge or track))
+        eta0 = max(1.0, track / (seen.sizes.gauge or track))
         line = (
             f"eta0 = {eta0:.3g}    # effective track by the gyro, {track:.3g} m, over track_gauge"
         )
-    elif _from_twist(mapping):
+    elif seen.from_twist:
         line = (
             f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the "
             "controller's gauge ([log.tracks]), over track_gauge"
@@ -202,7 +196,8 @@ def _indices(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list
     return ["", "[indices]", line]
 
 
-def _imu(mounting: Mounting | None, log: Log | None, found: GyroBias | None) -> list[str]:
+def _imu(seen: LogEstimates) -> list[str]:
+    mounting, log, found = seen.mounting, seen.log, seen.bias
     if mounting is None:
         if log is None or log.imu is None:
             return ["# The log holds no IMU that measures rates.", ""]
@@ -233,7 +228,11 @@ def _imu(mounting: Mounting | None, log: Log | None, found: GyroBias | None) -> 
             f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
         ]
     else:
-        lines.append("# Gyro bias: no standstill of 2 s, and driving shows none.")
+        none = "no standstill of 2 s, and driving shows none"
+        driven = log is not None and len(log.tracks.stamps)
+        lines.append(
+            f"# Gyro bias: {none if driven else 'no track speeds to find a standstill by'}."
+        )
     if mounting.gyro_noise_density:
         lines.append(
             f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
@@ -271,13 +270,18 @@ def _mounting(mounting: Mounting) -> list[str]:
     return [*lines, _turning_comment(mounting.turning_correlation)]
 
 
-def _tracks(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list[str]:
+def _tracks(seen: LogEstimates) -> list[str]:
     """Uncertainty of the effective radius, or of speeds that need none."""
-    if not has_tracks(mapping):
+    if not has_tracks(seen.mapping):
         return []
+    estimates, rates = seen.wheels, in_rates(seen.mapping)
     sigma, remark = USUAL_SCALE_SIGMA, "what is usually not known of an effective radius"
-    if estimates.way_ratio is not None and estimates.way_sigma is not None and not sizes.radius:
-        if in_rates(mapping):
+    if (
+        estimates.way_ratio is not None
+        and estimates.way_sigma is not None
+        and not seen.sizes.radius
+    ):
+        if rates:
             shown, of = estimates.way_sigma / estimates.way_ratio, "the effective radius above"
         else:
             shown = float(np.hypot(estimates.way_ratio - 1.0, estimates.way_sigma))
@@ -285,7 +289,7 @@ def _tracks(mapping: TopicMap, estimates: WheelEstimates, sizes: Sizes) -> list[
         if shown < sigma:
             sigma = max(shown, LEAST_SCALE_SIGMA)
             remark = f"of {of}, by the {estimates.way_source}; {USUAL_SCALE_SIGMA:g} for another"
-            remark = remark if in_rates(mapping) else remark.split(";")[0]
+            remark = remark if rates else remark.split(";")[0]
     return [
         "[tracks]",
         f"scale_sigma = {sigma:.2g}    # relative, {remark}",
@@ -322,15 +326,11 @@ def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
     return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.3f}: late against the gyro"]
 
 
-def _log(
-    mapping: TopicMap,
-    clocks: Mapping[str, Choice],
-    heading_offset: float | None,
-    track_latency: list[str],
-    wander: list[str],
-) -> list[str]:
+def _log(seen: LogEstimates, track_latency: list[str], wander: list[str]) -> list[str]:
+    mapping = seen.mapping
+
     def table(purpose: str, topic: str, *lines: str, late: Sequence[str] = ()) -> list[str]:
-        choice = clocks.get(purpose)
+        choice = seen.clocks.get(purpose)
         time = []
         if choice is not None and choice.clock == "recording":
             time = [f'time = "recording"    # {choice.reason}']
@@ -342,19 +342,22 @@ def _log(
         if not tracks.left:
             sides = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
         lines += table("tracks", tracks.topic, *sides, late=track_latency)
-    if mapping.imu:
-        lines += table("imu", mapping.imu.topic)
+    if imu := mapping.imu:
+        units = ("rate_unit", "rad/s"), ("acceleration_unit", "m/s2")
+        own = [f'{key} = "{unit}"' for key, usual in units if (unit := getattr(imu, key)) != usual]
+        lines += table("imu", imu.topic, *own)
     if fixes := mapping.fixes:
         errors = wander
         if fixes.position_sigma is not None and not wander:
             errors = [f"position_sigma = {fixes.position_sigma}    {FILL_IN} (m)"]
-        lines += table("fixes", fixes.topic, *errors)
+        hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
+        lines += table("fixes", fixes.topic, hint, *errors)
     if heading := mapping.heading:
         sigma = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
         offset = f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
-        if heading_offset is not None:
+        if seen.log is not None and (degrees := heading_offset(seen.log)) is not None:
             offset = (
-                f"offset_deg = {_round(heading_offset)}    # course over ground less heading, if it "
+                f"offset_deg = {_round(degrees)}    # course over ground less heading, if it "
                 "drives forward"
             )
         lines += table("heading", heading.topic, *sigma, offset)
@@ -365,9 +368,9 @@ def _log(
     return lines[1:]
 
 
-def _wander_lines(wander: FixWanderEstimate | None) -> list[str]:
+def _wander_lines(wander: FixWanderEstimate | str | None) -> list[str]:
     """Error of the fixes: its white part, and that which wanders."""
-    if wander is None or wander.reason:
+    if not isinstance(wander, FixWanderEstimate) or wander.reason:
         return []
     shortest, longest = wander.times
     white = f"position_sigma = {wander.white:.2g}    # m, what is new in each fix, against odometry"
@@ -390,19 +393,17 @@ def columns_text(
         if spec is None:
             continue
         lines += ["", f"[log.columns.{purpose}]"]
+        own = {"latency", "scale", "wander_sigma", "wander_time"}
+        own |= {"position_sigma"} if wander else set()
         for name in spec.__struct_fields__:
             value = getattr(spec, name)
-            if value is None or value in ((), "") or name in ("latency", "held"):
+            if value in (None, (), "", (0.0, 0.0)) or name in own:
                 continue
-            if name.startswith("wander") or (
-                name == "position_sigma" and purpose == "fixes" and wander
-            ):
+            if name == "yaw_unit" and not spec.yaw:
                 continue
             text = "nan" if name == "counts_per_turn" else toml_value(value)
-            guessed = {"unit": "# check it", "rate_unit": "# check it"}
-            filled = {"position_sigma": FILL_IN, "counts_per_turn": FILL_IN}
-            remark = {**guessed, "acceleration_unit": "# check it", **filled}.get(name)
-            lines.append(f"{name} = {text}{f'    {remark}' if remark else ''}")
+            filled = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""
+            lines.append(f"{name} = {text}{'    # check it' if name in CHECKED else filled}")
         lines += track_latency if purpose == "tracks" else []
         lines += wander if purpose == "fixes" else []
     return lines

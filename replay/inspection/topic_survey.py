@@ -37,45 +37,37 @@ GAP = 5.0
 
 @dataclass(frozen=True)
 class TopicReport:
-    """Statistics of a topic.
+    """Statistics of a topic."""
 
-    Attributes:
-        topic: name.
-        msgtype: message type.
-        frame_id: frame of the first message, "" if it has none.
-        count: number of messages.
-        mean_rate: rate by the median interval between two messages [Hz], or None for fewer than two.
-        largest_gap: longest time between two messages, by recording [s], or None likewise.
-        gaps: number of intervals longer than `GAP` times the usual one, or None.
-        clock_offset: median of header stamp minus time of recording [s], or None without headers.
-        repeated_share: share of samples equal to the previous one: of the values of track speeds
-            while the tracks moved, of the samples of the IMU; None for other topics.
-    """
-
-    topic: str
-    msgtype: str
-    frame_id: str
-    count: int
+    topic: str  # name
+    msgtype: str  # message type
+    frame_id: str  # frame of the first message, "" if it has none
+    count: int  # number of messages
+    # rate by the median interval between two messages [Hz], or None for fewer than two
     mean_rate: float | None
+    # longest time between two messages, by recording [s], or None likewise
     largest_gap: float | None
+    # median of header stamp minus time of recording [s], or None without headers
     clock_offset: float | None
-    gaps: int | None = None
+    gaps: int | None = None  # number of intervals longer than `GAP` times the usual one, or None
+    # share of samples equal to the previous one: of the values of track speeds while the tracks
+    # moved, of the samples of the IMU; None for other topics
     repeated_share: float | None = None
 
 
 class Spacing(NamedTuple):
     """Spacing of messages in time; attributes as of `TopicReport`."""
 
-    mean_rate: float | None
-    largest_gap: float | None
-    gaps: int | None
+    mean_rate: float | None = None
+    largest_gap: float | None = None
+    gaps: int | None = None
 
 
 def spacing(times: Stamps) -> Spacing:
     """Spacing of times (n,) in any order [ns]; all None for fewer than two."""
     times = np.sort(times)
     if len(times) < 2 or times[-1] == times[0]:
-        return Spacing(None, None, None)
+        return Spacing()
     # As floats: far-off times would overflow.
     steps = np.diff(times.astype(np.float64)) * NANOSECOND
     return Spacing(
@@ -111,16 +103,13 @@ class Survey:
 
     def report(self) -> TopicReport:
         """Compute the statistics of the topic."""
-        spaced = spacing(np.array(self.recorded, dtype=np.int64))
         return TopicReport(
             topic=self.channel.topic,
             msgtype=self.channel.msgtype,
             frame_id=self.frame_id,
             count=len(self.recorded),
-            mean_rate=spaced.mean_rate,
-            largest_gap=spaced.largest_gap,
-            gaps=spaced.gaps,
             clock_offset=float(np.median(self.offsets) * NANOSECOND) if self.offsets else None,
+            **spacing(np.array(self.recorded, dtype=np.int64))._asdict(),
         )
 
 
@@ -144,11 +133,11 @@ def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Su
         read_header = headers[record.channel]
         if read_header is not None:
             try:
-                header = read_header(record.data)
+                stamp, frame_id = read_header(record.data)
             except (struct.error, IndexError, TypeError, UnicodeDecodeError):
                 continue
-            survey.offsets.append(header.stamp - record.time)
-            survey.frame_id = survey.frame_id or header.frame_id[:LONGEST_FRAME]
+            survey.offsets.append(stamp - record.time)
+            survey.frame_id = survey.frame_id or frame_id[:LONGEST_FRAME]
         if record.channel in decoders and survey.wants(len(record.data)):
             survey.sampled += len(record.data)
             try:

@@ -18,7 +18,7 @@ WINDOW = 0.5
 EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)
 """Bounds of the bins of the yaw rate, to either side [rad/s]."""
 STEADY = 0.15
-"""Change of the yaw rate to the windows beside one that counts, over its own rate [-]."""
+"""Change of the yaw rate to the windows next to one that counts, over its own rate [-]."""
 FEWEST = 8
 """Windows that make a bin."""
 SURE = 4.0

@@ -13,13 +13,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import ImuSeries
-from icreckon.replay.inspection.imu_mounting import (
-    CLEAR_TURNING,
-    STILL_MARGIN,
-    Mounting,
-    are_usable,
-    standstill,
-)
+from icreckon.replay.inspection import imu_mounting
 
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.03
@@ -43,23 +37,17 @@ COURSE_LENGTH, COURSE_TIME, CLEAR_COURSE = 0.5, 5.0, 0.8
 
 
 class WheelEstimates(NamedTuple):
-    """Estimates of the wheels from ground distance and gyro; None if unknown.
+    """Estimates of the wheels from ground distance and gyro; None if unknown."""
 
-    Attributes:
-        way_ratio: distance over ground over that of the track speeds: the effective radius [m] if these
-            are rates [rad/s], otherwise 1 [-].
-        way_source: source of the distance over ground, "truth" or "fixes".
-        track_ratio: V_r - V_l over the yaw rate: effective track over effective radius [-] if track
-            speeds are rates, otherwise the effective track [m].
-        way_sigma: standard error of `way_ratio`, or None.
-        track_sigma: standard error of `track_ratio`, or None.
-    """
-
+    # distance over ground over that of the track speeds: the effective radius [m] if these are
+    # rates [rad/s], otherwise 1 [-]
     way_ratio: float | None
-    way_source: str
+    way_source: str  # source of the distance over ground, "truth" or "fixes"
+    # V_r - V_l over the yaw rate: effective track over effective radius [-] if track speeds are
+    # rates, otherwise the effective track [m]
     track_ratio: float | None
-    way_sigma: float | None = None
-    track_sigma: float | None = None
+    way_sigma: float | None = None  # standard error of `way_ratio`, or None
+    track_sigma: float | None = None  # standard error of `track_ratio`, or None
 
 
 def wheel_estimates(
@@ -75,12 +63,12 @@ def wheel_estimates(
     """
     track_ratio = track_sigma = None
     speeds = log.tracks.speeds
-    usable = are_usable(log.tracks)
+    usable = imu_mounting.are_usable(log.tracks)
     if (
         usable
         and log.imu is not None
         and vertical is not None
-        and (correlation or 0.0) > CLEAR_TURNING
+        and (correlation or 0.0) > imu_mounting.CLEAR_TURNING
     ):
         difference = np.interp(log.imu.stamps, log.tracks.stamps, speeds[:, 1] - speeds[:, 0])
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
@@ -149,20 +137,22 @@ def standstills(log: Log) -> list[tuple[float, float]]:
     """Standstills of a second or more: (start, end) since the log's start [s]."""
     if not len(log.tracks.stamps):
         return []
-    still = standstill(log.tracks, log.tracks.stamps)
+    still = imu_mounting.standstill(log.tracks, log.tracks.stamps)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     stops = []
     for first, end in edges.reshape(-1, 2):
         begin, finish = (
             (int(log.tracks.stamps[place]) - log.start) * NANOSECOND for place in (first, end - 1)
         )
-        stops.append((max(0.0, begin - STILL_MARGIN), finish + STILL_MARGIN))
+        stops.append(
+            (max(0.0, begin - imu_mounting.STILL_MARGIN), finish + imu_mounting.STILL_MARGIN)
+        )
     return stops
 
 
 def unit_suspicions(
     log: Log,
-    mounting: Mounting | None,
+    mounting: imu_mounting.Mounting | None,
     estimates: WheelEstimates,
     *,
     vertical: Floats | None,
@@ -196,7 +186,7 @@ def unit_suspicions(
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
         if rates and fast > FAST_RATE:
-            found.append(f"joint rates of {fast:.3g}; rad/s, or rather rpm or deg/s?")
+            found.append(f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?")
         if not rates and fast > FAST_SPEED:
             found.append(f"track speeds of {fast:.3g}; m/s, or rather mm/s?")
     if not rates and estimates.way_ratio is not None and not 0.5 < estimates.way_ratio < 2.0:

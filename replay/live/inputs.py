@@ -26,19 +26,13 @@ from icreckon.replay.live.silence import missing_joints
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, TopicMap, TrackTopic
 from icreckon.replay.mapping.track_units import differences
+from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import (
     CLOCKS_APART,
     Choice,
     Evidence,
     choose_clocks,
     clocks_agree,
-)
-from icreckon.replay.reading.conversions import (
-    fill_variances,
-    fix_heights,
-    headings,
-    track_values,
-    without_unknown_headings,
 )
 from icreckon.replay.reading.gather import wanted_streams
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
@@ -89,27 +83,19 @@ class LiveInputs:
     Header stamps are used where the clocks of the streams agree, as in a replay
     (`icreckon.replay.reading.clocks`); until that is known, for the first messages, measurements are held
     back.
-
-    Attributes:
-        robot: the robot.
-        mapping: topics of its streams.
-        lost: number of unusable messages, by "purpose: reason".
-        clocks: chosen clock of each stream.
-        origin: origin of NavSatFix: that of the robot file, or the first fix.
-        geodetic: whether fixes come as NavSatFix.
-        fix_frame: frame of the newest fix by its header, empty if it names none.
-        heard: arrival of the first message on each topic [ns].
-        clock_step: time by which the clock of the stamps was set forward at the newest message [ns].
     """
 
-    robot: Robot
-    mapping: TopicMap
+    robot: Robot  # the robot
+    mapping: TopicMap  # topics of its streams
+    # number of unusable messages, by "purpose: reason"
     lost: dict[str, int] = field(default_factory=dict)
-    clocks: dict[str, Choice] = field(default_factory=dict)
-    origin: Origin | None = None
-    geodetic: bool = False
-    fix_frame: str = ""
+    clocks: dict[str, Choice] = field(default_factory=dict)  # chosen clock of each stream
+    origin: Origin | None = None  # origin of NavSatFix: that of the robot file, or the first fix
+    geodetic: bool = False  # whether fixes come as NavSatFix
+    fix_frame: str = ""  # frame of the newest fix by its header, empty if it names none
+    # arrival of the first message on each topic [ns]
     heard: dict[str, int] = field(default_factory=dict)
+    # time by which the clock of the stamps was set forward at the newest message [ns]
     clock_step: int = 0
     _watch: ClockWatch[_Arrived] = field(default_factory=ClockWatch)
     _streams: dict[str, Stream] = field(default_factory=dict)
@@ -388,7 +374,7 @@ class LiveInputs:
         self, stamp: int, rows: Any, msgtype: str, mapped: TrackTopic
     ) -> Iterator[Measurement]:
         vehicle = self.robot.vehicle
-        read = track_values(rows, msgtype, mapped, vehicle)
+        read = conversions.track_values(rows, msgtype, mapped, vehicle)
         for when, values in self._wheels.take(stamp, read.values[0], read.wrap):
             if not read.adds_up:
                 yield _track_speeds(when, values[None], read.left)
@@ -418,18 +404,18 @@ class LiveInputs:
             heights = rows[:, 2] - self.origin[2]
         else:
             poses, variances, heights = planar_poses(rows), rows[:, 6:8].copy(), rows[:, 11]
-        if fill_variances(variances, mapped).any():
+        if conversions.fill_variances(variances, mapped).any():
             self._lose("fixes", "no covariance, and no position_sigma given")
             return
-        x, y, yaw = without_unknown_headings(poses, variances)[0].tolist()
+        x, y, yaw = conversions.without_unknown_headings(poses, variances)[0].tolist()
         variance, yaw_variance = variances[0].tolist()
         yield PositionFix(stamp, x, y, variance, *mapped.position)
         if np.isfinite(yaw):
             yield HeadingFix(stamp, yaw, yaw_variance)
-        yield from fix_heights(np.array([stamp]), heights, mapped)
+        yield from conversions.fix_heights(np.array([stamp]), heights, mapped)
 
     def _heading(self, stamp: int, rows: Any, mapped: HeadingTopic) -> Iterator[Measurement]:
-        yaw, variances = headings(rows, mapped)
+        yaw, variances = conversions.headings(rows, mapped)
         if np.isnan(variances).any():
             self._lose("heading", "no covariance, and no sigma given")
             return

@@ -1,4 +1,4 @@
-"""Map frame: an estimator with fixes or a given start, beside that of `odom`."""
+"""Map frame: an estimator with fixes or a given start, next to that of `odom`."""
 
 from __future__ import annotations
 
@@ -17,19 +17,14 @@ from icreckon.replay.base.start import CLEAR, SOON, laid_over
 from icreckon.replay.live.base_frame import Pose
 
 MOST_WAITING, LONGEST = 1000, 300.0
-"""Most positions that are laid over the path, and the longest time for which they are [s]."""
+"""Most positions that are aligned with the path, and the longest time for which they are [s]."""
 
 
 class Placed(NamedTuple):
-    """Pose that somebody gives.
+    """Pose that somebody gives."""
 
-    Attributes:
-        pose: of the centre of the tracks in map: x, y [m], yaw [rad].
-        sigma: its standard deviations [m, m, rad].
-    """
-
-    pose: Pose
-    sigma: Pose
+    pose: Pose  # of the centre of the tracks in map: x, y [m], yaw [rad]
+    sigma: Pose  # its standard deviations [m, m, rad]
 
 
 class MapFrame:
@@ -52,7 +47,7 @@ class MapFrame:
         self._start = self._placed = start
 
     def place(self, placed: Placed) -> None:
-        """Start anew at a pose with the next measurements; what was learnt stays."""
+        """Start again at a pose with the next measurements; what was learnt is kept."""
         self._placed = placed
 
     def take(self, group: list[Measurement], odom: PoseEstimator, *, in_odom: bool) -> None:
@@ -92,7 +87,7 @@ class MapFrame:
             self.estimator.set_clock(by)
 
     def restart(self) -> None:
-        """Start anew at the given start, or by the next fixes."""
+        """Start again at the given start, or by the next fixes."""
         self.estimator, self._heading, self._placed = None, None, self._start
         self._waiting.clear()
 
@@ -124,7 +119,7 @@ class MapFrame:
         return odom.restarted(start, (sigma, sigma, math.sqrt(heading.variance)))
 
     def _by_path(self, fix: PositionFix, odom: PoseEstimator) -> PoseEstimator | None:
-        """Start by the path in `odom`, laid over the fixes; None if it is too short."""
+        """Start by the path in `odom`, aligned with the fixes; None if it is too short."""
         while self._waiting and (fix.stamp - self._waiting[0][0].stamp) * NANOSECOND > LONGEST:
             self._waiting.popleft()
         since = (fix.stamp - (odom.stamp or 0)) * NANOSECOND

@@ -42,36 +42,23 @@ START_SIGMA = (0.5, 0.5, math.pi / 12.0)
 """Standard deviations of a start whose own are unknown [m, m, rad], those of AMCL."""
 
 LOST_SIGMA = 10_000.0
-"""Standard deviation of a position beyond which no filter recovers by itself [m]."""
+"""Standard deviation of a position beyond which no filter recovers [m]."""
 
 
 class LiveEstimate(NamedTuple):
-    """Estimate at one stamp.
+    """Estimate at one stamp."""
 
-    Attributes:
-        stamp: time [ns].
-        pose: (3,) x, y [m], yaw [rad] of the base frame in odom, without jumps.
-        pose_covariance: (3, 3) its covariance.
-        twist: (3,) v_x, v_y [m/s], w [rad/s] of the base frame.
-        twist_covariance: (3, 3) its covariance.
-        indices: sliding and eccentricity [m] and steering efficiency [-] of the motion.
-        map_pose: (3,) pose of the base frame in map, or None before the first fix.
-        map_covariance: (3, 3) its covariance, or None.
-        base: the base frame.
-        odom: estimate in odom of the centre of the tracks' contact area.
-        fixed: state of the estimator in map and its covariance, or None.
-    """
-
-    stamp: int
-    pose: Floats
-    pose_covariance: Floats
-    twist: Floats
-    twist_covariance: Floats
-    indices: IndexValues
-    map_pose: Floats | None
-    map_covariance: Floats | None
-    base: BaseFrame
-    odom: Snapshot
+    stamp: int  # time [ns]
+    pose: Floats  # (3,) x, y [m], yaw [rad] of the base frame in odom, without jumps
+    pose_covariance: Floats  # (3, 3) its covariance
+    twist: Floats  # (3,) v_x, v_y [m/s], w [rad/s] of the base frame
+    twist_covariance: Floats  # (3, 3) its covariance
+    indices: IndexValues  # sliding and eccentricity [m] and steering efficiency [-] of the motion
+    map_pose: Floats | None  # (3,) pose of the base frame in map, or None before the first fix
+    map_covariance: Floats | None  # (3, 3) its covariance, or None
+    base: BaseFrame  # the base frame
+    odom: Snapshot  # estimate in odom of the centre of the tracks' contact area
+    # state of the estimator in map and its covariance, or None
     fixed: tuple[Floats, Floats] | None = None
 
     @property
@@ -107,9 +94,8 @@ class LiveEstimate(NamedTuple):
 class LiveOdometry:
     """Odometry of a robot from live messages, without threads, clocks or transport.
 
-    A run over the messages of a bag equals `icreckon replay --engine streaming` of that bag, provided
-    that `reorder` covers the disorder of the messages. Held track speeds are used as they come: the
-    next value, which a replay interpolates to, is not known yet.
+    A run over the messages of a bag equals `icreckon replay` of that bag, provided that `reorder` covers
+    the disorder of the messages.
 
     Args:
         robot: the robot; topics of its `[log]`, or those of `icreckon simulate` if it maps none.
@@ -222,7 +208,7 @@ class LiveOdometry:
         return estimates + list(self._estimates(self._buffer.take_all()))
 
     def restart(self, now: int | None = None) -> None:
-        """Start anew at the origin with the learnt parameters.
+        """Start again at the origin with the learnt parameters.
 
         A lost filter starts with those of the file, see `loss_of`.
 
@@ -237,7 +223,7 @@ class LiveOdometry:
         self._newest = None
 
     def place(self, pose: Pose, covariance: ArrayLike) -> bool:
-        """Start the map anew at a pose, with the next messages; `odom` goes on.
+        """Start the map again at a pose, with the next messages; `odom` goes on.
 
         Args:
             pose: of the base frame in map: x, y [m], yaw [rad].
@@ -363,7 +349,7 @@ def live_topics(robot: Robot) -> TopicMap:
 
 
 def loss_of(estimator: PoseEstimator) -> str:
-    """Reason for which a filter cannot recover by itself, empty if it can."""
+    """Reason for which a filter cannot recover, empty if it can."""
     state, covariance = estimator.state, estimator.covariance
     if not (np.isfinite(state).all() and np.isfinite(covariance).all()):
         return "the filter is lost: its estimate is not finite"

@@ -57,7 +57,7 @@ class ReorderBuffer:
         return due + _by_stamp(ready)
 
     def take_all(self) -> list[list[Measurement]]:
-        """Take out all measurements, one list for each stamp, in order."""
+        """Remove and return all measurements, one list for each stamp, in order."""
         ready = [heapq.heappop(self._heap).measurement for _ in range(len(self._heap))]
         return _by_stamp(ready)
 

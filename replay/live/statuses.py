@@ -132,7 +132,7 @@ class LiveStatuses:
         return self._estimate("map", estimator)
 
     def _new(self, name: str, sensor: SensorHealth) -> Counts:
-        """Counts of a sensor since the last report, or since the estimator started anew."""
+        """Counts of a sensor since the last report, or since the estimator started again."""
         now = Counts(sensor.used, sum(sensor.rejected.values()))
         before = self._before.get(name, Counts(0, 0))
         self._before[name] = now

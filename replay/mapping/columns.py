@@ -8,7 +8,9 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.checks import (
     Bound,
     Bounded,
@@ -21,124 +23,148 @@ from icreckon.estimator.base.checks import (
     require_wander,
 )
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Held, TrackUnit, check_sides, check_unit
+from icreckon.replay.mapping.track_units import TrackUnit, check_tracks
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
+AngleUnit = Literal["rad", "deg"]
 RateUnit = Literal["rad/s", "deg/s"]
 AccelerationUnit = Literal["m/s2", "g"]
 NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}
 
 
-def check_axes(rates: tuple[str, ...], forces: tuple[str, ...], what: str) -> None:
-    """Refuse names of an IMU's axes that are not all there.
+class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Keys of track speeds in messages and tables.
 
-    Raises:
-        ValueError: a number of names that is not allowed.
+    Attributes:
+        left: joints, fields or columns of the left side, which are averaged; with a minus before the
+            name, as "-motor_2", one that counts backward.
+        right: those of the right side.
+        unit: their unit; of JointState a cumulative one ("counts", "rad", ...) is that of the positions.
+        counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
+        wrap: range of the counter, in `unit`; None if it does not wrap.
+        scale: true speed over that of the log, also of speeds in m/s, for which no radius is used [-].
+        latency: latency of the stamps, subtracted from them [s].
     """
-    if len(rates) not in (1, 3):
-        raise ValueError(f"angular_velocity must name three {what}, or that of z alone")
-    if len(forces) not in (0, 3):
-        raise ValueError(f"linear_acceleration must name three {what}, or none")
+
+    left: tuple[str, ...] = ()
+    right: tuple[str, ...] = ()
+    unit: TrackUnit = "rad/s"
+    counts_per_turn: Positive | None = None
+    wrap: Positive | None = None
+    scale: Positive = 1.0
+    latency: Latency = 0.0
+
+    def __post_init__(self) -> None:
+        check_bounds(self)
+        check_tracks(self.names, len(self.left), self.unit, self.counts_per_turn, self.wrap)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the left side, then of the right one, without a minus."""
+        return tuple(name.removeprefix("-") for name in (*self.left, *self.right))
+
+    @property
+    def signs(self) -> Floats:
+        """Factors (k,) of these: -1 of those with a minus, otherwise 1."""
+        return np.array([-1.0 if name[:1] == "-" else 1.0 for name in (*self.left, *self.right)])
 
 
-Pair = tuple[str | None, str | None]
-
-
-def check_place(plane: Pair, globe: Pair, what: str) -> None:
-    """Refuse names of a place that are neither x and y nor latitude and longitude.
-
-    Raises:
-        ValueError: one is missing, or there are both.
-    """
-    if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
-        raise ValueError(f"x and y must name {what}, or else latitude and longitude")
-
-
-class TrackColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TrackColumns(TrackKeys, frozen=True, kw_only=True):
     """Columns of the track speeds.
 
     Attributes:
-        left: columns of the left side, which are averaged.
-        right: columns of the right side.
-        unit: unit of their values.
-        counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
-        wrap: range of the counter, in `unit`; None if it does not wrap.
-        held: treatment of values that the log repeats until the next: "auto" interpolates them if they
-            are repeated regularly, "interpolate" always, "keep" never.
+        unit: their unit.
         time: column of their time, if other than the map's.
-        latency: latency of the stamps, subtracted from them [s].
     """
 
-    left: tuple[str, ...]
-    right: tuple[str, ...]
     unit: TrackUnit = "m/s"
-    counts_per_turn: Positive | None = None
-    wrap: Positive | None = None
-    held: Held = "keep"
     time: str | None = None
-    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
         if not (self.left and self.right):
             raise ValueError("left and right must name columns")
-        check_sides(self.left, self.right)
-        on_a_side = max(len(self.left), len(self.right))
-        check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
+        super().__post_init__()
 
 
-class ImuColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Columns of the IMU, in its own axes.
+class ImuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Keys of an IMU in messages and tables, in its own axes.
 
     Attributes:
-        angular_velocity: columns of x, y and z, or of z alone.
-        linear_acceleration: columns of x, y and z (specific force); empty for none.
+        angular_velocity: fields or columns of x, y and z, or of z alone, as "gyro.z" or "data[0]"; empty
+            for Imu.
+        linear_acceleration: those of x, y and z (specific force); empty for none, and for Imu.
         rate_unit: unit of the angular velocity.
         acceleration_unit: unit of the acceleration.
-        time: column of their time, if other than the map's.
         latency: latency of the stamps, subtracted from them [s].
     """
 
-    angular_velocity: tuple[str, ...]
+    angular_velocity: tuple[str, ...] = ()
     linear_acceleration: tuple[str, ...] = ()
     rate_unit: RateUnit = "rad/s"
     acceleration_unit: AccelerationUnit = "m/s2"
-    time: str | None = None
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        check_axes(self.angular_velocity, self.linear_acceleration, "columns")
+
+    def check_axes(self, what: str) -> None:
+        """Refuse names of axes that are not all there.
+
+        Raises:
+            ValueError: a number of names that is not allowed.
+        """
+        if len(self.angular_velocity) not in (1, 3):
+            raise ValueError(f"angular_velocity must name three {what}, or that of z alone")
+        if len(self.linear_acceleration) not in (0, 3):
+            raise ValueError(f"linear_acceleration must name three {what}, or none")
 
 
-class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Columns of fixes or of the truth.
+class ImuColumns(ImuKeys, frozen=True, kw_only=True):
+    """Columns of the IMU.
 
     Attributes:
-        x: column of x in `odom` [m]; with `y`, or else `latitude` and `longitude`.
-        y: column of y [m].
-        yaw: column of the heading, counter-clockwise from x [rad]; None for none.
-        latitude: column [deg].
-        longitude: column [deg].
-        altitude: column [m], or None.
-        sigma: column of the standard deviation of each coordinate [m], or None.
-        position_sigma: standard deviation of each coordinate for all rows [m], without `sigma`; with
-            `wander_sigma` in its place, too.
-        heading_sigma: standard deviation of yaw [rad]; without it, fixes have no heading.
-        least_sigma: lower bound of the standard deviations of the rows [m].
-        height_sigma: standard deviation of the height of fixes [m]; without it their height is not used.
-        wander_sigma: standard deviation of the part of the error that wanders [m]; of fixes only.
-        wander_time: its correlation time [s].
-        origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes.
-        position: the antenna or other measured point in base_link, forward and left [m]; of fixes only.
-        source: name of the reference system of the truth, for reports.
         time: column of their time, if other than the map's.
+    """
+
+    time: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_axes("columns")
+
+
+class PoseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Keys of poses in messages and tables.
+
+    Attributes:
+        x: field or column of x in `odom` [m]; with `y`, or else `latitude` and `longitude`.
+        y: that of y [m].
+        yaw: that of the heading, counter-clockwise from x; None for none.
+        yaw_unit: unit of `yaw`.
+        latitude: field or column [deg].
+        longitude: field or column [deg].
+        altitude: field or column [m], or None.
+        sigma: that of the standard deviation of each coordinate [m], or None.
+        position_sigma: standard deviation of each coordinate where a message or a row has none [m]; with
+            `wander_sigma` that of all fixes, since messages state their whole error.
+        heading_sigma: standard deviation of yaw where a message or a row has none [rad]; without it such
+            fixes have no heading.
+        least_sigma: lower bound of the standard deviations of messages or rows [m]: errors of GPS are
+            correlated over time, but a filter assumes independent fixes.
+        height_sigma: standard deviation of the height of fixes [m]; without it their height is not used.
+        wander_sigma: standard deviation of the part of the error that wanders [m], see `FixWander`; of
+            fixes only.
+        wander_time: its correlation time [s].
+        origin: latitude, longitude [deg], altitude [m] of the origin of geodetic fixes; the first fix if
+            left out.
+        position: the antenna or other measured point in base_link, forward and left [m]; of fixes only.
         latency: latency of the stamps, subtracted from them [s].
     """
 
     x: str | None = None
     y: str | None = None
     yaw: str | None = None
+    yaw_unit: AngleUnit = "rad"
     latitude: str | None = None
     longitude: str | None = None
     altitude: str | None = None
@@ -151,15 +177,38 @@ class PoseColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     wander_time: WanderTime = 0.0
     origin: tuple[float, float, float] | None = None
     position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
-    source: str = ""
-    time: str | None = None
     latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         check_bounds(self)
         require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
-        check_place((self.x, self.y), (self.latitude, self.longitude), "columns")
         check_origin(self.origin)
+
+    def check_place(self, what: str) -> None:
+        """Refuse names of a place that are neither x and y nor latitude and longitude.
+
+        Raises:
+            ValueError: one is missing, or there are both.
+        """
+        plane, globe = (self.x, self.y), (self.latitude, self.longitude)
+        if not (all(plane) and not any(globe)) and not (all(globe) and not any(plane)):
+            raise ValueError(f"x and y must name {what}, or else latitude and longitude")
+
+
+class PoseColumns(PoseKeys, frozen=True, kw_only=True):
+    """Columns of fixes or of the truth.
+
+    Attributes:
+        source: name of the reference system of the truth, for reports.
+        time: column of their time, if other than the map's.
+    """
+
+    source: str = ""
+    time: str | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        self.check_place("columns")
 
 
 class HeadingColumns(Bounded, frozen=True):
@@ -177,7 +226,7 @@ class HeadingColumns(Bounded, frozen=True):
 
     yaw: str
     sigma: Positive
-    unit: Literal["rad", "deg"] = "rad"
+    unit: AngleUnit = "rad"
     clockwise: bool = False
     offset_deg: Annotated[float, Bound("a number")] = 0.0
     time: str | None = None

@@ -7,33 +7,16 @@ own mapping, as JSON on `MAPPING_TOPIC`.
 from __future__ import annotations
 
 import re
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 import msgspec
 
-from icreckon.estimator.base.checks import (
-    Bound,
-    Bounded,
-    Latency,
-    OnRobot,
-    Positive,
-    WanderSigma,
-    WanderTime,
-    check_bounds,
-    require_wander,
-)
+from icreckon.estimator.base.checks import Bound, Bounded, Latency, Positive, check_bounds
 from icreckon.estimator.base.config import convert
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.mapping.columns import (
-    AccelerationUnit,
-    ColumnMap,
-    RateUnit,
-    check_axes,
-    check_place,
-)
+from icreckon.replay.mapping.columns import ColumnMap, ImuKeys, PoseKeys, TrackKeys
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import Held, TrackUnit, check_sides, check_unit
 
 Clock = Literal["auto", "header", "recording"]
 """Clock of a stream: header stamps, time of recording, or the choice of
@@ -47,134 +30,67 @@ def _check_frames(frames: tuple[str, str] | None) -> None:
         )
 
 
-class TrackTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class TrackTopic(TrackKeys, frozen=True):
     """The topic of the track speeds.
 
     Attributes:
         topic: name; sensor_msgs/JointState, nav_msgs/Odometry, geometry_msgs/TwistStamped, or any
-            other type, if `left` and `right` name its fields.
-        left: joints of the left side (JointState) or fields of a message of another type, as
-            "wheels.left.rate" or "data[0]"; their mean is used.
-        right: joints or fields of the right side.
+            other type, if `left` and `right` name its fields, as "wheels.left.rate" or "data[0]".
         gauge: track gauge with which the robot's controller computes speed and yaw rate from track
             speeds [m] (Odometry, TwistStamped); the vehicle's if left out.
-        unit: unit of the values of `left` and `right`; cumulative units ("counts", "rad", ...) use the
-            position of the joints.
-        counts_per_turn: encoder counts per turn of the sprocket, for unit "counts".
-        wrap: range of the counter, in `unit`; None if it does not wrap.
-        held: treatment of values that the log repeats until the next: "auto" interpolates them if they
-            are repeated regularly, "interpolate" always, "keep" never.
         time: clock of the stamps.
-        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
-    left: tuple[str, ...] = ()
-    right: tuple[str, ...] = ()
     gauge: Positive | None = None
-    unit: TrackUnit = "rad/s"
-    counts_per_turn: Positive | None = None
-    wrap: Positive | None = None
-    held: Held = "keep"
     time: Clock = "auto"
-    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
         if bool(self.left) != bool(self.right):
             raise ValueError("left and right must both name joints, or both be left out")
-        check_bounds(self)
-        check_sides(self.left, self.right)
-        on_a_side = max(len(self.left), len(self.right))
-        check_unit(self.unit, self.counts_per_turn, self.wrap, on_a_side)
+        super().__post_init__()
 
 
-class ImuTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ImuTopic(ImuKeys, frozen=True):
     """The topic of the IMU.
 
     Attributes:
         topic: name; sensor_msgs/Imu, or any other type if `angular_velocity` names its fields.
-        angular_velocity: fields of x, y and z, or of z alone, as "gyro.z" or "data[0]"; empty for Imu.
-        linear_acceleration: fields of x, y and z (specific force); empty for none, and for Imu.
-        rate_unit: unit of these fields of the angular velocity.
-        acceleration_unit: unit of these fields of the acceleration.
         time: clock of the stamps.
-        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
-    angular_velocity: tuple[str, ...] = ()
-    linear_acceleration: tuple[str, ...] = ()
-    rate_unit: RateUnit = "rad/s"
-    acceleration_unit: AccelerationUnit = "m/s2"
     time: Clock = "auto"
-    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
+        super().__post_init__()
         if self.angular_velocity or self.linear_acceleration:
-            check_axes(self.angular_velocity, self.linear_acceleration, "fields")
+            self.check_axes("fields")
 
 
-class FixTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class FixTopic(PoseKeys, frozen=True):
     """The topic of position or pose fixes in `odom`.
 
     Attributes:
         topic: name; geometry_msgs/PoseWithCovarianceStamped or PoseStamped, nav_msgs/Odometry,
             sensor_msgs/NavSatFix (then `odom` is east and north from `origin`), or tf
             (tf2_msgs/TFMessage, geometry_msgs/TransformStamped) with `frames`; or any other type, if
-            `x` and `y`, or `latitude` and `longitude`, name its fields.
-        x: field of x [m], as "position.x"; the next ones likewise.
-        y: field of y [m].
-        yaw: field of the heading, counter-clockwise from x [rad], or None.
-        latitude: field [deg].
-        longitude: field [deg].
-        altitude: field [m], or None.
-        sigma: field of the standard deviation of each coordinate [m], or None.
-        position_sigma: standard deviation of each coordinate if a message has no covariance [m]; with
-            `wander_sigma` that of all fixes, since messages state their whole error.
-        heading_sigma: standard deviation of yaw if a message has no covariance [rad]; if left out, such
-            a message has no heading.
-        least_sigma: lower bound of the messages' standard deviations [m]: errors of GPS are
-            correlated over time, but a filter assumes independent fixes.
-        height_sigma: standard deviation of the height of fixes [m]; without it their height is not used.
-        wander_sigma: standard deviation of the part of the error that wanders [m], see `FixWander`.
-        wander_time: its correlation time [s].
+            `x` and `y`, or `latitude` and `longitude`, name its fields, as "position.x".
         frames: for tf, the frame of the fixes and that of the robot, ["map", "base_link"].
-        origin: latitude, longitude [deg], altitude [m] of the origin of NavSatFix; the first fix
-            if left out.
-        position: the antenna or other measured point in base_link, forward and left [m].
         time: clock of the stamps.
-        latency: latency of the stamps, subtracted from them [s].
     """
 
     topic: str
-    x: str | None = None
-    y: str | None = None
-    yaw: str | None = None
-    latitude: str | None = None
-    longitude: str | None = None
-    altitude: str | None = None
-    sigma: str | None = None
-    position_sigma: Positive | None = None
-    heading_sigma: Positive | None = None
-    least_sigma: Positive | None = None
-    height_sigma: Positive | None = None
-    wander_sigma: WanderSigma = 0.0
-    wander_time: WanderTime = 0.0
     frames: tuple[str, str] | None = None
-    origin: tuple[float, float, float] | None = None
-    position: tuple[OnRobot, OnRobot] = (0.0, 0.0)
     time: Clock = "auto"
-    latency: Latency = 0.0
 
     def __post_init__(self) -> None:
-        check_bounds(self)
-        require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
+        super().__post_init__()
         _check_frames(self.frames)
-        check_origin(self.origin)
-        plane, globe = (self.x, self.y), (self.latitude, self.longitude)
-        if any((*plane, *globe, self.yaw, self.altitude, self.sigma)):
-            check_place(plane, globe, "fields")
+        if any(
+            (self.x, self.y, self.latitude, self.longitude, self.yaw, self.altitude, self.sigma)
+        ):
+            self.check_place("fields")
 
 
 class HeadingTopic(Bounded, frozen=True):
@@ -254,10 +170,10 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("truth.tracks needs the joints left and right of tracks")
 
 
-_Topic = TypeVar("_Topic", TrackTopic, ImuTopic | None, FixTopic | None, TruthTopic)
-
 # Topics of written bags for streams that the robot file does not map.
-DEFAULT_TRACKS = TrackTopic("/joint_states", ("left_track_joint",), ("right_track_joint",))
+DEFAULT_TRACKS = TrackTopic(
+    "/joint_states", left=("left_track_joint",), right=("right_track_joint",)
+)
 DEFAULT_TRUTH = TruthTopic(
     "/ground_truth/pose",
     twist="/ground_truth/twist",
@@ -287,22 +203,20 @@ def writable_topics(own: TopicMap) -> TopicMap:
     by_topic = own.truth is not None and own.truth.frames is None
     given = msgspec.structs.asdict(own.truth) if own.truth is not None and by_topic else {}
     truth = msgspec.structs.replace(
-        DEFAULT_TRUTH, **{key: value for key, value in given.items() if value is not None}
+        DEFAULT_TRUTH,
+        **{key: value for key, value in given.items() if value is not None and key != "latency"},
     )
     # Written stamps have no latency, and written speeds are as they are.
+    left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
     full = TopicMap(
-        _in_time(msgspec.structs.replace(tracks, held="keep")),
-        _in_time(own.imu or DEFAULT_TOPICS.imu),
-        _in_time(fixes),
-        _in_time(truth),
+        msgspec.structs.replace(tracks, latency=0.0, scale=1.0, left=left, right=right),
+        ImuTopic(own.imu.topic, time=own.imu.time) if own.imu else DEFAULT_TOPICS.imu,
+        fixes and msgspec.structs.replace(fixes, latency=0.0),
+        truth,
     )
     names = [stream.topic for stream in (full.tracks, full.imu, full.fixes, truth) if stream]
     names += [name for name in (truth.twist, truth.tracks, truth.source_topic) if name]
     return full if len(set(names)) == len(names) else DEFAULT_TOPICS
-
-
-def _in_time(stream: _Topic) -> _Topic:
-    return stream and msgspec.structs.replace(stream, latency=0.0)
 
 
 def with_column_keys(text: str, robot: Robot) -> str:

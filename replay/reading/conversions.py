@@ -20,7 +20,10 @@ from icreckon.replay.bags.message_types import ODOMETRY, TWIST
 from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
 from icreckon.replay.mapping.track_units import ADDS_UP, metres
+from icreckon.replay.reading.message_rows import imu_row
+from icreckon.replay.reading.stream import RowReader
 
+RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
 STANDARD_GRAVITY = 9.80665
 """Acceleration of a unit g [m/s²]."""
 NO_HEADING_VARIANCE = 1e3
@@ -34,7 +37,7 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
         spec: names and units.
         values: (n, k) values in the order of angular_velocity, linear_acceleration.
     """
-    axes = len(spec.angular_velocity)
+    axes = len(spec.angular_velocity) or 3
     rates, forces = values[:, :axes], values[:, axes:]
     if axes == 1:
         rates = np.column_stack([np.zeros_like(rates), np.zeros_like(rates), rates])
@@ -45,6 +48,13 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
     elif spec.acceleration_unit == "g":
         forces = forces * STANDARD_GRAVITY
     return np.column_stack([rates, forces])
+
+
+def imu_reader(spec: ImuTopic) -> RowReader:
+    """Reader of sensor_msgs/Imu in the units of the mapping."""
+    if spec.rate_unit == "rad/s" and spec.acceleration_unit == "m/s2":
+        return imu_row
+    return lambda message: tuple(imu_rows(spec, np.array([imu_row(message)]))[0].tolist())
 
 
 def pose_names(spec: FixTopic | PoseColumns) -> list[str]:
@@ -66,7 +76,7 @@ def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Flo
     if spec.latitude and spec.longitude:
         altitude = values[spec.altitude] if spec.altitude else unknown
         return np.column_stack([values[spec.latitude], values[spec.longitude], altitude, variance])
-    yaw = values[spec.yaw] if spec.yaw else unknown
+    yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
     yaw_variance = np.full(count, spec.heading_sigma**2 if spec.heading_sigma else np.nan)
     return np.column_stack(
         [
@@ -119,7 +129,7 @@ def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:
 
 def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
     """Length of a row of `message_rows.track_readers`, or of a table."""
-    return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.left) + len(mapped.right)
+    return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.names)
 
 
 def track_values(
@@ -128,10 +138,10 @@ def track_values(
     """Convert the rows of `message_rows.track_readers`, or of a table."""
     if msgtype in (ODOMETRY, TWIST):
         own = mapped.gauge if isinstance(mapped, TrackTopic) else None
-        return speeds_of_twist(rows, vehicle.track_gauge if own is None else own)
-    factor = metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
+        return speeds_of_twist(rows * mapped.scale, vehicle.track_gauge if own is None else own)
+    factor = mapped.scale * metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
-    return TrackValues(rows * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)
+    return TrackValues(rows * mapped.signs * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)
 
 
 def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray[np.bool_]:

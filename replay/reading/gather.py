@@ -19,15 +19,8 @@ from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.field_paths import FieldReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
-from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
-from icreckon.replay.reading.message_rows import (
-    GEODETIC_READERS,
-    HEADING_READERS,
-    POSE_READERS,
-    imu_row,
-    track_readers,
-    twist_row,
-)
+from icreckon.replay.reading import message_rows
+from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_names, pose_rows
 from icreckon.replay.reading.stream import RowReader, Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TRANSFORM_READERS, TransformStream
@@ -63,13 +56,22 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     for one in paths:
         if str(one) != str(one).encode("utf-8", "replace").decode():
             raise ReplayError(f"{str(one)!a}: the name is not UTF-8; rename the file")
-    seen: set[str] = set()
-    for one in paths:
-        place = os.path.realpath(one)
-        if place in seen:
-            raise ReplayError(f"{one} is given twice")
-        seen.add(place)
+    refuse_twice(paths, "log")
     return paths
+
+
+def refuse_twice(names: Sequence[Path | str], what: str) -> None:
+    """Refuse files of which one is given twice.
+
+    Raises:
+        ReplayError: it is.
+    """
+    seen = set()
+    for name in names:
+        place = os.path.realpath(name)
+        if place in seen:
+            raise ReplayError(f"{what} {name} is given twice; leave one of them out")
+        seen.add(place)
 
 
 def source_name(paths: Sequence[Path]) -> str:
@@ -112,10 +114,8 @@ def gather(
         for name, count in part.found.items():
             result.found[name] = result.found.get(name, 0) + count
         for purpose, stream in part.streams.items():
-            if purpose in result.streams:
-                result.streams[purpose].extend(stream)
-            else:
-                result.streams[purpose] = stream
+            if (one := result.streams.setdefault(purpose, stream)) is not stream:
+                one.extend(stream)
     _check_all_there(result, bags, paths)
     if bags:
         result.notes += _left_out(result)
@@ -222,29 +222,27 @@ def wanted_streams(
         return Stream(purpose, topic, source, time, readers, definitions=definitions)
 
     if tracks := mapping.tracks:
-        readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
+        readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
         speeds = stream("tracks", tracks.topic, tracks.time, readers)
         if tracks.left and types.get(tracks.topic) not in readers:
-            speeds.any_reader = FieldReader((*tracks.left, *tracks.right), None)
+            speeds.any_reader = FieldReader(tracks.names, None)
         yield speeds
     if imu := mapping.imu:
-        if imu.angular_velocity:
-            by_field = stream("imu", imu.topic, imu.time, {})
-            names = (*imu.angular_velocity, *imu.linear_acceleration)
-            by_field.any_reader = FieldReader(names, partial(imu_rows, imu))
-            yield by_field
-        else:
-            yield stream("imu", imu.topic, imu.time, {IMU: imu_row})
+        names = (*imu.angular_velocity, *imu.linear_acceleration)
+        of_imu = stream("imu", imu.topic, imu.time, {} if names else {IMU: imu_reader(imu)})
+        if names:
+            of_imu.any_reader = FieldReader(names, partial(imu_rows, imu))
+        yield of_imu
     if fixes := mapping.fixes:
         yield _poses("fixes", fixes, source, definitions)
     if heading := mapping.heading:
-        yield stream("heading", heading.topic, heading.time, HEADING_READERS)
+        yield stream("heading", heading.topic, heading.time, message_rows.HEADING_READERS)
     if truth := mapping.truth:
         yield _poses("truth", truth, source, definitions)
         if truth.twist:
-            yield stream("truth twist", truth.twist, truth.time, {TWIST: twist_row})
+            yield stream("truth twist", truth.twist, truth.time, {TWIST: message_rows.twist_row})
         if truth.tracks and tracks:
-            readers = track_readers(tracks.left, tracks.right, tracks.unit in ADDS_UP)
+            readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
             joints = {JOINT_STATE: readers[JOINT_STATE]}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
 
@@ -267,7 +265,7 @@ def _poses(
         by_field = Stream(purpose, mapped.topic, source, mapped.time, {}, definitions=definitions)
         by_field.any_reader = FieldReader(names, partial(_pose_row, mapped, names))
         return by_field
-    readers = POSE_READERS | GEODETIC_READERS
+    readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
     return Stream(purpose, mapped.topic, source, mapped.time, readers, definitions=definitions)
 
 

@@ -9,22 +9,11 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_rpy, quaternion_to_yaw
-from icreckon.replay.bags.message_types import (
-    IMU,
-    JOINT_STATE,
-    NAVSATFIX,
-    ODOMETRY,
-    POSE,
-    POSE_WITH_COVARIANCE,
-    QUATERNION,
-    TWIST,
-)
+from icreckon.replay.bags import message_types as ros
 from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, UnusableError
 
 
-def track_readers(
-    left: Sequence[str], right: Sequence[str], positions: bool = False
-) -> dict[str, RowReader]:
+def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, RowReader]:
     """Build the row readers of track speeds, by message type.
 
     Returns:
@@ -32,9 +21,9 @@ def track_readers(
         the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate
         [rad/s].
     """
-    readers: dict[str, RowReader] = {ODOMETRY: _odometry_speeds, TWIST: _twist_speeds}
-    if left and right:
-        readers[JOINT_STATE] = JointReader(left, right, positions)
+    readers: dict[str, RowReader] = {ros.ODOMETRY: _odometry_speeds, ros.TWIST: _twist_speeds}
+    if joints:
+        readers[ros.JOINT_STATE] = JointReader(joints, positions)
     return readers
 
 
@@ -49,10 +38,10 @@ class JointReader:
         positions: whether positions are used instead of velocities.
     """
 
-    def __init__(self, left: Sequence[str], right: Sequence[str], positions: bool = False) -> None:
+    def __init__(self, joints: Sequence[str], positions: bool = False) -> None:
         self.seen: set[str] = set()
         self.positions = positions
-        self.joints = (*left, *right)
+        self.joints = joints
         self._places: dict[tuple[str, ...], dict[str, int]] = {}
 
     def __call__(self, message: Any) -> Row | None:  # noqa: D102
@@ -127,9 +116,9 @@ def _odometry_row(message: Any) -> Row:
 
 
 POSE_READERS: dict[str, RowReader] = {
-    POSE: _pose_stamped_row,
-    POSE_WITH_COVARIANCE: _pose_with_covariance_row,
-    ODOMETRY: _odometry_row,
+    ros.POSE: _pose_stamped_row,
+    ros.POSE_WITH_COVARIANCE: _pose_with_covariance_row,
+    ros.ODOMETRY: _odometry_row,
 }
 POSE_WIDTH = 12
 """Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w, z; NaN for none."""
@@ -173,7 +162,7 @@ def _navsatfix_row(message: Any) -> Row:
     return (message.latitude, message.longitude, message.altitude, variance)
 
 
-GEODETIC_READERS: dict[str, RowReader] = {NAVSATFIX: _navsatfix_row}
+GEODETIC_READERS: dict[str, RowReader] = {ros.NAVSATFIX: _navsatfix_row}
 """Rows latitude, longitude [deg], altitude [m], variance of position [m²]; NaN for unknown."""
 
 
@@ -196,5 +185,5 @@ def _quaternion_row(message: Any) -> Row:
     return _heading(message.quaternion, NAN)
 
 
-HEADING_READERS: dict[str, RowReader] = {IMU: _imu_heading_row, QUATERNION: _quaternion_row}
+HEADING_READERS: dict[str, RowReader] = {ros.IMU: _imu_heading_row, ros.QUATERNION: _quaternion_row}
 """Rows yaw [rad], its variance [rad²]; NaN for unknown."""

@@ -74,34 +74,23 @@ def _check_parts_of_one_log(purpose: str, one: Span, other: Span) -> None:
 
 @dataclass
 class Stream:
-    """Rows gathered from one topic for one purpose.
+    """Rows gathered from one topic for one purpose."""
 
-    Attributes:
-        purpose: "tracks", "imu", "fixes", "truth", ...; the name in the counts of dropped samples.
-        topic: the topic.
-        source: name of the bag, for messages.
-        time: requested clock of the stamps.
-        readers: for each supported message type, the reader from a message to a row of numbers, or to
-            None for a message that is not of this stream.
-        any_reader: reader of messages of all other types; None to refuse them.
-        definitions: definitions of message types that the bag may lack.
-        msgtype: the type that was found, "" before the first message.
-        from_table: whether the rows come from a table.
-        lost: numbers of unusable messages, by reason.
-        notes: findings about the stream, for the user.
-    """
-
+    # "tracks", "imu", "fixes", "truth", ...; the name in the counts of dropped samples
     purpose: str
-    topic: str
-    source: str
-    time: Clock
+    topic: str  # the topic
+    source: str  # name of the bag, for messages
+    time: Clock  # requested clock of the stamps
+    # for each supported message type, the reader from a message to a row of numbers, or to None for
+    # a message that is not of this stream
     readers: Mapping[str, RowReader]
+    # reader of messages of all other types; None to refuse them
     any_reader: RowReader | None = None
-    definitions: Definitions = ()
-    msgtype: str = ""
-    from_table: bool = False
-    lost: dict[str, int] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
+    definitions: Definitions = ()  # definitions of message types that the bag may lack
+    msgtype: str = ""  # the type that was found, "" before the first message
+    from_table: bool = False  # whether the rows come from a table
+    lost: dict[str, int] = field(default_factory=dict)  # numbers of unusable messages, by reason
+    notes: list[str] = field(default_factory=list)  # findings about the stream, for the user
     _decode: dict[Channel, Callable[[bytes], Any]] = field(default_factory=dict)
     _recorded: array[int] = field(default_factory=lambda: array("q"))
     _stamped: array[int] = field(default_factory=lambda: array("q"))

@@ -22,7 +22,7 @@ from icreckon.replay.mapping.columns import (
     TimeUnit,
     TrackColumns,
 )
-from icreckon.replay.reading.conversions import imu_rows, pose_names, pose_rows
+from icreckon.replay.reading.conversions import RADIANS, imu_rows, pose_names, pose_rows
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 MOST_NAMED = 5
@@ -81,7 +81,7 @@ class Table:
             raise ReplayError(f"{path}: {problem}") from None
         except UnicodeDecodeError:
             raise ReplayError(
-                f"{path}: the names of its columns are not UTF-8; `iconv -f latin1 -t utf-8` mends that"
+                f"{path}: the names of its columns are not UTF-8; `iconv -f latin1 -t utf-8` converts it"
             ) from None
         except (pa.ArrowException, OSError) as problem:
             reason = " ".join(str(problem).split())
@@ -289,8 +289,7 @@ def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
     """Return True for several tables of which only some have the track speeds."""
     if columns is None or columns.tracks is None or not all(map(is_table, paths)):
         return False
-    names = [*columns.tracks.left, *columns.tracks.right]
-    return len({Table(path).has(names) for path in paths}) > 1
+    return len({Table(path).has(columns.tracks.names) for path in paths}) > 1
 
 
 Columns = TrackColumns | ImuColumns | PoseColumns | HeadingColumns
@@ -299,7 +298,7 @@ Columns = TrackColumns | ImuColumns | PoseColumns | HeadingColumns
 def wanted_columns(columns: ColumnMap) -> Iterator[tuple[str, Columns, list[str]]]:
     """Yield each stream of a column map: purpose, map, and columns except the time."""
     if tracks := columns.tracks:
-        yield "tracks", tracks, [*tracks.left, *tracks.right]
+        yield "tracks", tracks, [*tracks.names]
     if imu := columns.imu:
         yield "imu", imu, [*imu.angular_velocity, *imu.linear_acceleration]
     for purpose, poses in (("fixes", columns.fixes), ("truth", columns.truth)):
@@ -322,7 +321,7 @@ def _rows(spec: Columns, names: list[str], values: Floats) -> tuple[str, Floats]
 
 
 def _heading_rows(spec: HeadingColumns, values: Floats) -> Floats:
-    yaw = np.radians(values[:, 0]) if spec.unit == "deg" else values[:, 0]
+    yaw = values[:, 0] * RADIANS[spec.unit]
     if spec.clockwise:
         yaw = 0.5 * np.pi - yaw
     return np.column_stack([yaw, np.full(len(yaw), spec.sigma**2)])

@@ -19,10 +19,12 @@ from icreckon.replay.reading.stream import NAN, Stream
 LONGEST_INTERPOLATION = 1.0
 """Longest interval between two transforms over which poses are interpolated [s]."""
 WIDTH = 7
+STAYS = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+"""Transform of a frame to itself."""
 
 Link = tuple[str, str]
-Poses = tuple[Floats, Floats]
-"""(n, 3) translations [m] and (n, 3, 3) rotations."""
+Poses = tuple[Floats, Any]
+"""(n, 3) translations [m] and n of scipy's rotations; one pose stands for all."""
 
 
 def _unread(_: Any) -> None:
@@ -85,17 +87,19 @@ class TransformStream(Stream):
         series = {link: self._series(link, clock) for link in moving}
         slowest = min(moving, key=lambda link: len(series[link][0]))
         stamps = series[slowest][0]
-        pose = (np.zeros((len(stamps), 3)), np.tile(np.eye(3), (len(stamps), 1, 1)))
+        pose = _poses(np.tile(STAYS, (len(stamps), 1)))
         known = np.ones(len(stamps), dtype=bool)
         for link, forward in chain:
             if link in series:
                 step, there = _interpolated(*series[link], stamps)
                 known &= there
             else:
-                step = _repeated(self._static[link], len(stamps))
+                step = _poses(self._static[link][None])
             pose = _composed(pose, step if forward else _inverse(step))
         self.lose("tf: no transforms near in time", int((~known).sum()))
-        return stamps[known], _rows(pose)[known]
+        unknown = np.full((len(stamps), 5), NAN)
+        rows = np.column_stack([pose[0][:, :2], pose[1].as_quat(), unknown, pose[0][:, 2]])
+        return stamps[known], rows[known]
 
     def _take(self, record: Record, message: Any) -> None:
         self.add_transforms(record.channel.topic, record.time, message)
@@ -183,7 +187,7 @@ class TransformStream(Stream):
 
 def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[Poses, Any]:
     """Interpolate the poses of a link at stamps; also return the mask of valid ones."""
-    from scipy.spatial.transform import Rotation, Slerp
+    from scipy.spatial.transform import Slerp
 
     within = (wanted >= stamps[0]) & (wanted <= stamps[-1])
     after = np.clip(np.searchsorted(stamps, wanted), 0, len(stamps) - 1)
@@ -192,34 +196,21 @@ def _interpolated(stamps: Stamps, rows: Floats, wanted: Stamps) -> tuple[Poses, 
     there = within & ((stamps[after] == wanted) | (gap <= LONGEST_INTERPOLATION))
     seconds = (stamps - stamps[0]) * NANOSECOND
     at = np.clip((wanted - stamps[0]) * NANOSECOND, 0.0, seconds[-1])
-    places = np.column_stack([np.interp(at, seconds, column) for column in rows[:, :3].T])
-    turns = Rotation.from_quat(rows[:, 3:])
-    if len(stamps) > 1:
-        turns = Slerp(seconds, turns)(at)
-        return (places, turns.as_matrix()), there
-    return (places, np.repeat(turns.as_matrix(), len(wanted), axis=0)), there
+    places, turns = _poses(rows)
+    places = np.column_stack([np.interp(at, seconds, column) for column in places.T])
+    return (places, Slerp(seconds, turns)(at) if len(stamps) > 1 else turns), there
 
 
-def _repeated(row: Floats, count: int) -> Poses:
+def _poses(rows: Floats) -> Poses:
     from scipy.spatial.transform import Rotation
 
-    turn = Rotation.from_quat(row[3:]).as_matrix()
-    return np.tile(row[:3], (count, 1)), np.tile(turn, (count, 1, 1))
+    return rows[:, :3], Rotation.from_quat(rows[:, 3:])
 
 
 def _composed(first: Poses, second: Poses) -> Poses:
-    places = first[0] + np.einsum("nij,nj->ni", first[1], second[0])
-    return places, first[1] @ second[1]
+    return first[0] + first[1].apply(second[0]), first[1] * second[1]
 
 
 def _inverse(pose: Poses) -> Poses:
-    back = np.swapaxes(pose[1], 1, 2)
-    return -np.einsum("nij,nj->ni", back, pose[0]), back
-
-
-def _rows(pose: Poses) -> Floats:
-    from scipy.spatial.transform import Rotation
-
-    quaternions = Rotation.from_matrix(pose[1]).as_quat()
-    unknown = np.full((len(quaternions), 5), NAN)
-    return np.column_stack([pose[0][:, :2], quaternions, unknown, pose[0][:, 2]])
+    back = pose[1].inv()
+    return -back.apply(pose[0]), back

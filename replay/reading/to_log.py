@@ -11,33 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.log import series
 from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement
-from icreckon.estimator.log.series import (
-    FixSeries,
-    ImuSeries,
-    PoseSeries,
-    TrackSpeedSeries,
-    Truth,
-    TwistSeries,
-)
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
-from icreckon.replay.mapping.track_units import ADDS_UP, Held, differences
+from icreckon.replay.mapping.track_units import ADDS_UP, differences
+from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
-from icreckon.replay.reading.conversions import (
-    TrackValues,
-    fill_variances,
-    fix_heights,
-    headings,
-    track_values,
-    track_width,
-    without_unknown_headings,
-)
 from icreckon.replay.reading.gather import Gathered
-from icreckon.replay.reading.held_speeds import without_holding
 from icreckon.replay.reading.message_rows import POSE_WIDTH, JointReader, planar_poses, spatial_part
 from icreckon.replay.reading.stamps import doubled_times, in_both, largest_part
 from icreckon.replay.reading.stream import NAN, Stream
@@ -87,7 +71,7 @@ class _Assembly:
         tracks = self._tracks(streams.get("tracks"))
         if tracks is None:
             self.notes.append("no track speeds: the robot file maps no topic for them")
-            tracks = TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
+            tracks = series.TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
         imu = self._imu(streams.get("imu"))
         fixes = self._fixes(streams.get("fixes"))
         headings: tuple[Measurement, ...] = self._headings(streams.get("heading"))
@@ -96,7 +80,7 @@ class _Assembly:
             for reason, count in stream.lost.items():
                 self._drop(f"{stream.purpose}: {reason}", count)
             self.notes += stream.notes
-        log = Log(
+        return Log(
             name=name,
             tracks=tracks,
             imu=imu,
@@ -107,9 +91,8 @@ class _Assembly:
             others=tuple(sorted((*headings, *self._heights), key=lambda one: one.stamp)),
             origin=self._origin_of(truth, streams.get("truth")),
         )
-        return without_holding(log, self._held(streams.get("tracks")))
 
-    def _origin_of(self, truth: Truth | None, stream: Stream | None) -> Origin | None:
+    def _origin_of(self, truth: series.Truth | None, stream: Stream | None) -> Origin | None:
         """Origin of the frame that runs start in: the truth's, if there is one."""
         if truth is None or stream is None or stream.msgtype == NAVSATFIX:
             return self._origin
@@ -123,11 +106,6 @@ class _Assembly:
         purpose = stream.purpose.removeprefix("truth ")
         return getattr(mapping if table is None else table, purpose, None)
 
-    def _held(self, stream: Stream | None) -> Held:
-        """Treatment of repeated track speeds; those of counters are left alone."""
-        spec = self.gathered.mapping.tracks if stream is None else self._spec(stream)
-        return "keep" if spec is None or spec.unit in ADDS_UP else spec.held
-
     def _drop(self, reason: str, count: int) -> None:
         self.dropped[reason] = self.dropped.get(reason, 0) + count
 
@@ -138,10 +116,9 @@ class _Assembly:
             stream.lose("stamp is days from most others", int(far.sum()))
             stamps, rows = stamps[~far], rows[~far]
         for begin, end in self._overlaid:
-            if stream.purpose in OVERLAID:
-                inside = (stamps >= begin) & (stamps <= end)
-                stream.lose("two times one over the other", int(inside.sum()))
-                stamps, rows = stamps[~inside], rows[~inside]
+            inside = (stamps >= begin) & (stamps <= end)
+            stream.lose("of a time that occurs twice", int(inside.sum()))
+            stamps, rows = stamps[~inside], rows[~inside]
         spec = None if stream.purpose.startswith("truth ") else self._spec(stream)
         late = 0 if spec is None else round(spec.latency / NANOSECOND)
         return stamps - late, rows.reshape(-1, width)
@@ -188,17 +165,18 @@ class _Assembly:
             )
         return keep
 
-    def _tracks(self, stream: Stream | None) -> TrackSpeedSeries | None:
+    def _tracks(self, stream: Stream | None) -> series.TrackSpeedSeries | None:
         if stream is None:
             return None
         vehicle, spec = self.robot.vehicle, self._spec(stream)
         if spec is None:
             return None
-        stamps, rows = self._arrays(stream, track_width(stream.msgtype, spec))
+        stamps, rows = self._arrays(stream, conversions.track_width(stream.msgtype, spec))
         if stream.purpose == "truth tracks":
-            read = TrackValues(rows * vehicle.sprocket_radius, len(spec.left))
+            signed = rows * spec.signs * vehicle.sprocket_radius
+            read = conversions.TrackValues(signed, len(spec.left))
         else:
-            read = track_values(rows, stream.msgtype, spec, vehicle)
+            read = conversions.track_values(rows, stream.msgtype, spec, vehicle)
         stamps, values = interpolated(stamps, read.values, read.wrap)
         keep = self._screened(stream, stamps, values)
         stamps, values = stamps[keep], values[keep]
@@ -211,11 +189,9 @@ class _Assembly:
                     f"no usable difference for {stream.purpose} on topic {stream.topic!r}"
                 )
         if len(stamps):
-            names = (*spec.left, *spec.right)
-            sides = of_sides(stamps, values, read.left, names, vehicle.max_track_speed)
-            if stream.purpose == "tracks":
-                self.notes += sides.notes
-            return sides.tracks
+            tracks, notes = of_sides(stamps, values, read.left, spec.names, vehicle.max_track_speed)
+            self.notes += notes if stream.purpose == "tracks" else []
+            return tracks
         if stream.purpose == "tracks":
             why = self.notes[-1].removeprefix(OF_ROBOT_FILE)
             raise ReplayError(f"{stream.source}: {why}{self._joints_hint(stream)}")
@@ -225,14 +201,14 @@ class _Assembly:
         reader, mapped = stream.readers.get(JOINT_STATE), self.gathered.mapping.tracks
         if stream.msgtype != JOINT_STATE or mapped is None or not isinstance(reader, JointReader):
             return ""
-        wanted, found = ", ".join((*mapped.left, *mapped.right)), ", ".join(sorted(reader.seen))
+        wanted, found = ", ".join(mapped.names), ", ".join(sorted(reader.seen))
         field_name = "positions" if mapped.unit in ADDS_UP else "velocities"
         return (
             f"; wanted are the {field_name} of the joints {wanted}, found were "
             f"{found or 'no joints'}"
         )
 
-    def _imu(self, stream: Stream | None) -> ImuSeries | None:
+    def _imu(self, stream: Stream | None) -> series.ImuSeries | None:
         if stream is None:
             return None
         stamps, rows = self._arrays(stream, 6)
@@ -241,9 +217,9 @@ class _Assembly:
         keep = self._screened(stream, stamps, rows if has_forces else rates)
         if not keep.any():
             return None
-        return ImuSeries(stamps[keep], rates[keep], forces[keep] if has_forces else None)
+        return series.ImuSeries(stamps[keep], rates[keep], forces[keep] if has_forces else None)
 
-    def _fixes(self, stream: Stream | None) -> FixSeries | None:
+    def _fixes(self, stream: Stream | None) -> series.FixSeries | None:
         if stream is None:
             return None
         spec = self._spec(stream)
@@ -254,7 +230,7 @@ class _Assembly:
         else:
             stamps, rows = self._arrays(stream, POSE_WIDTH)
             poses, variances, heights = planar_poses(rows), rows[:, 6:8].copy(), rows[:, 11]
-        unknown = fill_variances(variances, spec)
+        unknown = conversions.fill_variances(variances, spec)
         where = "[log.columns.fixes]" if stream.from_table else "[log.fixes]"
         if len(stamps) and unknown.all():
             raise ReplayError(
@@ -266,15 +242,15 @@ class _Assembly:
             stream.lose("no covariance, and no position_sigma given", int(unknown.sum()))
             stamps, poses, variances = stamps[~unknown], poses[~unknown], variances[~unknown]
             heights = heights[~unknown]
-        poses = without_unknown_headings(poses, variances)
+        poses = conversions.without_unknown_headings(poses, variances)
         no_heading = np.isnan(poses[:, 2])
         needed = np.where(no_heading[:, None], variances[:, :1], variances)
         keep = self._screened(stream, stamps, poses[:, :2], positive=needed)
         if not keep.any():
             return None
-        self._heights = fix_heights(stamps[keep], heights[keep], spec)
+        self._heights = conversions.fix_heights(stamps[keep], heights[keep], spec)
         antennas = np.tile(spec.position, (int(keep.sum()), 1)) if any(spec.position) else None
-        return FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
+        return series.FixSeries(stamps[keep], poses[keep], variances[keep], antennas)
 
     def _geodetic(
         self, stream: Stream, origin: tuple[float, float, float] | None
@@ -311,7 +287,7 @@ class _Assembly:
         if mapped is None:
             return ()
         stamps, rows = self._arrays(stream, 2)
-        yaw, variances = headings(rows, mapped)
+        yaw, variances = conversions.headings(rows, mapped)
         if len(stamps) and mapped.sigma is None and np.isnan(rows[:, 1]).all():
             raise ReplayError(
                 f"{stream.source}: topic {stream.topic!r}: the headings carry no covariance; give "
@@ -323,7 +299,7 @@ class _Assembly:
         )
         return tuple(HeadingFix(stamp, angle, variance) for stamp, angle, variance in rows_kept)
 
-    def _truth(self, streams: dict[str, Stream]) -> Truth | None:
+    def _truth(self, streams: dict[str, Stream]) -> series.Truth | None:
         stream = streams.get("truth")
         if stream is None:
             return None
@@ -344,12 +320,12 @@ class _Assembly:
             spatial[:, 0] -= spatial[0, 0]
         own_twist = bool(np.isfinite(twists[keep]).all())
         twist_stream = streams.get("truth twist")
-        return Truth(
-            poses=PoseSeries(stamps[keep], poses[keep], spatial),
+        return series.Truth(
+            poses=series.PoseSeries(stamps[keep], poses[keep], spatial),
             twists=(
                 self._twists(twist_stream)
                 if twist_stream is not None
-                else TwistSeries(stamps[keep], twists[keep])
+                else series.TwistSeries(stamps[keep], twists[keep])
                 if own_twist
                 else None
             ),
@@ -358,7 +334,7 @@ class _Assembly:
             headings=headings,
         )
 
-    def _twists(self, stream: Stream) -> TwistSeries | None:
+    def _twists(self, stream: Stream) -> series.TwistSeries | None:
         stamps, rows = self._arrays(stream, 3)
         keep = self._screened(stream, stamps, rows)
-        return TwistSeries(stamps[keep], rows[keep]) if keep.any() else None
+        return series.TwistSeries(stamps[keep], rows[keep]) if keep.any() else None

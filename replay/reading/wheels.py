@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -11,15 +10,10 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.faults.odd_wheels import LEAST_WAY, OVER, least_apart
 from icreckon.estimator.log.series import TrackSpeedSeries
 
+OPPOSITE = 0.1
+"""Sum of two wheels, over their sizes, of which one counts backward [-]."""
 TOGETHER = 0.5
 """Longest time between two messages of a wheel, between which it is interpolated [s]."""
-
-
-class Sides(NamedTuple):
-    """Track speeds by the wheels of both sides."""
-
-    tracks: TrackSpeedSeries  # track speeds, with those of the wheels if any disagree
-    notes: list[str]  # findings about wheels that do, for the user
 
 
 def mean_of_sides(values: Floats, left: int) -> Floats:
@@ -60,7 +54,7 @@ def interpolated(
 
 def of_sides(
     stamps: Stamps, speeds: Floats, left: int, names: Sequence[str], fastest: float
-) -> Sides:
+) -> tuple[TrackSpeedSeries, list[str]]:
     """Track speeds by those of the wheels of both sides.
 
     Args:
@@ -69,12 +63,15 @@ def of_sides(
         left: number of the left ones.
         names: (k,) names of the wheels.
         fastest: highest speed of a track [m/s].
+
+    Returns:
+        Track speeds, with those of the wheels if any disagree, and notes on wheels that do.
     """
     means = mean_of_sides(speeds, left)
     wheels = speeds[:, :left], speeds[:, left:]
     disagree = [_range(one) > least_apart(fastest) for one in wheels]
     if not (disagree[0].any() or disagree[1].any()):
-        return Sides(TrackSpeedSeries(stamps, means), [])
+        return TrackSpeedSeries(stamps, means), []
     intervals = np.minimum(np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, OVER)
     notes = []
     sides = zip(("left", "right"), wheels, disagree, (names[:left], names[left:]), strict=True)
@@ -85,7 +82,7 @@ def of_sides(
                 f"wheels of the {side} side disagree for {seconds:.1f} s: "
                 + _which(of_side[odd], of_names)
             )
-    return Sides(TrackSpeedSeries(stamps, means, *wheels), notes)
+    return TrackSpeedSeries(stamps, means, *wheels), notes
 
 
 def _range(wheels: Floats) -> Floats:
@@ -97,7 +94,9 @@ def _which(wheels: Floats, names: Sequence[str]) -> str:
     """Text on the wheel that is furthest from the others, by samples (n, k)."""
     if len(names) == 2:
         apart = float(_range(wheels).max())
-        return f"{names[0]} and {names[1]} are up to {apart:.2f} m/s apart"
+        opposite = np.abs(wheels.sum(axis=1)).sum() < OPPOSITE * np.abs(wheels).sum()
+        hint = f', and turn opposite ways: name a reversed one "-{names[1]}"' if opposite else ""
+        return f"{names[0]} and {names[1]} are up to {apart:.2f} m/s apart{hint}"
     off = np.abs(wheels - np.median(wheels, axis=1, keepdims=True))
     odd = int(off.sum(axis=0).argmax())
     return f"{names[odd]} is up to {off[:, odd].max():.2f} m/s off"

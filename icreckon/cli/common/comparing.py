@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import typer
-from rich.console import RenderableType
-
-from icreckon.cli.common.console import print_fitting, progress, worker_count, working
+from icreckon.cli.common.console import progress, show, worker_count, working
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
@@ -119,16 +116,9 @@ def compare_and_report(
         Messages on variants without a result, for `exit_if_failed`.
     """
     summary, _ = compare_and_write(log, robot, folder, **options)
-    show(folder, partial(results_table, summary), as_json=as_json, wide=wide)
+    table = partial(results_table, summary)
+    show(folder / RESULTS_FILE, table, as_json=as_json, wide=wide, wide_from=WIDE_FROM)
     return failures(summary)
-
-
-def show(folder: Path, table: Callable[..., RenderableType], *, as_json: bool, wide: bool) -> None:
-    """Print results.json of a folder, or the table of it that fits the terminal."""
-    if as_json:
-        typer.echo((folder / RESULTS_FILE).read_text(encoding="utf-8"), nl=False)
-        return
-    print_fitting(table, wide=wide, wide_from=WIDE_FROM)
 
 
 def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:

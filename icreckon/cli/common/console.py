@@ -27,13 +27,8 @@ from rich.table import Column
 from rich.text import Text
 
 from icreckon.estimator.base.errors import IcreckonError
+from icreckon.replay.base import outputs
 from icreckon.replay.base.errors import coarse_stamps
-from icreckon.replay.base.outputs import (
-    NO_ROOM,
-    check_replaceable,
-    is_being_written,
-    written_beside,
-)
 from icreckon.report.printable import printable
 
 TABLE_WIDTH = 150
@@ -118,6 +113,21 @@ def print_fitting(table: Callable[..., RenderableType], *, wide: bool, wide_from
         console.print("--wide shows all columns.")
 
 
+def show(
+    results_file: Path,
+    table: Callable[..., RenderableType],
+    *,
+    as_json: bool,
+    wide: bool,
+    wide_from: int,
+) -> None:
+    """Print a results.json, or the table of it that fits the terminal."""
+    if as_json:
+        typer.echo(results_file.read_text(encoding="utf-8"), nl=False)
+    else:
+        print_fitting(table, wide=wide, wide_from=wide_from)
+
+
 class _Title(ProgressColumn):
     """Name of a task; while filters are compiled, how many of their kernels are there.
 
@@ -189,23 +199,21 @@ def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Ite
     Raises:
         ReplayError: the path exists and may not be replaced.
     """
-    from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
+    from icreckon.report.replay.folder import PAGE_FILE, RESULTS_FILE
 
     folder = wanted if wanted is not None else _first_free(default)
-    with written_beside(
+    with outputs.written_beside(
         folder, overwrite=overwrite, marker=RESULTS_FILE, starts=(), keeps_foreign=True
     ) as new:
         new.mkdir()
         yield new
-    page, figure = folder / PAGE_FILE, folder / FIGURE_FILE
-    hint = f"the page to open is {page}" if page.exists() else f"the picture is {figure}"
-    say(f"results in {folder}/, {hint}")
+    say(f"results in {folder}/, the page to open is {folder / PAGE_FILE}")
 
 
 def check_writable(path: Path | None, first_words: str, *, overwrite: bool) -> None:
     """Refuse a file that `write_file` would refuse, before long work; None is no file."""
     if path is not None:
-        check_replaceable(path, overwrite=overwrite, starts=(first_words.encode(),))
+        outputs.check_replaceable(path, overwrite=overwrite, starts=(first_words.encode(),))
 
 
 def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite: bool) -> None:
@@ -214,14 +222,14 @@ def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite:
     Raises:
         ReplayError: the path exists and may not be replaced.
     """
-    with written_beside(path, overwrite=overwrite, starts=(first_words.encode(),)) as new:
+    with outputs.written_beside(path, overwrite=overwrite, starts=(first_words.encode(),)) as new:
         new.write_text(text, encoding="utf-8")
     say(f"{what} in {path}")
 
 
 def _first_free(default: str) -> Path:
     folder, number = Path(default), 1
-    while folder.exists() or is_being_written(folder):
+    while folder.exists() or outputs.is_being_written(folder):
         number += 1
         folder = Path(f"{default}-{number}")
     return folder
@@ -244,7 +252,7 @@ def explain(problem: Exception) -> int:
             "out of memory: close other programs, take fewer --workers or a shorter log, or raise the "
             "limit of the shell (ulimit -v)"
         )
-    elif isinstance(problem, OSError) and problem.errno in NO_ROOM:
+    elif isinstance(problem, OSError) and problem.errno in outputs.NO_ROOM:
         line = f"{problem.filename or 'output'}: cannot be written: {problem.strerror}"
     else:
         status = 70

@@ -1,4 +1,4 @@
-"""Tables of a calibration for terminal and page, made from its results only."""
+"""Tables and page of a calibration, made from its results only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rich.console import Group
 from rich.text import Text
 
 from icreckon.replay.comparison.results import Results
-from icreckon.report.pages import Cell, Table
+from icreckon.report.pages import Cell, Picture, Table, render, unless_missing
 from icreckon.report.terminal import rich_table
 
 STATUS = {
@@ -21,6 +21,7 @@ STATUS = {
 WIDE_FROM = 120
 # Correlation from which two estimates can hardly be separated.
 STRONG_CORRELATION = 0.9
+ORIGIN = ("versions", "inputs", "format")
 
 
 def calibration_tables(results: Results, *, narrow: bool) -> Group:
@@ -160,3 +161,31 @@ def _to_error(value: float, sigma: float | None) -> str:
 
 def _number(value: float) -> str:
     return f"{value:.5g}"
+
+
+def calibration_page(results: Results) -> str:
+    """Render the page as HTML."""
+    logs = results["logs"]
+    count = f"{len(logs)} {'log' if len(logs) == 1 else 'logs'}"
+    distance = sum(one["distance_m"] for one in logs)
+    return render(
+        "calibration.html",
+        title=f"{results['robot']['name']}, calibrated",
+        subtitle=f"icreckon calibrate · {count} · {distance:.0f} m",
+        headline=results["headline"],
+        pictures=_pictures(results),
+        tables=[model_table(results), parameter_table(results), log_table(results)],
+        notes=footnotes(results),
+        configuration=results["configuration"],
+        robot=results["robot"],
+        origin={key: results[key] for key in ORIGIN},
+    )
+
+
+def _pictures(results: Results) -> list[Picture]:
+    pictures: list[Picture] = []
+    with unless_missing():
+        from icreckon.report.calibration.figure import calibration_pictures
+
+        pictures += calibration_pictures(results)
+    return pictures

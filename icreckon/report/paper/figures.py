@@ -12,12 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from icreckon.estimator.motion.icr import (
-    Icrs,
-    icrs_from_indices,
-    indices_at_inertia,
-    symmetry_coordinates,
-)
+from icreckon.estimator.motion import icr
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
 from icreckon.simulation.paper.published import published_mean_icrs, published_parameters
 from icreckon.simulation.paper.reproduction import Reproduction, Row
@@ -146,7 +141,7 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
     title = "Figure 7, redrawn: the indices and their polynomials over the signed force of inertia"
     mapped, ours = reproduced.mapped, reproduced.parameters
     at, theirs = mapped.turning, published_parameters()
-    x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[at], mapped.motion.V_r[at], ours.H)
+    x_1, x_2 = icr.symmetry_coordinates(mapped.motion.V_l[at], mapped.motion.V_r[at], ours.H)
     force = mapped.magnitude[at]
     signs = (np.sign(x_2), np.sign(x_1) * np.sign(x_2), np.sign(x_1) * np.sign(x_2))
     labels = ("|F| sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]")
@@ -160,7 +155,7 @@ def _draw_fits(path: Path, reproduced: Reproduction) -> None:
                 (theirs, "black", "--", "published fit"),
             ):
                 # |F| and signs that give the abscissa: x_1 > 0 and x_2 with its sign.
-                modelled = indices_at_inertia(
+                modelled = icr.indices_at_inertia(
                     np.abs(line), np.ones_like(line), line, parameters.as_array()
                 )
                 axes.plot(line, modelled[place], style, color=colour, linewidth=2.0, label=name)
@@ -183,7 +178,7 @@ def _draw_map(
     axes.set_ylabel("left track speed $V_l$ [m/s]")
 
 
-def _scatter_icrs(axes: Axes, icrs: Icrs, reproduced: Reproduction) -> None:
+def _scatter_icrs(axes: Axes, icrs: icr.Icrs, reproduced: Reproduction) -> None:
     for x, label in ((icrs.x_ICRl, "ICRs of the tracks"), (icrs.x_ICRr, None)):
         axes.plot(x, icrs.y_ICR, ".", color=BLUE, markersize=4, label=None)
         axes.plot([], [], ".", color=BLUE, label=label)
@@ -214,10 +209,10 @@ def _mark_constant(axes: Axes, icrs: ConstantIcr, colour: str, marker: str, labe
     )
 
 
-def _modelled(reproduced: Reproduction, parameters: Indices) -> Icrs:
+def _modelled(reproduced: Reproduction, parameters: Indices) -> icr.Icrs:
     """Track ICRs by (25) to (30) at the inertia of steady motions; NaN if straight."""
     mapped = reproduced.mapped
-    x_1, x_2 = symmetry_coordinates(mapped.motion.V_l, mapped.motion.V_r, parameters.H)
+    x_1, x_2 = icr.symmetry_coordinates(mapped.motion.V_l, mapped.motion.V_r, parameters.H)
     force = np.where(mapped.turning, mapped.magnitude, np.nan)
-    modelled = indices_at_inertia(force, x_1, x_2, parameters.as_array())
-    return icrs_from_indices(modelled, mapped.vehicle.gauge)
+    modelled = icr.indices_at_inertia(force, x_1, x_2, parameters.as_array())
+    return icr.icrs_from_indices(modelled, mapped.vehicle.gauge)

@@ -1,16 +1,30 @@
-"""Tables of the reproduction for terminal and page, made from its results only."""
+"""Tables and page of the reproduction, made from its results and figures only."""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 from rich.console import Group
 from rich.text import Text
 
 from icreckon.replay.comparison.results import Results
-from icreckon.report.pages import Cell, Table
+from icreckon.report.pages import Cell, Picture, Table, render
 from icreckon.report.terminal import rich_table
 
 # Shares of the published number that are counted [%].
 LEVELS = (5.0, 10.0, 20.0)
+# Figures of a folder, the first at the top of the page; those with panels side by side are wide.
+CAPTIONS = {
+    "figure": "Differences between the published numbers and the reproduced ones.",
+    "figure-3": "Figure 3, redrawn: ICRs of the tracks at the stationary motions.",
+    "figure-5": "Figure 5, redrawn: magnitude of the force of inertia over both track speeds.",
+    "figure-6": "Figure 6, redrawn: sliding, eccentricity and steering efficiency index over both track "
+    "speeds.",
+    "figure-7": "Figure 7, redrawn: the indices and their polynomials over the force of inertia.",
+    "figure-8": "Figure 8, redrawn: ICRs of the tracks by the inertia-based model.",
+}
+WIDE = ("figure", "figure-6", "figure-7", "figure-8")
+ORIGIN = ("versions", "seed", "format")
 
 
 def paper_tables(results: Results, *, narrow: bool) -> Group:
@@ -109,3 +123,23 @@ def _table_2(results: Results, *, narrow: bool) -> Table:
         columns = values
     rows = [(label, list(map(Cell, row))) for label, row in zip(labels, columns, strict=True)]
     return Table(title, head, rows)
+
+
+def paper_page(results: Results, folder: Path) -> str:
+    """Render the page as HTML."""
+    pictures = [
+        Picture(name, caption, (folder / f"{name}.png").read_bytes(), name in WIDE)
+        for name, caption in CAPTIONS.items()
+        if (folder / f"{name}.png").exists()
+    ]
+    return render(
+        "paper.html",
+        title="The paper, reproduced",
+        subtitle=f"icreckon paper · {results['map']['pairs']} simulated stationary motions",
+        headline=counts_text(results),
+        remarks=[origin_text(results), contradiction_text(results)],
+        pictures=pictures,
+        tables=all_tables(results),
+        configuration=results["configuration"],
+        origin={key: results[key] for key in ORIGIN},
+    )

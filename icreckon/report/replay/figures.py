@@ -20,6 +20,7 @@ from icreckon.replay.base.colours import colour_of as _colour
 from icreckon.replay.comparison.results import Results
 from icreckon.report.printable import any_letters, printable
 from icreckon.report.replay.page_charts import breaks_of
+from icreckon.report.replay.page_drive import floats
 from icreckon.report.replay.page_text import failures, has_yaw_errors, page_title
 
 # Variants in the title, wheels and gyro first, and those whose uncertainty and indices are drawn.
@@ -96,11 +97,11 @@ def _lifted(results: Results) -> Results:
             return {key: inserted(one) for key, one in values.items()}
         if not isinstance(values, list) or len(values) != count:
             return values
-        found = np.insert(_numbers(values), rows, np.nan).tolist()
+        found = np.insert(floats(values), rows, np.nan).tolist()
         return [None if math.isnan(value) else value for value in found]
 
     lifted = {key: inserted(values) for key, values in series.items()}
-    lifted["t_s"] = np.insert(_numbers(series["t_s"]), rows, _numbers(series["t_s"])[rows]).tolist()
+    lifted["t_s"] = np.insert(floats(series["t_s"]), rows, floats(series["t_s"])[rows]).tolist()
     return results | {"series": lifted}
 
 
@@ -124,10 +125,6 @@ def _detailed(results: Results) -> list[str]:
     variants = results["series"]["variants"]
     shown = [name for name in SHOWN_IN_DETAIL if name in variants]
     return shown or list(variants)[-2:]
-
-
-def _numbers(values: list[float | None]) -> Any:
-    return np.array([np.nan if value is None else value for value in values])
 
 
 def _style(name: str, *, bold: bool) -> str:
@@ -199,8 +196,8 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
             label=name,
         )
     shown = [series["variants"][name] for name in detailed]
-    top = max(float(np.nanmax(_numbers(one["position_error_m"]))) for one in shown)
-    bounds = [3.0 * _numbers(one["position_sigma_m"]) for one in shown]
+    top = max(float(np.nanmax(floats(one["position_error_m"]))) for one in shown)
+    bounds = [3.0 * floats(one["position_sigma_m"]) for one in shown]
     limit = max(1.15 * max(top, _widest(bounds, 2.5 * top)), LEAST_POSITION_ERROR)
     for number, (name, bound) in enumerate(zip(detailed, bounds, strict=True)):
         reached, label = _in_reach(bound, limit), None if number else BOUNDS
@@ -224,8 +221,8 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
     time = series["t_s"]
     _shade_outages(axes, results)
     shown = [series["variants"][name] for name in _detailed(results)]
-    errors = [np.degrees(_numbers(one["yaw_error_rad"])) for one in shown]
-    bounds = [3.0 * np.degrees(_numbers(one["yaw_sigma_rad"])) for one in shown]
+    errors = [np.degrees(floats(one["yaw_error_rad"])) for one in shown]
+    bounds = [3.0 * np.degrees(floats(one["yaw_sigma_rad"])) for one in shown]
     top = max(float(np.nanmax(np.abs(values))) for values in errors)
     limit = max(1.15 * max(top, _widest(bounds, 5.0 * top)), LEAST_YAW_ERROR)
     limit = min(limit, LARGEST_YAW_ERROR)
@@ -241,7 +238,7 @@ def _draw_lines(axes: Axes, results: Results, title: str, key: str, scale: float
     """Draw a series of all variants over time, in another unit by `scale`."""
     series = results["series"]
     for name, one in series["variants"].items():
-        axes.plot(series["t_s"], scale * _numbers(one[key]), color=_colour(name), label=name)
+        axes.plot(series["t_s"], scale * floats(one[key]), color=_colour(name), label=name)
     axes.set_title(title, fontsize=11)
 
 
@@ -261,7 +258,7 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
         axes.plot(time, truth, ".", color=TRUTH_COLOUR, ms=2.5, label="truth")
     drawn = []
     for name in _detailed(results):
-        values = _numbers(series["variants"][name][key])
+        values = floats(series["variants"][name][key])
         axes.plot(time, values, color=_colour(name), lw=1.2, label=name)
         drawn.append(values)
     # Indices diverge if the robot hardly turns; the scale excludes that, but hardly a peak of a filter.
@@ -282,5 +279,5 @@ def _true_index(results: Results, key: str) -> Any:
     if "icr_distance_m" not in truth:
         return None
     if key == "eta":
-        return _numbers(truth["icr_distance_m"]) / results["robot"]["vehicle"]["track_gauge"]
-    return _numbers(truth[key])
+        return floats(truth["icr_distance_m"]) / results["robot"]["vehicle"]["track_gauge"]
+    return floats(truth[key])

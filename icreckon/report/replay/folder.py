@@ -12,7 +12,7 @@ from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.results import Results, write_results
 from icreckon.replay.export.folder import write_exports
 from icreckon.replay.export.formats import DEFAULT_FORMATS
-from icreckon.report.drawing import unless_missing
+from icreckon.report.pages import unless_missing
 from icreckon.report.replay.many_page import many_page
 from icreckon.report.replay.page import replay_page
 

@@ -9,15 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from icreckon.replay.comparison.results import Results
-from icreckon.report.replay.many_text import (
-    horizon_of,
-    left_out,
-    many_doubts,
-    many_failures,
-    many_headline,
-    many_remarks,
-    pooled_over,
-)
+from icreckon.report.replay import many_text
 from icreckon.report.replay.page_text import CHECK_HINT, lowest
 
 LABELS = ("10s", "30s")
@@ -32,24 +24,24 @@ def many_tables(results: Results, *, narrow: bool = False) -> Group:
         narrow: leave columns out, so that 80 characters are enough.
     """
     parts: list[Any] = []
-    if doubtful := many_doubts(results):
+    if doubtful := many_text.many_doubts(results):
         lines = [f"{DOES_NOT_FIT}:", *(f"- {one}" for one in doubtful), f"{CHECK_HINT}.", ""]
         parts += [Text(line, style="bold yellow") for line in lines]
-    parts += [Text(many_headline(results)), Text()]
+    parts += [Text(many_text.many_headline(results)), Text()]
     if any(found["logs"] for found in results["pooled"].values()):
         parts.append(_pooled(results, narrow=narrow))
     if any(found["variants"] for found in results["ratios"].values()):
         parts.append(_ratios(results))
     parts.append(_logs(results))
-    notes = [line for found in results["pooled"].values() for line in left_out(found)]
-    lines = [*many_failures(results), *notes, *many_remarks(results)]
+    notes = [line for found in results["pooled"].values() for line in many_text.left_out(found)]
+    lines = [*many_text.many_failures(results), *notes, *many_text.many_remarks(results)]
     return Group(*parts, *(Text(line) for line in lines))
 
 
 def _pooled(results: Results, *, narrow: bool) -> Table:
     pooled, baseline = results["pooled"], results["baseline_variant"]
     # A log may have a truth with one robot file, and none with another that makes no sense of it.
-    over = list(dict.fromkeys(map(pooled_over, pooled.values())))
+    over = list(dict.fromkeys(map(many_text.pooled_over, pooled.values())))
     title = "All logs together" + (f": {over[0]}" if len(over) == 1 else "")
     table = Table(title=title, title_justify="left")
     table.add_column("variant", no_wrap=True)
@@ -117,7 +109,7 @@ def _ratios(results: Results) -> Table:
 
 def _logs(results: Results) -> Table:
     """One row for each log: length, and what drifts least in it."""
-    label = horizon_of(results)
+    label = many_text.horizon_of(results)
     several = len(results["pooled"]) > 1
     table = Table(title="Each log", title_justify="left")
     table.add_column("log", overflow="fold")

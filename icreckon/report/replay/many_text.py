@@ -5,13 +5,7 @@ from __future__ import annotations
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
 from icreckon.report.printable import change, change_range
-from icreckon.report.replay.page_text import (
-    doubts,
-    failures,
-    horizon_text,
-    number,
-    verdict_text,
-)
+from icreckon.report.replay import page_text
 
 UNSCORED = (
     "No log has a ground truth, so nothing is scored. The page of each log compares its variants."
@@ -56,7 +50,7 @@ def many_remarks(results: Results) -> list[str]:
 def _robot_text(found: Results) -> str:
     """Verdict of a robot file over all logs."""
     if found["verdict"] is not None:
-        return verdict_text(found["verdict"], found["logs"])
+        return page_text.verdict_text(found["verdict"], found["logs"])
     if found["logs"]:
         return (
             "Nowhere in these logs is there a stretch of dead reckoning long enough to score drift."
@@ -73,10 +67,12 @@ def _ratio_text(results: Results, robot: str) -> str:
         return f"{robot} cannot be compared with {ratios['to']}: no segment is scored with both."
     best = min(known, key=lambda one: float(one["drift_percent"]))["best"]
     ratio, interval = (ratios["variants"][best][f"ratio_{label}{end}"] for end in ("", "_95"))
-    than = "as far as" if number(ratio) == number(1.0) else f"{change(ratio)} than"
+    than = (
+        "as far as" if page_text.number(ratio) == page_text.number(1.0) else f"{change(ratio)} than"
+    )
     said = (
         f"With {robot}, {best} drifts {than} with {ratios['to']}{change_range(interval)}, "
-        f"{horizon_text(label)} of dead reckoning."
+        f"{page_text.horizon_text(label)} of dead reckoning."
     )
     if interval is None:
         return f"{said} The logs are too short to say whether that is more than chance."
@@ -109,7 +105,7 @@ def many_failures(results: Results) -> list[str]:
     ]
     for one in results["logs"]:
         name = _name(one["label"], one["robot"], results)
-        lines += [f"{name}: {line}" for line in failures(one)]
+        lines += [f"{name}: {line}" for line in page_text.failures(one)]
     return lines
 
 
@@ -118,7 +114,7 @@ def many_doubts(results: Results) -> list[str]:
     return [
         f"{_name(one['label'], one['robot'], results)}: {line}"
         for one in results["logs"]
-        for line in doubts(one)
+        for line in page_text.doubts(one)
     ]
 
 
@@ -130,7 +126,7 @@ def _name(log: str, robot: str, results: Results) -> str:
 def pooled_over(found: Results) -> str:
     """Logs, time and distance that scores of a robot file are from."""
     logs = f"{found['logs']} logs" if found["logs"] != 1 else "1 log"
-    return f"{logs}, {number(found['duration_s'])} s, {number(found['distance_m'])} m"
+    return f"{logs}, {page_text.number(found['duration_s'])} s, {page_text.number(found['distance_m'])} m"
 
 
 def left_out(found: Results) -> list[str]:

@@ -3,34 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.results import Results
 from icreckon.report.pages import Cell, Table, render
+from icreckon.report.replay import page_text
 from icreckon.report.replay.page_charts import constant_parameters, page_data, switches
 from icreckon.report.replay.page_drive import has_wheels
-from icreckon.report.replay.page_text import (
-    CHECK_HINT,
-    calibration_hint,
-    doubts,
-    failures,
-    filtered,
-    has_yaw_errors,
-    headline,
-    horizon_text,
-    is_spatial,
-    level_text,
-    lowest,
-    notes,
-    number,
-    page_title,
-    provenance,
-    rejections_text,
-    remarks,
-    scored_text,
-)
+from icreckon.report.replay.page_text import CHECK_HINT, horizon_text, lowest, number
 from icreckon.report.replay.tables import (
     DIFFERENCE_COLUMNS,
     END_COLUMNS,
@@ -44,12 +25,8 @@ from icreckon.report.replay.tables import (
 DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
 
 
-class Section(NamedTuple):
-    """Section of the page: its title, a note, tables."""
-
-    title: str
-    note: str
-    tables: Sequence[Table]
+# Section of the page: its title, a note, tables.
+Section = tuple[str, str, list[Table]]
 
 
 def replay_page(results: Results) -> str:
@@ -57,13 +34,13 @@ def replay_page(results: Results) -> str:
     dropped = results["log"]["dropped"]
     return render(
         "replay.html",
-        title=page_title(results),
-        subtitle=provenance(results),
-        failures=failures(results),
-        doubts=doubts(results),
+        title=page_text.page_title(results),
+        subtitle=page_text.provenance(results),
+        failures=page_text.failures(results),
+        doubts=page_text.doubts(results),
         check_hint=CHECK_HINT,
-        headline=headline(results),
-        remarks=calibration_hint(results) + remarks(results),
+        headline=page_text.headline(results),
+        remarks=page_text.calibration_hint(results) + page_text.remarks(results),
         switches=switches(results),
         truth=results["truth"],
         scored=_scored(results),
@@ -76,7 +53,7 @@ def replay_page(results: Results) -> str:
         innovations=_innovation_table(results),
         dropped=[f"{count} × {what}" for what, count in dropped.items()],
         by_filter=_dropped_by_filter(results),
-        notes=notes(results),
+        notes=page_text.notes(results),
         configuration=results["configuration"],
         robot=results["robot"],
         origin={key: results[key] for key in ("versions", "seed", "inputs", "format")},
@@ -97,18 +74,18 @@ def _scored(results: Results) -> list[Section]:
         caption = f"Distance from {results['reference_variant']}, % of the distance driven"
         note = f"{caption}, aligned at each segment's start."
         return [
-            Section("How far apart per horizon", note, [Table("", head, rows)]),
-            Section("Ends", "", [_score_table(results, DIFFERENCE_COLUMNS)]),
+            ("How far apart per horizon", note, [Table("", head, rows)]),
+            ("Ends", "", [_score_table(results, DIFFERENCE_COLUMNS)]),
         ]
-    has_yaw = has_yaw_errors(results)
+    has_yaw = page_text.has_yaw_errors(results)
     of_truth = (*SCORE_COLUMNS[3:], *END_COLUMNS) if has_yaw else POSITION_COLUMNS[3:]
-    sections = [
-        Section("Drift per horizon", scored_text(results), drift_tables(results)),
-        Section("Other scores", "", [_score_table(results, of_truth)]),
+    sections: list[Section] = [
+        ("Drift per horizon", page_text.scored_text(results), drift_tables(results)),
+        ("Other scores", "", [_score_table(results, of_truth)]),
     ]
-    if is_spatial(results):
+    if page_text.is_spatial(results):
         table = _score_table(results, SPATIAL_COLUMNS)
-        sections.append(Section("Height, roll and pitch", level_text(results), [table]))
+        sections.append(("Height, roll and pitch", page_text.level_text(results), [table]))
     return sections
 
 
@@ -193,7 +170,7 @@ def _drive_note(results: Results) -> str:
 
 
 def _inputs_note(results: Results) -> str:
-    note = "As measured, every so many samples of the log."
+    note = "As measured; thinned out."
     if "gyro_rad_s" in results["series"]["inputs"]:
         note += " The gyro's rate is about base_link's z axis, its bias included."
     return f"{note} Where the tracks turn faster than the gyro, they slip."
@@ -282,9 +259,9 @@ def _innovation_table(results: Results) -> Table | None:
 
 def _dropped_by_filter(results: Results) -> Table:
     rows = []
-    for name, one in filtered(results).items():
+    for name, one in page_text.filtered(results).items():
         used = ", ".join(f"{count} × {what}" for what, count in one["used"].items() if count)
-        rejected = rejections_text(one) or "none"
+        rejected = page_text.rejections_text(one) or "none"
         nis = ", ".join(f"{what} {number(value)}" for what, value in one["nis"].items() if value)
         cells = [Cell(text, "wrap") for text in (used, rejected, nis)]
         cells.append(Cell(str(one["standstill_updates"])))

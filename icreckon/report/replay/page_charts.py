@@ -17,18 +17,18 @@ from typing import Any
 
 import numpy as np
 
+from icreckon.estimator.motion.icr import IndexValues
+from icreckon.estimator.streaming.outputs import icr_points
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of, on_dark
 from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.plot_series import LONGEST_BRIDGE
 from icreckon.replay.comparison.results import Results
-from icreckon.replay.export.tables import icr_series
 from icreckon.report.replay.page_drive import drive_data, floats, known, listed
 from icreckon.report.replay.page_text import has_yaw_errors
-from icreckon.report.replay.page_words import INNOVATION_TITLES, PARAMETER_TITLES
 
 TRUTH, FIXES = "ground truth", "fixes used"
-# Variants shown when the page opens, beside the best and the baseline.
+# Variants shown when the page opens, next to the best and the baseline.
 FIRST_SHOWN = ("differential", "constant-online", "inertia-online")
 # Number of variants up to which all are shown.
 FEW = 4
@@ -44,6 +44,42 @@ FLAT = 0.1
 USUAL_INTERVALS = 4.0
 Chart = dict[str, Any]
 Numbers = list[float | None]
+
+
+# Titles of the charts of learnt parameters; docs/explanation/model.md defines them.
+PARAMETER_TITLES = {
+    "H": "Track-speed ratio of turning on the spot, H",
+    "zeta0": "Sliding index without force, ζ₀",
+    "zeta1": "Sliding index, gain with the lateral force, ζ₁",
+    "epsilon0": "Eccentricity index without force, ε₀",
+    "epsilon1": "Eccentricity index, gain with the lateral force, ε₁",
+    "epsilon_F": "Eccentricity index, gain with the force along the tracks, ε_F",
+    "eta0": "Steering efficiency index without force, η₀",
+    "eta1": "Steering efficiency index, gain with the lateral force, η₁",
+    "eta2": "Steering efficiency index, quadratic gain, η₂",
+    "right_l": "Velocity to the right per left track speed",
+    "right_r": "Velocity to the right per right track speed",
+    "forward_l": "Forward velocity per left track speed",
+    "forward_r": "Forward velocity per right track speed",
+    "turn_l": "Yaw rate per left track speed",
+    "turn_r": "Yaw rate per right track speed",
+    "gyro_bias": "Bias of the gyro",
+    "gyro_scale": "Scale of the gyro, less 1",
+    "accelerometer_bias_x": "Bias of the accelerometer, forward",
+    "accelerometer_bias_y": "Bias of the accelerometer, to the left",
+    "track_scale": "Scale of the track speeds, less 1",
+    "track_difference": "Difference of the sprocket radii, right less left",
+    "gravity_x": "Gravity along the ground, forward",
+    "gravity_y": "Gravity along the ground, to the left",
+}
+INNOVATION_TITLES = {
+    "gyro": "Gyro",
+    "accelerometer_x": "Accelerometer, forward",
+    "accelerometer_y": "Accelerometer, to the left",
+    "position_x": "Position fixes, x",
+    "position_y": "Position fixes, y",
+    "heading": "Heading fixes",
+}
 
 
 def page_data(results: Results) -> Results:
@@ -238,7 +274,7 @@ def _one_turn(results: Results, columns: dict[str, Numbers]) -> dict[str, str]:
 
 
 def _inputs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Measured track speeds, and the yaw rate by them beside that of the gyro."""
+    """Measured track speeds, and the yaw rate by them and that of the gyro."""
     inputs, place = results["series"]["inputs"], "inputs"
     tracks: Chart = {
         "place": place,
@@ -284,10 +320,10 @@ def _icrs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         indices[TRUTH] = [floats(truth[key]) for key in ("zeta_m", "epsilon_m")]
         indices[TRUTH].append(floats(truth["icr_distance_m"]) / gauge)
     for name, one in indices.items():
-        found = icr_series(np.column_stack(one), gauge)
-        columns[f"{name}/icr_x_m"] = listed(found.left_x)
-        columns[f"{name}/left_icr_y_m"] = listed(found.left_y)
-        columns[f"{name}/right_icr_y_m"] = listed(found.right_y)
+        left, right = icr_points(IndexValues(*one), gauge)
+        columns[f"{name}/icr_x_m"] = listed(left[0])
+        columns[f"{name}/left_icr_y_m"] = listed(left[1])
+        columns[f"{name}/right_icr_y_m"] = listed(right[1])
     charts = []
     for title, key, label in (
         ("ICR of the left track, to the left", "left_icr_y_m", "y of the left ICR [m]"),

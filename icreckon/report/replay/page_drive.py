@@ -118,7 +118,7 @@ def known(values: Numbers) -> bool:
 
 def floats(values: Numbers) -> Any:
     """Array of numbers, NaN for None."""
-    return np.array([math.nan if value is None else value for value in values], dtype=float)
+    return np.array(values, dtype=float)
 
 
 def listed(values: Any) -> Numbers:

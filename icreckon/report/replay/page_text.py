@@ -187,7 +187,7 @@ def _apart(results: Results) -> str:
 
 
 def calibration_hint(results: Results) -> list[str]:
-    """Line on a robot file that no calibration has changed, beside a truth that would."""
+    """Line on a robot file that no calibration has changed, where there is a truth."""
     truth, given = results["truth"], results["configuration"]
     indices = results["robot"]["indices"]
     gains = [indices[name] for name in ("zeta1", "epsilon1", "eta1", "eta2", "epsilon_F")]

@@ -10,21 +10,8 @@ from rich.text import Text
 
 from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, coarse_stamps
 from icreckon.replay.comparison.results import Results
-from icreckon.report.replay.page_text import (
-    CHECK_HINT,
-    all_rejections,
-    arm_text,
-    calibration_hint,
-    doubts,
-    failures,
-    has_yaw_errors,
-    headline,
-    is_spatial,
-    lag_text,
-    level_text,
-    lowest,
-    nees_text,
-)
+from icreckon.report.replay import page_text
+from icreckon.report.replay.page_text import CHECK_HINT, arm_text, lag_text, lowest, nees_text
 
 Column = tuple[str, str, int]
 # Heading, key, digits.
@@ -93,7 +80,7 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
     """
     truth = results["truth"]
     columns: Sequence[Column] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
-    if truth and not has_yaw_errors(results):
+    if truth and not page_text.has_yaw_errors(results):
         columns = POSITION_COLUMNS
     columns = _filled(results, columns)
     if narrow:
@@ -101,11 +88,11 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
     # NEES has an ideal, and no lowest that is best.
     compared = [key for _, key, _ in columns if truth and not key.startswith("nees")]
     tables = [_table(results, _title(results), columns, compared)]
-    if is_spatial(results):
+    if page_text.is_spatial(results):
         compared = [key for _, key, _ in SPATIAL_COLUMNS[:3]]
         tables.append(_table(results, "Height, roll and pitch", SPATIAL_COLUMNS, compared))
     coarse = coarse_stamps(results["log"]["notes"])
-    doubtful = [f"- {one}" for one in doubts(results)]
+    doubtful = [f"- {one}" for one in page_text.doubts(results)]
     if doubtful:
         doubtful = [
             "The robot file does not fit this log, and all figures are with it:",
@@ -115,8 +102,8 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
         ]
     return Group(
         *(Text(line, style="bold yellow") for line in (*coarse, *doubtful)),
-        Text(headline(results)),
-        *(Text(line, style="yellow") for line in calibration_hint(results)),
+        Text(page_text.headline(results)),
+        *(Text(line, style="yellow") for line in page_text.calibration_hint(results)),
         Text(),
         *tables,
         *(Text(line) for line in _footnotes(results)),
@@ -186,7 +173,7 @@ def _title(results: Results) -> str:
 
 def _footnotes(results: Results) -> list[str]:
     log, truth = results["log"], results["truth"]
-    lines = failures(results)
+    lines = page_text.failures(results)
     if truth is None:
         lines.append(f"No ground truth: apart means from {results['reference_variant']}.")
     else:
@@ -194,11 +181,11 @@ def _footnotes(results: Results) -> list[str]:
         lines.append(f"Scored without fixes: {parts or 'nowhere long enough'}.{nees_text(results)}")
         if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
             lines.append(f"Truth corrected before scoring: {lag_text(truth)}, {arm_text(results)}.")
-        if is_spatial(results):
-            lines.append(level_text(results))
+        if page_text.is_spatial(results):
+            lines.append(page_text.level_text(results))
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
     lines += [f"Note: {note}" for note in log["notes"] if not note.startswith(BANNERS)]
-    return lines + all_rejections(results)
+    return lines + page_text.all_rejections(results)
 
 
 def _cell(value: float | None, key: str, digits: int, *, is_best: bool) -> Text:

@@ -18,8 +18,8 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormat
 from icreckon.replay.base.colours import COLOURS
 from icreckon.report.pages import Picture
 from icreckon.report.printable import any_letters
-from icreckon.report.study.axis_units import with_unit
-from icreckon.report.study.text import NEES, title_of, unit_of
+from icreckon.report.study.text import NEES, swept, title_of, unit_of
+from icreckon.simulation.study.cells import OUTAGE
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
 from icreckon.simulation.study.summary import CONFIDENCE
 
@@ -38,18 +38,54 @@ MOST_NAMED_CELLS = 12
 LOG_SPAN = 30.0
 # Range of the variants at one place, as a share of the distance between places.
 SPREAD = 0.5
+INERTIAL = {
+    "noise_density": "{}/√Hz",
+    "bias_sigma": "{}",
+    "bias_instability": "{}",
+    "bias_instability_time": "s",
+    "bias_walk": "{}/√s",
+    "misalignment_sigma": "rad",
+    "range": "{}",
+}
+UNITS = {
+    **{f"gyro.{name}": unit.format("rad/s") for name, unit in INERTIAL.items()},
+    **{f"accelerometer.{name}": unit.format("m/s²") for name, unit in INERTIAL.items()},
+    "encoders.speed_noise_density": "m/s/√Hz",
+    "encoders.resolution": "m",
+    "encoders.dropouts_per_hour": "1/h",
+    "encoders.dropout_duration": "s",
+    "fixes.sigma": "m",
+    "fixes.heading_sigma": "rad",
+    "fixes.outlier_sigma": "m",
+    "fixes.latency": "s",
+    "fixes.wander_sigma": "m",
+    "fixes.wander_time": "s",
+    "duration": "s",
+    "track_lag": "s",
+    "track_rate": "Hz",
+    "imu_rate": "Hz",
+    "truth_rate": "Hz",
+    "fix_rate": "Hz",
+}
+"""Unit by the key of a scenario."""
+
+
+def with_unit(axis: str) -> str:
+    """Name of an axis with its unit, if it is a key that has one."""
+    unit = (UNITS | {OUTAGE: "s"}).get(axis)
+    return axis if unit is None else f"{axis} [{unit}]"
 
 
 def study_figures(results: Results) -> list[Picture]:
     """Draw all figures of a study."""
     figures = []
     drift = results["drift"]
-    for axis, effect in zip(results["axes"], results["effects"], strict=True):
+    for axis, effect in swept(results):
         for short, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
             if not _known(results, statistic):
                 continue
             title = title_of(results, statistic)
-            others = ", over all else that is swept" if len(results["axes"]) > 1 else ""
+            others = ", over all else that is swept" if len(swept(results)) > 1 else ""
             caption = (
                 f"{_capital(title)} against {axis['name']}{others}: means and their 95 % intervals."
             )
@@ -226,11 +262,11 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
-    keys = [axis["name"] for axis in results["axes"]]
+    keys = [axis["name"] for axis, _ in swept(results)]
     if keys and len(cells) <= MOST_NAMED_CELLS:
         names = ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
         _name_places(axes, names)
-        axes.set_xlabel(", ".join(map(with_unit, keys)))
+        axes.set_xlabel("\n".join(map(with_unit, keys)))
     elif len(cells) == 1:
         places = [_offset(number, len(variants)) for number in range(len(variants))]
         axes.set_xticks(places, [name.replace("-", "-\n") for name in variants])
@@ -311,7 +347,7 @@ def _known(results: Results, statistic: str) -> bool:
 
 
 def _numbers(values: list[Any]) -> Any:
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
+    return np.array(values, dtype=float)
 
 
 def _colours(results: Results) -> dict[str, str]:

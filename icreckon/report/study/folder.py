@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
-from icreckon.report.drawing import unless_missing
-from icreckon.report.pages import Picture
-from icreckon.report.study.page import study_page
+from icreckon.report.pages import Picture, render, unless_missing
+from icreckon.report.study import text as study_text
 from icreckon.simulation.running import run_study as computed
 from icreckon.simulation.running.runner import Report
 from icreckon.simulation.running.store import write_files
@@ -16,6 +16,7 @@ from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results
 
 PAGE = "page.html"
+PROVENANCE = ("versions", "seed", "engine", "runs", "true_motions", "format")
 
 
 def run_study(
@@ -79,3 +80,29 @@ def write_study_page(folder: Path, results: Results) -> None:
         figures = study_figures(results)
     files = {f"{figure.name}.png": figure.png for figure in figures}
     write_files(folder, {**files, PAGE: study_page(results, figures).encode()})
+
+
+def study_page(results: Results, figures: Sequence[Picture]) -> str:
+    """Render the page as HTML."""
+    return render(
+        "study.html",
+        title=results["name"],
+        subtitle=results["description"].strip(),
+        failures=study_text.failures(results),
+        same_results=study_text.same_results(results),
+        headline=study_text.headline(results),
+        tables=study_text.summary_tables(results),
+        error=study_text.ERROR,
+        notes=study_text.notes(results),
+        figures=figures,
+        configuration=_given(results["configuration"]),
+        provenance=_given({key: results[key] for key in PROVENANCE}),
+    )
+
+
+def _given(data: Any) -> Any:
+    """Remove keys without content."""
+    if not isinstance(data, dict):
+        return data
+    nested = {key: _given(value) for key, value in data.items()}
+    return {key: value for key, value in nested.items() if value not in (None, {}, [])}

@@ -13,7 +13,7 @@ from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
 # Most cells of a table by cell; with more, tables are by axis.
 MOST_CELLS = 24
 NEES = "nees_pose_end"
-# NEES from which a filter is much too sure, the mark beside it, and keys that change the sensors' noise.
+# NEES from which a filter is much too sure, the mark next to it, and keys that change the sensors' noise.
 MUCH_NEES, MARK = 6.0, "*"
 NOISE_KEYS = ("noise", "gyro", "accelerometer", "encoders")
 # First word of failure messages.
@@ -199,7 +199,7 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
         narrow: whether to leave columns out, and to give intervals as factors, to fit 80 characters.
     """
     cells = results["cells"]
-    axes = [axis["name"] for axis in results["axes"]]
+    axes = [axis["name"] for axis, _ in swept(results)]
     if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
         places = [
             (tuple(shown(cell["values"][axis]) for axis in axes), cell["variants"], (cell["cell"],))
@@ -207,7 +207,7 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
         ]
         return [_table(results, "by cell" if axes else "", tuple(axes), places, narrow)]
     tables = []
-    for effect in results["effects"]:
+    for _, effect in swept(results):
         places = [
             ((group["name"],), group["variants"], tuple(group["cells"]))
             for group in effect["groups"]
@@ -215,6 +215,12 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
         title = f"by {effect['axis']}, over all else that is swept"
         tables.append(_table(results, title, (effect["axis"],), places, narrow))
     return tables
+
+
+def swept(results: Results) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+    """Axes with more than one value, each with its effect."""
+    pairs = zip(results["axes"], results["effects"], strict=True)
+    return [(axis, effect) for axis, effect in pairs if len(effect["groups"]) > 1]
 
 
 def title_of(results: Results, statistic: str) -> str:

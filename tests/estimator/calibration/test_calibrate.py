@@ -283,8 +283,11 @@ def test_speeds_that_are_no_rates_keep_the_radius(case: Case) -> None:
     scale = found.parameter("track_scale")
     true = case.true["sprocket_radius"] / case.robot.vehicle.sprocket_radius
     assert abs(scale.value - true) < FAR * scale.sigma
-    assert found.robot.tracks.scale_sigma >= abs(scale.value - 1.0)
-    assert "sprocket_radius" in found.notes[0]
+    assert found.robot.log["tracks"]["scale"] == pytest.approx(scale.value, abs=1e-4)
+    unmapped = msgspec.structs.replace(case.robot, log={})
+    again = calibrate([case.log], unmapped, models=("constant",), speeds_by_radius=False)
+    assert again.robot.tracks.scale_sigma >= abs(again.parameter("track_scale").value - 1.0)
+    assert "sprocket_radius" in again.notes[0]
 
 
 @pytest.mark.parametrize(

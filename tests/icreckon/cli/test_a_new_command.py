@@ -10,12 +10,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from conftest import simulated
 from icreckon.cli.common.options import Json, Logs
 from icreckon.cli.main import app, main
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 # --- the command --------------------------------------------------------------------------------------
 
@@ -56,10 +53,8 @@ def command() -> Iterator[None]:
 
 
 @pytest.fixture
-def bag(tmp_path: Path, robot: Robot) -> Path:
-    scenario = Scenario(duration=20.0, trajectory="straight", fix_rate=0.0)
-    write_log(simulate(scenario, robot), tmp_path / "drive", "mcap", robot)
-    return tmp_path / "drive"
+def bag(tmp_path: Path) -> Path:
+    return simulated(tmp_path / "drive", 20.0, trajectory="straight", fix_rate=0.0)
 
 
 def test_it_runs_over_a_bag(bag: Path) -> None:

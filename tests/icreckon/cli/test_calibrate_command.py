@@ -1,7 +1,6 @@
 """`icreckon calibrate` from bag to robot file, and every command of the page about it."""
 
 import io
-import json
 import re
 from pathlib import Path
 
@@ -10,23 +9,17 @@ import pytest
 from markupsafe import escape
 from rich.console import Console
 
-from command_line import icreckon
+from command_line import results_in, succeeds
+from conftest import simulated
+from icreckon import calibrate, compare, drift, read_log
 from icreckon.cli.calibrate import command
 from icreckon.estimator.base.errors import IcreckonError
-from icreckon.estimator.calibration import calibrate
-from icreckon.estimator.log.scores import drift
 from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
 from icreckon.estimator.robot.robot_toml import robot_toml
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.calibration.robot_file import robot_file_text
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
-from icreckon.report.calibration.page import calibration_page
-from icreckon.report.calibration.tables import calibration_tables
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from icreckon.report.calibration.tables import calibration_page, calibration_tables, parameter_table
 from readme import code_blocks, run_page
 
 PAGE = "docs/tutorials/calibrate.md"
@@ -36,20 +29,17 @@ PAGE = "docs/tutorials/calibrate.md"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bag of a robot that is not quite its file's, and what calibration made of it."""
     folder = tmp_path_factory.mktemp("calibrate")
-    robot = load_robot("auriga-alpha")
-    scenario = Scenario(duration=90.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
-    write_log(simulate(scenario, robot), folder / "drive", "mcap", robot)
+    simulated(folder / "drive", 90.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
     words = ("--robot", "auriga-alpha", "--models", "constant,inertia")
     words = (*words, "--write", "found.toml", "--ros", "ros.yaml", "--out", "results")
-    done = icreckon("calibrate", "drive", *words, cwd=folder, drawn=True)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("calibrate", "drive", *words, cwd=folder, drawn=True)
     assert "The data support inertia-based ICRs" in done.stdout
     assert "held, not shown" in done.stdout
     return folder
 
 
 def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path) -> None:
-    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "results")
     console = Console(width=80, file=io.StringIO())
     console.print(calibration_tables(results, narrow=True))
     shown = console.file.getvalue()
@@ -70,8 +60,7 @@ def test_settings_for_ros_are_of_the_calibrated_radius_and_track(folder: Path) -
     text = robot_toml(changed_robot(load_robot("auriga-alpha"), {"vehicle.sprocket_radius": 0.11}))
     (folder / "wide.toml").write_text(text, encoding="utf-8")
     words = ("--robot", "wide.toml", "--models", "constant", "--out", "wide")
-    done = icreckon("calibrate", "drive", *words, "--ros", "wide.yaml", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    succeeds("calibrate", "drive", *words, "--ros", "wide.yaml", cwd=folder)
     settings = (folder / "wide.yaml").read_text(encoding="utf-8")
     radius, shown = re.search(
         r"wheel_radius: (\S+)  # m, effective: by the truth of this log (\S+)", settings
@@ -85,7 +74,7 @@ def test_settings_for_ros_are_of_the_calibrated_radius_and_track(folder: Path) -
 
 
 def test_it_leaves_results_and_a_picture(folder: Path) -> None:
-    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "results")
     assert results["command"] == "calibrate"
     assert list(results["inputs"]) == ["drive"]
     assert results["inputs"]["drive"].startswith("sha256:")
@@ -107,7 +96,7 @@ def test_it_leaves_results_and_a_picture(folder: Path) -> None:
 
 
 def test_hostile_names_stay_text_on_the_page(folder: Path) -> None:
-    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "results")
     bad = "</script><script>alert(1)</script><img src=x onerror=y>"
     results["robot"]["name"] = results["logs"][0]["name"] = results["notes"] = bad
     results["notes"], results["configuration"] = [bad], {bad: bad}
@@ -118,7 +107,7 @@ def test_hostile_names_stay_text_on_the_page(folder: Path) -> None:
 
 
 def test_the_robot_file_loads_and_replays(folder: Path) -> None:
-    results = json.loads((folder / "results" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "results")
     robot = load_robot(folder / "found.toml")
     found = msgspec.convert(results["robot"], Robot)
     for name in ("eta0", "epsilon0", "epsilon1", "zeta1", "eta2"):
@@ -143,14 +132,8 @@ def calibrated(folder: Path, **options: object) -> None:
     """The command's own function, with what is usual where nothing else is asked for."""
     usual: dict[str, object] = dict.fromkeys(("write", "ros", "lever_arm", "models"))
     usual |= {"paths": ["drive"], "robot_name": "auriga-alpha", "out": folder / "none"}
-    usual |= {
-        "message_files": [],
-        "segment": 3.0,
-        "as_json": False,
-        "wide": False,
-        "overwrite": False,
-    }
-    usual |= options
+    usual |= dict.fromkeys(("as_json", "wide", "overwrite"), False)
+    usual |= {"message_files": [], "segment": 3.0, **options}
     usual["paths"] = [folder / str(name) for name in usual["paths"]]
     command(**usual)
 
@@ -164,6 +147,20 @@ def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:
         calibrated(folder, write=folder / "mine.toml", overwrite=True, out=folder / "other")
     assert (folder / "found.toml").read_text(encoding="utf-8") == before
     assert not (folder / "other").exists()
+
+
+def test_a_reader_that_leaves_early_does_not_cost_the_robot_file(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As `icreckon calibrate ... | head -3` does."""
+
+    def closed(*_: object, **__: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("icreckon.cli.calibrate.show", closed)
+    with pytest.raises(BrokenPipeError):
+        calibrated(folder, models="constant", write=folder / "early.toml", out=folder / "early")
+    assert load_robot(folder / "early.toml").name == "auriga-alpha"
 
 
 def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
@@ -222,3 +219,25 @@ def test_the_python_of_the_page_runs(capsys: pytest.CaptureFixture[str]) -> None
     (example,) = code_blocks("python", PAGE)
     exec(compile(example, PAGE, "exec"), {})  # noqa: S102
     assert "The data support" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "texts"),
+    [
+        (10.3784, 0.12, ("10.38", "0.12")),
+        (-0.00097797, 0.0043, ("-0.001", "0.0043")),
+        (-1.1766e-06, 5.4e-06, ("-1.2e-06", "5.4e-06")),
+        (-0.31202, 0.01, ("-0.312", "0.010")),
+        (300.0, 2000.0, ("300", "2.0e+03")),
+        (0.0, 0.17, ("0", "0.17")),
+        (1.073456, None, ("1.0735", "")),
+    ],
+)
+def test_values_end_at_the_second_digit_of_their_error(value, sigma, texts):
+    one = {
+        "value": value, "sigma": sigma, "status": "shown", "note": "", "unit": "m", "before": None,
+        "before_is_default": False, "sigma_other_logs": sigma,
+    }  # fmt: skip
+    table = parameter_table({"parameters": {"a": one}, "robot": {"name": "r"}})
+    (_, cells) = table.rows[0]
+    assert tuple(cell.text for cell in cells[:2]) == texts

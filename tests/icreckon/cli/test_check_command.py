@@ -5,20 +5,16 @@ from pathlib import Path
 
 import pytest
 
-from command_line import fails, icreckon
+from command_line import fails, icreckon, results_in, succeeds
+from conftest import simulated
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, changed_robot, load_robot
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a bag, the file of its robot, and one in which the radius is a diameter."""
     path = tmp_path_factory.mktemp("check")
-    robot = load_robot("auriga-alpha")
-    scenario = Scenario(duration=70.0, seed=2, trajectory="random", fix_rate=1.0)
-    write_log(simulate(scenario, robot), path / "drive", "mcap", robot)
+    simulated(path / "drive", 70.0, seed=2, trajectory="random", fix_rate=1.0)
     text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
     (path / "right.toml").write_text(text, encoding="utf-8")
     assert "sprocket_radius = 0.1 " in text
@@ -28,8 +24,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_file_that_fits(folder: Path):
-    done = icreckon("check", "drive", "--robot", "right.toml", cwd=folder)
-    assert done.returncode == 0, done.stdout
+    done = succeeds("check", "drive", "--robot", "right.toml", cwd=folder)
     assert "Nothing in the log contradicts the robot file." in done.stdout
     assert "Drift of inertia-online after 30 s without fixes: " in done.stdout
     assert "! " not in done.stdout
@@ -52,7 +47,7 @@ def test_as_json(folder: Path):
     (scale,) = (one for one in found["checks"] if one["problem"])
     assert scale["name"] == "scale of the tracks"
     assert scale["cost_percent"] > 20.0
-    assert found["drift_percent_mended"] < 3.0 < 20.0 < found["drift_percent_as_it_is"]
+    assert found["drift_percent_corrected"] < 3.0 < 20.0 < found["drift_percent_as_it_is"]
     assert found["is_of_another_robot"] is False
     assert isinstance(found["missing_manoeuvres"], list)
     # A program needs no words: it reads the numbers, and sets what `set` says.
@@ -62,8 +57,8 @@ def test_as_json(folder: Path):
     assert (measured["expected"], measured["unit"]) == (1.0, "-")
     assert [one["contradicts"] for one in found["checks"]].count(True) == 1
     assert list(scale["set"]) == ["vehicle.sprocket_radius"]
-    mended = changed_robot(load_robot(folder / "wrong.toml"), scale["set"])
-    assert mended.vehicle.sprocket_radius == pytest.approx(0.1, rel=0.05)
+    corrected = changed_robot(load_robot(folder / "wrong.toml"), scale["set"])
+    assert corrected.vehicle.sprocket_radius == pytest.approx(0.1, rel=0.05)
 
 
 def test_a_file_that_maps_no_imu_is_not_called_right(folder: Path) -> None:
@@ -78,9 +73,7 @@ def test_a_file_that_maps_no_imu_is_not_called_right(folder: Path) -> None:
 
 
 def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path) -> None:
-    robot = load_robot("auriga-alpha")
-    scenario = Scenario(duration=25.0, seed=2, trajectory="straight", fix_rate=0.0)
-    write_log(simulate(scenario, robot), tmp_path / "drive", "mcap", robot)
+    simulated(tmp_path / "drive", 25.0, seed=2, trajectory="straight", fix_rate=0.0)
     done = icreckon("check", "drive", "--robot", "auriga-alpha", cwd=tmp_path)
     assert (
         "To learn more in the next log: turn on the spot once to each side (eta0 ± " in done.stdout
@@ -90,14 +83,12 @@ def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path)
 def test_a_stream_that_the_file_leaves_out(folder: Path):
     text = (folder / "right.toml").read_text(encoding="utf-8").split("[log.truth]")[0]
     (folder / "bare.toml").write_text(text, encoding="utf-8")
-    done = icreckon("check", "drive", "--robot", "bare.toml", cwd=folder)
-    assert done.returncode == 0
+    done = succeeds("check", "drive", "--robot", "bare.toml", cwd=folder)
     assert 'topic = "/ground_truth/pose" in [log.truth]' in done.stdout
 
 
 def test_shipped_robots_are_listed(folder: Path):
-    done = icreckon("robots", cwd=folder)
-    assert done.returncode == 0
+    done = succeeds("robots", cwd=folder)
     assert "warthog" in done.stdout
     assert str(ROBOTS_FOLDER) in done.stdout
 
@@ -113,5 +104,5 @@ def test_a_replay_notes_it(folder: Path):
         "does not fit this log, and all figures are with it:\n- the truth moves 0.4" in done.stdout
     )
     assert "icreckon check says what each of these costs" in done.stdout
-    notes = json.loads((folder / "w" / "results.json").read_text())["log"]["notes"]
+    notes = results_in(folder / "w")["log"]["notes"]
     assert any("is the radius a diameter?" in note for note in notes)

@@ -7,12 +7,10 @@ import numpy as np
 import pytest
 
 from bag_messages import DRIVES, definition_files, drive_bag, halves
-from command_line import fails, icreckon
-from icreckon.estimator.log.log import Log
+from command_line import fails, results_in, succeeds
+from icreckon import Log, Scenario, simulate, write_log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from tum import read_tum
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +36,7 @@ def as_csv(log: Log, path: Path) -> Path:
 
 def test_a_table_from_end_to_end(log: Log, tmp_path: Path) -> None:
     path = as_csv(log, tmp_path / "run.csv")
-    done = icreckon("inspect", path, "--write", "robot.toml", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", path, "--write", "robot.toml", cwd=tmp_path)
     assert "gyro_z" in done.stdout
     text = (tmp_path / "robot.toml").read_text(encoding="utf-8")
     shipped = load_robot("auriga-alpha").vehicle
@@ -47,8 +44,7 @@ def test_a_table_from_end_to_end(log: Log, tmp_path: Path) -> None:
         text = text.replace(f"{key} = nan", f"{key} = {value}")
     (tmp_path / "robot.toml").write_text(text, encoding="utf-8")
     words = ("--robot", "robot.toml", "--variants", "constant-online", "--json")
-    done = icreckon("replay", path, *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", path, *words, cwd=tmp_path)
     results = json.loads(done.stdout)
     assert results["log"]["dropped"] == {}
     assert results["variants"]["constant-online"]["distance_m"] > 1.0
@@ -62,8 +58,7 @@ def test_several_files_are_one_log(log: Log, tmp_path: Path) -> None:
         for number, part in enumerate(halves(log))
     ]
     words = ("--robot", "auriga-alpha", "--variants", "differential", "--json", "--one-log")
-    done = icreckon("replay", *parts, *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", *parts, *words, cwd=tmp_path)
     assert "and 1 more" in done.stderr
     results = json.loads(done.stdout)
     assert results["log"]["duration_s"] == pytest.approx(log.duration)
@@ -85,8 +80,7 @@ def test_a_type_of_ones_own(tmp_path: Path) -> None:
     problem = fails("replay", bag, *files, *words, cwd=tmp_path)
     assert "no field 'rates' of 'wheels[1].rates'; our_msgs/msg/Wheel has rate" in problem
     (tmp_path / "robot.toml").write_text(text.replace("rates", "rate"), encoding="utf-8")
-    done = icreckon("replay", bag, *files, *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    succeeds("replay", bag, *files, *words, cwd=tmp_path)
 
 
 def test_a_table_without_a_column_map(log: Log, tmp_path: Path) -> None:
@@ -94,3 +88,34 @@ def test_a_table_without_a_column_map(log: Log, tmp_path: Path) -> None:
     problem = fails("replay", path, "--robot", "auriga-alpha", cwd=tmp_path)
     assert "[log.columns]" in problem
     assert "its columns are time_ns, left_speed" in problem
+
+
+def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> None:
+    words = ("--duration", 30, "--outage", "8:26", "--trajectory", "slalom", "--seed", 3)
+    succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
+    words = (
+        "--robot",
+        "auriga-alpha",
+        "--variants",
+        "inertia-online",
+        "--smooth",
+        "--out",
+        "found",
+    )
+    done = succeeds("replay", "run", *words, cwd=tmp_path)
+    assert " inertia-online-smoothed " in done.stdout
+    assert "Warning" not in done.stderr
+    results = results_in(tmp_path / "found")
+    assert results["configuration"]["smooth"] is True
+    assert list(results["variants"]) == ["inertia-online", "inertia-online-smoothed"]
+    filtered, smoothed = (
+        read_tum(tmp_path / "found" / f"{name}.tum") for name in results["variants"]
+    )
+    assert (filtered.stamps == smoothed.stamps).all()
+    assert filtered.poses[-1] == pytest.approx(smoothed.poses[-1], abs=0.05)
+    before, after = (
+        max(error for error in one["position_error_m"])
+        for one in (results["series"]["variants"][name] for name in results["variants"])
+    )
+    # By how much is the business of tests/estimator/streaming/test_smoother.py.
+    assert after < before

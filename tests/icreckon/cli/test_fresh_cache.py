@@ -1,6 +1,5 @@
 """The commands on a fresh machine: from an empty compile cache, in the README's order, and at once."""
 
-import json
 import math
 import os
 import shutil
@@ -11,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from command_line import results_in
 from icreckon.simulation.study.plan import study_names
 
 pytestmark = pytest.mark.slow
@@ -33,7 +33,7 @@ def finished(*processes: subprocess.Popen[str]) -> None:
 
 
 def results(folder: Path) -> Any:
-    return json.loads((folder / "results.json").read_text(encoding="utf-8"))
+    return results_in(folder)
 
 
 def all_numbers(value: Any) -> list[float]:

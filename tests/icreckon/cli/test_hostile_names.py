@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from command_line import fails, icreckon, icreckon_alone
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.inspect import inspect
+from command_line import fails, icreckon_alone, succeeds
+from icreckon import ReplayError, inspect
 from small_robot import drive, write_robot
 
 SECOND = 10**9
@@ -22,14 +21,12 @@ STAMPS = [k * SECOND // 10 for k in range(1, 40)]
 def test_names_are_shown_as_they_are(tmp_path: Path, name: str) -> None:
     bag = drive(tmp_path / name.replace("/", ""), STAMPS, name)
     shown = name.replace("\x1b", "\ufffd").replace("\x9b", "\ufffd")
-    done = icreckon("inspect", bag, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", bag, cwd=tmp_path)
     table = done.stdout.partition("Proposed robot file")[0]
     assert all(part in table for part in shown.split("\n"))
     write_robot(tmp_path / "robot.toml", name, name)
     words = ("--robot", "robot.toml", "--variants", "gyro", "--workers", 1)
-    done_too = icreckon("replay", bag, *words, cwd=tmp_path)
-    assert done_too.returncode == 0, done_too.stderr
+    done_too = succeeds("replay", bag, *words, cwd=tmp_path)
     for text in (done.stdout, done.stderr, done_too.stdout, done_too.stderr):
         assert "\x1b" not in text
         assert "\x9b" not in text
@@ -40,8 +37,7 @@ def test_names_are_shown_as_they_are(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[31mb", '"a"', "a\\b"])
 def test_file_names_make_valid_robot_files(tmp_path: Path, name: str) -> None:
     bag = drive(tmp_path / name, STAMPS)
-    done = icreckon("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", bag, "--write", "robot.toml", cwd=tmp_path)
     assert "\x1b" not in done.stderr
     written = tomllib.loads((tmp_path / "robot.toml").read_text(encoding="utf-8"))
     assert written["name"] == name
@@ -61,8 +57,7 @@ def test_letters_that_a_figure_lacks_are_no_warning(tmp_path: Path) -> None:
     bag = drive(tmp_path / "\u8d70\u884c", STAMPS)
     write_robot(tmp_path / "robot.toml", "\u8eca\u4e21 \u0e23\u0e16")
     words = ("--robot", "robot.toml", "--variants", "gyro", "--workers", 1, "--out", "out")
-    done = icreckon("replay", bag, *words, cwd=tmp_path, drawn=True)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", bag, *words, cwd=tmp_path, drawn=True)
     assert "Glyph" not in done.stderr
     assert "\u8eca\u4e21" in (tmp_path / "out" / "page.html").read_text(encoding="utf-8")
 

@@ -1,13 +1,12 @@
 """`icreckon replay` over several logs, and with several robot files."""
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from command_line import Done, fails, icreckon
+from command_line import Done, fails, icreckon, results_in, succeeds
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER
 
 WORDS = ("--variants", "gyro,constant-online", "--formats", "none", "--workers", 1)
@@ -20,8 +19,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("many")
     for name, seconds in (("monday", 50), ("tuesday <&>", 40)):
         words = ("--duration", seconds, "--seed", seconds, "--fix-rate", 0)
-        done = icreckon("simulate", "--out", folder / name, *words, cwd=folder)
-        assert done.returncode == 0, done.stderr
+        succeeds("simulate", "--out", folder / name, *words, cwd=folder)
     (folder / "broken.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
     text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
     gauge = re.search(r"^track_gauge = ([\d.]+)", text, re.MULTILINE)
@@ -39,10 +37,10 @@ def both(folder: Path) -> Done:
 def test_each_log_has_a_folder_and_all_have_a_page(folder: Path, both: Done) -> None:
     assert both.returncode == 1
     assert "results in both/" in both.stderr.replace("\n", "")
-    results = json.loads((folder / "both" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "both")
     assert [one["folder"] for one in results["logs"]] == ["monday", "tuesday <&>"]
     for name in ("monday", "tuesday <&>"):
-        own = json.loads((folder / "both" / name / "results.json").read_text(encoding="utf-8"))
+        own = results_in(folder / "both" / name)
         assert own["configuration"]["log"] == name
         assert (folder / "both" / name / "figure.png").exists()
     assert not (folder / "both" / "broken").exists()
@@ -82,7 +80,7 @@ def test_the_table_of_all_logs_fits_80_columns(both: Done, robots: Done) -> None
 
 def test_two_robot_files_are_compared_on_the_same_segments(folder: Path, robots: Done) -> None:
     assert robots.returncode == 0, robots.stderr
-    results = json.loads((folder / "robots" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(folder / "robots")
     assert list(results["pooled"]) == ["auriga-alpha", "wide"]
     places = ["monday/auriga-alpha", "monday/wide", "tuesday <&>/auriga-alpha", "tuesday <&>/wide"]
     assert [one["folder"] for one in results["logs"]] == places
@@ -99,8 +97,7 @@ def test_two_robot_files_are_compared_on_the_same_segments(folder: Path, robots:
 def test_results_of_many_logs_are_overwritten_on_demand(folder: Path, robots: Done) -> None:
     assert robots.returncode == 0, robots.stderr
     words = ("monday", "tuesday <&>", *AURIGA, "--robot", "wide.toml", *WORDS, "--out", "robots")
-    again = icreckon("replay", *words, "--overwrite", cwd=folder)
-    assert again.returncode == 0, again.stderr
+    succeeds("replay", *words, "--overwrite", cwd=folder)
 
 
 def test_what_cannot_be_compared_is_refused_in_one_line(folder: Path) -> None:

@@ -108,15 +108,9 @@ PLACES: dict[str, Callable[[Path], None]] = {
 
 
 # Files in which there is something to list.
-LISTED = (
-    "empty-cells.csv",
-    "texts.csv",
-    "formulas.csv",
-    "infinite.csv",
-    "nul.csv",
-    "lists.parquet",
-    "a bag without messages",
-)
+LISTED = {"lists.parquet", "a bag without messages"} | {
+    f"{one}.csv" for one in ("empty-cells", "texts", "formulas", "infinite", "nul")
+}
 
 
 @pytest.mark.parametrize("name", [*CONTENTS, *PLACES])
@@ -128,11 +122,9 @@ def test_a_nasty_file_is_one_line(tmp_path: Path, name: str) -> None:
         path.mkdir()
         PLACES[name](path)
     write_robot(tmp_path / "robot.toml")
-    robot = ("--robot", "robot.toml")
-    for words in (("inspect",), ("replay", *robot)):
-        # What is readable is listed, though it holds nothing.
-        if words[0] == "inspect" and name in LISTED:
-            continue
-        said = fails(*words, path, cwd=tmp_path)
-        assert len(said) < 2000 + 200
+    said = [fails("replay", "--robot", "robot.toml", path, cwd=tmp_path)]
+    # What is readable is listed, though it holds nothing.
+    if name not in LISTED:
+        said.append(fails("inspect", path, cwd=tmp_path))
+    assert max(map(len, said)) < 2000 + 200
     assert {one.name for one in tmp_path.iterdir()} == {path.name, "robot.toml"}

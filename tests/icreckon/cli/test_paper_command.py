@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from command_line import icreckon
+from command_line import icreckon, results_in, succeeds
 from icreckon.report.paper.tables import paper_tables
 from icreckon.simulation.paper.contact import load_paper_contact
 from icreckon.simulation.paper.published import PUBLISHED, READ_OFF
@@ -23,8 +23,7 @@ FIGURES = {"figure.png", *(f"figure-{number}.png" for number in (3, 5, 6, 7, 8))
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report, made once."""
     folder = tmp_path_factory.mktemp("paper")
-    done = icreckon("paper", cwd=folder, drawn=True)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("paper", cwd=folder, drawn=True)
     for number in (*PUBLISHED, *READ_OFF):
         assert number.name in done.stdout
         assert number.printed in done.stdout
@@ -36,7 +35,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def results(report: Path) -> dict[str, object]:
-    return json.loads((report / "results.json").read_text(encoding="utf-8"))
+    return results_in(report)
 
 
 def test_it_leaves_everything_it_promises(report: Path) -> None:
@@ -125,10 +124,9 @@ def test_the_contact_is_the_one_that_ships(report: Path) -> None:
 
 @pytest.mark.thorough
 def test_it_is_reproducible_as_json_and_does_not_overwrite(report: Path, tmp_path: Path) -> None:
-    done = icreckon("paper", "--json", "--out", "here", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout) == json.loads((report / "results.json").read_text())
+    done = succeeds("paper", "--json", "--out", "here", cwd=tmp_path)
+    assert json.loads(done.stdout) == results_in(report)
     again = icreckon("paper", "--out", "here", cwd=tmp_path)
     assert again.returncode == 1
     assert "--overwrite" in again.stderr
-    assert icreckon("paper", "--out", "here", "--overwrite", cwd=tmp_path).returncode == 0
+    succeeds("paper", "--out", "here", "--overwrite", cwd=tmp_path)

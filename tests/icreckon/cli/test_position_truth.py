@@ -8,14 +8,11 @@ import pytest
 from pymap3d import enu2geodetic
 
 from bag_messages import imu, joints, navsatfix, pose_stamped, write_bag
-from command_line import fails, icreckon
+from command_line import fails, results_in, succeeds
 from conftest import thorough
+from icreckon import Log, Scenario, read_log, simulate
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import ROBOTS_FOLDER, load_robot
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 ORIGIN = (52.0, 13.0, 40.0)
@@ -25,10 +22,8 @@ VARIANT = "constant-online"
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    scenario = Scenario(
-        duration=60.0, seed=5, trajectory="aggressive", fix_rate=0.0, truth="kinematic"
-    )
-    return simulate(scenario, ALPHA)
+    how = {"trajectory": "aggressive", "fix_rate": 0.0, "truth": "kinematic"}
+    return simulate(Scenario(duration=60.0, seed=5, **how), ALPHA)
 
 
 def receiver(stamp: int, east: float, north: float):
@@ -65,14 +60,18 @@ def sensors(log: Log) -> list[tuple[str, object]]:
     return messages
 
 
-@pytest.fixture(scope="module")
-def bag(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def bag_with_gps(log: Log, path: Path) -> Path:
     stamps, places = east_north(log)
     truth = [
         ("/truth/gps", receiver(stamp, *place))
         for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
     ]
-    return write_bag(tmp_path_factory.mktemp("truth") / "bag", [*sensors(log), *truth])
+    return write_bag(path, [*sensors(log), *truth])
+
+
+@pytest.fixture(scope="module")
+def bag(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return bag_with_gps(log, tmp_path_factory.mktemp("truth") / "bag")
 
 
 def robot_file(folder: Path, truth: str) -> Path:
@@ -114,13 +113,12 @@ def on_a_map(path: Path, log: Log) -> None:
 def test_replay_scores_positions_and_says_so(log: Log, bag: Path, tmp_path: Path) -> None:
     words = ("--robot", robot_file(tmp_path, NAVSAT), "--variants", VARIANT)
     words = (*words, "--formats", "geojson", "--out", tmp_path / "out")
-    done = icreckon("replay", bag, *words, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", bag, *words, cwd=tmp_path)
     on_a_map(tmp_path / "out" / "paths.geojson", log)
     assert "the truth has no headings: scored are positions" in " ".join(done.stdout.split())
     assert "NEES position" in done.stdout
     assert "RMSE" not in done.stdout
-    results = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    results = results_in(tmp_path / "out")
     scores = results["variants"][VARIANT]
     assert results["truth"]["headings"] is False
     for name in ("yaw_drift_deg_per_m", "final_yaw_error_deg", "nees_pose_mean", "rmse_v_y_m_s"):
@@ -148,23 +146,20 @@ def test_dead_headings_are_not_scored(log: Log, tmp_path: Path, kind: str) -> No
     ]
     bag = write_bag(tmp_path / "bag", [*sensors(log), *truth])
     words = ("--robot", robot_file(tmp_path, '[log.truth]\ntopic = "/pose"\n'))
-    done = icreckon("replay", bag, *words, "--variants", VARIANT, "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", bag, *words, "--variants", VARIANT, "--json", cwd=tmp_path)
     results = json.loads(done.stdout)
     scores, notes = results["variants"][VARIANT], " ".join(results["log"]["notes"])
     assert ("all the same" if kind == "identity" else "do not follow its path") in notes
     assert "scored are positions" in notes
     assert scores["yaw_drift_deg_per_m"] is None
     assert scores["drift_percent_30s_mean"] < 5.0
-    done = icreckon("inspect", bag, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", bag, cwd=tmp_path)
     expected = "fixes" if "/pose" not in done.stdout else "/pose"
     assert expected in done.stdout
 
 
 def test_inspect_takes_navsatfix_for_the_truth_by_its_name(bag: Path, tmp_path: Path) -> None:
-    done = icreckon("inspect", bag, cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", bag, cwd=tmp_path)
     assert "truth: headings are missing: a replay scores positions alone" in done.stdout
     assert '[log.truth]\ntopic = "/truth/gps"' in done.stdout
 
@@ -172,15 +167,9 @@ def test_inspect_takes_navsatfix_for_the_truth_by_its_name(bag: Path, tmp_path: 
 def test_a_robot_that_stands_has_a_truth_that_is_not_used(tmp_path: Path) -> None:
     # Its first three seconds are a standstill.
     still = simulate(Scenario(duration=3.5, fix_rate=0.0), ALPHA)
-    stamps, places = east_north(still)
-    truth = [
-        ("/truth/gps", receiver(stamp, *place))
-        for stamp, place in zip(stamps.tolist(), places.tolist(), strict=True)
-    ]
-    bag = write_bag(tmp_path / "bag", [*sensors(still), *truth])
+    bag = bag_with_gps(still, tmp_path / "bag")
     words = ("--robot", robot_file(tmp_path, NAVSAT))
-    done = icreckon("replay", bag, *words, "--variants", VARIANT, "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("replay", bag, *words, "--variants", VARIANT, "--json", cwd=tmp_path)
     results = json.loads(done.stdout)
     assert results["truth"] is None
     assert any("too little to find them from its path" in note for note in results["log"]["notes"])

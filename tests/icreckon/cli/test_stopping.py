@@ -8,12 +8,13 @@ import subprocess
 import sys
 import time
 import warnings
+from functools import partial
 from pathlib import Path
 
 import psutil
 import pytest
 
-from command_line import icreckon
+from command_line import MAIN, fails, icreckon_alone, started, succeeds
 from conftest import thorough
 from icreckon.cli.common.console import explain
 from icreckon.cli.common.stopping import warned_in_one_line
@@ -21,29 +22,10 @@ from icreckon.replay.base.outputs import is_being_written
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
 
-# Started in the background, the tests hand on that interrupts are ignored.
-MAIN = (
-    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-    "from icreckon.cli.main import main; main()"
-)
-
 
 def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
     """Start a command that writes to `out`, until it has begun to."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", MAIN, *map(str, words), "--out", "out"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=cwd,
-        start_new_session=True,
-    )
-    deadline = time.monotonic() + 60.0
-    while not is_being_written(cwd / "out"):
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return process
+    return started(*words, "--out", "out", cwd=cwd, until=lambda: is_being_written(cwd / "out"))
 
 
 def living(session: int) -> list[int]:
@@ -59,8 +41,7 @@ def living(session: int) -> list[int]:
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("drive")
-    done = icreckon("simulate", "--out", "drive", "--duration", "200", cwd=folder)
-    assert done.returncode == 0, done.stderr
+    succeeds("simulate", "--out", "drive", "--duration", "200", cwd=folder)
     return folder / "drive"
 
 
@@ -92,8 +73,7 @@ def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
         one.kill()
         one.communicate()
     assert [path.name[:5] for path in tmp_path.iterdir()] == [".out."]
-    done = icreckon("simulate", "--duration", "3", "--out", "out", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    succeeds("simulate", "--duration", "3", "--out", "out", cwd=tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
@@ -110,22 +90,10 @@ def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
 )
 def test_no_room_is_one_line_and_leaves_nothing(words, bag, tmp_path):
     """No file may be longer than a kilobyte; the compile cache has what they need, or does without."""
-    limited = (
-        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n"
-        "from icreckon.cli.main import main; main()"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", limited, *(str(bag) if word == "BAG" else word for word in words)],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        timeout=300,
-        check=False,
-    )
-    assert done.returncode == 1, done.stderr
-    last = done.stderr.strip().splitlines()[-1]
-    name = "robot.toml" if "inspect" in words else "out"
-    assert last.startswith(f"icreckon: {name}"), done.stderr
+    limited = f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n{MAIN}"
+    alone = partial(icreckon_alone, script=limited)
+    last = fails(*(bag if word == "BAG" else word for word in words), cwd=tmp_path, run=alone)
+    assert last.startswith(f"icreckon: {'robot.toml' if 'inspect' in words else 'out'}")
     assert "cannot be written" in last
     assert not list(tmp_path.iterdir())
 

@@ -4,7 +4,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,11 @@ from typing import Any
 import pytest
 
 import study_stub
-from command_line import icreckon
+from command_line import MAIN, icreckon, started, succeeds
 from conftest import REPOSITORY
+from icreckon import SimulationError, study_names
 from icreckon.cli.study import command
-from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.study.plan import study_names
 
-COMMAND = [sys.executable, "-c", "from icreckon.cli.main import main; main()", "study"]
 TINY = """
 description = "Very small."
 engine = "streaming"
@@ -35,32 +32,9 @@ gyro.factor = [1.0, 10.0]
 BLOCKS = 4
 
 
-def study(*words: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*COMMAND, *map(str, words)],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        timeout=300,
-        check=False,
-    )
-
-
 def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
     """A study in a session of its own, once its first block is there."""
-    process = subprocess.Popen(
-        [*COMMAND, *map(str, words)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=cwd,
-        start_new_session=True,
-    )
-    deadline = time.monotonic() + 120.0
-    while not finished_blocks(cwd) and time.monotonic() < deadline:
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.02)
-    return process
+    return started("study", *words, cwd=cwd, until=lambda: finished_blocks(cwd))
 
 
 def finished_blocks(cwd: Path) -> int:
@@ -81,8 +55,7 @@ def contents(cwd: Path) -> dict[str, bytes]:
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("undisturbed")
     (folder / "tiny.toml").write_text(TINY, encoding="utf-8")
-    done = icreckon("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("study", "tiny.toml", "--workers", 1, cwd=folder, drawn=True)
     assert "drift after 4 s" in done.stdout
     assert "Over 2 cells of 8 runs each, the median drift of constant-online is" in " ".join(
         done.stdout.split()
@@ -133,27 +106,15 @@ def test_a_signal_waits_for_nothing_and_says_how_to_go_on(here, threads, number,
     """Blocks take minutes here, so whoever waits for one is late."""
     engine = f"engines.Engine('streaming', 'study_stub', 4, threads={threads})"
     script = (
-        # Started in the background, the tests hand on that interrupts are ignored.
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "from icreckon.simulation.running import engines\n"
-        f"engines.ENGINES['streaming'] = {engine}\n"
-        "from icreckon.cli.main import main\nmain()"
+        f"engines.ENGINES['streaming'] = {engine}\n{MAIN}"
     )
     found_at = os.pathsep.join([str(REPOSITORY / "tests"), os.environ.get("PYTHONPATH", "")])
     environment = os.environ | {"PYTHONPATH": found_at, study_stub.PACE: "300"}
-    process = subprocess.Popen(
-        [sys.executable, "-c", script, "study", "tiny.toml", "--workers", "1"],
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=here,
-        env=environment,
-        start_new_session=True,
-    )
-    with process:
-        manifest = here / "icreckon-study" / "tiny" / "manifest.json"
-        while not manifest.exists():
-            assert process.poll() is None
-            time.sleep(0.02)
+    manifest = here / "icreckon-study" / "tiny" / "manifest.json"
+    words = ("study", "tiny.toml", "--workers", 1)
+    how = {"script": script, "env": environment, "until": manifest.exists}
+    with started(*words, cwd=here, **how) as process:
         time.sleep(0.5)
         os.killpg(process.pid, number)
         _, told = process.communicate(timeout=120)
@@ -178,15 +139,9 @@ def test_a_signal_waits_for_nothing_and_says_how_to_go_on(here, threads, number,
 def test_what_cannot_be_done_is_said(here, monkeypatch, words, told):
     monkeypatch.chdir(here)
     asked: dict[str, Any] = dict.fromkeys(("out", "runs", "workers", "engine", "cluster"))
-    asked |= {
-        "study": "tiny.toml",
-        "as_json": False,
-        "wide": False,
-        "overwrite": False,
-        "list_studies": False,
-    }
+    asked |= dict.fromkeys(("as_json", "wide", "overwrite", "list_studies"), False)
     with pytest.raises(SimulationError, match=told):
-        command(**asked | words)
+        command(**asked | {"study": "tiny.toml"} | words)
 
 
 def test_the_shipped_studies_are_listed(here: Path) -> None:

@@ -7,11 +7,8 @@ from pathlib import Path
 import pytest
 
 from command_line import Done, icreckon
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.export.log_bag import write_log
-from icreckon.report.drawing import unless_missing
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from conftest import simulated
+from icreckon.report.pages import unless_missing
 
 LINE = "no figures: matplotlib cannot be imported"
 STUDY = """
@@ -28,9 +25,7 @@ duration = 20.0
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder with a bag that has a truth, and a study."""
     path = tmp_path_factory.mktemp("plain")
-    robot = load_robot("auriga-alpha")
-    scenario = Scenario(duration=60.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
-    write_log(simulate(scenario, robot), path / "drive", "mcap", robot)
+    simulated(path / "drive", 60.0, trajectory="aggressive", truth="kinematic", fix_rate=0.0)
     (path / "small.toml").write_text(STUDY, encoding="utf-8")
     return path
 
@@ -41,7 +36,7 @@ def _without_matplotlib(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in list(sys.modules):
         if name.partition(".")[0] in ("matplotlib", "mpl_toolkits"):
             monkeypatch.setitem(sys.modules, name, None)
-        elif name.startswith("icreckon.report.") and name.rpartition(".")[2] != "drawing":
+        elif name.startswith("icreckon.report."):
             monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "matplotlib", None)
 

@@ -3,7 +3,6 @@
 Commands that share an empty compile cache are in `test_fresh_cache.py`.
 """
 
-import json
 import os
 import shutil
 import subprocess
@@ -13,47 +12,29 @@ from pathlib import Path
 
 import pytest
 
+from command_line import MAIN, results_in, started
 from conftest import REPOSITORY
 from small_robot import drive, write_robot
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="permissions are those of POSIX")
 
-MAIN = "from icreckon.cli.main import main; main()"
 STAMPS = [k * 10**8 for k in range(1, 60)]
-
-
-def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        [sys.executable, "-c", MAIN, *map(str, words)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        cwd=cwd,
-    )
-
-
-def ended(*processes: subprocess.Popen[str]) -> list[tuple[int, str]]:
-    """Exit status and last line of messages of each."""
-    found = []
-    for process in processes:
-        _, said = process.communicate(timeout=240)
-        assert "Traceback" not in said
-        found.append((process.returncode or 0, said.strip().splitlines()[-1]))
-    return found
 
 
 def test_two_with_one_default_output_take_two_names(tmp_path: Path) -> None:
     drive(tmp_path / "log", STAMPS)
     write_robot(tmp_path / "robot.toml")
     words = ("replay", "log", "--robot", "robot.toml", "--variants", "gyro", "--formats", "none")
-    found = ended(*(begin(*words, "--workers", 1, cwd=tmp_path) for _ in range(2)))
-    assert all(code in (0, 1) for code, _ in found)
-    done = [code for code, _ in found].count(0)
+    both = [started(*words, "--workers", 1, cwd=tmp_path) for _ in range(2)]
+    assert not any("Traceback" in one.communicate(timeout=240)[1] for one in both)
+    codes = [one.returncode for one in both]
+    assert set(codes) <= {0, 1}
+    done = codes.count(0)
     folders = [one for one in tmp_path.iterdir() if (one / "results.json").is_file()]
     assert len(folders) == done >= 1
     assert not [one for one in tmp_path.iterdir() if one.name.startswith(".")]
     for folder in folders:
-        assert json.loads((folder / "results.json").read_text(encoding="utf-8"))["variants"]
+        assert results_in(folder)["variants"]
 
 
 @pytest.fixture

@@ -4,8 +4,7 @@ from typing import Any
 
 import pytest
 
-from icreckon.report.replay.many_page import many_page
-from icreckon.report.replay.many_picture import drift_picture
+from icreckon.report.replay.many_page import drift_picture, many_page
 from icreckon.report.replay.many_text import UNSCORED, many_headline, many_remarks
 
 HORIZONS = ("10s", "30s", "60s", "5m", "10m", "30m", "50m")
@@ -50,27 +49,20 @@ def results() -> dict[str, Any]:
     for label in HORIZONS:
         ratio |= {f"ratio_{label}": 0.5, f"ratio_{label}_95": [0.4, 0.6], f"segments_{label}": 200}
     log = {"label": "a", "log": {"duration_s": 200.0, "notes": []}, "truth": {"distance_m": 80.0}}
-    log |= {
-        "failed": {},
-        "gyro_bias": None,
-        "variants": {"gyro": scores(), "inertia-online": scores()},
-    }
-    return {
+    variants = {"gyro": scores(), "inertia-online": scores()}
+    log |= {"failed": {}, "gyro_bias": None, "variants": variants}
+    ratios = {"to": "maker", "variants": {"gyro": dict(ratio), "inertia-online": ratio}}
+    empty: dict[str, Any] = {key: {} for key in ("configuration", "versions", "inputs", "robots")}
+    return empty | {
         "command": "replay",
-        "configuration": {},
-        "versions": {},
-        "inputs": {},
         "format": 1,
         "horizons": list(HORIZONS),
         "baseline_variant": "gyro",
-        "robots": {},
         "notes": [],
         "logs": [log | {"robot": name, "folder": f"a/{name}"} for name in ("maker", "mine")],
         "failed": [],
         "pooled": {"maker": pooled("gyro", 3.0), "mine": pooled("inertia-online", 1.5)},
-        "ratios": {
-            "mine": {"to": "maker", "variants": {"gyro": dict(ratio), "inertia-online": ratio}}
-        },
+        "ratios": {"mine": ratios},
     }
 
 

@@ -14,22 +14,15 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.comparison.plot_series import (
-    INNOVATION_POINTS,
-    PARAMETER_POINTS,
-    SERIES_POINTS,
-)
-from icreckon.replay.comparison.results import summarise, write_results
+from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, simulate, summarise
+from icreckon.replay.comparison import plot_series
+from icreckon.replay.comparison.results import write_results
 from icreckon.report.printable import change, change_range
 from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page import replay_page
-from icreckon.report.replay.page_charts import page_data
+from icreckon.report.replay.page_charts import constant_parameters, page_data
 from icreckon.report.replay.page_text import headline, number, remarks
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from icreckon.report.terms import TERMS
 
 VARIANTS = ["differential", "constant-online", "inertia-online"]
 HOSTILE = (
@@ -37,23 +30,28 @@ HOSTILE = (
 )
 
 
+ROBOT = load_robot("auriga-alpha")
+
+
 @pytest.fixture(scope="module")
 def comparison() -> Comparison:
-    robot = load_robot("auriga-alpha")
-    log = simulate(
-        Scenario(duration=90.0, seed=4, trajectory="aggressive", outages=((20.0, 90.0),)), robot
-    )
-    return compare(log, robot, VARIANTS)
+    drive = {"trajectory": "aggressive", "outages": ((20.0, 90.0),)}
+    return compare(simulate(Scenario(duration=90.0, seed=4, **drive), ROBOT), ROBOT, VARIANTS)
 
 
 def results_of(comparison: Comparison) -> dict[str, Any]:
-    robot = load_robot("auriga-alpha")
-    return summarise(comparison, robot, command="replay", configuration={"log": "run"})
+    return summarise(comparison, ROBOT, command="replay", configuration={"log": "run"})
 
 
 @pytest.fixture(scope="module")
 def results(comparison: Comparison) -> dict[str, Any]:
     return results_of(comparison)
+
+
+@pytest.fixture
+def changed(results: dict[str, Any]) -> dict[str, Any]:
+    """Results to be changed."""
+    return copy.deepcopy(results)
 
 
 @pytest.fixture(scope="module")
@@ -99,15 +97,18 @@ def test_long_logs_make_no_larger_pages(results: dict[str, Any], page: str) -> N
     series = results["series"]
     # 1.5 MB for seven variants over half an hour; here they are three.
     assert len(page) < 1_500_000
-    assert len(series["t_s"]) == SERIES_POINTS
+    assert len(series["t_s"]) == plot_series.SERIES_POINTS
     for one in series["variants"].values():
-        assert len(one["x_m"]) == SERIES_POINTS
-        assert len(one["parameters"]["t_s"]) == PARAMETER_POINTS
-        assert all(len(each["t_s"]) <= INNOVATION_POINTS for each in one["innovations"].values())
+        assert len(one["x_m"]) == plot_series.SERIES_POINTS
+        assert len(one["parameters"]["t_s"]) == plot_series.PARAMETER_POINTS
+        assert all(
+            len(each["t_s"]) <= plot_series.INNOVATION_POINTS
+            for each in one["innovations"].values()
+        )
 
 
-def test_hostile_names_stay_text(results: dict[str, Any]) -> None:
-    bad = copy.deepcopy(results)
+def test_hostile_names_stay_text(changed: dict[str, Any]) -> None:
+    bad = changed
     bad["log"]["name"] = bad["robot"]["name"] = HOSTILE
     bad["log"]["notes"] = [HOSTILE]
     bad["log"]["dropped"] = {HOSTILE: 3}
@@ -186,21 +187,19 @@ def test_the_band_is_three_sigma_of_the_filter(results: dict[str, Any]) -> None:
     assert chart["spans"] == results["truth"]["scored_s"]
 
 
-def test_a_hole_of_the_log_lifts_the_pen(results: dict[str, Any]) -> None:
-    holed = copy.deepcopy(results)
-    times = np.array(holed["series"]["t_s"])
-    holed["series"]["t_s"] = np.where(times > 40.0, times + 58.0, times).tolist()
-    (row,) = page_data(holed)["breaks"]["t"]
+def test_a_hole_of_the_log_lifts_the_pen(results, changed):
+    times = np.array(changed["series"]["t_s"])
+    changed["series"]["t_s"] = np.where(times > 40.0, times + 58.0, times).tolist()
+    (row,) = page_data(changed)["breaks"]["t"]
     assert times[row - 1] <= 40.0 < times[row]
     assert page_data(results)["breaks"]["t"] == []
 
 
-def test_yaws_are_shown_in_the_turn_of_the_truth(results: dict[str, Any]) -> None:
-    turned = copy.deepcopy(results)
-    yaw = turned["series"]["variants"]["differential"]["yaw_rad"]
-    turned["series"]["truth"]["yaw_rad"][900:] = [None] * (len(yaw) - 900)
+def test_yaws_are_shown_in_the_turn_of_the_truth(results, changed):
+    yaw = changed["series"]["variants"]["differential"]["yaw_rad"]
+    changed["series"]["truth"]["yaw_rad"][900:] = [None] * (len(yaw) - 900)
     yaw[500:] = [value + 4.0 * np.pi for value in yaw[500:]]
-    data = page_data(turned)
+    data = page_data(changed)
     (chart,) = (one for one in data["charts"] if one["title"] == "Yaw, counter-clockwise")
     (line,) = (one for one in chart["lines"] if one["series"] == "differential")
     told = results["series"]["variants"]["differential"]["yaw_rad"]
@@ -211,9 +210,7 @@ def test_yaws_are_shown_in_the_turn_of_the_truth(results: dict[str, Any]) -> Non
 
 
 def said(results: dict[str, Any], **verdict: Any) -> str:
-    other = copy.deepcopy(results)
-    other["verdict"] = {**other["verdict"], **verdict}
-    return headline(other)
+    return headline(results | {"verdict": results["verdict"] | verdict})
 
 
 def test_the_verdict_stands_first_and_names_horizon_and_interval(results, page):
@@ -250,12 +247,10 @@ def test_ratios_are_changes(ratio, interval, text) -> None:
     assert change(ratio) + change_range(interval) == text
 
 
-def test_errors_are_compared_with_what_the_filter_predicts(results: dict[str, Any]) -> None:
-    other = copy.deepcopy(results)
-    other["variants"][other["verdict"]["best"]]["nees_pose_mean"] = 0.75
-    assert any(
-        "are 50 % less than it predicts (pose NEES 0.75, ideal 3)" in one for one in remarks(other)
-    )
+def test_errors_are_compared_with_what_the_filter_predicts(changed: dict[str, Any]) -> None:
+    changed["variants"][changed["verdict"]["best"]]["nees_pose_mean"] = 0.75
+    told = "are 50 % less than it predicts (pose NEES 0.75, ideal 3)"
+    assert any(told in one for one in remarks(changed))
 
 
 def test_without_truth_none_is_called_best(blind: dict[str, Any]) -> None:
@@ -270,9 +265,8 @@ def test_without_truth_none_is_called_best(blind: dict[str, Any]) -> None:
 
 
 def test_fixes_throughout_leave_nothing_to_score() -> None:
-    robot = load_robot("auriga-alpha")
-    log = simulate(Scenario(duration=10.0, seed=4), robot)
-    found = results_of(compare(log, robot, ["constant-online"]))
+    log = simulate(Scenario(duration=10.0, seed=4), ROBOT)
+    found = results_of(compare(log, ROBOT, ["constant-online"]))
     assert found["verdict"] is None
     assert headline(found).startswith("Nowhere in this log is there a stretch of dead reckoning")
     assert "At its end, constant-online is closest to the truth" in headline(found)
@@ -386,20 +380,9 @@ def acted(chromium, tmp_path_factory, page):
 def test_paths_zoom_and_pan_by_wheel_drag_and_pinch_and_variants_hide(acted):
     document, complaints = acted
     assert complaints == []
-    assert told_by(document) == {
-        "passing": True,
-        "cancelled": True,
-        "wheel": True,
-        "reset": True,
-        "drag": True,
-        "button": True,
-        "pinch": True,
-        "scrolls": True,
-        "hidden": 1,
-        "shown": 0,
-        "requests": 0,
-        "sideways": False,
-    }
+    done = ("passing", "cancelled", "wheel", "reset", "drag", "button", "pinch", "scrolls")
+    counted = {"hidden": 1, "shown": 0, "requests": 0, "sideways": False}
+    assert told_by(document) == dict.fromkeys(done, True) | counted
 
 
 LINKED = """
@@ -516,15 +499,62 @@ def test_a_desktop_shows_it_on_few_screens_and_sections_unfold(chromium, tmp_pat
     ("points", "contacts", "length"),
     [(5, [[0.0, 0.9]], 0.9), (2, [[0.45, 0.56], [-0.45, 0.56]], 1.46)],
 )
-def test_a_wheeled_robot_is_drawn_on_wheels(results, points, contacts, length):
-    changed = copy.deepcopy(results)
-    changed["robot"]["vehicle"] |= {
-        "contact_points": points,
-        "half_contact_length": 0.45,
-        "sprocket_radius": 0.28,
-    }
+def test_a_wheeled_robot_is_drawn_on_wheels(changed, points, contacts, length):
+    sizes = {"contact_points": points, "half_contact_length": 0.45, "sprocket_radius": 0.28}
+    changed["robot"]["vehicle"] |= sizes
     page = replay_page(changed)
     assert ("wheelbase 0.9" if points == 2 else "contact length 0.9") in page
     drive = page_data(changed)["drive"]
     assert drive["contacts"] == contacts
     assert drive["length"] == pytest.approx(length)
+
+
+# --- terms, constant parameters, rows --------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def test_each_term_is_explained_without_a_script(page: str) -> None:
+    """A popover opens by a tap or a key, a title on hover; neither needs JavaScript."""
+    for one in TERMS:
+        assert page.count(f'popover id="term-{one.key}"') == 1
+    targets = set(re.findall(r'popovertarget="term-([\w-]+)"', page))
+    assert targets <= {one.key for one in TERMS}
+    assert {"nees", "nis", "sigma", "drift", "innovation", "icr", "rmse"} <= targets
+    for button in re.findall(r"<button [^>]*popovertarget[^>]*>", page):
+        assert 'type="button"' in button
+        assert re.search(r'title="[^"]{20,}"', button)
+
+
+def with_bias(results: dict[str, Any], value: float) -> dict[str, Any]:
+    """Results in which the bias of the gyro stays at a value."""
+    for one in results["series"]["variants"].values():
+        learnt = one["parameters"]["gyro_bias"]
+        learnt["value"] = [value] * len(learnt["value"])
+        learnt["sigma"] = [2e-3] * len(learnt["sigma"])
+    return results
+
+
+def test_a_parameter_that_the_log_does_not_move_is_no_chart(changed: dict[str, Any]) -> None:
+    flat = with_bias(changed, 1.5e-4)
+    assert constant_parameters(flat)["gyro_bias"]["inertia-online"] == (1.5e-4, 2e-3)
+    titles = [chart["title"] for chart in page_data(flat)["charts"]]
+    assert "Bias of the gyro" not in titles
+    row = re.search(r"<td class=\"text\">gyro_<wbr>bias</td>(.*?)</tr>", replay_page(flat), re.S)
+    assert "0.00015 ± 0.004 rad/s" in row[1]
+    assert ", ".join(VARIANTS) in row[1]
+
+
+@pytest.mark.parametrize("change", ["value", "sigma"])
+def test_a_parameter_that_one_variant_learns_is_a_chart(changed, change):
+    moved = with_bias(changed, 0.0)
+    moved["series"]["variants"]["inertia-online"]["parameters"]["gyro_bias"][change][-1] = 1e-3
+    # The level lines of the others would only lie over it.
+    assert list(constant_parameters(moved)["gyro_bias"]) == VARIANTS[:2]
+    (chart,) = (one for one in page_data(moved)["charts"] if one["title"] == "Bias of the gyro")
+    for part in ("lines", "bands"):
+        assert [one["series"] for one in chart[part]] == ["inertia-online"]
+
+
+@pytest.mark.parametrize(("seconds", "rows"), [(90.0, 1500), (600.0, 2400), (36_000.0, 4000)])
+def test_longer_logs_have_more_rows_up_to_a_limit(seconds: float, rows: int) -> None:
+    assert plot_series.series_points(seconds) == rows

@@ -4,7 +4,8 @@ from typing import Any
 
 import pytest
 
-from icreckon.report.study.axis_units import INERTIAL, UNITS, with_unit
+from icreckon.report.study.figures import INERTIAL, UNITS, with_unit
+from icreckon.report.study.text import swept
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.encoders import EncoderErrors
 from icreckon.simulation.sensors.fixes import FixErrors
@@ -47,3 +48,9 @@ def test_no_dimensional_key_of_a_sensor_is_forgotten() -> None:
     expected |= {f"encoders.{name}" for name in fields(EncoderErrors) - plain}
     expected |= {f"fixes.{name}" for name in fields(FixErrors) - plain}
     assert expected <= set(UNITS)
+
+
+def test_an_axis_with_one_value_has_no_column_and_no_figure() -> None:
+    effects: list[dict[str, Any]] = [{"groups": [{}]}, {"groups": [{}, {}]}]
+    results = {"axes": [{"name": "outage"}, {"name": "noise"}], "effects": effects}
+    assert [axis["name"] for axis, _ in swept(results)] == ["noise"]

@@ -19,10 +19,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from conftest import REPOSITORY
+from icreckon import load_robot, read_log, run
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.reading.read_log import read_log
 
 pytestmark = pytest.mark.slow
 
@@ -136,10 +134,32 @@ def node(environment: dict[str, str], log: Path, **parameters: object) -> Any:
     return started(environment, log, command)
 
 
-def recorder(environment: dict[str, str], path: Path, topics: dict[str, str]) -> Any:
+@contextmanager
+def recorded_node(
+    environment: dict[str, str],
+    folder: Path,
+    *,
+    topics: dict[str, str] = OUTPUTS,
+    stop: int = signal.SIGINT,
+    **parameters: object,
+) -> Iterator[tuple[Process, Process]]:
+    """Recorder of `folder / "out"` and a node that has found it; both end well."""
+    path, program = folder / "out", REPOSITORY / "tests" / "ros2_recorder.py"
     wanted = [f"{topic}:{kind}" for topic, kind in topics.items()]
-    program = REPOSITORY / "tests" / "ros2_recorder.py"
-    return started(environment, path.with_suffix(".log"), [sys.executable, program, path, *wanted])
+    command = [sys.executable, program, path, *wanted]
+    with (
+        started(environment, path.with_suffix(".log"), command) as record,
+        node(environment, folder / "node.log", **parameters) as running,
+    ):
+        until((folder / "out.ready").exists, record)
+        until(lambda: "ready:" in running.text(), running)
+        if "/diagnostics" in topics:
+            # Nothing that the node publishes is lost.
+            until((folder / "out.hears").exists, record)
+            time.sleep(0.5)
+        yield record, running
+        assert running.stop(stop) == 0, running.text()
+        assert record.stop() == 0, record.text()
 
 
 def player(bag: Path, topics: Sequence[str], *options: object) -> list[str]:
@@ -171,13 +191,6 @@ def until(condition: Callable[[], bool], process: Process) -> None:
         assert process.popen.poll() is None, process.text()
         assert time.monotonic() < end, process.text()
         time.sleep(0.05)
-
-
-def until_ready(running: Process, record: Process, path: Path) -> None:
-    """Wait until the node is ready and has found the recorder: nothing that it publishes is lost."""
-    until(lambda: "ready:" in running.text(), running)
-    until(path.with_suffix(".hears").exists, record)
-    time.sleep(0.5)
 
 
 def until_heard(record: Process, path: Path, bag: Path) -> None:
@@ -235,15 +248,10 @@ def live(ros, bag, tmp_path_factory):
     folder = tmp_path_factory.mktemp("live")
     state = folder / "state.json"
     options = {"reorder": REORDER, "state_file": state, "icr_markers": "true", "input_depth": DEEP}
-    with (
-        recorder(ros, folder / "out", OUTPUTS | INPUT_TYPES) as record,
-        node(ros, folder / "node.log", **options) as running,
-    ):
-        until_ready(running, record, folder / "out")
+    topics = OUTPUTS | INPUT_TYPES
+    with recorded_node(ros, folder, topics=topics, **options) as (record, running):
         play(ros, bag, "--subscribers", 2)
         until_heard(record, folder / "out", bag)
-        assert running.stop() == 0, running.text()
-        assert record.stop() == 0, record.text()
     assert "Traceback" not in running.text()
     assert "cold start" in running.text()
     return recorded(folder / "out"), folder / "out", state
@@ -360,17 +368,11 @@ def test_starts_warm_and_again_after_a_kill(live, ros, bag, short_bag, tmp_path)
         play(ros, short_bag)
         until(lambda: state.read_bytes() != before, running)
         running.stop(signal.SIGKILL)
-    with (
-        recorder(ros, tmp_path / "out", OUTPUTS) as record,
-        node(ros, tmp_path / "again.log", **options) as running,
-    ):
-        until_ready(running, record, tmp_path / "out")
+    # SIGTERM, as systemd and docker send.
+    with recorded_node(ros, tmp_path, stop=signal.SIGTERM, **options) as (record, running):
         assert "warm start" in running.text()
         play(ros, bag)
         until_heard(record, tmp_path / "out", bag)
-        # SIGTERM, as systemd and docker send.
-        assert running.stop(signal.SIGTERM) == 0, running.text()
-        assert record.stop() == 0, record.text()
     odometry = recorded(tmp_path / "out")["/odom"]
     assert odometry[0].pose.pose.position.x == pytest.approx(0.0, abs=0.01)
     assert len(odometry) > 900
@@ -386,11 +388,8 @@ def test_a_node_kept_from_running_catches_up(live, ros, bag, tmp_path):
 
     Taken as they came, 51 samples were late. A busy machine may bring a few after the wait.
     """
-    with (
-        recorder(ros, tmp_path / "out", OUTPUTS) as record,
-        node(ros, tmp_path / "node.log", use_fixes="false", input_depth=DEEP) as running,
-    ):
-        until_ready(running, record, tmp_path / "out")
+    options = {"use_fixes": "false", "input_depth": DEEP}
+    with recorded_node(ros, tmp_path, **options) as (record, running):
         playing = subprocess.Popen(player(bag, INPUTS[:2]), env=ros)
         until(lambda: odometry_heard(tmp_path / "out") > 200, record)
         running.popen.send_signal(signal.SIGSTOP)
@@ -398,8 +397,6 @@ def test_a_node_kept_from_running_catches_up(live, ros, bag, tmp_path):
         running.popen.send_signal(signal.SIGCONT)
         assert playing.wait(LONGEST) == 0
         until_quiet(record, tmp_path / "out")
-        assert running.stop() == 0, running.text()
-        assert record.stop() == 0, record.text()
     messages = recorded(tmp_path / "out")
     last = {one.name: one for one in messages["/diagnostics"][-1].status}
     for sensor in ("gyro", "tracks"):
@@ -412,15 +409,10 @@ def test_a_node_kept_from_running_catches_up(live, ros, bag, tmp_path):
 
 
 def test_simulated_time_that_jumps_back_starts_anew(ros, short_bag, tmp_path):
-    with (
-        recorder(ros, tmp_path / "out", {"/odom": OUTPUTS["/odom"]}) as record,
-        node(ros, tmp_path / "node.log", use_sim_time="true", use_fixes="false") as running,
-    ):
-        until((tmp_path / "out.ready").exists, record)
-        until(lambda: "ready:" in running.text(), running)
+    options = {"use_sim_time": "true", "use_fixes": "false"}
+    topics = {"/odom": OUTPUTS["/odom"]}
+    with recorded_node(ros, tmp_path, topics=topics, **options) as (_, running):
         play(ros, short_bag, "--clock", "--loops", 2, topics=INPUTS[:2])
-        assert running.stop() == 0, running.text()
-        assert record.stop() == 0, record.text()
     assert "the clock went back by" in running.text()
     stamps = [stamp_of(one.header) for one in recorded(tmp_path / "out")["/odom"]]
     (back,) = np.flatnonzero(np.diff(stamps) < 0)
@@ -501,17 +493,11 @@ for frame in ("odom", "map"):
 def test_a_given_pose_places_the_map(ros: dict[str, str], short_bag: Path, tmp_path: Path) -> None:
     """Without fixes: by a parameter, then anew by a message; odom goes on."""
     options = {"use_fixes": "false", "start_pose": "[1.0, 2.0, 0.5]"}
-    with (
-        recorder(ros, tmp_path / "out", OUTPUTS) as record,
-        node(ros, tmp_path / "node.log", **options) as running,
-    ):
-        until_ready(running, record, tmp_path / "out")
+    with recorded_node(ros, tmp_path, **options) as (_, running):
         play(ros, short_bag, topics=INPUTS[:2])
         subprocess.run([sys.executable, "-c", GIVE_POSE], env=ros, check=True, timeout=LONGEST)
-        until(lambda: "map starts anew at x 3.00 m, y 4.00 m" in running.text(), running)
+        until(lambda: "map starts again at x 3.00 m, y 4.00 m" in running.text(), running)
         assert "initialpose is in frame 'odom', not in 'map': not used" in running.text()
-        assert running.stop() == 0, running.text()
-        assert record.stop() == 0, record.text()
     in_map = recorded(tmp_path / "out")["/pose_in_map"]
     first = in_map[0].pose.pose
     assert pose_of(first.position, first.orientation) == pytest.approx([1.0, 2.0, 0.5], abs=0.1)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from icreckon.estimator.log.measurements import HeightFix, ImuSample, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon import HeightFix, ImuSample, PositionFix, TrackSpeeds, load_robot
 from icreckon.replay.bags.message_types import ODOMETRY, TRANSFORM
 from icreckon.replay.bags.messages import Messages
 from icreckon.replay.live.base_frame import Pose
@@ -18,7 +17,6 @@ MESSAGES, STEP = Messages(ros1=False), 10_000_000
 def on_a_slope(offset: Pose = (0.0, 0.0, 0.0)) -> LiveEstimate:
     """Estimate of a robot that drives up a slope, with fixes of position and height."""
     live = LiveOdometry(load_robot("auriga-alpha"), start_pose=(0.0, 0.0, 0.0), base_offset=offset)
-    assert live.map is not None
     force = (0.6, 0.3, 9.78)
     for k in range(600):
         group = [TrackSpeeds(k * STEP, 0.4, 0.5), ImuSample(k * STEP, (0.01, -0.02, 0.1), force)]
@@ -54,16 +52,13 @@ def test_odometry_has_height_roll_and_pitch_if_asked() -> None:
 def test_the_map_has_the_height_of_its_fixes() -> None:
     one = on_a_slope()
     in_map = one.in_map(planar=False)
-    assert in_map is not None
     placed = one.odom_in_map(planar=False)
-    assert placed is not None
     assert in_map.position[2] == pytest.approx(40.0, abs=2.0)
     message = fill_transform(MESSAGES.blank(TRANSFORM), 0, "map", "odom", placed)
     # Base frame in map by way of odom.
     height = message.transform.translation.z + one.pose3d.position[2]
     assert height == pytest.approx(in_map.position[2])
     planar = one.odom_in_map(planar=True)
-    assert planar is not None
     assert planar.position[2] == 0.0
     assert replace_map(one).odom_in_map(planar=False) is None
 

@@ -9,10 +9,7 @@ import pytest
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from bag_messages import STORE, T, header
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.export.log_bag import write_log
+from icreckon import ImuSeries, Log, Robot, TrackSpeedSeries, write_log
 
 START = 1_700_000_000_000_000_000
 IMAGE_BYTES = 1_000_000

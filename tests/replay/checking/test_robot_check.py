@@ -1,4 +1,4 @@
-"""A robot file against a log: every error is named, alone, and mended; right files are left in peace."""
+"""A robot file against a log: each error is named, alone, and corrected; right files are left alone."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -8,32 +8,17 @@ import pytest
 from msgspec.structs import replace as with_values
 
 from conftest import inspected, sample_log
+from icreckon import Log, ReplayError, Scenario, calibrate, compare, read_log, simulate
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
-from icreckon.estimator.calibration import calibrate
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
-from icreckon.replay.checking.robot_check import (
-    check_robot,
-    far_centre,
-    is_of_another,
-    topics_left_out,
-)
+from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.checking.worth import judged, worth_of
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.mapping.topics import (
-    FixTopic,
-    ImuTopic,
-    TopicMap,
-    TrackTopic,
-    with_column_keys,
-)
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from icreckon.replay.mapping import topics as mapping
+from icreckon.replay.mapping.topics import TopicMap
 
 ALPHA = load_robot("auriga-alpha")
 MAPPED = with_values(
@@ -52,10 +37,10 @@ def problems(log: Log, robot: Robot) -> dict[str, str]:
     return {one.name: one.problem for one in check_robot(log, robot) if one.problem}
 
 
-def mended(log: Log, robot: Robot) -> tuple[Log, Robot]:
+def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
     for one in check_robot(log, robot):
-        if one.mend is not None:
-            log, robot = one.mend(log, robot)
+        if one.correction is not None:
+            log, robot = one.correction(log, robot)
     return log, robot
 
 
@@ -76,44 +61,17 @@ def late(log: Log, seconds: float) -> Log:
     return replace(log, tracks=TrackSpeedSeries(stamps, log.tracks.speeds))
 
 
-def driving(log: Log) -> Log:
-    """Log without its first and last seconds, in which the robot stands."""
-    kept = [
-        (one >= log.start + 6 * 10**9) & (one <= log.end - 6 * 10**9)
-        for one in (log.tracks.stamps, log.imu.stamps)
-    ]
-    imu = log.imu
-    columns = (imu.stamps, imu.angular_velocity, imu.linear_acceleration)
-    return replace(
-        log,
-        tracks=TrackSpeedSeries(log.tracks.stamps[kept[0]], log.tracks.speeds[kept[0]]),
-        imu=ImuSeries(*(one[kept[1]] for one in columns)),
-    )
-
-
 def turned_imu(log: Log, roll: float, pitch: float, yaw: float) -> Log:
     """Log of an IMU that is mounted otherwise [deg]."""
     by = rpy_to_matrix(*np.radians([roll, pitch, yaw]))
-    imu = log.imu
-    return replace(
-        log,
-        imu=replace(
-            imu,
-            angular_velocity=imu.angular_velocity @ by,
-            linear_acceleration=imu.linear_acceleration @ by,
-        ),
-    )
+    rates, forces = log.imu.angular_velocity @ by, log.imu.linear_acceleration @ by
+    return replace(log, imu=ImuSeries(log.imu.stamps, rates, forces))
 
 
 def scaled_imu(log: Log, rates: float = 1.0, forces: float = 1.0, bias: float = 0.0) -> Log:
-    imu = log.imu
+    angular = rates * (log.imu.angular_velocity + np.array([0.0, 0.0, bias]))
     return replace(
-        log,
-        imu=replace(
-            imu,
-            angular_velocity=rates * (imu.angular_velocity + np.array([0.0, 0.0, bias])),
-            linear_acceleration=forces * imu.linear_acceleration,
-        ),
+        log, imu=ImuSeries(log.imu.stamps, angular, forces * log.imu.linear_acceleration)
     )
 
 
@@ -131,12 +89,17 @@ ERRORS = {
     "left and right": (
         lambda log: speeds(log, lambda v: v[:, ::-1].copy()),
         None,
-        {TURNING: "left and right are swapped"},
+        {TURNING: "right are swapped"},
     ),
     "backward": (
         lambda log: speeds(log, np.negative),
         None,
         {TURNING: "both tracks count backward"},
+    ),
+    "left and right, backward": (
+        lambda log: speeds(log, lambda v: -v[:, ::-1]),
+        None,
+        {TURNING: "backward where the truth drives forward"},
     ),
     "late": (lambda log: late(log, 0.25), None, {LATENCY: "s late"}),
     "early": (lambda log: late(log, -0.15), None, {LATENCY: "s early"}),
@@ -177,7 +140,8 @@ ERRORS = {
 def test_a_bias_without_a_standstill_is_named(source: str, trajectory: str):
     """A bias of -0.0156 rad/s is within the file's sigma, and no filter learns it soon."""
     log = simulate(Scenario(duration=110.0, seed=3, fix_rate=0.0, trajectory=trajectory), ALPHA)
-    log = scaled_imu(driving(log), bias=-0.0156)
+    # Without its first and last seconds, in which the robot stands.
+    log = scaled_imu(log.part(6.0, log.duration - 6.0), bias=-0.0156)
     if source == "tracks":
         log = replace(log, truth=None)
     (found,) = [one for one in check_robot(log, ALPHA) if one.name == BIAS]
@@ -195,27 +159,23 @@ def test_an_error_is_named_alone_and_mended(log: Log, name: str):
     assert found.keys() == expected.keys()
     for quantity, text in expected.items():
         assert text in found[quantity]
-    assert problems(*mended(wrong, robot)) == {}
+    assert problems(*corrected(wrong, robot)) == {}
 
 
 @pytest.mark.parametrize(
-    "options",
+    ("trajectory", "imu", "rates"),
     [
-        {"trajectory": "random"},
-        {"trajectory": "straight"},
-        {"trajectory": "spin"},
-        {"trajectory": "random", "noise": "consumer"},
-        {"trajectory": "random", "imu_rate": 20.0, "track_rate": 40.0},
+        ("random", {}, {}),
+        ("straight", {}, {}),
+        ("spin", {}, {}),
+        ("random", {"gyro_noise_density": 2e-3, "gyro_bias_sigma": 0.02}, {}),
+        ("random", {}, {"imu_rate": 20.0, "track_rate": 40.0}),
     ],
-    ids=str,
 )
-def test_a_right_file_is_left_in_peace(options: dict):
-    options = dict(options)
-    grade = options.pop("noise", None)
-    robot = ALPHA
-    if grade == "consumer":
-        robot = with_imu(ALPHA, gyro_noise_density=2e-3, gyro_bias_sigma=0.02)
-    log = simulate(Scenario(duration=60.0, seed=1, fix_rate=1.0, **options), robot)
+def test_a_right_file_is_left_in_peace(trajectory: str, imu: dict, rates: dict):
+    robot = with_imu(ALPHA, **imu)
+    scenario = Scenario(duration=60.0, seed=1, fix_rate=1.0, trajectory=trajectory, **rates)
+    log = simulate(scenario, robot)
     assert problems(log, robot) == {}
     assert problems(replace(log, truth=None, fixes=None), robot) == {}
 
@@ -231,59 +191,42 @@ def test_swapped_tracks_and_a_turned_imu_are_told_from_tracks_that_count_backwar
     found = problems(wrong, ALPHA)
     assert found.keys() == {TURNING, FORWARD}
     assert "left and right are swapped" in found[TURNING]
-    assert problems(*mended(wrong, ALPHA)) == {}
+    assert problems(*corrected(wrong, ALPHA)) == {}
     # Without a truth, both are possible.
     bare = [one for one in check_robot(replace(wrong, truth=None), ALPHA) if one.problem]
     assert [one.name for one in bare] == [TURNING]
     assert "the IMU is turned by 180 deg" in bare[0].remedy
 
 
-def test_swapped_tracks_that_count_backward_are_named(log: Log):
-    wrong = speeds(log, lambda v: -v[:, ::-1])
-    found = problems(wrong, ALPHA)
-    assert found.keys() == {TURNING}
-    assert "backward where the truth drives forward" in found[TURNING]
-    assert problems(*mended(wrong, ALPHA)) == {}
-
-
 def test_files_of_other_robots_are_recognised(log: Log):
     robot = with_values(load_robot("marmotte"), log={})
     wrong = speeds(log, lambda v: v * robot.vehicle.sprocket_radius / RADIUS)
     checks = check_robot(wrong, robot)
-    assert is_of_another(checks)
-    assert not is_of_another(check_robot(log, ALPHA))
+    assert robot_check.is_of_another(checks)
+    assert not robot_check.is_of_another(check_robot(log, ALPHA))
 
 
-@pytest.mark.parametrize("missing", ["imu", "forces", "tracks", "one sample", "nan"])
-def test_what_is_missing_is_no_error(log: Log, missing: str):
-    if missing == "imu":
-        log = replace(log, imu=None)
-    elif missing == "forces":
-        log = replace(log, imu=replace(log.imu, linear_acceleration=None))
-    elif missing == "tracks":
-        none = np.zeros(0, dtype=np.int64)
-        log = replace(log, tracks=TrackSpeedSeries(none, np.zeros((0, 2))))
-    elif missing == "one sample":
-        imu = log.imu
-        log = replace(
-            log,
-            imu=type(imu)(imu.stamps[:1], imu.angular_velocity[:1], imu.linear_acceleration[:1]),
-        )
-    else:
-        forces = log.imu.linear_acceleration.copy()
-        forces[::3] = np.nan
-        log = replace(log, imu=replace(log.imu, linear_acceleration=forces))
-    found = problems(log, ALPHA)
-    assert found.keys() == {"imu": {"IMU"}, "tracks": {"track speeds"}}.get(missing, set())
+def test_what_is_missing_is_no_error(log: Log):
+    imu, none = log.imu, TrackSpeedSeries(np.zeros(0, dtype=np.int64), np.zeros((0, 2)))
+    assert problems(replace(log, imu=None), ALPHA).keys() == {"IMU"}
+    assert problems(replace(log, tracks=none), ALPHA).keys() == {"track speeds"}
+    holed = imu.linear_acceleration.copy()
+    holed[::3] = np.nan
+    for some in (
+        ImuSeries(imu.stamps, imu.angular_velocity, None),
+        ImuSeries(imu.stamps, imu.angular_velocity, holed),
+        ImuSeries(imu.stamps[:1], imu.angular_velocity[:1], imu.linear_acceleration[:1]),
+    ):
+        assert problems(replace(log, imu=some), ALPHA) == {}
 
 
 def test_streams_that_the_file_leaves_out():
-    tracks = TrackTopic("/joint_states", ("l",), ("r",))
-    guessed = TopicMap(tracks, ImuTopic("/imu"), FixTopic("/fix"))
-    hints = topics_left_out(guessed, MAPPED)
+    tracks = mapping.TrackTopic("/joint_states", left=("l",), right=("r",))
+    guessed = TopicMap(tracks, mapping.ImuTopic("/imu"), mapping.FixTopic("/fix"))
+    hints = robot_check.topics_left_out(guessed, MAPPED)
     assert len(hints) == 2
     assert '"/fix" in [log.fixes]' in hints[1]
-    assert topics_left_out(TopicMap(tracks), MAPPED) == []
+    assert robot_check.topics_left_out(TopicMap(tracks), MAPPED) == []
 
 
 def test_costs_are_those_of_each_error_alone(log: Log):
@@ -294,7 +237,7 @@ def test_costs_are_those_of_each_error_alone(log: Log):
     worth = worth_of(wrong, robot, checks)
     of_latency, of_scale, of_bias = worth.costs
     assert worth.horizon == 30.0
-    assert worth.mended < 3.0 < 20.0 < worth.as_it_is
+    assert worth.corrected < 3.0 < 20.0 < worth.as_it_is
     # Half as much again of the way, and a rate that is soon learnt at standstill.
     assert 30.0 < of_scale < 60.0
     assert abs(of_latency) < 0.3 * of_scale
@@ -304,7 +247,7 @@ def test_costs_are_those_of_each_error_alone(log: Log):
 def test_costs_without_a_truth_are_distances_from_the_mended_path(log: Log):
     wrong = replace(late(log, 0.2), truth=None)
     worth = worth_of(wrong, ALPHA, check_robot(wrong, ALPHA))
-    assert np.isnan(worth.mended)
+    assert np.isnan(worth.corrected)
     assert worth.as_it_is == worth.costs[0] > 0.1
 
 
@@ -323,8 +266,8 @@ def test_real_logs(data_dir: Path, name: str, own: str, other: str):
     assert problems(log, robot) == {}
     swapped = with_values(load_robot(other), log=robot.log)
     wrong = read_log(path, swapped)
-    assert is_of_another(check_robot(wrong, swapped))
-    assert problems(*mended(wrong, swapped)) == {}
+    assert robot_check.is_of_another(check_robot(wrong, swapped))
+    assert problems(*corrected(wrong, swapped)) == {}
     doubled = with_vehicle(robot, sprocket_radius=2.0 * robot.vehicle.sprocket_radius)
     assert "diameter" in problems(read_log(path, doubled), doubled)[SCALE]
 
@@ -334,7 +277,7 @@ def test_a_truth_that_stays_is_named_and_not_mended(log: Log):
     truth = replace(log.truth, poses=replace(log.truth.poses, poses=poses), twists=None)
     stays = replace(log, truth=truth.positions_alone())
     (found,) = (one for one in check_robot(stays, ALPHA) if one.problem)
-    assert (found.name, found.mend) == (SCALE, None)
+    assert (found.name, found.correction) == (SCALE, None)
     assert "one of them shows no motion" in found.problem
     with pytest.raises(EstimatorError, match="its truth moves 0 m while the tracks drive"):
         calibrate([stays], ALPHA)
@@ -392,16 +335,16 @@ def test_a_contradiction_whose_mending_drifts_more_is_a_note(log: Log, robot: Ro
 
 
 def test_a_turning_centre_beyond_the_contact_is_noted(robot: Robot) -> None:
-    assert far_centre(robot) == []
+    assert robot_check.far_centre(robot) == []
     far = with_values(robot, indices=with_values(robot.indices, zeta0=-0.9))
-    assert "is [imu] position right?" in far_centre(far)[0]
+    assert "is [imu] position right?" in robot_check.far_centre(far)[0]
 
 
 def test_remedies_of_tables_name_keys_of_tables(robot: Robot) -> None:
     table = with_values(robot, log={"columns": {"time": "t"}})
     text = "rate_unit in [log.imu]; name its topic in [log.truth]"
-    assert with_column_keys(text, robot) == text
+    assert mapping.with_column_keys(text, robot) == text
     assert (
-        with_column_keys(text, table)
+        mapping.with_column_keys(text, table)
         == "rate_unit in [log.columns.imu]; name its columns in [log.columns.truth]"
     )

@@ -10,14 +10,9 @@ from msgspec.structs import replace as with_values
 from ruamel.yaml import YAML
 from scipy.integrate import trapezoid
 
-from command_line import icreckon
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from command_line import icreckon, succeeds
+from icreckon import Log, Robot, Scenario, TrackSpeedSeries, load_robot, simulate, write_log
 from icreckon.replay.checking.ros_settings import ros_settings, twist_errors
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 
@@ -127,7 +122,7 @@ def test_names_stay_comments(log: Log):
 def test_the_command_writes_them_and_replaces_only_its_own(log: Log, tmp_path: Path):
     write_log(log, tmp_path / "drive", "mcap", ALPHA)
     words = ("check", "drive", "--robot", "auriga-alpha", "--ros", "ros.yaml")
-    assert icreckon(*words, "--json", cwd=tmp_path).returncode == 0
+    succeeds(*words, "--json", cwd=tmp_path)
     assert "wheel_separation_multiplier" in (tmp_path / "ros.yaml").read_text(encoding="utf-8")
     assert "exists already" in icreckon(*words, cwd=tmp_path).stderr
     (tmp_path / "ros.yaml").write_text("mine: 1\n", encoding="utf-8")
@@ -138,7 +133,7 @@ def test_the_command_writes_them_and_replaces_only_its_own(log: Log, tmp_path: P
 def test_inspect_writes_them_without_a_robot_file(log: Log, tmp_path: Path):
     """The effective separation needs no gauge, the radius a truth: nobody has measured either."""
     write_log(log, tmp_path / "drive", "mcap", ALPHA)
-    assert icreckon("inspect", "drive", "--ros", "ros.yaml", cwd=tmp_path).returncode == 0
+    succeeds("inspect", "drive", "--ros", "ros.yaml", cwd=tmp_path)
     settings = parameters_of(tmp_path / "ros.yaml")
     separation = settings["wheel_separation"] * settings["wheel_separation_multiplier"]
     by_the_log = controller(log, with_track_of_the_log(log))["wheel_separation_multiplier"]
@@ -156,13 +151,13 @@ def test_inspect_writes_them_without_a_robot_file(log: Log, tmp_path: Path):
 def test_inspect_uses_what_was_filled_in(log: Log, tmp_path: Path):
     write_log(log, tmp_path / "drive", "mcap", ALPHA)
     words = ("inspect", "drive", "--write", "robot.toml")
-    assert icreckon(*words, cwd=tmp_path).returncode == 0
+    succeeds(*words, cwd=tmp_path)
     file = tmp_path / "robot.toml"
     proposed = file.read_text(encoding="utf-8")
     file.write_text(
         re.sub(r"track_gauge = [\d.]+", "track_gauge = 0.42", proposed), encoding="utf-8"
     )
-    assert icreckon(*words, "--overwrite", "--ros", "ros.yaml", cwd=tmp_path).returncode == 0
+    succeeds(*words, "--overwrite", "--ros", "ros.yaml", cwd=tmp_path)
     settings = parameters_of(tmp_path / "ros.yaml")
     assert settings["wheel_separation"] == 0.42
     by_the_log = controller(log, with_track_of_the_log(log))["wheel_separation_multiplier"]

@@ -1,42 +1,23 @@
-"""Variants side by side: here, in processes, or on any executor, with the same result."""
+"""Variants side by side: here or in processes, with the same result."""
 
 import io
 import subprocess
 import sys
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 import icreckon
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon import Comparison, EstimatorError, Robot, Scenario, compare, simulate, summarise
 from icreckon.estimator.robot.variants import VARIANTS as ALL_VARIANTS
 from icreckon.replay.base.colours import COLOURS
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
-from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.tables import results_table
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 VARIANTS = ["constant-fixed", "inertia-online"]
-
-
-class PicklingExecutor(Executor):
-    """Sends each task and its result through pickle, as an executor on other machines does."""
-
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:  # type: ignore[override]
-        import pickle
-
-        future: Future[Any] = Future()
-        task, arguments = pickle.loads(pickle.dumps((fn, args)))  # noqa: S301
-        future.set_result(pickle.loads(pickle.dumps(task(*arguments, **kwargs))))  # noqa: S301
-        return future
 
 
 def same(a: Comparison, b: Comparison) -> None:
@@ -52,11 +33,6 @@ def test_where_the_variants_run_does_not_matter(robot: Robot) -> None:
     here = compare(log, robot, VARIANTS)
     assert list(here.runs) == VARIANTS
     same(here, compare(log, robot, VARIANTS, workers=2))
-    with ThreadPoolExecutor(2) as threads:
-        same(here, compare(log, robot, VARIANTS, executor=threads))
-    told: list[float] = []
-    same(here, compare(log, robot, VARIANTS, executor=PicklingExecutor(), progress=told.append))
-    assert told == [0.5, 1.0]
 
 
 def test_a_variant_that_cannot_run_is_refused_before_anything_runs(robot: Robot) -> None:
@@ -69,7 +45,7 @@ def test_by_default_all_variants_are_compared(robot: Robot) -> None:
     log = simulate(Scenario(duration=5.0), robot)
     comparison = compare(log, robot)
     assert list(comparison.runs) == list(ALL_VARIANTS)
-    results = summarise(comparison, robot, command="test", configuration={})
+    results = summarise(comparison, robot)
     console = Console(width=120, file=io.StringIO())
     console.print(results_table(results))
     printed = console.file.getvalue()
@@ -98,18 +74,17 @@ def test_smoothed_runs_come_behind_the_others_and_are_not_compared_with_them(rob
     for name, run in plain.runs.items():
         unit = np.where(run.state_sigmas > 0.0, run.state_sigmas, 1.0)
         assert (np.abs(comparison.runs[name].states - run.states) < 1e-8 * unit).all()
-    results = summarise(comparison, robot, command="test", configuration={})
-    scores, before = results["variants"], summarise(plain, robot, command="test", configuration={})
+    results = summarise(comparison, robot)
+    scores, before = results["variants"], summarise(plain, robot)
     for name in VARIANTS:
         for key in ("drift_percent_30s", "rmse_position_m", "rmse_v_y_m_s"):
             if key in before["variants"][name]:
                 assert scores[name][key] == pytest.approx(before["variants"][name][key], rel=1e-6)
         assert scores[name]["used"] == before["variants"][name]["used"]
-    assert (
-        scores["inertia-online-smoothed"]["rmse_v_y_m_s"] < scores["inertia-online"]["rmse_v_y_m_s"]
-    )
+    of_filter, of_smoother = (scores[f"inertia-online{end}"] for end in ("", "-smoothed"))
+    assert of_smoother["rmse_v_y_m_s"] < of_filter["rmse_v_y_m_s"]
     blind = Comparison(replace(log, truth=None), comparison.runs, None)
-    results = summarise(blind, robot, command="test", configuration={})
+    results = summarise(blind, robot)
     assert results["reference_variant"] == VARIANTS[-1]
 
 
@@ -120,13 +95,13 @@ def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) ->
     script.write_text(
         "from icreckon import Scenario, compare, load_robot, simulate\n"
         "robot = load_robot('auriga-alpha')\n"
-        "log = simulate(Scenario(duration=60.0), robot)\n"
+        # So long that processes pay off.
+        "log = simulate(Scenario(duration=2500.0), robot)\n"
         "compare(log, robot, ('gyro', 'constant-fixed'), workers=2)\n",
         encoding="utf-8",
     )
-    done = subprocess.run(
-        [sys.executable, script], capture_output=True, text=True, timeout=120, check=False
-    )
+    command = [sys.executable, script]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 1
     assert 'needs `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
 
@@ -136,16 +111,14 @@ def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) ->
 
 @pytest.fixture(scope="module")
 def log() -> icreckon.Log:
-    return icreckon.simulate(
-        icreckon.Scenario(duration=60.0, fix_rate=1.0), icreckon.load_robot("auriga-alpha")
-    )
+    return simulate(Scenario(duration=60.0, fix_rate=1.0), icreckon.load_robot("auriga-alpha"))
 
 
 def test_one_variant_and_a_part_as_texts(log: icreckon.Log, tmp_path: Path):
     robot = icreckon.load_robot("auriga-alpha")
     found = icreckon.compare(log, robot, "gyro", fixes="0:40%")
     assert list(found.runs) == ["gyro"]
-    results = icreckon.summarise(found, robot, command="notebook", configuration={})
+    results = icreckon.summarise(found, robot)
     icreckon.write_report(str(tmp_path), found, results, robot, formats=())
     assert (tmp_path / "page.html").exists()
     with pytest.raises(ReplayError, match="no such folder; make it first"):

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.scores import drift
-from icreckon.estimator.log.series import PoseSeries
+from icreckon import PoseSeries, drift
 from icreckon.replay.comparison.bootstrap import LEAST_BLOCKS, PairedDrift, paired_drift
 from icreckon.replay.comparison.drift_table import horizon_labels, verdict
 

@@ -1,30 +1,24 @@
 """A variant of a comparison that fails is an error of that variant; the others are scored."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import typer
 
+from command_line import results_in
+from icreckon import LostFilter, ReplayError, Scenario, load_robot, simulate, summarise
 from icreckon.cli.common.comparing import compare_and_report
 from icreckon.cli.common.console import exit_if_failed
 from icreckon.estimator.filter.samples import COUNT, RunRows
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.lost import LostFilter
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.comparison import compare as comparing
 from icreckon.replay.comparison.compare import Comparison, compare
-from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.folder import write_report
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_text import failures
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 LOG = simulate(Scenario(duration=24.0, seed=2, outages=((10.0, 24.0),)), ROBOT)
@@ -83,9 +77,7 @@ def whole() -> Comparison:
         (breaks, "stopped at 12.0 s by LinAlgError: Singular matrix"),
     ],
 )
-def test_a_lost_variant_is_named_and_the_others_are_scored(
-    whole: Comparison, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, how: Any, reason: str
-) -> None:
+def test_a_lost_variant_is_named_and_others_are_scored(whole, monkeypatch, tmp_path, how, reason):
     lose(monkeypatch, ("inertia-online",), how)
     found = compare(LOG, ROBOT, VARIANTS)
     assert list(found.runs) == ["constant-online"]
@@ -93,7 +85,7 @@ def test_a_lost_variant_is_named_and_the_others_are_scored(
     assert np.array_equal(
         found.runs["constant-online"].states, whole.runs["constant-online"].states
     )
-    results = summarise(found, ROBOT, command="replay", configuration={})
+    results = summarise(found, ROBOT)
     assert list(results["variants"]) == ["constant-online"]
     assert results["failed"]["inertia-online"]["reason"] == reason
     assert results["failed"]["inertia-online"]["since_s"] == pytest.approx(LOST, abs=0.03)
@@ -109,10 +101,7 @@ def test_a_lost_variant_is_named_and_the_others_are_scored(
 
 def test_all_variants_lost_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     lose(monkeypatch, VARIANTS)
-    with pytest.raises(
-        ReplayError,
-        match=r"no variant has a result: constant-online: estimate is not finite from 12",
-    ):
+    with pytest.raises(ReplayError, match=r"no variant has a result: constant-online: estimate"):
         compare(LOG, ROBOT, VARIANTS)
 
 
@@ -143,18 +132,10 @@ def test_smoothing_that_is_lost_leaves_the_filter(monkeypatch: pytest.MonkeyPatc
 
 def test_the_command_writes_what_it_has_and_exits_with_1(monkeypatch, tmp_path, capsys):
     lose(monkeypatch, ("inertia-online",))
-    failed = compare_and_report(
-        LOG,
-        ROBOT,
-        tmp_path,
-        command="replay",
-        configuration={},
-        inputs={},
-        variants=[*VARIANTS],
-        workers=1,
-    )
+    options = {"command": "replay", "configuration": {}, "inputs": {}, "workers": 1}
+    failed = compare_and_report(LOG, ROBOT, tmp_path, variants=[*VARIANTS], **options)
     assert {"results.json", "page.html", "figure.png"} <= {path.name for path in tmp_path.iterdir()}
-    results = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    results = results_in(tmp_path)
     assert list(results["failed"]) == ["inertia-online"]
     shown = capsys.readouterr().out
     assert "inertia-online" in shown

@@ -5,13 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.comparison.compare import compare
+from icreckon import Log, Scenario, compare, load_robot, simulate, summarise
 from icreckon.replay.comparison.fixes import OF_FIXES, parse_part
-from icreckon.replay.comparison.results import summarise
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 VARIANTS = ("gyro", "inertia-online")
@@ -25,9 +20,7 @@ def log() -> Log:
 
 
 def scored(log: Log, part=PART) -> dict:
-    return summarise(
-        compare(log, ALPHA, VARIANTS, fixes=part), ALPHA, command="test", configuration={}
-    )
+    return summarise(compare(log, ALPHA, VARIANTS, fixes=part), ALPHA)
 
 
 def test_drift_is_about_that_against_the_truth(log: Log):
@@ -57,7 +50,7 @@ def test_errors_of_the_fixes_are_stated(log: Log):
     poses[:, :2] += rng.normal(0.0, 0.4, (len(poses), 2))
     rough = replace(log, truth=None, fixes=replace(fixes, poses=poses))
     (note,) = (one for one in scored(rough)["log"]["notes"] if "scored against" in one)
-    stated = float(note.partition("about ")[2].split()[0])
+    stated = float(note.partition("scatter by ")[2].split()[0])
     assert stated == pytest.approx(0.4, rel=0.3)
 
 

@@ -8,17 +8,13 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
-from icreckon.estimator.log.log import Log
+from icreckon import Comparison, Log, Scenario, compare, compare_many, read_log
 from icreckon.estimator.robot.robot_file import changed_robot, load_robot
 from icreckon.replay.comparison.bootstrap import paired_drift
-from icreckon.replay.comparison.compare import Comparison, compare
 from icreckon.replay.comparison.drift_table import horizon_labels, verdict
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
-from icreckon.replay.comparison.many import compare_many
 from icreckon.replay.comparison.results import comparison_drifts, summarise
-from icreckon.replay.reading.read_log import read_log
 from icreckon.report.replay.page_text import headline, verdict_text
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import run_scenario
 
 ROBOT = load_robot("auriga-alpha")
@@ -87,7 +83,7 @@ def test_what_is_taken_from_the_truth_is_never_called_the_best(found: Comparison
 
 
 def test_the_headline_compares_with_that(found: Comparison) -> None:
-    results = summarise(found, ROBOT, command="replay", configuration={})
+    results = summarise(found, ROBOT)
     assert results["baseline_variant"] == results["verdict"]["baseline"] == KNOWN_BIAS
     drifts = {name: one["drift_percent_30s_mean"] for name, one in results["variants"].items()}
     assert drifts[KNOWN_BIAS] < 0.5 * drifts["gyro"]
@@ -101,7 +97,7 @@ def test_a_gyro_that_stood_still_has_learnt_its_bias(drive: tuple[Log, float]) -
     found = compare(drive[0], ROBOT, VARIANTS)
     assert found.known_bias is None
     assert list(found.runs) == VARIANTS
-    results = summarise(found, ROBOT, command="replay", configuration={})
+    results = summarise(found, ROBOT)
     assert results["gyro_bias"] is None
     assert "gyro bias" not in headline(results)
 
@@ -113,7 +109,7 @@ def test_the_husky_wins_nothing_by_a_bias(data_dir: Path) -> None:
     found = compare(log, robot, VARIANTS)
     # The README beside the logs.
     assert found.known_bias.shown == pytest.approx(-0.0156, abs=0.002)
-    results = summarise(found, robot, command="replay", configuration={})
+    results = summarise(found, robot)
     drifts = {name: one["drift_percent_30s_mean"] for name, one in results["variants"].items()}
     assert drifts["gyro"] > 2.0 * drifts[KNOWN_BIAS]
     assert results["variants"]["constant-online"]["drift_ratio_30s"] > 0.8

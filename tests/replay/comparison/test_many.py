@@ -10,18 +10,9 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.scores import Drift
-from icreckon.replay.base.errors import ReplayError
+from icreckon import Comparison, Drift, Log, ReplayError, summarise
 from icreckon.replay.comparison.bootstrap import PairedDrift, matched_drifts, pooled_drift
-from icreckon.replay.comparison.compare import Comparison
-from icreckon.replay.comparison.many import (
-    Case,
-    compare_many,
-    label_of,
-    unique,
-)
-from icreckon.replay.comparison.results import summarise
+from icreckon.replay.comparison.many import Case, compare_many, label_of, unique
 
 SECOND = 10**9
 ROBOT = icreckon.load_robot("auriga-alpha")
@@ -156,9 +147,7 @@ def test_several_logs_are_scored_together(logs: list[Log], tmp_path: Path) -> No
     assert [case.log for case in seen] == ["drive 1", "drive 2"]
     assert [one["log"] for one in found["failed"]] == ["missing"]
     assert "missing.bag" in found["failed"][0]["reason"]
-    alone = [
-        summarise(one, ROBOT, command="test", configuration={})["variants"] for one in seen.values()
-    ]
+    alone = [summarise(one, ROBOT)["variants"] for one in seen.values()]
     pooled = found["pooled"][ROBOT.name]
     assert pooled["logs"] == 2
     assert found["baseline_variant"] == "gyro"

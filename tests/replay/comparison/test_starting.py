@@ -7,17 +7,11 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
+from icreckon import FixSpec, HeadingFix, Log, Scenario, compare, read_log, simulate
 from icreckon.estimator.base.frames import rotate, wrap_angle
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.initial_pose import ANY_HEADING, EXACT_ORIGIN, start_from_fixes
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 VARIANT = "constant-online"
 
@@ -25,17 +19,15 @@ VARIANT = "constant-online"
 @pytest.fixture(scope="module")
 def log(robot: Robot) -> Log:
     """A drive with position fixes, in `odom`, and what was true."""
-    return simulate(
-        Scenario(duration=60.0, seed=4, trajectory="slalom", fixes=FixSpec(sigma=0.1)), robot
-    )
+    fixes = FixSpec(sigma=0.1)
+    return simulate(Scenario(duration=60.0, seed=4, trajectory="slalom", fixes=fixes), robot)
 
 
 def moved(log: Log, x: float, y: float, yaw: float) -> Log:
     """The log with its fixes in another frame, and without its truth."""
     c, s = np.cos(yaw), np.sin(yaw)
     poses = log.fixes.poses.copy()
-    poses[:, 0] = x + c * log.fixes.poses[:, 0] - s * log.fixes.poses[:, 1]
-    poses[:, 1] = y + s * log.fixes.poses[:, 0] + c * log.fixes.poses[:, 1]
+    poses[:, :2] = poses[:, :2] @ [[c, s], [-s, c]] + [x, y]
     return replace(log, fixes=FixSeries(log.fixes.stamps, poses, log.fixes.variances), truth=None)
 
 
@@ -82,9 +74,8 @@ def test_fixes_of_an_antenna_in_another_frame(log: Log, robot: Robot) -> None:
 def test_a_heading_tells_the_start_of_a_robot_that_stands(log: Log, robot: Robot) -> None:
     elsewhere = moved(log, 100.0, 50.0, 2.0)
     fixes = elsewhere.fixes
-    one = replace(
-        elsewhere, fixes=FixSeries(fixes.stamps[:1], fixes.poses[:1], fixes.variances[:1])
-    )
+    first = FixSeries(fixes.stamps[:1], fixes.poses[:1], fixes.variances[:1])
+    one = replace(elsewhere, fixes=first)
     assert start(one, robot).sigma[2] == ANY_HEADING
     heading = HeadingFix(log.start, 2.02, 0.01)
     found = start(replace(one, others=(heading,)), robot)
@@ -104,22 +95,17 @@ def test_a_robot_that_stands_for_long_at_first(log: Log, robot: Robot) -> None:
     waited = replace(
         elsewhere,
         tracks=TrackSpeedSeries(
-            np.concatenate([before, tracks.stamps + wait]),
-            np.concatenate([np.zeros((len(before), 2)), tracks.speeds]),
+            np.r_[before, tracks.stamps + wait], np.r_[np.zeros((len(before), 2)), tracks.speeds]
         ),
         imu=ImuSeries(
-            np.concatenate([before, imu.stamps + wait]),
-            np.concatenate([np.column_stack([still, still, still + bias]), imu.angular_velocity]),
-            np.concatenate(
-                [np.column_stack([still, still, still + 9.81]), imu.linear_acceleration]
-            ),
+            np.r_[before, imu.stamps + wait],
+            np.r_[np.column_stack([still, still, still + bias]), imu.angular_velocity],
+            np.r_[np.column_stack([still, still, still + 9.81]), imu.linear_acceleration],
         ),
         fixes=FixSeries(
-            np.concatenate([before[::10], fixes.stamps + wait]),
-            np.concatenate([fixes.poses[np.zeros(len(before[::10]), dtype=int)], fixes.poses]),
-            np.concatenate(
-                [fixes.variances[np.zeros(len(before[::10]), dtype=int)], fixes.variances]
-            ),
+            np.r_[before[::10], fixes.stamps + wait],
+            np.r_[np.repeat(fixes.poses[:1], len(before[::10]), axis=0), fixes.poses],
+            np.r_[np.repeat(fixes.variances[:1], len(before[::10]), axis=0), fixes.variances],
         ),
     )
     found = start(waited, robot)

@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from icreckon import Robot, Scenario, Trajectory, compare, simulate, summarise
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, Truth
-from icreckon.estimator.log.trajectory import Trajectory
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
-from icreckon.replay.comparison.results import summarise
 from icreckon.replay.comparison.truth_alignment import align_truth
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 SECONDS, RATE = 200.0, 20.0
 
@@ -47,7 +42,6 @@ def late(poses: PoseSeries, seconds: float, noise: float) -> Truth:
 def test_the_lag_is_found_however_little_it_turns(turning: float) -> None:
     reckoned, poses = weaving(turning)
     found = align_truth(late(poses, 0.3, 0.003), reckoned)
-    assert found.lag_sigma is not None
     assert found.lag == pytest.approx(0.3, abs=max(0.02, 4.0 * found.lag_sigma))
     assert found.lag_sigma < 0.04
     assert found.notes == ()
@@ -75,7 +69,6 @@ def test_fixes_from_a_truth_without_headings_have_none(robot: Robot) -> None:
 def test_runs_start_at_the_truth_by_their_own_lever_arm(robot: Robot) -> None:
     """A variant without zeta0 has its base_link elsewhere: neither its NEES nor its end is off."""
     log = simulate(Scenario(duration=60.0, trajectory="aggressive", truth="kinematic"), robot)
-    assert log.truth is not None
     log = replace(log, fixes=None, truth=replace(log.truth, twists=None, tracks=None))
     ahead = structs.replace(
         robot, constant_icr=None, indices=structs.replace(robot.indices, zeta0=0.5)

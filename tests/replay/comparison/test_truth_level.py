@@ -8,19 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from icreckon.estimator.log.log import Log
+from icreckon import Log, Run, Scenario, Terrain, compare, read_log, simulate, summarise
+from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.outputs import Run
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.results import summarise
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.comparison.truth_level import levelled, spatial_scores
 from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 
 ROBOT, VARIANT = load_robot("warthog"), "inertia-online"
 
@@ -49,11 +43,8 @@ def tilted(
 
 def test_a_map_that_is_not_level_is_turned_to_gravity() -> None:
     truth = hills().truth
-    assert truth is not None
-    assert truth.poses.spatial is not None
     off = tilted(truth.poses, (0.08, -0.05, 0.0))
     found, angle = levelled(off, reckoned().trajectory)
-    assert found.spatial is not None
     assert angle == pytest.approx(np.hypot(0.08, 0.05), abs=0.02)
     wrong = found.spatial - truth.poses.spatial
     assert np.degrees(np.sqrt(np.mean(wrong[:, 1:] ** 2))) < 1.0
@@ -77,14 +68,10 @@ def test_a_tilt_of_its_axes_in_the_robot_is_no_error_of_the_attitude() -> None:
 
 def test_its_scores_are_those_of_the_errors() -> None:
     truth = hills().truth
-    assert truth is not None
-    assert truth.poses.spatial is not None
     path = reckoned().trajectory
     # An estimate that is the truth, but for roll, pitch, and a height that grows by 1 % of the path.
     stamps = truth.poses.stamps
-    travelled = np.concatenate(
-        [[0.0], np.cumsum(np.hypot(*np.diff(truth.poses.poses[:, :2], axis=0).T))]
-    )
+    travelled = path_length(truth.poses)
     wrong = np.column_stack([0.01 * travelled, np.full((len(stamps), 2), (0.02, -0.01))])
     one = replace(
         path,
@@ -103,7 +90,6 @@ def test_its_scores_are_those_of_the_errors() -> None:
 
 def test_planar_truths_have_none() -> None:
     truth = hills().truth
-    assert truth is not None
     planar = replace(truth.poses, spatial=None)
     assert levelled(planar, reckoned().trajectory) == (planar, 0.0)
     assert spatial_scores(reckoned().trajectory, planar, [(0, 2**62)]) == {}
@@ -111,19 +97,14 @@ def test_planar_truths_have_none() -> None:
 
 def test_a_bag_keeps_the_truth_and_a_replay_scores_it(tmp_path: Path) -> None:
     log = read_log(write_log(hills(), tmp_path / "bag", "mcap", ROBOT), ROBOT)
-    assert log.truth is not None
-    assert hills().truth is not None
     written, read = hills().truth.poses.spatial, log.truth.poses.spatial
-    assert written is not None
     assert read == pytest.approx(written - [written[0, 0], 0.0, 0.0], abs=1e-9)
     comparison = compare(log, ROBOT, ["gyro", VARIANT])
     results = summarise(comparison, ROBOT, series=True)
     gyro, one = (results["variants"][name] for name in ("gyro", VARIANT))
     assert one["rms_roll_deg"] < 0.5 * gyro["rms_roll_deg"]
     truth = truths_of(comparison)[VARIANT].truth.poses
-    assert (
-        one["rms_pitch_deg"]
-        == spatial_scores(comparison.runs[VARIANT].trajectory, truth, [(0, 2**62)])["rms_pitch_deg"]
-    )
+    alone = spatial_scores(comparison.runs[VARIANT].trajectory, truth, [(0, 2**62)])
+    assert one["rms_pitch_deg"] == alone["rms_pitch_deg"]
     series = results["series"]
     assert len(series["truth"]["z_m"]) == len(series["variants"][VARIANT]["z_sigma_m"])

@@ -4,64 +4,54 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability
 
+import icreckon
+from bag_messages import mcap_messages
 from conftest import make_log
+from icreckon import ImuSeries, Log, PoseSeries, ReplayError, Robot, Vehicle, load_robot, read_log
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, PoseSeries
-from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.bags.writer import Format
 from icreckon.replay.export.log_bag import check_place, write_log
+from icreckon.replay.export.replay_bag import write_replay_bag
 from icreckon.replay.mapping.topics import DEFAULT_TOPICS
-from icreckon.replay.reading.read_log import read_log
 
 FORMATS = ["mcap", "sqlite3", "ros1"]
 
 
 def assert_same(found: Log, written: Log, radius: float) -> None:
     """Bit for bit, but for what a sprocket radius and a quaternion round."""
-
-    def same_tracks(a, b):
-        np.testing.assert_array_equal(a.stamps, b.stamps)
-        np.testing.assert_array_equal(a.speeds, b.speeds / radius * radius)
-
-    def same_poses(a, b):
-        np.testing.assert_array_equal(a[:, :2], b[:, :2])
-        np.testing.assert_array_equal(np.isnan(a[:, 2]), np.isnan(b[:, 2]))
-        turned = wrap_angle(a[:, 2] - b[:, 2])
-        assert np.nanmax(np.abs(turned)) < 1e-14
-
-    same_tracks(found.tracks, written.tracks)
-    np.testing.assert_array_equal(found.imu.stamps, written.imu.stamps)
-    np.testing.assert_array_equal(found.imu.angular_velocity, written.imu.angular_velocity)
-    if written.imu.linear_acceleration is None:
-        assert found.imu.linear_acceleration is None
-    else:
-        np.testing.assert_array_equal(
-            found.imu.linear_acceleration, written.imu.linear_acceleration
-        )
-    np.testing.assert_array_equal(found.fixes.stamps, written.fixes.stamps)
-    np.testing.assert_array_equal(found.fixes.variances, written.fixes.variances)
-    same_poses(found.fixes.poses, written.fixes.poses)
-    np.testing.assert_array_equal(found.truth.poses.stamps, written.truth.poses.stamps)
-    same_poses(found.truth.poses.poses, written.truth.poses.poses)
-    np.testing.assert_array_equal(found.truth.twists.stamps, written.truth.twists.stamps)
-    np.testing.assert_array_equal(found.truth.twists.twists, written.truth.twists.twists)
-    same_tracks(found.truth.tracks, written.truth.tracks)
+    same = np.testing.assert_array_equal
+    for one, other in ((found.tracks, written.tracks), (found.truth.tracks, written.truth.tracks)):
+        same(one.stamps, other.stamps)
+        same(one.speeds, other.speeds / radius * radius)
+    for one, other in ((found.fixes, written.fixes), (found.truth.poses, written.truth.poses)):
+        same(one.stamps, other.stamps)
+        same(one.poses[:, :2], other.poses[:, :2])
+        same(np.isnan(one.poses[:, 2]), np.isnan(other.poses[:, 2]))
+        assert np.nanmax(np.abs(wrap_angle(one.poses[:, 2] - other.poses[:, 2]))) < 1e-14
+    same(found.imu.stamps, written.imu.stamps)
+    same(found.imu.angular_velocity, written.imu.angular_velocity)
+    same(found.imu.linear_acceleration, written.imu.linear_acceleration)
+    same(found.fixes.variances, written.fixes.variances)
+    same(found.truth.twists.stamps, written.truth.twists.stamps)
+    same(found.truth.twists.twists, written.truth.twists.twists)
 
 
 @pytest.mark.parametrize("form", FORMATS)
-def test_a_log_comes_back_as_it_was_written(tmp_path: Path, robot: Robot, form) -> None:
-    log = make_log()
+@pytest.mark.parametrize("name", ["auriga-alpha", "jackal", "marmotte", "warthog", "wetexplorer"])
+def test_a_log_comes_back_as_it_was_written(tmp_path: Path, form, name) -> None:
+    robot, log = load_robot(name), make_log(1.0)
     path = write_log(log, tmp_path / "bag", form, robot)
     found = read_log(path, robot)
     assert path.name == ("bag.bag" if form == "ros1" else "bag")
     assert found.name == "bag"
     assert found.dropped == {}
-    assert found.notes == ()
     assert_same(found, log, robot.vehicle.sprocket_radius)
+    assert found.truth.source == log.truth.source
+    own = "topics as the bag itself names them (/icreckon/topics), not as the robot file does"
+    assert found.notes == (() if name == "auriga-alpha" else (own,))
 
 
 @pytest.mark.parametrize("name", ["auriga-alpha", "warthog"])
@@ -118,28 +108,12 @@ def test_several_joints_on_a_side(tmp_path: Path) -> None:
 
 def test_a_failed_write_leaves_nothing_behind(tmp_path: Path, robot: Robot) -> None:
     log = make_log(1.0)
-    broken = replace(log, truth=replace(log.truth, poses=PoseSeries(*_late(log))))
+    stamps = log.truth.poses.stamps.copy()
+    stamps[0] = -1
+    broken = replace(log, truth=replace(log.truth, poses=PoseSeries(stamps, log.truth.poses.poses)))
     with pytest.raises(ReplayError, match="stamp"):
         write_log(broken, tmp_path / "bag", "mcap", robot)
     assert list(tmp_path.iterdir()) == []
-
-
-def _late(log: Log):
-    stamps = log.truth.poses.stamps.copy()
-    stamps[0] = -1
-    return stamps, log.truth.poses.poses
-
-
-@pytest.mark.parametrize("form", FORMATS)
-@pytest.mark.parametrize("name", ["jackal", "marmotte", "warthog", "wetexplorer"])
-def test_any_robot_s_log_comes_back_as_it_was_written(tmp_path: Path, form, name) -> None:
-    robot, log = load_robot(name), make_log(1.0)
-    found = read_log(write_log(log, tmp_path / "bag", form, robot), robot)
-    assert_same(found, log, robot.vehicle.sprocket_radius)
-    assert found.truth.source == log.truth.source
-    assert found.notes == (
-        "topics as the bag itself names them (/icreckon/topics), not as the robot file does",
-    )
 
 
 def test_a_mapping_in_the_bag_names_only_what_the_log_has(tmp_path: Path) -> None:
@@ -196,17 +170,12 @@ def test_what_cannot_be_written_is_refused_beforehand(tmp_path: Path, robot: Rob
 def test_the_official_reader_finds_standard_messages(tmp_path: Path, robot: Robot) -> None:
     log = make_log()
     path = write_log(log, tmp_path / "bag", "mcap", robot)
-    rows = {}
-    with (path / "bag.mcap").open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, decoded in reader.iter_decoded_messages():
-            if schema.name == "std_msgs/msg/String":
-                assert (channel.topic, decoded.data) == ("/ground_truth/source", log.truth.source)
-                continue
-            stamp = decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec
-            assert stamp == message.log_time
-            rows.setdefault((channel.topic, schema.name), []).append((stamp, decoded))
-    assert {name: len(found) for name, found in rows.items()} == {
+    rows = mcap_messages(path / "bag.mcap")
+    ((_, _, source),) = rows.pop("/ground_truth/source")
+    assert source.data == log.truth.source
+    for _, time, decoded in (one for found in rows.values() for one in found):
+        assert decoded.header.stamp.sec * 10**9 + decoded.header.stamp.nanosec == time
+    assert {(topic, found[0][0]): len(found) for topic, found in rows.items()} == {
         ("/joint_states", "sensor_msgs/msg/JointState"): len(log.tracks.stamps),
         ("/imu/data_raw", "sensor_msgs/msg/Imu"): len(log.imu.stamps),
         ("/fix/pose", "geometry_msgs/msg/PoseWithCovarianceStamped"): len(log.fixes.stamps),
@@ -214,17 +183,45 @@ def test_the_official_reader_finds_standard_messages(tmp_path: Path, robot: Robo
         ("/ground_truth/twist", "geometry_msgs/msg/TwistStamped"): len(log.truth.twists.stamps),
         ("/ground_truth/joint_states", "sensor_msgs/msg/JointState"): len(log.truth.tracks.stamps),
     }
-    _, joints = rows["/joint_states", "sensor_msgs/msg/JointState"][3]
+    _, _, joints = rows["/joint_states"][3]
     assert joints.name == ["left_track_joint", "right_track_joint"]
     radius = robot.vehicle.sprocket_radius
     np.testing.assert_array_equal(joints.velocity, log.tracks.speeds[3] / radius)
-    _, imu = rows["/imu/data_raw", "sensor_msgs/msg/Imu"][5]
+    _, _, imu = rows["/imu/data_raw"][5]
     assert imu.header.frame_id == "imu_link"
     assert imu.orientation_covariance[0] == -1
     assert imu.linear_acceleration.z == log.imu.linear_acceleration[5, 2]
-    _, fix = rows["/fix/pose", "geometry_msgs/msg/PoseWithCovarianceStamped"][0]
+    _, _, fix = rows["/fix/pose"][0]
     assert fix.header.frame_id == "odom"
     covariance = np.reshape(fix.pose.covariance, (6, 6))
     np.testing.assert_array_equal(covariance, np.diag(np.diag(covariance)))
     assert covariance[5, 5] == 1e6
     assert np.isfinite(covariance).all()
+
+
+# --- latched topics --------------------------------------------------------------------------------
+
+ROBOT = icreckon.load_robot("jackal")
+ONCE = {"/icreckon/topics", "/ground_truth/source", "/gyro/path", "/ground_truth/path"}
+
+
+@pytest.mark.parametrize("kind", ["mcap", "sqlite3", "ros1"])
+def test_they_are(kind: Format, tmp_path: Path) -> None:
+    log = icreckon.simulate(icreckon.Scenario(duration=3.0), ROBOT)
+    bags = [write_log(log, tmp_path / "log", kind, ROBOT)]
+    if kind != "sqlite3":
+        bags.append(tmp_path / ("odometry.mcap" if kind == "mcap" else "odometry.bag"))
+        write_replay_bag(bags[1], kind, icreckon.compare(log, ROBOT, "gyro"), ROBOT)
+    latched, others = set(), set()
+    for bag in bags:
+        with AnyReader([bag]) as reader:
+            for one in reader.connections:
+                if kind == "ros1":
+                    is_latched = bool(one.ext.latching)
+                else:
+                    profiles = one.ext.offered_qos_profiles
+                    durabilities = {profile.durability for profile in profiles}
+                    is_latched = durabilities == {QosDurability.TRANSIENT_LOCAL}
+                (latched if is_latched else others).add(one.topic)
+    assert latched == {topic for topic in ONCE if kind != "sqlite3" or "path" not in topic}
+    assert {"/imu/data", "/joint_states"} <= others

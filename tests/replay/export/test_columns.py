@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.log.scores import pose_nees
-from icreckon.estimator.log.series import PoseSeries, Truth
-from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon import Comparison, PoseSeries, compare, pose_nees
 from icreckon.replay.comparison.fixes import OF_FIXES
 
 ROBOT = icreckon.load_robot("auriga-alpha")
@@ -22,9 +20,8 @@ def comparison() -> Comparison:
 
 
 def with_truth(comparison: Comparison, **changes: object) -> Comparison:
-    truth = comparison.log.truth
-    assert truth is not None
-    return replace(comparison, log=replace(comparison.log, truth=replace(truth, **changes)))  # type: ignore[arg-type]
+    truth = replace(comparison.log.truth, **changes)
+    return replace(comparison, log=replace(comparison.log, truth=truth))
 
 
 def test_a_row_for_each_pair_of_track_speeds(comparison: Comparison) -> None:
@@ -32,16 +29,14 @@ def test_a_row_for_each_pair_of_track_speeds(comparison: Comparison) -> None:
     frame = pd.DataFrame(icreckon.columns_of(comparison, ROBOT, VARIANT))
     assert len(frame) == len(comparison.log.tracks.stamps)
     assert np.allclose(frame.t_s, (frame.stamp_ns - comparison.log.start) * 1e-9)
-    assert np.allclose(
-        np.hypot(frame.x_m - frame.true_x_m, frame.y_m - frame.true_y_m), frame.position_error_m
-    )
+    off = np.hypot(frame.x_m - frame.true_x_m, frame.y_m - frame.true_y_m)
+    assert np.allclose(off, frame.position_error_m)
     assert frame.yaw_error_rad.abs().max() < 0.2
 
 
 def test_errors_are_those_of_the_scores(comparison: Comparison) -> None:
     found = icreckon.columns_of(comparison, ROBOT, VARIANT)
-    truth, run = comparison.log.truth, comparison.runs[VARIANT]
-    assert truth is not None
+    run = comparison.runs[VARIANT]
     at_rows = PoseSeries(
         run.stamps, np.stack([found[f"true_{name}"] for name in ("x_m", "y_m", "yaw_rad")], axis=-1)
     )
@@ -65,11 +60,8 @@ def test_a_hole_of_the_truth_has_no_errors(comparison: Comparison) -> None:
 
 
 def test_a_truth_without_headings_has_no_yaw(comparison: Comparison) -> None:
-    truth = comparison.log.truth
-    positions = Truth(truth.poses, source="my receiver", headings=False)
-    found = icreckon.columns_of(
-        replace(comparison, log=replace(comparison.log, truth=positions)), ROBOT, VARIANT
-    )
+    positions = {"source": "my receiver", "headings": False, "twists": None, "tracks": None}
+    found = icreckon.columns_of(with_truth(comparison, **positions), ROBOT, VARIANT)
     assert np.isfinite(found["position_error_m"]).all()
     assert np.isnan(found["yaw_error_rad"]).all()
     assert np.isnan(found["nees_pose"]).all()

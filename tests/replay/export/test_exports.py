@@ -2,46 +2,39 @@
 
 import csv
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from rosbags.rosbag1 import Reader as Ros1Reader
 
-from command_line import fails, icreckon
+from bag_messages import mcap_messages
+from command_line import fails, succeeds
+from icreckon import IndexValues, PoseSeries, ReplayError, Robot, Scenario, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.frames import quaternion_to_yaw
-from icreckon.estimator.log.series import PoseSeries
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.outputs import Run
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.replay.bags.messages import Messages
+from icreckon.estimator.base.frames import quaternion_to_yaw, wrap_angle
+from icreckon.estimator.log.scores import interpolate_poses
+from icreckon.estimator.streaming.outputs import Run, icr_points
 from icreckon.replay.bags.writer import write_bag
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.outputs import written_beside
 from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.export.folder import write_kitti, write_tum
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
-from icreckon.replay.export.replay_bag import _odometry, write_replay_bag
-from icreckon.replay.export.tables import icr_series, write_run
-from icreckon.replay.export.trajectories import write_kitti, write_tum
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from icreckon.replay.export.replay_bag import write_replay_bag
+from icreckon.replay.export.tables import write_run
+from tum import read_tum
 
 VARIANTS = ["constant-online", "inertia-online"]
 
 
 @pytest.fixture(scope="module")
-def comparison() -> Comparison:
-    from icreckon.estimator.robot.robot_file import load_robot
-
-    robot = load_robot("auriga-alpha")
-    log = simulate(
-        Scenario(duration=20.0, seed=4, trajectory="slalom", outages=((8.0, 20.0),)), robot
-    )
+def comparison(robot: Robot) -> Comparison:
+    scenario = Scenario(duration=20.0, seed=4, trajectory="slalom", outages=((8.0, 20.0),))
+    log = simulate(scenario, robot)
     return compare(log, robot, VARIANTS, smooth=True)
 
 
@@ -71,8 +64,8 @@ def test_a_misspelt_format_is_refused(text: str, told: str) -> None:
 
 def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(tmp_path):
     words = ("--duration", 20, "--outage", "5:20", "--seed", 3)
-    assert icreckon("simulate", "--out", "run", *words, cwd=tmp_path).returncode == 0
-    words = (
+    succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
+    words = [
         "replay",
         "run",
         "--robot",
@@ -81,11 +74,10 @@ def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(
         "constant-online",
         "--out",
         "a",
-    )
+    ]
     assert "did you mean 'kitti'" in fails(*words, "--formats", "tum,kity", cwd=tmp_path)
     assert not (tmp_path / "a").exists()
-    done = icreckon(*words, "--formats", "ros1,kitti,csv", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds(*words, "--formats", "ros1,kitti,csv", cwd=tmp_path)
     assert "the page to open is a/page.html" in done.stderr.replace("\n", "")
     names = {path.name for path in (tmp_path / "a").iterdir()}
     assert names == {
@@ -148,9 +140,8 @@ def test_parquet_holds_all_of_a_run(tmp_path: Path, one: Run, robot: Robot) -> N
 
 def test_csv_says_the_same_as_parquet(tmp_path: Path, one: Run, robot: Robot) -> None:
     start = int(one.stamps[0])
-    table = pyarrow.parquet.read_table(
-        write_run(tmp_path / "a.parquet", "parquet", one, robot, start)
-    )
+    path = write_run(tmp_path / "a.parquet", "parquet", one, robot, start)
+    table = pyarrow.parquet.read_table(path)
     with write_run(tmp_path / "a.csv", "csv", one, robot, start).open(newline="") as file:
         head, *rows = list(csv.reader(file))
     assert head == table.column_names
@@ -165,30 +156,14 @@ def test_csv_says_the_same_as_parquet(tmp_path: Path, one: Run, robot: Robot) ->
         np.testing.assert_array_equal(found, table[name].to_numpy(), err_msg=name)
 
 
-def test_icrs_are_those_that_the_estimator_says(comparison: Comparison, robot: Robot) -> None:
-    estimator = PoseEstimator(robot, "inertia-online")
-    for measurement in comparison.log.measurements():
-        estimator.feed(measurement)
-    found = icr_series(np.array([estimator.indices]), robot.vehicle.track_gauge)
-    left, right = estimator.icrs
-    assert (found.left_x[0], found.left_y[0]) == left
-    assert (found.right_x[0], found.right_y[0]) == right
-    assert found.left_y[0] > 0.0 > found.right_y[0]
-
-
 # --- bags ----------------------------------------------------------------------------------------
 
 
-def test_odometry_holds_the_estimate(one: Run) -> None:
-    messages = Messages(ros1=False)
+def test_odometry_holds_the_estimate(one: Run, messages) -> None:
     path, places = one.trajectory, one.trajectory.pose_series
-    box = _odometry("/odom", path, "a_frame/base_link")
-    np.testing.assert_array_equal(box.stamps, one.stamps)
     for row in (0, 1, 500, len(one.stamps) - 1):
-        found = box.make(messages, row)
-        stamp = found.header.stamp.sec * 10**9 + found.header.stamp.nanosec
+        _, stamp, found = messages["/inertia_online/odom"][row]
         assert stamp == one.stamps[row]
-        assert found.child_frame_id == "a_frame/base_link"
         yaw, at = path.poses[row, 2], found.pose.pose.position
         assert (at.x, at.y, at.z) == tuple(places.positions[row])
         q = found.pose.pose.orientation
@@ -201,21 +176,11 @@ def test_odometry_holds_the_estimate(one: Run) -> None:
             matrix = np.reshape(told, (6, 6))
             np.testing.assert_array_equal(matrix[np.ix_([0, 1, 5], [0, 1, 5])], expected)
         spatial = np.diag(np.reshape(found.pose.covariance, (6, 6)))[2:5]
-        assert path.spatial_sigmas is not None
         np.testing.assert_allclose(spatial, path.spatial_sigmas[row].astype(float) ** 2)
         assert (spatial[1:] > 0.0).all()
         assert (spatial < 1.0).all()
         np.testing.assert_array_equal(np.diag(np.reshape(found.twist.covariance, (6, 6)))[2:5], 1e6)
         assert found.twist.twist.angular.z == one.trajectory.twists[row, 2]
-
-
-def mcap_messages(path: Path) -> dict[str, list]:
-    found: dict[str, list] = {}
-    with path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        for schema, channel, message, decoded in reader.iter_decoded_messages():
-            found.setdefault(channel.topic, []).append((schema.name, message.log_time, decoded))
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -290,15 +255,15 @@ def test_icr_markers_lie_in_the_frame_of_their_variant(messages, comparison, rob
     assert len(rows) == pytest.approx(5 * 20, abs=2)
     for _, stamp, decoded in rows:
         row = np.flatnonzero(one.stamps == stamp)
-        icrs = icr_series(one.indices[row], robot.vehicle.track_gauge)
+        of_left, of_right = icr_points(IndexValues(*one.indices[row][0]), robot.vehicle.track_gauge)
         spheres, line = decoded.markers
         assert spheres.header.frame_id == "constant_online/base_link"
         assert (spheres.type, line.type, spheres.action) == (7, 4, 0)
         assert (spheres.id, line.id) == (0, 1)
         for marker in decoded.markers:
             left, right = marker.points
-            assert (left.x, left.y) == (icrs.left_x[0], icrs.left_y[0])
-            assert (right.x, right.y) == (icrs.right_x[0], icrs.right_y[0])
+            assert (left.x, left.y) == of_left
+            assert (right.x, right.y) == of_right
         assert spheres.color.a == 1.0
         assert spheres.scale.x > 0.0
         assert spheres.pose.orientation.w == 1.0
@@ -325,16 +290,11 @@ def test_diagnostics_tell_innovations_of_each_sensor(messages, comparison):
         levels = [by_name[f"inertia-online: position_{axis}"].level for axis in "xy"]
         assert levels == ([0, 0] if np.isfinite(fixes).any() else [3, 3])
     assert levels == [3, 3]
-    counts = next(
-        status for status in rows[-1][2].status if status.name == "inertia-online: counts"
-    )
-    told = {pair.key: pair.value for pair in counts.values}
+    told = {pair.key: pair.value for pair in by_name["inertia-online: counts"].values}
     assert told["gyro: used"] == str(one.health.sensors["gyro"].used)
 
 
 def test_a_bag_without_truth_fixes_and_imu(tmp_path: Path, robot: Robot) -> None:
-    from dataclasses import replace
-
     log = simulate(Scenario(duration=4.0, seed=4), robot)
     bare = compare(replace(log, truth=None, fixes=None, imu=None), robot, ["differential"])
     found = mcap_messages(write_replay_bag(tmp_path / "o.mcap", "mcap", bare, robot))
@@ -400,11 +360,53 @@ def test_evo_reads_the_trajectories(evo: Path, tmp_path: Path, comparison: Compa
         evo, tmp_path, "evo_ape", "tum", reference, files["tum"], "--t_max_diff", "0.011"
     )
     said = {line.split()[0]: float(line.split()[1]) for line in told.splitlines() if "\t" in line}
-    from icreckon.estimator.log.scores import interpolate_poses
-
     at = truth.stamps[(truth.stamps >= poses.stamps[0]) & (truth.stamps <= poses.stamps[-1])]
     apart = interpolate_poses(poses, at) - interpolate_poses(truth, at)
     error = np.hypot(apart[:, 0], apart[:, 1])
     # evo pairs the nearest stamps, up to 10 ms apart, which at 1 m/s is as many millimetres.
     assert said["rmse"] == pytest.approx(np.sqrt((error**2).mean()), abs=0.005)
     assert said["max"] == pytest.approx(error.max(), abs=0.01)
+
+
+# --- trajectories as text --------------------------------------------------------------------------
+
+STAMPS = np.array([-1_500_000_001, 0, 1, 1_700_000_000_123_456_789, 2**62], dtype=np.int64)
+
+
+def poses(stamps: np.ndarray = STAMPS) -> PoseSeries:
+    return PoseSeries(stamps, np.random.default_rng(5).normal(size=(len(stamps), 3)) * [9, 9, 2])
+
+
+def test_a_trajectory_comes_back(tmp_path: Path) -> None:
+    written = poses()
+    found = read_tum(write_tum(tmp_path / "t.tum", written))
+    np.testing.assert_array_equal(found.stamps, written.stamps)
+    np.testing.assert_allclose(found.poses[:, :2], written.poses[:, :2], atol=1e-9)
+    assert np.abs(wrap_angle(found.poses[:, 2] - written.poses[:, 2])).max() < 1e-8
+
+
+def test_the_text(tmp_path: Path) -> None:
+    series = PoseSeries(np.array([1_700_000_000_000_000_007]), np.array([[1.5, -2.0, 0.0]]))
+    path = write_tum(tmp_path / "t.tum", series)
+    assert path.read_text() == (
+        "1700000000.000000007 1.500000000 -2.000000000 0.000000000 "
+        "0.000000000 0.000000000 0.000000000 1.000000000\n"
+    )
+
+
+def _write_and_fail(path: Path, **options: bool) -> None:
+    with written_beside(path, **options) as new:
+        new.write_text("half")
+        raise KeyboardInterrupt
+
+
+def test_an_interrupted_write_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "deep" / "out.txt"
+    with pytest.raises(KeyboardInterrupt):
+        _write_and_fail(path)
+    assert list(path.parent.iterdir()) == []
+    path.write_text("old")
+    with pytest.raises(KeyboardInterrupt):
+        _write_and_fail(path, overwrite=True)
+    assert path.read_text() == "old"
+    assert list(path.parent.iterdir()) == [path]

@@ -6,18 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.compare import Comparison, compare
+from bag_messages import mcap_messages
+from icreckon import Comparison, ReplayError, Scenario, compare, load_robot, simulate
 from icreckon.replay.export.formats import check_formats
 from icreckon.replay.export.geojson import write_geojson
 from icreckon.replay.export.replay_bag import write_replay_bag
 from icreckon.replay.mapping.geodesy import degrees, east_north
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ORIGIN = (52.0, 13.0, 40.0)
 
@@ -50,14 +45,12 @@ def test_each_path_is_a_line_in_its_colour(on_globe: Comparison, tmp_path: Path)
     features = {one["properties"]["name"]: one for one in found["features"]}
     assert list(features) == ["gyro", "constant-online", "ground_truth", "fixes"]
     assert len({one["properties"].get("stroke") for one in features.values()}) == 4
-    assert on_globe.log.truth is not None
     for name, run in on_globe.runs.items():
         line = features[name]
         assert line["geometry"]["type"] == "LineString"
         longitude, latitude, altitude = np.array(line["geometry"]["coordinates"]).T
         level = np.full(len(latitude), ORIGIN[2])
         places = east_north(np.column_stack([latitude, longitude, level]), ORIGIN)
-        assert run.trajectory.spatial is not None
         assert altitude[-1] == pytest.approx(ORIGIN[2] + run.trajectory.spatial[-1, 0], abs=0.1)
         # Five points a second of a drive of ten seconds.
         assert len(places) == pytest.approx(50, abs=1)
@@ -74,11 +67,7 @@ def test_each_path_is_a_line_in_its_colour(on_globe: Comparison, tmp_path: Path)
 
 def test_a_bag_has_the_paths_as_fixes_of_a_receiver(on_globe: Comparison, tmp_path: Path) -> None:
     bag = write_replay_bag(tmp_path / "o.mcap", "mcap", on_globe, load_robot("auriga-alpha"))
-    with bag.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        found = [
-            message for *_, message in reader.iter_decoded_messages(topics=["/constant_online/fix"])
-        ]
+    found = [message for *_, message in mcap_messages(bag)["/constant_online/fix"]]
     trajectory = on_globe.runs["constant-online"].trajectory
     assert len(found) == pytest.approx(50, abs=1)
     for message in (found[0], found[-1]):

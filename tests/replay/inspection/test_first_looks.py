@@ -10,22 +10,12 @@ import pytest
 from test_inspection import driven_log, proposed
 
 from conftest import inspected, sample_log
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import HeadingFix
-from icreckon.estimator.log.scores import drift
+from icreckon import Comparison, HeadingFix, Log, compare, drift, inspect, read_log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
-from icreckon.replay.comparison.compare import Comparison, compare
+from icreckon.replay.inspection import wheels
 from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
-from icreckon.replay.inspection.inspect import inspect
-from icreckon.replay.inspection.wheels import (
-    heading_offset,
-    standstills,
-    unit_suspicions,
-    wheel_estimates,
-)
-from icreckon.replay.reading.read_log import read_log
 
 RADIUS, TRACK = 0.2, 0.6
 
@@ -49,12 +39,12 @@ def in_rates(log: Log) -> Log:
 def looked_at(log: Log):
     mounting = estimate_mounting(log)
     vertical = vertical_rate(log.imu, mounting)
-    return mounting, vertical, wheel_estimates(log, vertical, mounting.turning_correlation)
+    return mounting, vertical, wheels.wheel_estimates(log, vertical, mounting.turning_correlation)
 
 
 def suspicions(log: Log, *, rates: bool = False, from_twist: bool = False) -> list[str]:
     mounting, vertical, estimates = looked_at(log)
-    return unit_suspicions(
+    return wheels.unit_suspicions(
         log, mounting, estimates, vertical=vertical, rates=rates, from_twist=from_twist
     )
 
@@ -74,13 +64,9 @@ def test_effective_radius_and_track() -> None:
 
 
 def scaled(log: Log, *, gyro: float = 1.0, force: float = 1.0, tracks: float = 1.0) -> Log:
-    return replace(
-        log,
-        imu=ImuSeries(
-            log.imu.stamps, log.imu.angular_velocity * gyro, log.imu.linear_acceleration * force
-        ),
-        tracks=TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * tracks),
-    )
+    rates, forces = log.imu.angular_velocity * gyro, log.imu.linear_acceleration * force
+    speeds = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * tracks)
+    return replace(log, imu=ImuSeries(log.imu.stamps, rates, forces), tracks=speeds)
 
 
 def test_units_that_are_right() -> None:
@@ -115,7 +101,7 @@ def test_a_slow_gyro_in_degrees_is_found_against_odometry() -> None:
 
 
 def test_standstills() -> None:
-    stops = standstills(driven_log((0.0, 0.0, 0.0)))
+    stops = wheels.standstills(driven_log((0.0, 0.0, 0.0)))
     # It stands for 10 s of each 30 s, and slows down and starts within 1 s.
     assert len(stops) == 4
     for (begin, end), expected in zip(stops, (20.0, 50.0, 80.0, 110.0), strict=True):
@@ -135,8 +121,8 @@ def test_the_offset_of_a_heading() -> None:
         for stamp, pose in zip(poses.stamps[chosen], poses.poses[chosen], strict=True)
     )
     log = replace(log, truth=None, fixes=fixes, others=headings)
-    assert heading_offset(log) == pytest.approx(np.degrees(1.2), abs=3.0)
-    assert heading_offset(replace(log, others=())) is None
+    assert wheels.heading_offset(log) == pytest.approx(np.degrees(1.2), abs=3.0)
+    assert wheels.heading_offset(replace(log, others=())) is None
 
 
 def test_a_made_table(tmp_path: Path) -> None:
@@ -144,16 +130,10 @@ def test_a_made_table(tmp_path: Path) -> None:
     poses = log.truth.poses.poses
     head = "time_ms,left_wheel_vel_rad,right_wheel_vel_rad,cmd_left_vel,cmd_right_vel"
     head += ",gyro_x,gyro_y,gyro_z,accel_x,accel_y,accel_z,icp_truth_x,icp_truth_y,icp_truth_yaw"
-    table = np.column_stack(
-        [
-            (log.tracks.stamps - log.tracks.stamps[0]) / 1e6,
-            log.tracks.speeds,
-            0.0 * log.tracks.speeds,
-            log.imu.angular_velocity,
-            log.imu.linear_acceleration,
-            poses,
-        ]
-    )
+    milliseconds = (log.tracks.stamps - log.tracks.stamps[0]) / 1e6
+    columns = [milliseconds, log.tracks.speeds, 0.0 * log.tracks.speeds]
+    columns += [log.imu.angular_velocity, log.imu.linear_acceleration, poses]
+    table = np.column_stack(columns)
     path = tmp_path / "run.csv"
     np.savetxt(path, table, delimiter=",", header=head, comments="")
     found = inspect(path)
@@ -184,9 +164,14 @@ def test_counters_need_their_counts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "other", ["current_{}_a", "{}_cmd_m_s", "v_battery_{}_volt", "temp_{}_speed", "{}_torque_enc"]
+    "other",
+    [
+        *("current_{}_a", "{}_cmd_m_s", "v_battery_{}_volt", "temp_{}_speed", "{}_torque_enc"),
+        *("{}_motor_A", "{}_status", "{}_joystick", "sonar_{}", "{}_wheel_load", "{}_position"),
+        *("{}_error", "{}_m_s_sp"),
+    ],
 )
-def test_columns_beside_the_speeds_are_none(other: str, tmp_path: Path) -> None:
+def test_columns_of_another_quantity_are_no_speeds(other: str, tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     sides = ("left", "right")
     names = [*map(other.format, sides), *map("{}_m_s".format, sides)]
@@ -253,7 +238,6 @@ NOT_IN_THE_LOG: dict[str, tuple[float, float] | str] = {
 }
 
 # Logs whose track speeds are repeated until the next.
-HELD = {name for name in NOT_IN_THE_LOG if name.startswith(("warthog", "husky_deflated"))}
 
 # The others are for `-m thorough`.
 FEW = ("jackal_test2.bag",)
@@ -283,7 +267,6 @@ def test_a_proposed_robot_file_needs_no_more_than_what_no_log_can_tell(data_dir,
     robot = load_robot(file)
     log = read_log(path, robot)
     assert np.abs(log.tracks.speeds).max() < robot.vehicle.max_track_speed
-    assert (robot.log["tracks"].get("held") == "auto") == (name in HELD)
     if radius:
         assert robot.vehicle.sprocket_radius == pytest.approx(radius, rel=0.04)
         assert not is_of_another(check_robot(log, robot))
@@ -307,30 +290,6 @@ def drift_of(comparison: Comparison) -> float:
     """Drift of the only variant after 30 s [%]."""
     (run,) = comparison.runs.values()
     return drift(run.trajectory.pose_series, comparison.log.truth.poses, 30.0).percent_mean
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        "{}_motor_A",
-        "{}_status",
-        "{}_joystick",
-        "sonar_{}",
-        "{}_wheel_load",
-        "{}_position",
-        "{}_error",
-    ],
-)
-def test_columns_of_another_quantity_are_no_speeds(names: str, tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text(f"t,{names.format('left')},{names.format('right')}\n0.0,1,2\n0.1,2,3\n")
-    assert inspect(path).mapping.columns.tracks is None
-
-
-def test_demanded_speeds_beside_the_measured_ones_are_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "table.csv"
-    path.write_text("t,left_rpm_sp,right_rpm_sp,left_rpm,right_rpm\n0.0,1,2,3,4\n0.1,2,3,4,5\n")
-    assert inspect(path).mapping.columns.tracks.left == ("left_rpm",)
 
 
 @pytest.mark.parametrize(

@@ -6,15 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon import FixSpec, Log, Robot, Scenario, inspect, load_robot, simulate, write_log
 from icreckon.estimator.sensors.sensor_models import SensorModels
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
-from icreckon.replay.inspection.inspect import inspect
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
@@ -55,11 +49,8 @@ def test_any_units_frame_bias_and_outliers_change_little() -> None:
     at = (fixes.poses[:, 0] + 1j * fixes.poses[:, 1]) * np.exp(2j) + 100.0
     poses = np.column_stack([at.real, at.imag, fixes.poses[:, 2]])
     poses[::40, 0] += 50.0
-    other = replace(
-        log,
-        fixes=replace(fixes, poses=poses),
-        tracks=replace(log.tracks, speeds=7.0 * log.tracks.speeds),
-    )
+    tracks = replace(log.tracks, speeds=7.0 * log.tracks.speeds)
+    other = replace(log, fixes=replace(fixes, poses=poses), tracks=tracks)
     vertical = SensorModels(ALPHA).yaw_rates(imu.angular_velocity) + 2e-4
     found = estimate_wander(other, vertical)
     assert isinstance(found, FixWanderEstimate)
@@ -92,9 +83,8 @@ def test_inspect_proposes_what_a_replay_accepts(tmp_path: Path, robot: Robot) ->
 def test_fixes_that_state_more_than_they_scatter_wander(stated: float, proposed: bool) -> None:
     """Here odometry may be off by as much; only what a receiver states tells the two apart."""
     log = driven(FixSpec(sigma=0.02, wander_sigma=0.8, wander_time=60.0), seed=3)
-    variances = np.column_stack(
-        [np.full(len(log.fixes.stamps), stated**2), log.fixes.variances[:, 1]]
-    )
+    variances = log.fixes.variances.copy()
+    variances[:, 0] = stated**2
     faster = replace(log, fixes=replace(log.fixes, variances=variances))
     found = found_in(faster)
     assert isinstance(found, FixWanderEstimate)

@@ -5,15 +5,12 @@ import numpy as np
 import pytest
 
 from conftest import inspected, make_log, sample_log
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon import EstimatorError, Inspection, Log, inspect, write_log
 from icreckon.estimator.base.frames import rpy_to_matrix
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.guess_topics import sides
 from icreckon.replay.inspection.imu_mounting import estimate_mounting
-from icreckon.replay.inspection.inspect import Inspection, inspect
 from icreckon.replay.mapping.topics import TopicMap, topic_map
 
 

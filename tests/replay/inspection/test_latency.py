@@ -3,21 +3,16 @@
 from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
+from msgspec import structs
 
 from conftest import inspected, make_log, sample_log
+from icreckon import ReplayError, Robot, compare, drift, load_robot, read_log, write_log
 from icreckon.estimator.log.lag import Lag
-from icreckon.estimator.log.scores import drift
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.mapping.topics import topic_map, writable_topics
-from icreckon.replay.reading.read_log import read_log
 
 RATE = 100.0
 
@@ -62,7 +57,7 @@ def mapped(robot: Robot, **latencies: float) -> Robot:
     log = {name: dict(table) for name, table in robot.log.items()}
     for name, value in latencies.items():
         log[name]["latency"] = value
-    return msgspec.structs.replace(robot, log=log)
+    return structs.replace(robot, log=log)
 
 
 def test_it_is_taken_off_the_stamps(tmp_path: Path) -> None:
@@ -72,11 +67,11 @@ def test_it_is_taken_off_the_stamps(tmp_path: Path) -> None:
     topics = writable_topics(topic_map(mapped(robot, tracks=0.2), "test"))
     assert topics.tracks.latency == 0.0
     in_time = read_log(bag, robot, topics=topics)
-    late = msgspec.structs.replace(
-        topics,
-        tracks=msgspec.structs.replace(topics.tracks, latency=0.2),
-        imu=msgspec.structs.replace(topics.imu, latency=-0.05),
+    tracks, imu = (
+        structs.replace(topics.tracks, latency=0.2),
+        structs.replace(topics.imu, latency=-0.05),
     )
+    late = structs.replace(topics, tracks=tracks, imu=imu)
     shifted = read_log(bag, robot, topics=late)
     assert (shifted.tracks.stamps == in_time.tracks.stamps - 200_000_000).all()
     assert (shifted.imu.stamps == in_time.imu.stamps + 50_000_000).all()
@@ -88,7 +83,7 @@ def test_columns_have_a_latency_too(tmp_path: Path) -> None:
     table = tmp_path / "log.csv"
     table.write_text("\n".join(lines), encoding="utf-8")
     columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"], "latency": 0.1}}
-    robot = msgspec.structs.replace(load_robot("marmotte"), log={"columns": columns})
+    robot = structs.replace(load_robot("marmotte"), log={"columns": columns})
     assert read_log(table, robot).tracks.stamps[0] == 0
 
 

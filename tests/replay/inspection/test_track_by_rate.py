@@ -6,17 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from command_line import fails, icreckon
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.replay.inspection.track_by_rate import (
-    EDGES,
-    WINDOW,
-    RateBin,
-    extremes,
-    track_by_rate,
-    track_windows,
-)
+from command_line import fails, icreckon, succeeds
+from icreckon import ImuSeries, Log, TrackSpeedSeries
+from icreckon.replay.inspection import track_by_rate as by_rate
+from icreckon.replay.inspection.track_by_rate import extremes, track_by_rate, track_windows
 
 STEP = 0.02
 RATES = (0.15, 0.4, 0.8, -0.15, -0.4, -0.8)
@@ -43,7 +36,7 @@ def test_a_track_that_is_the_same_at_all_rates_is_found_so() -> None:
     for one in bins:
         assert one.track == pytest.approx(1.5, abs=4.0 * one.sigma)
         assert one.sigma < 0.02
-        assert one.seconds == pytest.approx(SECONDS, abs=3.0 * WINDOW)
+        assert one.seconds == pytest.approx(SECONDS, abs=3.0 * by_rate.WINDOW)
     assert extremes(bins) is None
 
 
@@ -71,15 +64,14 @@ def test_holes_and_changes_of_the_rate_do_not_count() -> None:
 
 
 def test_few_windows_are_no_bin() -> None:
-    assert track_by_rate(np.full((7, 2), EDGES[1])) == []
-    assert extremes([RateBin(0.2, 1.0, 0.1, 5.0)]) is None
+    assert track_by_rate(np.full((7, 2), by_rate.EDGES[1])) == []
+    assert extremes([by_rate.RateBin(0.2, 1.0, 0.1, 5.0)]) is None
 
 
 def test_inspect_draws_it_and_says_so_where_nothing_shows_it(tmp_path: Path) -> None:
     words = ("--duration", "150", "--fix-rate", "0", "--seed", "4")
     icreckon("simulate", "--out", "turning", "--trajectory", "arcs", *words, cwd=tmp_path)
-    done = icreckon("inspect", "turning", "--picture", "track.png", "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    done = succeeds("inspect", "turning", "--picture", "track.png", "--json", cwd=tmp_path)
     assert (tmp_path / "track.png").read_bytes().startswith(b"\x89PNG")
     track = json.loads(done.stdout)["track"]
     assert track["unit"] == "m"

@@ -1,6 +1,6 @@
 """Live messages become the measurements that a replay of their bag reads."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -8,43 +8,28 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from bag_messages import (
-    DRIVES,
-    JOINTS,
-    SECOND,
-    STORE,
-    T,
-    drive_bag,
-    header,
-    imu,
-    joints,
-    navsatfix,
-    odometry,
-    orientation,
-    pose_stamped,
-    pose_with_covariance,
-    robot_with,
-    twist,
-    vector,
-    write_bag,
-)
-from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.base.errors import ReplayError
+import bag_messages as made
+from bag_messages import JOINTS, SECOND, STORE, T, joints, robot_with, write_bag
+from icreckon import ImuSample, Measurement, ReplayError, Robot, TrackSpeeds, read_log
 from icreckon.replay.live.apart_wheels import ApartWheels
-from icreckon.replay.live.inputs import LiveInputs
+from icreckon.replay.live.inputs import LiveInputs, Subscription
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
 
 T0 = 1_700_000_000 * SECOND
 STAMPS = [T0 + k * SECOND // 20 for k in range(40)]
 TRACKS = [("/js", joints(stamp, (1.0 + 0.1 * k, 2.0))) for k, stamp in enumerate(STAMPS)]
 
 
+def live_inputs(**log: Any) -> tuple[LiveInputs, dict[str, Subscription]]:
+    """Inputs of a robot, and its subscriptions by topic."""
+    robot = robot_with(**log)
+    inputs = LiveInputs(robot, topic_map(robot, "robot"))
+    return inputs, {one.topic: one for one in inputs.subscriptions()}
+
+
 def through(bag: Path, robot: Robot) -> list[Measurement]:
     """Measurements of all messages of a bag, one after the other."""
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
-    topics = {one.topic: one for one in inputs.subscriptions()}
+    inputs, topics = live_inputs(**robot.log)
     found: list[Measurement] = []
     with AnyReader([bag], default_typestore=STORE) as reader:
         when = 0
@@ -58,10 +43,13 @@ def through(bag: Path, robot: Robot) -> list[Measurement]:
     return found
 
 
-def same(live: Sequence[Measurement], replayed: Sequence[Measurement]) -> None:
-    key = [(one.stamp, type(one).__name__) for one in live]
-    live = [live[place] for place in sorted(range(len(key)), key=lambda place: key[place])]
-    replayed = sorted(replayed, key=lambda one: (one.stamp, type(one).__name__))
+def read_alike(bag: Path, robot: Robot, since: int = 0) -> list[Measurement]:
+    """Measurements of a replay from a time on, which are those of a live run."""
+    replayed, live = (
+        sorted(found, key=lambda one: (one.stamp, type(one).__name__))
+        for found in (read_log(bag, robot).measurements(), through(bag, robot))
+    )
+    replayed, live = ([one for one in found if one.stamp > since] for found in (replayed, live))
     assert [type(one) for one in live] == [type(one) for one in replayed]
     for one, other in zip(live, replayed, strict=True):
         for name in type(one).__match_args__:
@@ -70,24 +58,25 @@ def same(live: Sequence[Measurement], replayed: Sequence[Measurement]) -> None:
                 assert mine is theirs
             else:
                 assert np.asarray(mine) == pytest.approx(np.asarray(theirs), abs=1e-12), name
+    return replayed
 
 
 def gps(stamp: int, north: float, status: int = 0):
     height = float("nan") if north > 3.0 else 100.0
-    return navsatfix(stamp, 52.0 + north / 111_000.0, 13.0, height, status)
+    return made.navsatfix(stamp, 52.0 + north / 111_000.0, 13.0, height, status)
 
 
 def twist_stamped(stamp: int, v: float, w: float):
-    return T["geometry_msgs/msg/TwistStamped"](header(stamp), twist(v, w))
+    return T["geometry_msgs/msg/TwistStamped"](made.header(stamp), made.twist(v, w))
 
 
 def point(stamp: int, x: float):
     return T["geometry_msgs/msg/PointStamped"](
-        header(stamp, "map"), T["geometry_msgs/msg/Point"](x, 2.0, 0.3)
+        made.header(stamp, "map"), T["geometry_msgs/msg/Point"](x, 2.0, 0.3)
     )
 
 
-IMU = [("/imu", imu(stamp, rate=(0.0, 0.0, 0.01 * k))) for k, stamp in enumerate(STAMPS)]
+IMU = [("/imu", made.imu(stamp, rate=(0.0, 0.0, 0.01 * k))) for k, stamp in enumerate(STAMPS)]
 CASES = {
     "wheel rates, IMU": ({"tracks": JOINTS, "imu": {"topic": "/imu"}}, TRACKS + IMU),
     "latency": (
@@ -96,8 +85,16 @@ CASES = {
     ),
     "unit": ({"tracks": JOINTS | {"unit": "rpm"}}, TRACKS),
     "odometry with its own gauge": (
-        {"tracks": {"topic": "/o", "gauge": 1.1}},
-        [("/o", odometry(stamp, 1.0, 0.01 * k)) for k, stamp in enumerate(STAMPS)],
+        {"tracks": {"topic": "/o", "gauge": 1.1, "scale": 0.95}},
+        [("/o", made.odometry(stamp, 1.0, 0.01 * k)) for k, stamp in enumerate(STAMPS)],
+    ),
+    "a side that counts backward": ({"tracks": JOINTS | {"right": ["-r"]}}, TRACKS),
+    "IMU in deg/s and g": (
+        {
+            "tracks": JOINTS,
+            "imu": {"topic": "/imu", "rate_unit": "deg/s", "acceleration_unit": "g"},
+        },
+        TRACKS + IMU,
     ),
     "twist": (
         {"tracks": {"topic": "/t"}},
@@ -115,13 +112,13 @@ CASES = {
         {"tracks": JOINTS, "fixes": {"topic": "/pose", "least_sigma": 0.5}},
         TRACKS
         + [
-            ("/pose", pose_with_covariance(stamp, (0.01, 0.3, 0.02), x=1.0 * k))
+            ("/pose", made.pose_with_covariance(stamp, (0.01, 0.3, 0.02), x=1.0 * k))
             for k, stamp in enumerate(STAMPS[::4])
         ],
     ),
     "poses without covariance": (
         {"tracks": JOINTS, "fixes": {"topic": "/pose", "position_sigma": 0.2}},
-        TRACKS + [("/pose", pose_stamped(stamp, x=0.1, y=2.0)) for stamp in STAMPS[::4]],
+        TRACKS + [("/pose", made.pose_stamped(stamp, x=0.1, y=2.0)) for stamp in STAMPS[::4]],
     ),
     "IMU by its fields": (
         {
@@ -164,7 +161,8 @@ CASES = {
     ),
     "headings": (
         {"tracks": JOINTS, "heading": {"topic": "/compass", "offset_deg": 90.0}},
-        TRACKS + [("/compass", orientation(stamp, 0.1 * k)) for k, stamp in enumerate(STAMPS[::4])],
+        TRACKS
+        + [("/compass", made.orientation(stamp, 0.1 * k)) for k, stamp in enumerate(STAMPS[::4])],
     ),
 }
 
@@ -179,9 +177,7 @@ def test_a_live_run_reads_what_a_replay_reads(name: str, tmp_path: Path) -> None
     log, messages = CASES[name]
     robot = robot_with(**log)
     bag = write_bag(tmp_path / "bag", by_stamp(messages), delay=3_000_000)
-    replayed = list(read_log(bag, robot).measurements())
-    assert len(replayed) >= len(STAMPS)
-    same(through(bag, robot), replayed)
+    assert len(read_alike(bag, robot)) >= len(STAMPS)
 
 
 def test_fields_are_converted_to_si(tmp_path: Path) -> None:
@@ -209,9 +205,7 @@ def test_counters_wrap_and_pause_as_in_a_replay(tmp_path: Path) -> None:
         stream.append(("/js", message))
     robot = robot_with(tracks=JOINTS | {"unit": "counts", "counts_per_turn": 1e3, "wrap": 100.0})
     bag = write_bag(tmp_path / "bag", stream)
-    replayed = list(read_log(bag, robot).measurements())
-    assert len(replayed) == len(STAMPS) - 2
-    same(through(bag, robot), replayed)
+    assert len(read_alike(bag, robot)) == len(STAMPS) - 2
 
 
 def test_a_message_for_each_wheel_with_any_name(tmp_path: Path) -> None:
@@ -223,9 +217,7 @@ def test_a_message_for_each_wheel_with_any_name(tmp_path: Path) -> None:
     ]
     robot = robot_with(tracks={"topic": "/js", "left": names[:1], "right": names[1:]})
     bag = write_bag(tmp_path / "bag", stream)
-    replayed = list(read_log(bag, robot).measurements())
-    assert len(replayed) == len(STAMPS)
-    same(through(bag, robot), replayed)
+    assert len(read_alike(bag, robot)) == len(STAMPS)
 
 
 @pytest.mark.parametrize("every", [1, 2])
@@ -243,16 +235,11 @@ def test_wheels_in_messages_of_their_own_are_interpolated(every, unit, tmp_path:
     given = {} if unit == "rad/s" else {"unit": unit, "counts_per_turn": 1e3, "wrap": 100.0}
     robot = robot_with(tracks=JOINTS | given)
     bag = write_bag(tmp_path / "bag", stream)
-    replayed = [one for one in read_log(bag, robot).measurements() if one.stamp > STAMPS[20]]
-    assert len(replayed) > 15 / every
-    live = [one for one in through(bag, robot) if one.stamp > STAMPS[20]]
-    same(live, replayed)
+    assert len(read_alike(bag, robot, since=STAMPS[20])) > 15 / every
 
 
 def test_a_wheel_that_pauses_or_a_clock_that_is_set_ends_the_interpolation() -> None:
-    robot = robot_with(tracks=JOINTS)
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
-    (tracks,) = inputs.subscriptions()
+    inputs, topics = live_inputs(tracks=JOINTS)
     found: list[Measurement] = []
     for k in range(80):
         back = 3600 * SECOND if k >= 60 else 0
@@ -261,7 +248,7 @@ def test_a_wheel_that_pauses_or_a_clock_that_is_set_ends_the_interpolation() -> 
                 continue
             stamp = T0 + (2 * k + turn) * SECOND // 20 - back
             message = joints(stamp, (1.0,), (name,))
-            found += inputs.take(tracks, message.__msgtype__, message, stamp + back)
+            found += inputs.take(topics["/js"], message.__msgtype__, message, stamp + back)
     stamps = [(one.stamp - T0) / SECOND for one in found]
     assert not [one for one in stamps if 2.0 <= one < 4.0]
     assert [one for one in stamps if 4.2 < one < 5.8]
@@ -279,67 +266,43 @@ def test_fields_of_any_message_are_read(tmp_path: Path) -> None:
     robot = robot_with(
         tracks={"topic": "/drive", "left": ["wheels[0].rate"], "right": ["wheels[1].rate"]}
     )
-    bag = drive_bag(tmp_path / "bag", DRIVES)
-    same(through(bag, robot), list(read_log(bag, robot).measurements()))
+    bag = made.drive_bag(tmp_path / "bag", made.DRIVES)
+    read_alike(bag, robot)
 
 
 def test_transforms_are_fixes(tmp_path: Path) -> None:
-    def transform(stamp: int, parent: str, child: str, x: float, yaw: float):
-        turn = T["geometry_msgs/msg/Quaternion"](0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
-        step = T["geometry_msgs/msg/Transform"](vector(x, 0.5, 0.0), turn)
-        return T["geometry_msgs/msg/TransformStamped"](header(stamp, parent), child, step)
-
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    kind = "tf2_msgs/msg/TFMessage"
-    bag = tmp_path / "bag"
-    with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        static = writer.add_connection("/tf_static", kind, typestore=STORE)
-        moving = writer.add_connection("/tf", kind, typestore=STORE)
-        speeds = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
-        mounted = transform(T0, "lidar", "base_link", 0.4, np.pi / 2)
-        writer.write(static, T0, STORE.serialize_cdr(T[kind]([mounted]), kind))
-        for k, (stamp, (_, speed)) in enumerate(zip(STAMPS, TRACKS, strict=True)):
-            writer.write(speeds, stamp, STORE.serialize_cdr(speed, speed.__msgtype__))
-            step = [transform(stamp, "odom", "lidar", 0.1 * k, 0.05 * k)]
-            if k % 4 == 0:
-                step.append(transform(stamp, "map", "odom", 1.0, 0.01 * k))
-            writer.write(moving, stamp, STORE.serialize_cdr(T[kind](step), kind))
+    moving = []
+    for k, stamp in enumerate(STAMPS):
+        moving.append(made.transform(stamp, "odom", "lidar", 0.1 * k, 0.5, 0.05 * k))
+        moving += [made.transform(stamp, "map", "odom", 1.0, 0.5, 0.01 * k)] if k % 4 == 0 else []
+    static = [made.transform(T0 - 1, "lidar", "base_link", 0.4, 0.5, np.pi / 2)]
+    bag = made.tf_bag(tmp_path / "bag", moving, static, TRACKS)
     robot = robot_with(
         tracks=JOINTS,
-        fixes={
-            "topic": "/tf",
-            "frames": ["map", "base_link"],
-            "position_sigma": 0.1,
-            "heading_sigma": 0.05,
-        },
+        fixes={"topic": "/tf", "frames": ["map", "base_link"]}
+        | {"position_sigma": 0.1, "heading_sigma": 0.05},
     )
-    replayed = list(read_log(bag, robot).measurements())
-    assert sum(type(one).__name__ == "HeadingFix" for one in replayed) == 10
-    same(through(bag, robot), replayed)
+    found = read_alike(bag, robot)
+    assert sum(type(one).__name__ == "HeadingFix" for one in found) == 10
 
 
 def test_clocks_that_disagree_are_replaced_by_the_time_of_arrival(tmp_path: Path) -> None:
     robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
-    since_boot = [("/imu", imu(stamp - T0 + 5 * SECOND)) for stamp in STAMPS]
+    since_boot = [("/imu", made.imu(stamp - T0 + 5 * SECOND)) for stamp in STAMPS]
     messages = [pair for both in zip(TRACKS, since_boot, strict=True) for pair in both]
     times = [stamp + off for stamp in STAMPS for off in (0, 1_000_000)]
     bag = write_bag(tmp_path / "bag", messages, times=times)
-    live, replayed = through(bag, robot), list(read_log(bag, robot).measurements())
-    assert min(one.stamp for one in live) >= T0
-    same(live, replayed)
+    assert min(one.stamp for one in read_alike(bag, robot)) >= T0
 
 
 @pytest.mark.parametrize("offset", [0, -100 * 86_400 * SECOND])
 def test_a_busy_start_does_not_cost_the_header_stamps(offset: int) -> None:
     """Messages of the IMU wait for 1.5 s at first, then they come five times as fast; any clock."""
-    robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
-    topics = {one.topic: one for one in inputs.subscriptions()}
+    inputs, topics = live_inputs(tracks=JOINTS, imu={"topic": "/imu"})
     arrivals = [("/js", stamp, message) for stamp, (_, message) in zip(STAMPS, TRACKS, strict=True)]
     for k, stamp in enumerate(STAMPS):
         waited = max(0.0, 1.5 - 0.04 * k)
-        arrivals.append(("/imu", stamp + round(waited * SECOND), imu(stamp)))
+        arrivals.append(("/imu", stamp + round(waited * SECOND), made.imu(stamp)))
     found: list[Measurement] = []
     for topic, when, message in sorted(arrivals, key=lambda one: one[1]):
         found += inputs.take(topics[topic], message.__msgtype__, message, when + offset)
@@ -354,14 +317,12 @@ def test_messages_without_stamps_count_by_their_arrival(tmp_path: Path) -> None:
     bag = write_bag(
         tmp_path / "bag", [("/js", joints(0, (1.0, k))) for k in range(40)], times=STAMPS
     )
-    same(through(bag, robot), list(read_log(bag, robot).measurements()))
+    read_alike(bag, robot)
 
 
 def test_clocks_are_chosen_although_a_stream_is_missing() -> None:
-    robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"})
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
-    tracks = inputs.subscriptions()[0]
-    assert tracks.purpose == "tracks"
+    inputs, topics = live_inputs(tracks=JOINTS, imu={"topic": "/imu"})
+    tracks = topics["/js"]
     for _, message in TRACKS[:10]:
         stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
         assert inputs.take(tracks, "sensor_msgs/msg/JointState", message, stamp) == []
@@ -372,19 +333,16 @@ def test_clocks_are_chosen_although_a_stream_is_missing() -> None:
 
 
 def test_unusable_messages_are_counted_and_wrong_types_refused() -> None:
-    robot = robot_with(tracks=JOINTS, imu={"topic": "/imu"}, fixes={"topic": "/gps"})
-    inputs = LiveInputs(robot, topic_map(robot, "robot"))
-    by_purpose = {one.purpose: one for one in inputs.subscriptions()}
+    inputs, topics = live_inputs(tracks=JOINTS, imu={"topic": "/imu"}, fixes={"topic": "/gps"})
     fix = gps(T0, 1.0, status=-1)
-    assert inputs.take(by_purpose["fixes"], fix.__msgtype__, fix, T0) == []
+    assert inputs.take(topics["/gps"], fix.__msgtype__, fix, T0) == []
     short = joints(T0, (1.0,))
-    assert inputs.take(by_purpose["tracks"], short.__msgtype__, short, T0) == []
+    assert inputs.take(topics["/js"], short.__msgtype__, short, T0) == []
     assert inputs.lost == {"fixes: receiver without a fix": 1, "tracks: cannot be read": 1}
     with pytest.raises(ReplayError, match=r"/imu.*sensor_msgs/msg/JointState.*readable are"):
-        inputs.take(by_purpose["imu"], short.__msgtype__, short, T0)
+        inputs.take(topics["/imu"], short.__msgtype__, short, T0)
 
 
 def test_a_robot_without_track_speeds_is_refused() -> None:
-    robot = robot_with(imu={"topic": "/imu"})
     with pytest.raises(ReplayError, match=r"maps no track speeds: add \[log.tracks\]"):
-        LiveInputs(robot, topic_map(robot, "robot"))
+        live_inputs(imu={"topic": "/imu"})

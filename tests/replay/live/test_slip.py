@@ -5,11 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.state import STATE_NAMES
+from icreckon import STATE_NAMES, PoseEstimator, Settings, load_robot
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.base.diagnostic_status import OK, WARN, DiagnosticStatus
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
 from icreckon.replay.live.slip import SlipWatch

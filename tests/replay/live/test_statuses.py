@@ -3,9 +3,7 @@
 import pytest
 
 from bag_messages import SECOND, joints, robot_with
-from icreckon.estimator.filter.fault_table import Finding
-from icreckon.estimator.filter.health import SensorHealth
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon import Finding, SensorHealth, load_robot
 from icreckon.replay.base.diagnostic_status import OK, STALE, WARN
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.live.odometry import LiveOdometry

@@ -8,15 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import Log
+from icreckon import Log, ReplayError, Robot, Scenario, compare, simulate, summarise, write_report
 from icreckon.estimator.log.measurements import ImuSample, Measurement, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.comparison.compare import compare
-from icreckon.replay.comparison.results import summarise
-from icreckon.report.replay.folder import write_report
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 # --- the reader ---------------------------------------------------------------------------------------
 
@@ -97,9 +90,7 @@ def test_it_replays_like_the_log_that_was_written(file: Path, simulated: Log, ro
 
 def test_the_results_are_written_like_those_of_a_bag(file: Path, robot: Robot) -> None:
     comparison = compare(read_sentences(file), robot, VARIANTS)
-    results = summarise(
-        comparison, robot, command="replay", configuration={}, inputs={"drive": file}
-    )
+    results = summarise(comparison, robot, inputs={"drive": file})
     write_report(file.parent, comparison, results, robot, formats=["tum"])
     for name in ("results.json", "page.html", "inertia-online.tum"):
         assert (file.parent / name).exists()

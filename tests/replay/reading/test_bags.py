@@ -6,25 +6,11 @@ from msgspec import structs
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bag_messages import (
-    JOINTS,
-    SPEEDS,
-    STORE,
-    imu,
-    joints,
-    odometry,
-    pose_stamped,
-    pose_with_covariance,
-    robot_with,
-    write_bag,
-)
+import bag_messages as made
+from bag_messages import JOINTS, SPEEDS, STORE, imu, joints, robot_with, write_bag
 from conftest import make_log, sample
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.inspection.inspect import inspect
+from icreckon import ReplayError, Robot, inspect, read_log, write_log
 from icreckon.replay.mapping.topics import TrackTopic, topic_map
-from icreckon.replay.reading.read_log import read_log
 
 
 def test_joint_rates_become_track_speeds(tmp_path: Path) -> None:
@@ -47,12 +33,8 @@ def test_joints_that_are_not_there_are_named(tmp_path: Path) -> None:
 
 
 ODD_NAMES = (
-    "left-wheel",
-    "right/wheel",
-    "left wheel",
-    "right:wheel",
-    "0_left_wheel",
-    "wheel[right]",
+    *("left-wheel", "right/wheel", "left wheel"),
+    *("right:wheel", "0_left_wheel", "wheel[right]"),
 )
 
 
@@ -99,7 +81,7 @@ def test_wheels_with_messages_of_their_own_are_interpolated(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(("gauge", "half"), [(None, 0.4), (2.0, 1.0)])
 def test_odometry_becomes_track_speeds(tmp_path: Path, gauge, half) -> None:
-    path = write_bag(tmp_path / "bag", [("/odom", odometry(7, 1.5, 0.5))])
+    path = write_bag(tmp_path / "bag", [("/odom", made.odometry(7, 1.5, 0.5))])
     mapped = {"topic": "/odom"} | ({"gauge": gauge} if gauge else {})
     log = read_log(path, robot_with(tracks=mapped))
     np.testing.assert_allclose(log.tracks.speeds, [[1.5 - half * 0.5, 1.5 + half * 0.5]])
@@ -123,24 +105,15 @@ def test_header_stamps_that_are_all_zero_are_refused(tmp_path: Path) -> None:
 def test_fixes(tmp_path: Path) -> None:
     half = np.sqrt(0.5)
     fixes = [
-        ("/fix", pose_with_covariance(1, (0.04, 0.09, 0.01), x=1.0, q=(0, 0, half, half))),
-        ("/fix", pose_with_covariance(2, (0.04, 0.04, 1e6), x=2.0)),
-        ("/fix", pose_with_covariance(3, (0.04, 0.04, 0.01), x=3.0, q=(0.0, 0.0, 0.0, 0.0))),
-        ("/fix", pose_with_covariance(4, (-1.0, -1.0, 0.01), x=4.0)),
-        ("/fix", pose_with_covariance(5, (0.0, 0.0, 0.0), x=5.0)),
-        ("/fix", pose_with_covariance(6, (0.04, 0.04, 0.01), x=float("nan"))),
-        ("/fix", pose_with_covariance(2, (0.04, 0.04, 0.01), x=7.0)),
+        ("/fix", made.pose_with_covariance(1, (0.04, 0.09, 0.01), x=1.0, q=(0, 0, half, half))),
+        ("/fix", made.pose_with_covariance(2, (0.04, 0.04, 1e6), x=2.0)),
+        ("/fix", made.pose_with_covariance(3, (0.04, 0.04, 0.01), x=3.0, q=(0.0, 0.0, 0.0, 0.0))),
+        ("/fix", made.pose_with_covariance(4, (-1.0, -1.0, 0.01), x=4.0)),
+        ("/fix", made.pose_with_covariance(5, (0.0, 0.0, 0.0), x=5.0)),
+        ("/fix", made.pose_with_covariance(6, (0.04, 0.04, 0.01), x=float("nan"))),
+        ("/fix", made.pose_with_covariance(2, (0.04, 0.04, 0.01), x=7.0)),
     ]
-    path = tmp_path / "bag"
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        kind = fixes[0][1].__msgtype__
-        at = writer.add_connection("/fix", kind, typestore=STORE)
-        js = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
-        for when, (_, message) in enumerate(fixes):
-            writer.write(at, when, STORE.serialize_cdr(message, kind))
-        for _, message in SPEEDS:
-            data = STORE.serialize_cdr(message, message.__msgtype__)
-            writer.write(js, message.header.stamp.sec, data)
+    path = write_bag(tmp_path / "bag", [*fixes, *SPEEDS])
     log = read_log(path, robot_with(tracks=JOINTS, fixes={"topic": "/fix"}))
     np.testing.assert_allclose(log.fixes.poses[:, 0], [1.0, 2.0, 3.0])
     np.testing.assert_allclose(log.fixes.poses[:, 2], [np.pi / 2, np.nan, np.nan])
@@ -154,7 +127,7 @@ def test_fixes(tmp_path: Path) -> None:
 
 
 def test_fixes_without_covariance_need_a_sigma(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/fix", pose_stamped(1, x=1.0))])
+    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/fix", made.pose_stamped(1, x=1.0))])
     with pytest.raises(ReplayError, match="position_sigma"):
         read_log(path, robot_with(tracks=JOINTS, fixes={"topic": "/fix"}))
     mapped = {"topic": "/fix", "position_sigma": 0.5}
@@ -167,7 +140,7 @@ def test_fixes_without_covariance_need_a_sigma(tmp_path: Path) -> None:
 
 
 def test_odometry_as_truth(tmp_path: Path) -> None:
-    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/odom", odometry(7, 1.5, 0.5))])
+    path = write_bag(tmp_path / "bag", [*SPEEDS, ("/odom", made.odometry(7, 1.5, 0.5))])
     log = read_log(path, robot_with(tracks=JOINTS, truth={"topic": "/odom", "source": "rail"}))
     np.testing.assert_array_equal(log.truth.twists.twists, [[1.5, 0.0, 0.5]])
     assert log.truth.source == "rail"
@@ -195,9 +168,8 @@ def test_bad_samples_are_counted(tmp_path: Path) -> None:
 
 def test_an_imu_that_only_knows_orientation_is_left_out(tmp_path: Path) -> None:
     messages = [*SPEEDS, ("/imu", imu(1, rate_covariance=-1.0))]
-    log = read_log(
-        write_bag(tmp_path / "bag", messages), robot_with(tracks=JOINTS, imu={"topic": "/imu"})
-    )
+    bag = write_bag(tmp_path / "bag", messages)
+    log = read_log(bag, robot_with(tracks=JOINTS, imu={"topic": "/imu"}))
     assert log.imu is None
     assert "no usable message for imu" in log.notes[0]
 
@@ -211,10 +183,8 @@ def test_a_missing_topic_lists_those_that_are_there(tmp_path: Path) -> None:
 
 
 def test_other_missing_topics_are_noted(tmp_path: Path) -> None:
-    log = read_log(
-        write_bag(tmp_path / "bag", SPEEDS),
-        robot_with(tracks=JOINTS, imu={"topic": "/i"}, truth={"topic": "/t", "twist": "/tt"}),
-    )
+    robot = robot_with(tracks=JOINTS, imu={"topic": "/i"}, truth={"topic": "/t", "twist": "/tt"})
+    log = read_log(write_bag(tmp_path / "bag", SPEEDS), robot)
     assert len(log.notes) == 3
     assert "'/i' for imu is not in the bag" in log.notes[0]
 
@@ -228,9 +198,8 @@ def test_an_imu_that_the_robot_file_leaves_out_is_noted(tmp_path: Path) -> None:
 
 
 def test_a_log_without_mapped_tracks(tmp_path: Path) -> None:
-    log = read_log(
-        write_bag(tmp_path / "bag", [("/imu", imu(1))]), robot_with(imu={"topic": "/imu"})
-    )
+    bag = write_bag(tmp_path / "bag", [("/imu", imu(1))])
+    log = read_log(bag, robot_with(imu={"topic": "/imu"}))
     assert len(log.tracks.stamps) == 0
     assert len(log.imu.stamps) == 1
     assert "no track speeds" in log.notes[0]
@@ -305,11 +274,8 @@ def test_sample_logs(data_dir: Path, name: str) -> None:
     robot, tracks, imu_samples, poses = SAMPLE_LOGS[name]
     log = sample(data_dir, name, robot)
     # (nearly) every message that the README of the logs speaks of; what is lost is counted
-    assert (
-        len(log.tracks.stamps)
-        + sum(count for reason, count in log.dropped.items() if reason.startswith("tracks"))
-        == tracks
-    )
+    lost = sum(count for reason, count in log.dropped.items() if reason.startswith("tracks"))
+    assert len(log.tracks.stamps) + lost == tracks
     assert len(log.imu.stamps) == imu_samples
     assert (len(log.truth.poses.stamps) if log.truth else 0) == poses
     assert (np.diff(log.imu.stamps) > 0).all()

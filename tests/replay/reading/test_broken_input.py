@@ -7,13 +7,9 @@ import numpy as np
 import pytest
 from broken_input import FAULTS, broken_runs, standstill_drift
 
-from conftest import sample, thorough
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.reading.stamps import without_steps
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from conftest import holed, sample, thorough
+from icreckon import Scenario, load_robot, run, simulate
+from icreckon.replay.reading.stamps import doubled_times, without_steps
 
 SECOND = 1_000_000_000
 SPIKE = "spike of 30 m/s and 20 rad/s"
@@ -63,19 +59,7 @@ def test_a_hole_in_all_sensors_is_bridged_honestly(gap: float, imu_first: bool) 
         begin = log.start + start * SECOND
         end = begin + int(gap * SECOND)
         tracks_end = end + (7_000_000 if imu_first else -7_000_000)
-        tracks, imu = log.tracks, log.imu
-        keep = (tracks.stamps < begin) | (tracks.stamps > tracks_end)
-        keep_imu = (imu.stamps < begin) | (imu.stamps > end)
-        holed = replace(
-            log,
-            tracks=TrackSpeedSeries(tracks.stamps[keep], tracks.speeds[keep]),
-            imu=ImuSeries(
-                imu.stamps[keep_imu],
-                imu.angular_velocity[keep_imu],
-                imu.linear_acceleration[keep_imu],
-            ),
-        )
-        found = run(holed, robot, "inertia-online").trajectory
+        found = run(holed(log, begin, end, tracks_end), robot, "inertia-online").trajectory
         apart = found.poses[-1] - whole.trajectory.poses[-1]
         sigma = np.sqrt(np.diagonal(found.pose_covariances[-1]))
         shares.append(np.max(np.abs(apart) / (3.0 * sigma)))
@@ -117,3 +101,13 @@ def test_a_recorder_that_stalls_is_no_step() -> None:
     found, steps = without_steps(stamped, recorded)
     assert (found == stamped).all()
     assert not steps
+
+
+def test_a_wrong_stamp_long_before_a_short_log_doubles_no_time() -> None:
+    """The empty windows behind it halved the usual count: most of the log was left out."""
+    stamps = np.arange(0, 40 * SECOND, SECOND // 100)
+    wrong = np.sort(np.append(stamps, -60 * SECOND))
+    assert doubled_times(wrong) == doubled_times(stamps) == []
+    twice = np.sort(np.concatenate([wrong, stamps[1000:2000] + 1]))
+    ((begin, end),) = doubled_times(twice)
+    assert (begin, end) == pytest.approx((10 * SECOND, 20 * SECOND), abs=SECOND)

@@ -5,61 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_messages import (
-    JOINTS,
-    SPEEDS,
-    STORE,
-    T,
-    header,
-    navsatfix,
-    orientation,
-    robot_with,
-    vector,
-    write_bag,
-)
+import bag_messages as made
+from bag_messages import JOINTS, SPEEDS, navsatfix, robot_with, tf_bag, transform
 from conftest import sample_log
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import HeightFix
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.errors import ReplayError
+from icreckon import HeightFix, Log, ReplayError, load_robot, read_log
 from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
-from icreckon.replay.reading.read_log import read_log
 
 SECOND = 10**9
 
 
-def transform(stamp: int, parent: str, child: str, x=0.0, y=0.0, yaw=0.0, q=None):
-    quaternion = q if q is not None else (0.0, 0.0, np.sin(yaw / 2), np.cos(yaw / 2))
-    return T["geometry_msgs/msg/TransformStamped"](
-        header(stamp, parent),
-        child,
-        T["geometry_msgs/msg/Transform"](
-            vector(x, y, 0.0), T["geometry_msgs/msg/Quaternion"](*map(float, quaternion))
-        ),
-    )
-
-
-def tf_bag(path: Path, moving, static=()) -> Path:
-    """A bag of track speeds and of transforms on /tf and /tf_static."""
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    kind = "tf2_msgs/msg/TFMessage"
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        js = writer.add_connection("/js", "sensor_msgs/msg/JointState", typestore=STORE)
-        for _, message in SPEEDS:
-            when = message.header.stamp.sec * SECOND
-            writer.write(js, when, STORE.serialize_cdr(message, message.__msgtype__))
-        for topic, transforms in (("/tf", moving), ("/tf_static", static)):
-            at = writer.add_connection(topic, kind, typestore=STORE)
-            for one in transforms:
-                stamp = one.header.stamp
-                data = STORE.serialize_cdr(T[kind]([one]), kind)
-                writer.write(at, stamp.sec * SECOND + stamp.nanosec, data)
-    return path
-
-
 def read(path: Path, messages, **log) -> Log:
-    bag = write_bag(path, [*SPEEDS, *messages])
+    bag = made.write_bag(path, [*SPEEDS, *messages])
     return read_log(bag, robot_with(tracks=JOINTS, **log))
 
 
@@ -99,11 +55,8 @@ def test_heights_are_used_with_a_sigma_alone(tmp_path: Path) -> None:
     ]
     mapped = {"topic": "/fix", "height_sigma": 2.0}
     log = read(tmp_path / "bag", fixes, fixes=mapped)
-    assert log.others == (
-        HeightFix(1 * SECOND, 0.0, 4.0),
-        HeightFix(2 * SECOND, 3.5, 4.0),
-        HeightFix(4 * SECOND, 1.0, 4.0),
-    )
+    known = ((1, 0.0), (2, 3.5), (4, 1.0))
+    assert log.others == tuple(HeightFix(k * SECOND, height, 4.0) for k, height in known)
     assert read(tmp_path / "other", fixes, fixes={"topic": "/fix"}).others == ()
 
 
@@ -148,10 +101,10 @@ def test_an_origin_off_the_globe(tmp_path: Path, origin) -> None:
 
 def test_heading_of_an_orientation(tmp_path: Path) -> None:
     messages = [
-        orientation(1 * SECOND, 3.0),
-        orientation(2 * SECOND, 0.5, absent=True),
-        orientation(3 * SECOND, 0.5, covariance=float("nan")),
-        orientation(4 * SECOND, 0.5, covariance=0.0),
+        made.orientation(1 * SECOND, 3.0),
+        made.orientation(2 * SECOND, 0.5, absent=True),
+        made.orientation(3 * SECOND, 0.5, covariance=float("nan")),
+        made.orientation(4 * SECOND, 0.5, covariance=0.0),
     ]
     mapped = {"topic": "/heading", "offset_deg": 90.0, "sigma": 0.2}
     log = read(tmp_path / "bag", [("/heading", one) for one in messages], heading=mapped)
@@ -165,16 +118,13 @@ def test_heading_of_an_orientation(tmp_path: Path) -> None:
 
 
 def test_heading_without_covariance_needs_a_sigma(tmp_path: Path) -> None:
+    headings = [("/h", made.orientation(SECOND, 0.1, covariance=0.0))]
     with pytest.raises(ReplayError, match=r"sigma \[rad\] in \[log.heading\]"):
-        read(
-            tmp_path / "bag",
-            [("/h", orientation(SECOND, 0.1, covariance=0.0))],
-            heading={"topic": "/h"},
-        )
+        read(tmp_path / "bag", headings, heading={"topic": "/h"})
 
 
 def test_headings_are_used_in_the_part_of_the_fixes_only(tmp_path: Path) -> None:
-    messages = [("/h", orientation(k * SECOND, 0.1)) for k in (1, 2, 3)]
+    messages = [("/h", made.orientation(k * SECOND, 0.1)) for k in (1, 2, 3)]
     messages += [("/fix", navsatfix(k * SECOND, 52.0, 13.0)) for k in (1, 2, 3)]
     log = read(tmp_path / "bag", messages, heading={"topic": "/h"}, fixes={"topic": "/fix"})
     part = with_fixes_within(log, parse_part("0:1.5"))
@@ -210,12 +160,8 @@ def test_transforms_are_interpolated_but_not_across_gaps(tmp_path: Path) -> None
             (7 * SECOND, 8.0, 0.0),
         )
     ]
-    mapped = {
-        "topic": "/tf",
-        "frames": ["map", "base"],
-        "position_sigma": 1.0,
-        "heading_sigma": 1.0,
-    }
+    sigmas = {"position_sigma": 1.0, "heading_sigma": 1.0}
+    mapped = {"topic": "/tf", "frames": ["map", "base"], **sigmas}
     log = read_log(tf_bag(tmp_path / "bag", moving), robot_with(tracks=JOINTS, fixes=mapped))
     np.testing.assert_allclose(np.abs(log.fixes.poses), [[1, 0, np.pi], [3, 0, 0]], atol=1e-9)
     assert log.dropped == {"fixes: tf: no transforms near in time": 1}
@@ -224,9 +170,7 @@ def test_transforms_are_interpolated_but_not_across_gaps(tmp_path: Path) -> None
 def test_frames_that_no_chain_joins(tmp_path: Path) -> None:
     path = tf_bag(tmp_path / "bag", [transform(SECOND, "map", "odom")])
     mapped = {"topic": "/tf", "frames": ["map", "base_link"], "position_sigma": 1.0}
-    with pytest.raises(
-        ReplayError, match=r"no chain .* 'map' to 'base_link'; there is map -> odom"
-    ):
+    with pytest.raises(ReplayError, match=r"no chain .* 'map' to 'base_link'; there is map"):
         read_log(path, robot_with(tracks=JOINTS, fixes=mapped))
     with pytest.raises(ReplayError, match="must name two frames"):
         read_log(path, robot_with(tracks=JOINTS, fixes=mapped | {"frames": ["map", "map"]}))

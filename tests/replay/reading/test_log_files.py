@@ -7,11 +7,9 @@ import pytest
 
 from bag_messages import JOINTS, SPEEDS, halves, imu, joints, odometry, robot_with, write_bag
 from conftest import make_log
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.export.log_bag import write_log
+from icreckon import Log, ReplayError, Robot, load_robot, read_log, write_log
+from icreckon.replay.comparison.fixes import parse_part, with_fixes_within
 from icreckon.replay.reading.clocks import Evidence, choose_clocks
-from icreckon.replay.reading.read_log import read_log
 
 SECOND = 10**9
 
@@ -58,12 +56,6 @@ def test_no_file_and_one_twice(tmp_path: Path, robot: Robot) -> None:
         read_log([], robot)
     with pytest.raises(ReplayError, match="given twice"):
         read_log([bag, tmp_path / "." / "bag"], robot)
-
-
-def test_a_topic_that_is_in_none_of_the_files(tmp_path: Path) -> None:
-    paths = [write_bag(tmp_path / name, SPEEDS) for name in ("a", "b")]
-    with pytest.raises(ReplayError, match=r"a and 1 more: topic '/wheels' for tracks is not in"):
-        read_log(paths, robot_with(tracks=JOINTS | {"topic": "/wheels"}))
 
 
 def test_late_messages_are_sorted(tmp_path: Path) -> None:
@@ -134,3 +126,90 @@ def test_files_that_carry_two_types_on_one_topic(tmp_path: Path) -> None:
     other = write_bag(tmp_path / "other", [("/js", odometry(5 * SECOND, 1.0, 0.0))])
     with pytest.raises(ReplayError, match=r"JointState' in .*one, and of type .*Odometry' in"):
         read_log([one, other], robot_with(tracks=JOINTS))
+
+
+# --- parts of one recording ------------------------------------------------------------------------
+
+SECOND = 1_000_000_000
+
+
+def written(log: Log, path: Path) -> Path:
+    return write_log(log, path, "mcap", load_robot("marmotte"))
+
+
+def test_two_recordings_of_the_same_time_are_refused(tmp_path: Path) -> None:
+    robot = load_robot("marmotte")
+    paths = [written(make_log(4.0, seed), tmp_path / f"run-{seed}") for seed in (1, 2)]
+    with pytest.raises(ReplayError, match=r"both hold .* for the same 4 s: two recordings"):
+        read_log(paths, robot)
+
+
+def test_recordings_that_are_days_apart_are_refused(tmp_path: Path) -> None:
+    robot = load_robot("marmotte")
+    start = make_log().start
+    paths = [
+        written(make_log(4.0, start=start + days * 86_400 * SECOND), tmp_path / f"day-{days}")
+        for days in (0, 3)
+    ]
+    with pytest.raises(ReplayError, match="3 days apart"):
+        read_log(paths, robot)
+
+
+def test_a_part_without_fixes_is_refused() -> None:
+    with pytest.raises(ReplayError, match=r"holds none of its \d+ fixes, which come from"):
+        with_fixes_within(make_log(6.0), parse_part("500:600"))
+
+
+# --- stamps that span decades ----------------------------------------------------------------------
+
+SECOND, NOW, YEARS = 10**9, 500_000_000 * 10**9, 50 * 365 * 86_400 * 10**9
+COUNT, PERIOD = 400, SECOND // 20
+
+
+def stamps(kind: str) -> list[int]:
+    """Stamps of a drive [ns]: by a clock that is set, with a damaged one, or rows hours apart."""
+    regular = [NOW + k * PERIOD for k in range(COUNT)]
+    match kind:
+        case "set after the start":
+            return [one - NOW for one in regular[:40]] + regular[40:]
+        case "last is damaged":
+            return [*regular[:-1], NOW + YEARS]
+        case _:
+            return [NOW + k * 20 * 3600 * SECOND for k in range(COUNT)]
+
+
+def table(path: Path, kind: str) -> Path:
+    rows = ["t,l,r,w,x,y,yaw"]
+    for k, stamp in enumerate(stamps(kind)):
+        speed = float(np.sin(0.05 * k) ** 2)
+        rows.append(f"{stamp / SECOND:.3f},{speed},{1.2 * speed},{0.25 * speed},{0.05 * k},0.0,0.0")
+    path.write_text("\n".join(rows), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "lost"), [("set after the start", 40), ("last is damaged", 1), ("hours apart", 0)]
+)
+def test_the_larger_part_is_read(tmp_path: Path, kind: str, lost: int) -> None:
+    robot = robot_with(
+        columns={
+            "time": "t",
+            "tracks": {"left": ["l"], "right": ["r"]},
+            "truth": {"x": "x", "y": "y", "yaw": "yaw"},
+        }
+    )
+    log = read_log(table(tmp_path / "log.csv", kind), robot)
+    assert len(log.tracks.stamps) == COUNT - lost
+    reason = "stamp is days from most others"
+    expected = {f"tracks: {reason}": lost, f"truth: {reason}": lost} if lost else {}
+    assert log.dropped == expected
+
+
+def test_a_cell_that_is_no_time_is_dropped(tmp_path: Path) -> None:
+    columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"]}}
+    path = tmp_path / "log.csv"
+    for cell in ("1e300", "-7e9", "1e10"):
+        path.write_text(f"t,l,r\n1,1,1\n{cell},1,1\n3,1,1\n", encoding="utf-8")
+        log = read_log(path, robot_with(columns=columns))
+        assert log.tracks.stamps.tolist() == [SECOND, 3 * SECOND]
+        assert log.dropped == {"tracks: no time": 1}

@@ -11,11 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from bag_messages import JOINTS, SECOND, STORE, imu, joints, robot_with
 from conftest import make_log
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.export.log_bag import write_log
-from icreckon.replay.inspection.inspect import inspect
-from icreckon.replay.reading.read_log import read_log
+from icreckon import ReplayError, Robot, inspect, load_robot, read_log, write_log
 from mutations import mutated
 
 COPIES = 60

@@ -9,13 +9,8 @@ import pyarrow as pa
 import pytest
 from pyarrow import csv, parquet
 
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import HeadingFix
-from icreckon.estimator.robot.robot_file import Robot, Vehicle
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.inspect import inspect
+from icreckon import HeadingFix, Log, ReplayError, Robot, Vehicle, inspect, read_log
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
 
 VEHICLE = Vehicle(mass=1.0, track_gauge=0.8, sprocket_radius=0.5)
 START = 1_700_000_000_123_456_789
@@ -195,11 +190,8 @@ def test_fixes_in_the_plane(tmp_path: Path) -> None:
 )
 def test_headings_without_a_position(tmp_path: Path, keys: dict[str, object], yaw: float) -> None:
     text = "t,l,r,h\n1.0,0.1,0.2,1.5\n1.1,0.1,0.2,\n1.2,0.1,0.2,1.5\n"
-    log = read(
-        write(tmp_path / "run.csv", text),
-        tracks=SPEEDS,
-        heading={"yaw": "h", "sigma": 0.2, "latency": 0.5, **keys},
-    )
+    heading = {"yaw": "h", "sigma": 0.2, "latency": 0.5, **keys}
+    log = read(write(tmp_path / "run.csv", text), tracks=SPEEDS, heading=heading)
     first, second = log.others
     assert isinstance(first, HeadingFix)
     assert isinstance(second, HeadingFix)
@@ -255,10 +247,7 @@ def test_spaces_and_a_byte_order_mark(tmp_path: Path) -> None:
         ({"tracks": SPEEDS | {"right": SPEEDS["left"]}}, "left and right must not share"),
         ({"imu": {"angular_velocity": ["x", "y"]}}, "three columns"),
         ({"truth": {"latitude": "a", "yaw": "b"}}, "or else latitude and longitude"),
-        (
-            {"truth": {"x": "a", "y": "b", "wander_sigma": 1.0, "wander_time": 9.0}},
-            "no wander_sigma",
-        ),
+        ({"truth": {"x": "a", "y": "b", "wander_sigma": 1.0, "wander_time": 9.0}}, "no wander"),
     ],
 )
 def test_a_wrong_column_map(columns: dict[str, object], part: str) -> None:
@@ -289,11 +278,7 @@ ROWS = [f"{0.1 * k:.1f},0.25,0.5" for k in range(200)]
 @pytest.mark.parametrize(
     ("row", "text", "note"),
     [
-        (
-            -1,
-            "19.9,0.2",
-            r"left out 1 of 200 rows with another number of cells than names \(2 inst",
-        ),
+        (-1, "19.9,0.2", r"left out 1 of 200 rows with another number of cells than names \(2"),
         (70, "7.0,0.25,0.5,0.75", r"left out 1 of 200 rows .*4 instead of 3, in '7.0,0.25"),
         (0, "s,m/s,m/s", r"column 'r' holds text in 1 of 200 rows \(row 1: 'm/s'\): left out"),
         (50, "5.0,-,0.5", r"column 'l' holds text in 1 of 200 rows \(row 51: '-'\): left out"),
@@ -318,9 +303,7 @@ def test_a_damaged_row_is_left_out_and_noted(tmp_path, row, text, note, suffix):
 def test_many_damaged_rows_are_an_error(tmp_path: Path) -> None:
     ragged = [f"{row},7" if place % 50 == 0 else row for place, row in enumerate(ROWS)]
     path = write(tmp_path / "run.csv", "\n".join(["t,l,r", *ragged]))
-    with pytest.raises(
-        ReplayError, match=r"cannot be read: it has 4 of 200 rows with another numb"
-    ):
+    with pytest.raises(ReplayError, match=r"cannot be read: it has 4 of 200 rows with another"):
         read(path, tracks=SPEEDS)
     worded = [row.replace("0.5", "x") if place % 50 == 0 else row for place, row in enumerate(ROWS)]
     write(path, "\n".join(["t,l,r", *worded]))

@@ -7,29 +7,16 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from bag_messages import (
-    DRIVES,
-    JOINTS,
-    KIND,
-    SECOND,
-    STORE,
-    T,
-    definition_files,
-    drive_bag,
-    header,
-    robot_with,
-    write_bag,
-)
-from icreckon.estimator.log.log import Log
+import bag_messages as made
+from bag_messages import JOINTS, SECOND, STORE, T, drive_bag, robot_with, write_bag
+from icreckon import Log, ReplayError, read_log
 from icreckon.replay.bags.decoding import read_definitions
-from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.reading.read_log import read_log
 
 
 def joints(stamp: int, positions, names=("l", "r")):
     nothing = np.empty(0)
     return T["sensor_msgs/msg/JointState"](
-        header(stamp), list(names), np.array(positions, dtype=float), nothing, nothing
+        made.header(stamp), list(names), np.array(positions, dtype=float), nothing, nothing
     )
 
 
@@ -38,14 +25,14 @@ def read(path: Path, **tracks: object) -> Log:
 
 
 def test_fields_of_a_type_of_ones_own(tmp_path: Path) -> None:
-    path = drive_bag(tmp_path / "bag", DRIVES)
+    path = drive_bag(tmp_path / "bag", made.DRIVES)
     log = read(path, left=["wheels[0].rate"], right=["wheels[1].rate"])
     np.testing.assert_allclose(log.tracks.speeds, [[0.5, 1.0]] * 3)
     np.testing.assert_array_equal(log.tracks.stamps, [SECOND, 2 * SECOND, 3 * SECOND])
 
 
 def test_counts_of_a_type_of_ones_own(tmp_path: Path) -> None:
-    path = drive_bag(tmp_path / "bag", DRIVES)
+    path = drive_bag(tmp_path / "bag", made.DRIVES)
     counts = {"unit": "counts", "counts_per_turn": 100.0}
     log = read(path, left=["ticks[0]"], right=["ticks[1]"], **counts)
     turn = 2.0 * np.pi * 0.5
@@ -53,7 +40,7 @@ def test_counts_of_a_type_of_ones_own(tmp_path: Path) -> None:
 
 
 def test_an_array_that_is_too_short_is_counted(tmp_path: Path) -> None:
-    path = drive_bag(tmp_path / "bag", [*DRIVES, (4 * SECOND, (1.0, 2.0), (1,))])
+    path = drive_bag(tmp_path / "bag", [*made.DRIVES, (4 * SECOND, (1.0, 2.0), (1,))])
     log = read(path, left=["ticks[0]"], right=["ticks[1]"], unit="rad/s")
     assert len(log.tracks.stamps) == 3
     assert log.dropped == {"tracks: cannot be decoded": 1}
@@ -71,7 +58,7 @@ def test_an_array_that_is_too_short_is_counted(tmp_path: Path) -> None:
     ],
 )
 def test_fields_that_are_not_there(tmp_path: Path, left: str, part: str) -> None:
-    path = drive_bag(tmp_path / "bag", DRIVES)
+    path = drive_bag(tmp_path / "bag", made.DRIVES)
     with pytest.raises(ReplayError, match=part) as caught:
         read(path, left=[left], right=["wheels[1].rate"])
     assert "\n" not in str(caught.value)
@@ -96,15 +83,15 @@ def test_messages_without_a_header_go_by_the_time_of_recording(tmp_path: Path) -
 
 def test_definitions_that_the_bag_lacks(tmp_path: Path) -> None:
     # sqlite3 bags of older versions of rosbag2 hold no definitions.
-    path = drive_bag(tmp_path / "bag", DRIVES, StoragePlugin.SQLITE3)
+    path = drive_bag(tmp_path / "bag", made.DRIVES, StoragePlugin.SQLITE3)
     with sqlite3.connect(path / "bag.db3") as database:
         database.execute("DELETE FROM message_definitions")
     database.close()
     sides = {"left": ["wheels[0].rate"], "right": ["wheels[1].rate"]}
     with pytest.raises(ReplayError, match=r"holds no definition of this type; give .* --msg"):
         read(path, **sides)
-    definitions = read_definitions(definition_files(tmp_path))
-    assert [name for name, _ in definitions] == [KIND, "our_msgs/msg/Wheel"]
+    definitions = read_definitions(made.definition_files(tmp_path))
+    assert [name for name, _ in definitions] == [made.KIND, "our_msgs/msg/Wheel"]
     robot = robot_with(tracks={"topic": "/drive", **sides})
     log = read_log(path, robot, definitions=definitions)
     np.testing.assert_allclose(log.tracks.speeds, [[0.5, 1.0]] * 3)

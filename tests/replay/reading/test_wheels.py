@@ -8,12 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bag_messages import SECOND, T, header, imu, joints, robot_with, write_bag
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
+from bag_messages import SECOND, imu, joints, robot_with, write_bag
+from icreckon import Log, Robot, read_log
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
 
 LEFT, RIGHT = ["front_left", "rear_left"], ["front_right", "rear_right"]
 RADIUS = 0.5
@@ -33,10 +31,12 @@ def rates(count: int, odd: float, seconds: float) -> np.ndarray[Any, Any]:
     return found
 
 
-def bag_of(path: Path, values: np.ndarray[Any, Any], names: list[str]) -> Path:
+def bag_of(path: Path, values: np.ndarray[Any, Any], names: list[str], turned: Any = None) -> Path:
     messages = [
         ("/js", joints(stamp, row, names)) for stamp, row in zip(STAMPS, values, strict=True)
     ]
+    for (_, message), position in zip(messages, () if turned is None else turned, strict=False):
+        message.position = position
     return write_bag(path, [*messages, *(("/imu", imu(stamp)) for stamp in STAMPS)])
 
 
@@ -71,16 +71,8 @@ def test_of_three_the_odd_one_is_named(tmp_path: Path) -> None:
 
 def test_counters_of_wheels_too(tmp_path: Path) -> None:
     turned = np.cumsum(rates(2, 0.8, 3.0), axis=0) / 20
-    messages = [
-        (
-            "/js",
-            T["sensor_msgs/msg/JointState"](
-                header(stamp), [*LEFT, *RIGHT], row, np.empty(0), np.empty(0)
-            ),
-        )
-        for stamp, row in zip(STAMPS, turned, strict=True)
-    ]
-    log = read_log(write_bag(tmp_path / "bag", messages), robot_of(unit="rad"))
+    path = bag_of(tmp_path / "bag", 0.0 * turned, [*LEFT, *RIGHT], turned)
+    log = read_log(path, robot_of(unit="rad"))
     assert log.tracks.left_wheels[110] == pytest.approx([1.8, 1.0])
     assert log.tracks.speeds[110] == pytest.approx([1.4, 1.025])
     assert len(notes_of(log)) == 1
@@ -96,20 +88,6 @@ def test_columns_of_wheels_too(tmp_path: Path) -> None:
     log = read_log(tmp_path / "log.csv", robot_with(columns=columns))
     assert log.tracks.left_wheels[110] == pytest.approx([1.8, 1.0])
     assert len(notes_of(log)) == 1
-
-
-def test_repeated_wheels_are_interpolated_as_their_mean_is(tmp_path: Path) -> None:
-    """Each value comes four times; without this the wheels would lag behind the mean."""
-    values = np.repeat(np.linspace(1.0, 3.0, 50)[:, None], 4, axis=0) * np.ones((1, 4))
-    values[100:160, 0] += 1.6
-    path = bag_of(tmp_path / "bag", values, [*LEFT, *RIGHT])
-    tracks = read_log(path, robot_of(held="interpolate")).tracks
-    assert tracks.left_wheels is not None
-    for speeds, wheels in zip(
-        tracks.speeds.T, (tracks.left_wheels, tracks.right_wheels), strict=True
-    ):
-        assert wheels.mean(axis=1) == pytest.approx(speeds, abs=1e-9)
-    assert len(np.unique(tracks.right_wheels[:, 0])) > 150
 
 
 def test_live_messages_have_the_wheels_always() -> None:

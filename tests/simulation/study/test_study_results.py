@@ -16,7 +16,7 @@ from command_line import blank
 from icreckon.estimator.log.scores import drift, pose_nees, velocity_errors, without_fixes
 from icreckon.estimator.streaming.run import run
 from icreckon.report.study.figures import study_figures
-from icreckon.report.study.page import study_page
+from icreckon.report.study.folder import study_page
 from icreckon.report.study.text import headline, notes, same_results, summary_tables
 from icreckon.simulation.running.engines import ENGINES
 from icreckon.simulation.running.manifest import as_json, manifest

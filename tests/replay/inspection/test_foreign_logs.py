@@ -1,0 +1,232 @@
+"""Logs with names, units and signs that the package did not choose."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bag_messages import imu, joints, odometry, pose_stamped, robot_with, write_bag
+from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.replay.checking.check import SCALE
+from icreckon.replay.checking.robot_check import check_robot
+from icreckon.replay.export.log_bag import write_log
+from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
+from icreckon.replay.inspection.imu_mounting import standstill
+from icreckon.replay.inspection.inspect import inspect
+from icreckon.replay.reading.read_log import read_log
+
+START, STEP = 1_700_000_000_000_000_000, 50_000_000
+SECONDS = np.arange(0.0, 60.0, 0.05)
+TURN = 0.6 * np.sin(0.4 * SECONDS)
+SPEED = np.where(SECONDS > 5.0, 0.5 + 0.2 * np.sin(1.3 * SECONDS), 0.0)
+TURN[SECONDS <= 5.0] = 0.0
+RADIUS, TRACK = 0.2, 0.9
+LEFT, RIGHT = ((SPEED + side * 0.5 * TRACK * TURN) / RADIUS for side in (-1.0, 1.0))
+YAW = np.cumsum(TURN) * 0.05
+NAMES = ("mast", "m3", "m1", "m4", "m2")
+
+
+def bag(path: Path, *, sign: float = 1.0, rate: float = 1.0, force: float = 1.0) -> Path:
+    """Four wheels under names that show no side, an IMU, and the true poses."""
+    messages = []
+    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
+    for k in range(len(SECONDS)):
+        stamp = START + k * STEP
+        wheels = (0.0, RIGHT[k], LEFT[k], sign * RIGHT[k], LEFT[k])
+        messages.append(("/motors", joints(stamp, wheels, NAMES)))
+        turn, up = (0.0, 0.0, rate * TURN[k]), (0.0, force * SPEED[k] * TURN[k], force * 9.80665)
+        messages.append(("/imu", imu(stamp, turn, up)))
+        q = (0.0, 0.0, float(np.sin(YAW[k] / 2)), float(np.cos(YAW[k] / 2)))
+        messages.append(("/slam", pose_stamped(stamp, x=float(x[k]), y=float(y[k]), q=q)))
+    return write_bag(path, messages)
+
+
+def proposed_with(log: Path, robot: Path) -> dict:
+    """A second proposal, with what a person filled in."""
+    text = inspect(log, sizes=filled_in_sizes(robot)).proposed_robot_file
+    return tomllib.loads(with_filled_in(text, robot)[0])
+
+
+WHEELS = """
+[log.tracks]
+topic = "/motors"
+left = ["m1", "m2"]
+right = ["m3", "m4"]
+"""
+
+
+def test_streams_that_were_filled_in_are_those_that_are_inspected(tmp_path: Path) -> None:
+    log, robot = bag(tmp_path / "bag"), tmp_path / "robot.toml"
+    first = inspect(log)
+    assert np.isnan(tomllib.loads(first.proposed_robot_file)["vehicle"]["sprocket_radius"])
+    text = first.proposed_robot_file.replace("[log.fixes]", "[log.truth]")
+    text = text.replace("track_gauge = nan", "track_gauge = 0.6")
+    text = text.replace("position_sigma = 0.05", "# ")
+    robot.write_text(text + WHEELS, encoding="utf-8")
+    found = proposed_with(log, robot)
+    assert found["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
+    assert found["indices"]["eta0"] == pytest.approx(TRACK / 0.6, rel=0.01)
+    assert found["vehicle"]["track_gauge"] == 0.6
+    assert found["log"]["truth"] == {"topic": "/slam"}
+    assert "fixes" not in found["log"]
+
+
+def test_an_imu_message_in_degrees_and_g(tmp_path: Path) -> None:
+    log = bag(tmp_path / "bag", rate=180.0 / np.pi, force=1.0 / 9.80665)
+    found = inspect(log)
+    units = {"rate_unit": "deg/s", "acceleration_unit": "g"}
+    assert tomllib.loads(found.proposed_robot_file)["log"]["imu"] == {"topic": "/imu", **units}
+    assert not [text for text in found.findings if "suspicious" in text]
+    tracks = tomllib.loads(WHEELS)["log"]["tracks"]
+    read = read_log(log, robot_with(tracks=tracks, imu={"topic": "/imu", **units})).imu
+    assert read is not None
+    assert read.linear_acceleration is not None
+    np.testing.assert_allclose(read.angular_velocity[:, 2], TURN, atol=1e-12)
+    np.testing.assert_allclose(read.linear_acceleration[:, 2], 9.80665)
+
+
+def test_a_wheel_that_counts_backward_is_named_with_a_minus(tmp_path: Path) -> None:
+    log = bag(tmp_path / "bag", sign=-1.0)
+    assert "joints here are mast, m3, m1, m4, m2" in str(inspect(log).findings)
+    as_it_is = tomllib.loads(WHEELS)["log"]["tracks"]
+    read = read_log(log, robot_with(tracks=as_it_is))
+    assert 'turn opposite ways: name a reversed one "-m4"' in str(read.notes)
+    corrected = as_it_is | {"right": ["m3", "-m4"]}
+    read = read_log(log, robot_with(tracks=corrected))
+    np.testing.assert_allclose(read.tracks.speeds, 0.5 * np.column_stack([LEFT, RIGHT]))
+    written = write_log(read, tmp_path / "written", "mcap", robot_with(tracks=corrected))
+    again = read_log(written, robot_with(tracks=corrected))
+    np.testing.assert_allclose(again.tracks.speeds, read.tracks.speeds)
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_a_side_that_counts_backward_is_found(tmp_path: Path, side: str) -> None:
+    tracks = {"topic": "/motors", "left": ["m1"], "right": ["m3"]}
+    tracks[side] = ["-m1" if side == "left" else "-m3"]
+    robot = robot_with(tracks=tracks, imu={"topic": "/imu"}, truth={"topic": "/slam"})
+    checks = check_robot(read_log(bag(tmp_path / "bag"), robot), robot)
+    found = next(one for one in checks if one.name == "sense of turning")
+    assert found.problem.startswith(f"the {side} side counts backward")
+    assert f"minus before the names of {side}" in found.remedy
+
+
+def test_a_clock_set_back_takes_the_truth_with_it(tmp_path: Path) -> None:
+    """The same 6 s of the recorder's clock hold two parts of the drive, of the truth as well."""
+    messages = []
+    for k in range(len(SECONDS)):
+        stamp = START + (k if k < 600 else k - 120) * STEP
+        messages.append(("/motors", joints(stamp, (LEFT[k], RIGHT[k]))))
+        messages.append(("/imu", imu(stamp, (0.0, 0.0, TURN[k]))))
+        messages.append(("/slam", pose_stamped(stamp, x=float(k))))
+    tracks = {"topic": "/motors", "left": ["l"], "right": ["r"]}
+    robot = robot_with(tracks=tracks, imu={"topic": "/imu"}, truth={"topic": "/slam"})
+    messages.sort(key=lambda one: (one[1].header.stamp.sec, one[1].header.stamp.nanosec))
+    log = read_log(write_bag(tmp_path / "bag", messages), robot)
+    assert log.truth is not None
+    assert (np.diff(log.truth.poses.poses[:, 0]) > 0.0).all()
+    assert log.dropped["truth: of a time that occurs twice"] >= 240
+
+
+def table(path: Path, names: str, *, ticks: bool = False) -> Path:
+    """German numbers: ms; rpm or counts of 16 bits; deg/s; g; m and deg of the truth."""
+    none = np.zeros_like(SECONDS)
+    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
+    wheels = [60.0 / (2.0 * np.pi) * one for one in (LEFT, RIGHT)]
+    if ticks:
+        turns = [np.cumsum(one) * 0.05 / (2.0 * np.pi) for one in (LEFT, RIGHT)]
+        wheels = [np.floor(8192.0 * one) % 65536.0 - 32768.0 for one in turns]
+    forces = [none, SPEED * TURN / 9.80665, none + 1.0]
+    columns = [1e3 * SECONDS, *wheels, none, none, np.degrees(TURN), *forces, x, y, np.degrees(YAW)]
+    rows = (";".join(f"{one:.6f}" for one in row) for row in np.column_stack(columns))
+    path.write_text("\n".join([names, *(row.replace(".", ",") for row in rows)]), encoding="utf-8")
+    return path
+
+
+GYRO, FORCE = "gyro x [°/s];gyro y [°/s];gyro z [°/s]", "acc x [g];acc y [g];acc z [g]"
+REST = f"{GYRO};{FORCE};true x [m];true y [m];true yaw [°]"
+
+
+def test_names_with_units_in_brackets(tmp_path: Path) -> None:
+    names = f"Time [ms];left speed [U/min];right speed [U/min];{REST}"
+    proposed = tomllib.loads(inspect(table(tmp_path / "own.csv", names)).proposed_robot_file)
+    columns = proposed["log"]["columns"]
+    assert (columns["time"], columns["time_unit"]) == ("Time [ms]", "ms")
+    assert columns["tracks"]["unit"] == "rpm"
+    assert (columns["imu"]["rate_unit"], columns["imu"]["acceleration_unit"]) == ("deg/s", "g")
+    assert (columns["truth"]["yaw"], columns["truth"]["yaw_unit"]) == ("true yaw [°]", "deg")
+    assert proposed["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
+    assert proposed["vehicle"]["track_gauge"] == pytest.approx(TRACK, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("names", "found"),
+    [("imu_gyro_{}_dps", True), ("{} [m]", False), ("{}_m", False), ("pos_{}_m", False)],
+)
+def test_a_gyro_is_told_from_a_position(tmp_path: Path, names: str, found: bool) -> None:
+    gyro = ";".join(names.format(axis) for axis in "xyz")
+    names = f"t_ms;left_rpm;right_rpm;{gyro};{REST.removeprefix(GYRO + ';')}"
+    path = table(tmp_path / "own.csv", names)
+    columns = tomllib.loads(inspect(path).proposed_robot_file)["log"]["columns"]
+    assert columns["time"] == "t_ms"
+    assert ("imu" in columns) == found
+
+
+def test_a_time_in_another_language_is_all_that_is_filled_in(tmp_path: Path) -> None:
+    log, robot = (
+        table(tmp_path / "own.csv", f"Zeit;left_rpm;right_rpm;{REST}"),
+        tmp_path / "own.toml",
+    )
+    assert "log" not in tomllib.loads(inspect(log).proposed_robot_file)
+    robot.write_text('[log.columns]\ntime = "Zeit"\ntime_unit = "ms"\n', encoding="utf-8")
+    found = proposed_with(log, robot)
+    assert {"tracks", "imu", "truth"} <= set(found["log"]["columns"])
+    assert found["vehicle"]["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
+
+
+def test_counters_of_16_bits(tmp_path: Path) -> None:
+    log, robot = (
+        table(tmp_path / "own.csv", f"t [ms];enc_l;enc_r;{REST}", ticks=True),
+        tmp_path / "own.toml",
+    )
+    text = inspect(log).proposed_robot_file
+    assert tomllib.loads(text)["log"]["columns"]["tracks"]["wrap"] == 65536.0
+    marked = with_filled_in(text, robot)[0]
+    robot.write_text(
+        marked.replace("counts_per_turn = nan", "counts_per_turn = 8192.0"), encoding="utf-8"
+    )
+    vehicle = proposed_with(log, robot)["vehicle"]
+    assert vehicle["sprocket_radius"] == pytest.approx(RADIUS, rel=0.01)
+    assert vehicle["max_track_speed"] == pytest.approx(1.2 * RADIUS * RIGHT.max(), rel=0.1)
+
+
+def test_the_scale_of_an_odometry_has_a_place(tmp_path: Path) -> None:
+    """A controller whose wheels are 10 % too large."""
+    messages = []
+    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
+    for k in range(len(SECONDS)):
+        stamp = START + k * STEP
+        messages.append(("/odom", odometry(stamp, SPEED[k] / 0.9, TURN[k] / 0.9)))
+        messages.append(("/imu", imu(stamp, (0.0, 0.0, TURN[k]))))
+        q = (0.0, 0.0, float(np.sin(YAW[k] / 2)), float(np.cos(YAW[k] / 2)))
+        messages.append(("/slam", pose_stamped(stamp, x=float(x[k]), y=float(y[k]), q=q)))
+    log = write_bag(tmp_path / "bag", messages)
+    streams = {"imu": {"topic": "/imu"}, "truth": {"topic": "/slam"}}
+    robot = robot_with(tracks={"topic": "/odom", "gauge": TRACK}, **streams)
+    found = next(one for one in check_robot(read_log(log, robot), robot) if one.name == SCALE)
+    scale = found.settings["log.tracks.scale"]
+    assert scale == pytest.approx(0.9, rel=0.01)
+    assert found.remedy == f"scale = {scale:g} in [log.tracks]"
+    robot = robot_with(tracks={"topic": "/odom", "gauge": TRACK, "scale": 0.9}, **streams)
+    speeds = 0.2 * np.column_stack([LEFT, RIGHT])
+    np.testing.assert_allclose(read_log(log, robot).tracks.speeds, speeds, atol=1e-12)
+
+
+def test_a_spike_makes_no_standstill() -> None:
+    """A counter that wraps unnoticed: nearly all speeds are small against its jump."""
+    speeds = 0.2 * np.column_stack([LEFT, RIGHT])
+    speeds[400] = 500.0
+    stamps = START + STEP * np.arange(len(SECONDS))
+    still = standstill(TrackSpeedSeries(stamps, speeds), stamps)
+    assert not still[SECONDS > 5.0].any()
+    assert still[SECONDS < 4.0].mean() > 0.8
