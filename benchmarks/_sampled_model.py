@@ -219,7 +219,7 @@ class ModelSampler:
         change = track_change(step_inputs(tracks, StandstillRecord(), begun, begun, self._inputs))
         change = change._replace(speed_variance=density**2 / dt)
         at = StepTwist(model, x, dt, change, noise_of_file(self._inputs))
-        z, _, R = gyro(0.0, at)
+        z, _, R = gyro(0.0, at, turn=0.0)
         rate = -z.item() + rng.standard_normal() * math.sqrt(R.item())
         along = []
         imu = self._imu_constants

@@ -186,7 +186,7 @@ class Step:
         lane.P.states = sorted({*lane.P.states, *FAST})
 
     def _follow_regressors(self, now: model.TracedTwist, speeds: Any, shares: Any) -> None:
-        """Smooth the derivatives by the parameters and the yaw rate, for the steps that follow.
+        """Smooth the regressors for the following steps: derivatives by the parameters, and the yaw rate.
 
         They are those of the turn that both tracks and yaw rate show. So noise of either moves no
         parameter, and by the gyro's scale no bias (errors in variables).
