@@ -74,7 +74,7 @@ def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:
-    """True if the contradictions are such that the file seems to be that of another robot."""
+    """Return True if the contradictions are those of another robot."""
     names = {
         one.name
         for one in checks

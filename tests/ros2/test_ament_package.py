@@ -40,8 +40,8 @@ def ros_packages(source: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(source.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             modules = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module == message_types.__name__:
-            modules = [getattr(message_types, alias.name) for alias in node.names]
+        elif isinstance(node, ast.Attribute) and ast.unparse(node.value) == "ros":
+            modules = [getattr(message_types, node.attr)]
         elif isinstance(node, ast.ImportFrom):
             modules = [str(node.module)]
         elif isinstance(node, ast.Constant) and re.fullmatch(r"\w+/msg/\w+", str(node.value)):

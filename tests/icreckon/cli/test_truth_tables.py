@@ -83,7 +83,7 @@ def test_all_commands_find_the_same_lag(log: Log, yaw: str, tmp_path: Path) -> N
     truth = replayed(words, tmp_path)["truth"]
     done = succeeds("calibrate", *words, "--models", "constant", "--json", cwd=tmp_path)
     (of_log,) = json.loads(done.stdout)["logs"]
-    text = inspected(words, tmp_path).split("truth: stamps are ")[1]
+    text = inspected(words, tmp_path).split("truth: stamps lag ")[1].split(" by ", 1)[1]
     # Positions are late against the tracks, too, which the body follows 0.045 s later.
     lag = 0.35 if yaw == "true" else 0.395
     for seconds, sigma in (

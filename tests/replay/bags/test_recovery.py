@@ -193,5 +193,5 @@ def test_a_damaged_chunk_costs_no_other(tmp_path: Path, change, lost: int) -> No
     log = read_log(path, ROBOT)
     assert len(log.tracks.stamps) == count - lost
     assert "1 of its chunks is damaged" in log.notes[0]
-    assert f"{count - lost} messages beside that were read" in log.notes[0]
+    assert f"{count - lost} other messages were read" in log.notes[0]
     assert inspect(path).topics[0].count == count - lost

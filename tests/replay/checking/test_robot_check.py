@@ -103,9 +103,9 @@ ERRORS = {
     ),
     "late": (lambda log: late(log, 0.25), None, {LATENCY: "s late"}),
     "early": (lambda log: late(log, -0.15), None, {LATENCY: "s early"}),
-    "tilted": (lambda log: turned_imu(log, 0.0, 10.0, 0.0), None, {MOUNTING: "deg beside"}),
+    "tilted": (lambda log: turned_imu(log, 0.0, 10.0, 0.0), None, {MOUNTING: "deg off"}),
     "upside down": (lambda log: turned_imu(log, 180.0, 0.0, 0.0), None, {MOUNTING: "upside down"}),
-    "on its side": (lambda log: turned_imu(log, 90.0, 0.0, 90.0), None, {MOUNTING: "deg beside"}),
+    "on its side": (lambda log: turned_imu(log, 90.0, 0.0, 90.0), None, {MOUNTING: "deg off"}),
     "backward IMU": (lambda log: turned_imu(log, 0.0, 0.0, 180.0), None, {FORWARD: "180 deg"}),
     "IMU to the left": (lambda log: turned_imu(log, 0.0, 0.0, 90.0), None, {FORWARD: "+90 deg"}),
     "gyro in deg/s": (
