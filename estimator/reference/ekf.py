@@ -150,6 +150,11 @@ class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]
             speeds = left * of_left, right * of_right
             self.model.begin_step(dt, *speeds, x[s.PARAMETERS], gravity_in(x))
 
+    @property
+    def turn(self) -> float:
+        """Yaw rate of the regressors [rad/s]."""
+        return 0.0 if self.regressors is None else self.regressors.item(2, s.PARAMETER_COUNT)
+
     def _regressors_at(self, left: float, right: float, shares: Triple) -> Floats:
         """Regressors (3, 10) at the turn that both tracks and yaw rate show.
 

@@ -139,7 +139,7 @@ class ReferenceFilter:
         at = StepTwist(self._twist(m.stamp), x, record.imu.interval, track_change(inputs), noise)
         # The slip stands in for parameters and gravity, which the gyro does not move: so the estimated
         # yaw rate follows it also where they are wrong.
-        z, H, R = gyro(rate, at, float(ekf.regressors[2, -1]))
+        z, H, R = gyro(rate, at, ekf.turn)
         ekf.update_scalar(z.item(), H[0], R.item(), fixed=ekf.fixed_for_gyro, stand_in=s.SLIP_W)
         if self._uses_force and m.linear_acceleration is not None:
             sigma, slip = self._slip_sigma(), self._disturbances.slip

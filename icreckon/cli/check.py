@@ -111,7 +111,7 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str
         costs = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
         out.print(Text(f"{number}. {_sentence(one.problem)}{costs}"))
         out.print(
-            Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Correction: {one.remedy}")
+            Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Remedy: {one.remedy}")
         )
     if worth is not None and (text := _drift(worth, bool(wrong), has_truth=log.truth is not None)):
         out.print(Text(f"\n{text}"))

@@ -105,7 +105,11 @@ def test_nonsense_is_refused(latency: float) -> None:
 def test_inspect_proposes_it(name: str, seconds: float | None, data_dir: Path) -> None:
     found_of_log = inspected(sample_log(data_dir, name))
     text = found_of_log.proposed_robot_file
-    (found,) = [one for one in found_of_log.findings if one.startswith(("tracks: stamps lag", "tracks: stamps lead"))]
+    (found,) = [
+        one
+        for one in found_of_log.findings
+        if one.startswith(("tracks: stamps lag", "tracks: stamps lead"))
+    ]
     assert "± 0.0" in found
     if seconds is None:
         assert "latency =" not in text
