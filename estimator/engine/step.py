@@ -203,10 +203,7 @@ class Step:
         left, right = speeds[0] + by_left * less, speeds[1] + by_right * less
         at = model.twist_model(x, lane.model_inputs, left, right, shares, parameters)
         found = {
-            f"r{axis}_{i}": at.rows[axis][i]
-            for axis in range(3)
-            for i in parameters
-            if i in at.rows[axis]
+            f"r{a}_{i}": row[i] for a, row in enumerate(at.rows) for i in parameters if i in row
         }
         for name, value in (*found.items(), (TURN, both)):
             before = lane.row(name)
