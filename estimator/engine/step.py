@@ -186,10 +186,10 @@ class Step:
         lane.P.states = sorted({*lane.P.states, *FAST})
 
     def _follow_regressors(self, now: model.TracedTwist, speeds: Any, shares: Any) -> None:
-        """Smooth the regressors for the following steps: derivatives by the parameters, and the yaw rate.
+        """Smooth the regressors for later steps.
 
-        They are those of the turn that both tracks and yaw rate show. So noise of either moves no
-        parameter, and by the gyro's scale no bias (errors in variables).
+        These are the derivatives by the parameters, and the yaw rate, at the turn that tracks and
+        gyro both show: noise of either moves no parameter and no bias (errors in variables).
         """
         lane, x = self.lane, self.lane.x.copy()
         slip = shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP.stop - 1]
