@@ -27,8 +27,7 @@ COMMANDS = {
 }
 LOG_COMMANDS = {
     "replay-jackal": "replay jackal_test2.bag --robot jackal --smooth",
-    "replay-streaming": f"replay {GRASS} --robot warthog --engine streaming",
-    "replay-batch": f"replay {GRASS} --robot warthog --engine batch",
+    "replay-warthog": f"replay {GRASS} --robot warthog",
     "calibrate": f"calibrate {GRASS} --robot warthog",
 }
 
