@@ -21,8 +21,6 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 
 # Time at rest after which the gyro shows its bias, as all of these have it from somebody [s].
 RESTS = 1.0
-# Standard deviation of the bias of a gyro at rest for that time [rad/s].
-BIAS_SIGMA = 2e-4
 
 
 class Noise(NamedTuple):

@@ -54,7 +54,6 @@ from _scoreboard_page import write_page
 from _study import script_parser
 
 HERE = Path(__file__).resolve().parent
-RESULT = HERE / "scoreboard.json"
 CACHE = HERE / "scoreboard.cache.jsonl"
 SENTINELS = (
     "auriga-alpha | plane 10° to 30° | on the spot | tactical",

@@ -29,7 +29,12 @@ SIGMAS = 3.0
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
 
+# Turning of a window that hardly slips [rad].
+STRAIGHT = 0.2
+
 Correction = Callable[[Log, Robot], tuple[Log, Robot]]
+Scale = tuple[float, float | None, str]
+"""Distance over ground over that of the tracks [-], its standard error or None, and its source."""
 
 
 class Measured(NamedTuple):
@@ -80,7 +85,7 @@ class Check:
 
 
 def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
-    """Correction log and robot by the checks that can, one after the other."""
+    """Correct log and robot by the checks that can, one after the other."""
     for one in checks:
         if one.correction is not None:
             log, robot = one.correction(log, robot)
@@ -158,14 +163,6 @@ def rounded_angles(rotation: Floats) -> tuple[float, ...]:
 def angles_text(values: tuple[float, float, float]) -> str:
     """Text of three angles [deg]."""
     return f"{', '.join(f'{value:g}' for value in values)} deg"
-
-
-# Turning of a window that hardly slips [rad].
-STRAIGHT = 0.2
-
-
-Scale = tuple[float, float | None, str]
-"""Distance over ground over that of the tracks [-], its standard error or None, and its source."""
 
 
 def effective_track(robot: Robot) -> float:
