@@ -23,7 +23,7 @@ PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
 # Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
 # so far that they are those of another motion (`scoreboard.py --parts healthy` with 0.2).
 REGRESSOR_SMOOTHING = 0.1
-PER_STEP, SMOOTHING = len(STEP_CONSTANTS), STEP_CONSTANTS.index("smoothing")
+PER_STEP = len(STEP_CONSTANTS)
 # Alignment of arrays: length of the widest registers, and of a line of the cache [bytes].
 LINE = 64
 
