@@ -21,8 +21,8 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 # NumPy types by number of bits.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
 # Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
-# so far that they are those of another motion (`scoreboard.py --parts healthy` with 0.2).
-REGRESSOR_SMOOTHING = 0.1
+# so far that they are those of another motion (`scoreboard.py --parts healthy` with 0.1).
+REGRESSOR_SMOOTHING = 0.03
 PER_STEP = len(STEP_CONSTANTS)
 # Alignment of arrays: length of the widest registers, and of a line of the cache [bytes].
 LINE = 64

@@ -1,12 +1,14 @@
 """Position fixes that scatter more than stated.
 
 Receivers state covariances that are wrong by factors of ten and more. From one fix to the next, dead
-reckoning is off by a few per cent of the distance. So the newest fixes are aligned with its path by a
-turn, a stretch and a shift (least squares), which remove a wrong heading and slip along the tracks. The
-residuals are noise of the fixes if they are large both along the robot and across it: slip leaves larger
-ones along, a gyro's bias across. A robot that slides down a slope leaves both, but continues in one
-direction: successive differences of its residuals are alike. With noise, or an error that walks, they are
-not. Fixes that scatter far more than stated are used with the measured variance.
+reckoning is off by a few per cent of the distance. So each step from fix to fix is compared with that of
+the path. The newest fixes scatter if most of their steps are off both along the robot and across it,
+whatever turn and stretch the path is given: these are a wrong heading, and slip along the tracks. A jump
+of the heading or of the fixes, a burst of wrong ones and a slide of some seconds leave half of the steps
+as they are (least median of squares: Rousseeuw, Journal of the American Statistical Association 79,
+1984). A robot that slides longer continues in one direction: successive differences of its residuals are
+alike. With noise, or an error that walks, they are not. Fixes that scatter far more than stated are used
+with the measured variance.
 
 An error that wanders is worse than a white one of the same size, since all fixes of a minute share it.
 Then residuals resemble those before them: the sum of squares of their differences is less than twice
@@ -36,12 +38,13 @@ MOST, FEWEST, APART, SHARE_APART = 16, 4, 0.9, 0.25
 IN_ORDER = 8
 # After a longer time without a fix, the path is no measure [s].
 LONGEST = 15.0
-# Error of the path from one fix to the next, as a share of it; after more than a second, times the
-# number of seconds.
+# Error of a step of the path, as a share of it; after more than a second, times the number of seconds.
 OF_STEP = 0.08
-# Variance by the differences of residuals over what is expected, from which on fixes scatter, and from
-# which on they still do; of few fixes it must be larger.
-FOUND, STILL, OF_FEW = 4.0, 2.0, 12.0
+# Number of the newest steps, most of which are off if fixes scatter.
+STEPS = 7
+# Variance of steps over the expected one, from which on fixes scatter, and from which on they still do;
+# of few fixes it must be larger. Median of squares of normal errors over their variance.
+FOUND, STILL, OF_FEW, MEDIAN = 4.0, 2.0, 12.0, 0.455
 # Sum of squares of second differences of residuals over that of differences, below which the robot
 # slides: it is 3 for white errors, 2 for those that walk, and about 1 for slides of some seconds.
 SLIDING = 1.35
@@ -250,12 +253,9 @@ def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
 def measure(scatter: ScatterRecord, stated: float) -> None:
     """Measure the variance of the laid fixes, the newest of which states one [m²]."""
     n, least = scatter.laid, STILL if scatter.variance > 0.0 else FOUND
-    found = spread_of(scatter, 0, n, True)
-    scatters = (
-        is_beyond(found, stated, least)
-        and found.second > SLIDING * found.successive
-        and parts_scatter(scatter, stated, least)
-    )
+    found = spread_of(scatter)
+    is_no_slide = found.second > SLIDING * found.successive
+    scatters = is_no_slide and steps_scatter(scatter, stated, least)
     apart, interval = max(found.apart, NANOSECOND), max(scatter.interval, NANOSECOND)
     white, times = 0.0, 1.0
     if scatters:
@@ -274,42 +274,40 @@ def measure(scatter: ScatterRecord, stated: float) -> None:
     scatter.variance = variance if variance > stated else 0.0
 
 
-def parts_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
-    """Return True if fixes scatter apart from a jump, and apart from a burst.
-
-    A jump of the estimate's heading, or of the fixes, is no scatter: neither those before it show any,
-    nor those after it. Nor is a burst of wrong fixes: neither they show any, nor the others.
+def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
+    """Return True if no turn and stretch of the path makes half of its steps fit those of the fixes.
 
     Args:
         scatter: the record.
         stated: variance that the fixes state [m²].
-        least: see `is_beyond`.
+        least: factor on the expected variance of a step, of many fixes.
     """
-    largest = second = -1.0
-    jump = other = 0
-    for k in range(1, scatter.laid):
-        fixes = size_of(fix_at(scatter, k) - fix_at(scatter, k - 1))
-        size = abs(fixes - size_of(path_at(scatter, k) - path_at(scatter, k - 1)))
-        if size > largest:
-            largest, second, jump, other = size, largest, k, jump
-        elif size > second:
-            second, other = size, k
-    begin, end = min(jump, other), max(jump, other)
-    apart_from_jump = part_scatters(scatter, 0, jump, True, stated, least) or part_scatters(
-        scatter, 0, jump, False, stated, least
-    )
-    return apart_from_jump and (
-        part_scatters(scatter, begin, end, True, stated, least)
-        or part_scatters(scatter, begin, end, False, stated, least)
-    )
+    first = max(1, scatter.laid - STEPS)
+    fit = steps_fit(scatter, first, 1.0 + 0j, stated, least)
+    for k in range(first, scatter.laid):
+        path, fixes = path_step(scatter, k), fix_step(scatter, k)
+        if not fit and min(size_of(path), size_of(fixes)) > LEAST_WAY:
+            stretch = fixes * path.conjugate() * (1.0 / square_of(path))
+            fit = steps_fit(scatter, first, stretch, stated, least)
+    return not fit
 
 
-def part_scatters(
-    scatter: ScatterRecord, begin: int, end: int, inside: bool, stated: float, least: float
+def steps_fit(
+    scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
 ) -> bool:
-    """Return True if a part of the fixes scatters, see `spread_of` and `is_beyond`."""
-    n = end - begin if inside else scatter.laid - (end - begin)
-    return n >= FEWEST and is_beyond(spread_of(scatter, begin, end, inside), stated, least)
+    """Return True if half of the turned and stretched steps fit, along the robot or across."""
+    back, number = stretch.conjugate() * (1.0 / size_of(stretch)), scatter.laid - first
+    beyond = MEDIAN * least * (1.0 + OF_FEW / (number - 1.0) ** 2)
+    along = across = 0
+    for k in range(first, scatter.laid):
+        path = path_step(scatter, k)
+        seconds = (scatter.time[k] - scatter.time[k - 1]) * NANOSECOND
+        of_path = OF_STEP * size_of(path) * max(1.0, seconds)
+        axes = (fix_step(scatter, k) - stretch * path) * turn_by(-scatter.yaw[k]) * back
+        limit = beyond * (2.0 * stated + of_path**2)
+        along += axes.real**2 <= limit
+        across += axes.imag**2 <= limit
+    return 2 * max(along, across) >= number
 
 
 def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
@@ -350,88 +348,44 @@ class Spread(NamedTuple):
     """Sums of squares of the residuals of fixes that are aligned with the path.
 
     Attributes:
-        along: sum of the squares of successive differences, along the robot [m²].
-        across: the same across it [m²].
         squares: sum of their own squares [m²].
         successive: sum of the squares of successive differences [m²].
         second: that of second differences [m²].
         freedom: degrees of freedom of each axis.
         apart: time between two fixes [s].
-        of_path: variance of the path from one fix to the next [m²].
     """
 
-    along: float
-    across: float
     squares: float
     successive: float
     second: float
     freedom: float
     apart: float
-    of_path: float
 
 
-def is_beyond(found: Spread, stated: float, least: float) -> bool:
-    """Return True if the differences are larger than expected.
-
-    Args:
-        found: spread of the fixes.
-        stated: variance that they state [m²].
-        least: factor on what is expected, of many fixes.
-    """
-    expected = 2.0 * found.freedom * (stated + found.of_path)
-    of_few = 1.0 + OF_FEW / found.freedom**2
-    return min(found.along, found.across) > least * of_few * expected
-
-
-def spread_of(scatter: ScatterRecord, begin: int, end: int, inside: bool) -> Spread:
-    """Spread of fixes about the path that is aligned with them.
-
-    Args:
-        scatter: the record.
-        begin: index of the first fix of a part.
-        end: one after the last.
-        inside: the fixes are those of the part; otherwise the others.
-    """
-    n, fixes, path = 0, 0j, 0j
-    for k in range(scatter.laid):
-        if (begin <= k < end) == inside:
-            n += 1
-            fixes += fix_at(scatter, k)
-            path += path_at(scatter, k)
-    fixes, path = fixes * (1.0 / n), path * (1.0 / n)
+def spread_of(scatter: ScatterRecord) -> Spread:
+    """Spread of the fixes about the path that is aligned with them (least squares)."""
+    n, fixes, path = scatter.laid, 0j, 0j
+    for k in range(n):
+        fixes += fix_at(scatter, k) * (1.0 / n)
+        path += path_at(scatter, k) * (1.0 / n)
     extent, shared = 0.0, 0j
-    for k in range(scatter.laid):
-        if (begin <= k < end) == inside:
-            off = path_at(scatter, k) - path
-            extent += square_of(off)
-            shared += (fix_at(scatter, k) - fixes) * off.conjugate()
-    is_way = extent > n * LEAST_WAY**2 and shared != 0.0
-    stretch = shared * (1.0 / extent) if is_way else 1.0 + 0j
-    back = stretch.conjugate() * (1.0 / size_of(stretch))
-    along = across = squares = successive = second = way = first_time = last_time = 0.0
-    before = step = turned = old = 0j
-    number = 0
-    for k in range(scatter.laid):
-        if (begin <= k < end) != inside:
-            continue
-        place, last_time = path_at(scatter, k), scatter.time[k]
-        off = fix_at(scatter, k) - fixes - stretch * (place - path)
-        axes = off * turn_by(-scatter.yaw[k]) * back
+    for k in range(n):
+        off = path_at(scatter, k) - path
+        extent += square_of(off)
+        shared += (fix_at(scatter, k) - fixes) * off.conjugate()
+    stretch = shared * (1.0 / extent) if extent > n * LEAST_WAY**2 else 1.0 + 0j
+    squares = successive = second = 0.0
+    before = step = 0j
+    for k in range(n):
+        off = fix_at(scatter, k) - fixes - stretch * (path_at(scatter, k) - path)
         squares += square_of(off)
-        if number == 0:
-            first_time = last_time
-        else:
-            way += size_of(place - old)
-            along += (axes - turned).real ** 2
-            across += (axes - turned).imag ** 2
+        if k > 0:
             successive += square_of(off - before)
-        if number > 1:
+        if k > 1:
             second += square_of(off - before - step)
-        before, step, turned, old = off, off - before, axes, place
-        number += 1
-    apart = (last_time - first_time) * NANOSECOND / (n - 1.0)
-    of_path = (OF_STEP * way / (n - 1.0) * max(1.0, apart)) ** 2
-    return Spread(along, across, squares, successive, second, n - 2.0, apart, of_path)
+        before, step = off, off - before
+    apart = (scatter.time[n - 1] - scatter.time[0]) * NANOSECOND / (n - 1.0)
+    return Spread(squares, successive, second, n - 2.0, apart)
 
 
 def turn_by(angle: float) -> complex:
@@ -447,6 +401,16 @@ def fix_at(scatter: ScatterRecord, k: int) -> complex:
 def path_at(scatter: ScatterRecord, k: int) -> complex:
     """Place x + iy of a fix on the path [m]."""
     return complex(scatter.path_x[k], scatter.path_y[k])
+
+
+def fix_step(scatter: ScatterRecord, k: int) -> complex:
+    """Step x + iy from fix k - 1 to fix k, as measured [m]."""
+    return fix_at(scatter, k) - fix_at(scatter, k - 1)
+
+
+def path_step(scatter: ScatterRecord, k: int) -> complex:
+    """Step x + iy from fix k - 1 to fix k, on the path [m]."""
+    return path_at(scatter, k) - path_at(scatter, k - 1)
 
 
 def size_of(number: complex) -> float:

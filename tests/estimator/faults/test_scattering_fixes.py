@@ -137,15 +137,16 @@ def test_a_jump_of_the_fixes_or_of_the_heading_is_no_scatter(path, angle):
 
 
 def test_outliers_are_no_scatter():
-    """Single fixes that the gate rejects show nothing; three in a row do."""
+    """Neither single ones nor a burst; once most of the newest fixes are off, they scatter."""
     errors, admitted = noise(STATED, 60), np.ones(60, bool)
     for k in (20, 21, 35, 50):
         errors[k] += 8.0
         admitted[k] = False
     assert after_fixes(errors, admitted=admitted).variance == 0.0
-    errors[20:26] += noise(8.0, 6)
-    admitted[20:26] = False
-    assert after_fixes(errors[:30], admitted=admitted[:30]).variance > 1.0
+    errors[20:32] += noise(8.0, 12)
+    admitted[20:32] = False
+    assert after_fixes(errors[:25], admitted=admitted[:25]).variance == 0.0
+    assert after_fixes(errors[:32], admitted=admitted[:32]).variance > 1.0
 
 
 def test_scatter_is_forgotten_once_it_is_over():

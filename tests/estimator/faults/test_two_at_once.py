@@ -51,12 +51,6 @@ FOUND = {
     SLIDE: {"sliding"},
 }
 """Findings of a filter that is saved in the midst of a fault."""
-# Tracks that leave the path while the fixes are elsewhere: when both are over, the fixes are taken to
-# scatter, and used as if they were off by metres.
-SCATTERED = {
-    ("left encoder reads zero, 10 s", "fixes 50 m off, 5 s"),
-    ("both tracks spin, 10 s", "fixes 50 m off, 5 s"),
-}
 
 
 @cache
@@ -102,12 +96,7 @@ def test_tracks_and_gyro_at_once_are_no_worse_than_both(names: tuple[str, str]) 
     assert sigmas < 3.0 or error < 2.0 * sum(map(error_with, names)) + 0.2
 
 
-def marked(names: tuple[str, str]) -> object:
-    fails = pytest.mark.xfail(strict=True, reason="good fixes are taken to scatter")
-    return pytest.param(names, marks=[fails] * (names in SCATTERED), id=" and ".join(names))
-
-
-@pytest.mark.parametrize("names", [*map(marked, itertools.product(TRACKS, FIXES))])
+@pytest.mark.parametrize("names", list(itertools.product(TRACKS, FIXES)), ids=" and ".join)
 def test_wrong_fixes_beside_a_fault_of_the_tracks_are_no_worse_than_none(names):
     error, sigmas = at_end(run(with_faults(*names), ALPHA, VARIANT))
     alone = without_fixes(with_faults(names[0]), FAULTS[names[1]].lasts)
