@@ -1,7 +1,5 @@
 """Scenario of one simulated run as plain data, from Python or a TOML file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 

@@ -1,7 +1,5 @@
 """Simulated run: true motion, sensor readings, and the log of both."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

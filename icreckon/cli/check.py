@@ -1,7 +1,5 @@
 """`icreckon check`: a robot file against a log."""
 
-from __future__ import annotations
-
 import json
 import math
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """`icreckon demo`: simulate, write a bag, read it back, compare."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated
 

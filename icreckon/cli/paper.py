@@ -1,7 +1,5 @@
 """`icreckon paper`: the paper's numbers, tables and figures, reproduced."""
 
-from __future__ import annotations
-
 import shutil
 from functools import partial
 

@@ -1,7 +1,5 @@
 """`icreckon prepare`: compile ahead, so that nothing waits for the compiler later."""
 
-from __future__ import annotations
-
 from concurrent.futures import as_completed
 from dataclasses import replace
 from typing import Annotated

@@ -1,7 +1,5 @@
 """`icreckon replay`: the filter variants over a log, or over several."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

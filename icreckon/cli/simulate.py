@@ -1,7 +1,5 @@
 """`icreckon simulate`: a simulated run as a bag."""
 
-from __future__ import annotations
-
 import shlex
 import tomllib
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`icreckon study`: many simulated runs over a sweep, summarised."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from functools import partial

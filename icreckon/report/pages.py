@@ -3,8 +3,6 @@
 Figures need matplotlib; results, tables and pages do without it.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import re

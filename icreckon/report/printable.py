@@ -1,7 +1,5 @@
 """Text that may be shown anywhere, whatever names in a log hold."""
 
-from __future__ import annotations
-
 import re
 import warnings
 from collections.abc import Iterator, Sequence

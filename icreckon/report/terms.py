@@ -1,7 +1,5 @@
 """Terms of the pages' tables and charts, explained on hover, tap or focus."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

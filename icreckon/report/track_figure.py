@@ -1,7 +1,5 @@
 """Figure of the effective track over the yaw rate, for `icreckon inspect`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """ROS 2 node: subscriptions, publishers, services around `LiveOdometry`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from functools import partial

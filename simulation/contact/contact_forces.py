@@ -7,8 +7,6 @@ part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y, w, 
 at the centre of mass to the right and forward.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

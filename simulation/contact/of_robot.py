@@ -1,7 +1,5 @@
 """Contact of a robot with its usual ground, and the indices of its slow turns."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.base.errors import EstimatorError

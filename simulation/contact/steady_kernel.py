@@ -1,7 +1,5 @@
 """Newton's iteration for stationary motions, one after the other, compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats

@@ -17,10 +17,8 @@ none of the stages solves is never dropped: it is named in an error, or marked i
 tracks at rest, friction holds the vehicle, and its twist is zero.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -77,7 +75,7 @@ class SteadyMotion:
     converged: NDArray[np.bool_]
     tipping: NDArray[np.bool_]
 
-    def require_converged(self) -> SteadyMotion:
+    def require_converged(self) -> Self:
         """Return the motions if all converged.
 
         Raises:

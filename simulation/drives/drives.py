@@ -6,8 +6,6 @@ trajectory fits any robot. Random trajectories are drawn event by event, so a lo
 seed begins like the shorter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Annotated
 

@@ -7,8 +7,6 @@ a function of time, so it does not depend on how it is sampled. `icreckon.simula
 describes each trajectory and its options.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol, get_type_hints

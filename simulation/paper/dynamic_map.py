@@ -5,8 +5,6 @@ grid of track speeds; `readings.py` derives means and fits from it. Symbols and 
 (X right, Y forward); equations come from `icreckon.estimator.motion.icr`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 

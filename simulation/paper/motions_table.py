@@ -1,7 +1,5 @@
 """Table of the stationary motions behind the paper's figures."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

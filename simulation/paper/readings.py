@@ -5,8 +5,6 @@ motions are not stated. Each reading gives the same ten numbers and two motion m
 `examples/paper` finds the one that comes closest to the printed numbers.
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal
 
 import msgspec

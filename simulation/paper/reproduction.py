@@ -4,8 +4,6 @@ Also Table II of the published parameters themselves, and a check that shows tha
 numbers contradict each other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 Results are those of the streaming filter, much faster.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple

@@ -3,8 +3,6 @@
 An engine is a module with a function `block` and, optionally, `why_not` of a `Plan`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module

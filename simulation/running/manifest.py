@@ -1,7 +1,5 @@
 """Identity of a study: its digest, and the manifest next to its results."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """A study from its plan to its results: `run_study`."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor

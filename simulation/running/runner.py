@@ -1,7 +1,5 @@
 """Job queue of a study: blocks are submitted, stored, and submitted again if lost."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait

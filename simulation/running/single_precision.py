@@ -1,7 +1,5 @@
 """Batch engine in single precision: twice as many lanes, with seven digits."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from icreckon.simulation.running import batch_engine as study_batch

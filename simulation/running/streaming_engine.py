@@ -1,7 +1,5 @@
 """Streaming engine: blocks of a study on the robot's filter, one run at a time."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace

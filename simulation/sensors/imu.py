@@ -17,8 +17,6 @@ its Allan deviation peaks at that floor. With x = tau / T its Allan variance is
 0.617 sigma_b, so sigma_b = 0.664 B / 0.617 = 1.076 B.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import msgspec

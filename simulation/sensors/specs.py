@@ -5,8 +5,6 @@ the defaults of `EncoderErrors`, `InertialErrors` or `FixErrors`: no such error,
 These three classes document all parameters.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, TypeVar
 
 import msgspec

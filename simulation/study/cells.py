@@ -1,7 +1,5 @@
 """Cells of a study: one scenario, one true robot, and each filter's robot model."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass

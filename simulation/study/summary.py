@@ -9,8 +9,6 @@ two means over the same runs, their intervals likewise; only differences have in
 about them. Nothing here is drawn at random.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 from functools import cache

@@ -1,7 +1,5 @@
 """Tables of a study as Parquet: one row for each summary, one for each run."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from dataclasses import astuple
@@ -36,7 +34,7 @@ def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
         key = "statistic" if name == "name" else name
         columns[key] = np.tile(column, len(plan.cells) * filters)
     for name, values in zip(COLUMNS, rows.T, strict=True):
-        whole = Summary.__dataclass_fields__[name].type == "int"
+        whole = Summary.__dataclass_fields__[name].type is int
         columns[name] = values.astype(np.int64) if whole else values.astype(np.float64)
     return _parquet(columns)
 

@@ -1,7 +1,5 @@
 """Truth models by name; each moves a simulated robot."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from icreckon.estimator.base.errors import nearest_hint

@@ -19,8 +19,6 @@ needs no inner iteration, and controls its step by the embedded third-order solu
 Import this module inside functions only: numba takes half a second to load.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

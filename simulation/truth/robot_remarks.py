@@ -1,7 +1,5 @@
 """Remarks on a robot file that leaves out what simulated friction needs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.robot.robot_file import Robot

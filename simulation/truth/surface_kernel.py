@@ -14,8 +14,6 @@ reads, and not the rate of the heading.
 Import this module inside functions only: numba takes half a second to load.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ of its soft beginning and end [s], coefficient of friction across and along [-],
 acceleration of gravity along the slope in x and y of odom [m/s²]. NaN leaves a property unchanged.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

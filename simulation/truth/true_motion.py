@@ -5,8 +5,6 @@ All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the
 `icreckon.simulation.truth.by_name` has them by name.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

@@ -1,7 +1,5 @@
 """Common body of `demo` and `replay`: compare, write the report, show the table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path

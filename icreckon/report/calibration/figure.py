@@ -1,7 +1,5 @@
 """Figure of a calibration, and its parts for the page, made from its results only."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tables and page of a calibration, made from its results only."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Figures 3, 5, 6, 7 and 8 of the paper, reproduced, and one of all differences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path

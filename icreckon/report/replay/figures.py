@@ -1,7 +1,5 @@
 """Figure of a comparison, made from its results only."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -10,8 +10,6 @@ the y axis, `least` is the least margin, `trim` the share of values at both ends
 and `floor` its bounds.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Figures of a study, made from its results only."""
 
-from __future__ import annotations
-
 import io
 import re
 from collections.abc import Callable
