@@ -1,8 +1,6 @@
 """Sensor readings of a true motion: error-free readings, then errors."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.series import (
@@ -13,7 +11,9 @@ from icreckon.estimator.log.series import (
     TwistSeries,
 )
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.simulation.base.random_streams import Streams
 from icreckon.simulation.base.sampling import sample_times, to_stamps
+from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.encoders import with_encoder_errors
 from icreckon.simulation.sensors.fixes import shown_times, with_fix_errors
 from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors
@@ -25,10 +25,6 @@ from icreckon.simulation.sensors.specs import (
     noise_preset,
 )
 from icreckon.simulation.truth.true_motion import TrueMotion
-
-if TYPE_CHECKING:
-    from icreckon.simulation.base.random_streams import Streams
-    from icreckon.simulation.scenario import Scenario
 
 
 class Perfect(NamedTuple):

@@ -5,11 +5,9 @@ points (`icreckon.simulation.contact.contact`) move the body, with the robot's i
 terrain and payload. Its steady motion is that of `icreckon.simulation.contact.steady_state`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import msgspec
 import numpy as np
@@ -25,8 +23,10 @@ from icreckon.simulation.contact.contact import Contact, ground
 from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.terrain import (
+    LEVEL,
     Patch,
     Payload,
+    Surface,
     Terrain,
     draw_surface,
     loaded,
@@ -41,9 +41,6 @@ from icreckon.simulation.truth.true_motion import (
     slip_residual,
     true_motion,
 )
-
-if TYPE_CHECKING:
-    from icreckon.simulation.truth.surface_kernel import Surface
 
 # First-order lag of a track behind its command [s].
 TRACK_LAG = 0.1
@@ -118,7 +115,7 @@ class FrictionTruth:
         step = 1.0 / rate
         speeds, rates = follow(command(grid_times(duration, rate)), step, self.track_lag)
         effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
-        surface = None
+        surface = LEVEL
         if self.terrain is not None and not self.terrain.is_level:
             # A stream of its own, so that other draws are those of level ground.
             (phases,) = rng.spawn(1)
@@ -146,7 +143,7 @@ class FrictionTruth:
         twists = np.stack([v_x, v_y, driven.twists[:, 2]], axis=-1)
         twists += slip
         motion = true_motion(rate, twists, speeds, self.name)
-        if surface is not None:
+        if surface.present:
             return on_surface(motion, surface, self.patches)
         if not driven.slopes.any():
             return motion
@@ -160,12 +157,12 @@ def drive(
     speed_rates: Floats,
     step: float,
     *,
-    surface: Surface | None = None,
+    surface: Surface = LEVEL,
     patches: tuple[Patch, ...] = (),
     payloads: tuple[Payload, ...] = (),
     load_lag: float = LOAD_LAG,
     tolerance: float = TOLERANCE,
-    start: PaperState | None = None,
+    start: tuple[float, ...] | None = None,
     slip: Floats | None = None,
 ) -> Drive:
     """Integrate the motion of a vehicle from its track speeds.
@@ -176,12 +173,12 @@ def drive(
         speeds: (n, 2) left, right at an even step [m/s]; cubic in between.
         speed_rates: (n, 2) their derivatives [m/s²].
         step: time between grid points [s].
-        surface: height field of the ground, looked up at each grid point; None for level ground.
+        surface: height field of the ground, looked up at each grid point.
         patches: ground that differs along the path; looked up at each grid point.
         payloads: loads along the path; put on and taken off at the nearest grid points.
         load_lag: time constant of the load transfer [s].
         tolerance: relative error allowed per step.
-        start: initial state; None for rest.
+        start: (6,) initial state, as in `icreckon.simulation.truth.friction_ode`; None for rest.
         slip: (n, 3) slip residual of v_x, v_y [m/s], w [rad/s] in base_link's axes, which moves the
             vehicle on a surface but is no part of the result; None for none.
 
@@ -196,9 +193,7 @@ def drive(
         Vehicle,
         integrate,
     )
-    from icreckon.simulation.truth.surface_kernel import LEVEL
 
-    surface = LEVEL if surface is None else surface
     count = len(speeds)
     states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
     tipping = np.zeros(count, dtype=bool)
@@ -242,9 +237,6 @@ def drive(
             )
         steps += taken
     return Drive(states[:, :3], states[:, 3:5], slopes, tipping, steps)
-
-
-PaperState = tuple[float, float, float, float, float, float]
 
 
 def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:

@@ -34,7 +34,8 @@ from icreckon.simulation.contact.contact_forces import (
     add_track_forces,
     point_loads,
 )
-from icreckon.simulation.truth.surface_kernel import Surface, gravity_on, ride, tilt
+from icreckon.simulation.truth.surface_kernel import gravity_on, ride, tilt
+from icreckon.simulation.truth.terrain import Surface
 from icreckon.simulation.truth.terrain_kernel import WIDTH, TrackGround, look_up
 
 SIZE = 6

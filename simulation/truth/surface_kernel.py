@@ -14,48 +14,16 @@ reads, and not the rate of the heading.
 Import this module inside functions only: numba takes half a second to load.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.tracing.jit_kernel import compiled
+from icreckon.simulation.truth.terrain import Surface
 from icreckon.simulation.truth.terrain_kernel import slope_cover
 
 Vector = tuple[float, float, float]
-
-
-class Surface(NamedTuple):
-    """Height field as plain numbers.
-
-    The coordinate u runs along its direction, v to the left of it.
-
-    Attributes:
-        present: False for a run without terrain; nothing else counts then.
-        direction: cosine and sine of the direction of u in odom.
-        plane: slope of the plane along u [-].
-        waves: largest slope of each of the waves along u and along v [-].
-        wave_number: of both waves [rad/m].
-        phases: of the waves along u and along v [rad], and of the kerbs, as a share of their distance.
-        kerb_height: height of each kerb [m]; 0 for none.
-        kerb_every: distance between kerbs, up and down in turn [m].
-        kerb_length: length over which a kerb rises [m].
-    """
-
-    present: bool
-    direction: tuple[float, float]
-    plane: float
-    waves: float
-    wave_number: float
-    phases: tuple[float, float, float]
-    kerb_height: float
-    kerb_every: float
-    kerb_length: float
-
-
-LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0)
 
 
 @compiled

@@ -7,10 +7,8 @@ again. Without terrain, slopes of patches are planes: the vehicle stays planar, 
 along the ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -23,9 +21,6 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
 from icreckon.simulation.contact.contact import Body
-
-if TYPE_CHECKING:
-    from icreckon.simulation.truth.surface_kernel import Surface
 
 EVERYWHERE = (-float("inf"), float("inf"))
 STEEPEST = 60.0
@@ -261,6 +256,37 @@ def check_terrain(terrain: Terrain, contact_length: float) -> None:
         )
 
 
+class Surface(NamedTuple):
+    """Height field as plain numbers, for `icreckon.simulation.truth.surface_kernel`.
+
+    The coordinate u runs along its direction, v to the left of it.
+
+    Attributes:
+        present: False for a run without terrain; nothing else counts then.
+        direction: cosine and sine of the direction of u in odom.
+        plane: slope of the plane along u [-].
+        waves: largest slope of each of the waves along u and along v [-].
+        wave_number: of both waves [rad/m].
+        phases: of the waves along u and along v [rad], and of the kerbs, as a share of their distance.
+        kerb_height: height of each kerb [m]; 0 for none.
+        kerb_every: distance between kerbs, up and down in turn [m].
+        kerb_length: length over which a kerb rises [m].
+    """
+
+    present: bool
+    direction: tuple[float, float]
+    plane: float
+    waves: float
+    wave_number: float
+    phases: tuple[float, float, float]
+    kerb_height: float
+    kerb_every: float
+    kerb_length: float
+
+
+LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0)
+
+
 def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Surface:
     """Height field of a terrain; phases of waves and kerbs are drawn at random.
 
@@ -272,8 +298,6 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
     Raises:
         SimulationError: ground that the vehicle does not touch as a plane, see `check_terrain`.
     """
-    from icreckon.simulation.truth.surface_kernel import Surface
-
     check_terrain(terrain, contact_length)
     along, across, kerbs = rng.random(3)
     uphill = np.radians(terrain.uphill_deg)
