@@ -128,14 +128,14 @@ def solve_steady(
     return motion.require_converged() if strict else motion
 
 
-def track_speed_grid(top: float = 1.0, count: int = 21) -> tuple[Floats, Floats]:
-    """Grid of evenly spaced track speeds in [-top, top] [m/s].
+def track_speed_grid(count: int = 21) -> tuple[Floats, Floats]:
+    """Grid of evenly spaced track speeds in [-1, 1] [m/s].
 
     Returns V_l and V_r, each (count, count), with V_l along the first axis. The default is the paper's
     grid of 441 pairs (section II).
     """
     # Integers divided, so that equal, opposite and zero speeds are exactly that.
-    speeds = top * np.arange(1 - count, count, 2) / (count - 1)
+    speeds = np.arange(1 - count, count, 2) / (count - 1)
     V_l, V_r = np.meshgrid(speeds, speeds, indexing="ij")
     return V_l, V_r
 
