@@ -253,3 +253,17 @@ def _random_blends(
         start, before = start + blend_length(change) + rng.exponential(abs(hold)), target
         if start > duration:
             return blends(events)
+
+
+# Generators by the name of their trajectory.
+TRAJECTORIES: dict[str, Callable[..., Blends | Slalom]] = {
+    "straight": straight,
+    "spin": spin,
+    "circle": circle,
+    "arcs": arcs,
+    "figure-eight": figure_eight,
+    "slalom": slalom,
+    "random": random_driving,
+    "aggressive": aggressive,
+    "stop-and-go": stop_and_go,
+}

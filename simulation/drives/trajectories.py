@@ -20,17 +20,7 @@ from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.drives.drives import (
-    aggressive,
-    arcs,
-    circle,
-    figure_eight,
-    random_driving,
-    slalom,
-    spin,
-    stop_and_go,
-    straight,
-)
+from icreckon.simulation.drives.drives import TRAJECTORIES
 from icreckon.simulation.drives.recorded import recorded
 
 RECORDED = "recorded"
@@ -50,17 +40,6 @@ class Command(Protocol):
 
 
 Maker = Callable[..., Command]
-TRAJECTORIES: dict[str, Maker] = {
-    "straight": straight,
-    "spin": spin,
-    "circle": circle,
-    "arcs": arcs,
-    "figure-eight": figure_eight,
-    "slalom": slalom,
-    "random": random_driving,
-    "aggressive": aggressive,
-    "stop-and-go": stop_and_go,
-}
 # Pairs of options of which the first must not exceed the second.
 ORDERED = {"arcs": ("tightest", "widest"), "slalom": ("lowest", "highest")}
 
