@@ -42,7 +42,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Configuration of a simulated run.
 
     Attributes:
-        trajectory: name from `icreckon.simulation.drives.trajectories.TRAJECTORIES`, or "recorded".
+        trajectory: name from `icreckon.simulation.drives.drives.TRAJECTORIES`, or "recorded".
         trajectory_options: option of that trajectory -> value; see its docstring.
         trajectory_file: CSV file of the "recorded" trajectory; see `icreckon.simulation.drives.recorded`.
         duration: length of the run [s]; its first 3 s are standstill.
@@ -115,15 +115,15 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
     def make_truth(self) -> TruthModel:
         """Make the truth model that moves the simulated robot."""
-        return make_truth(
-            self.truth,
-            self.truth_spread,
-            slip_noise=self.slip_noise,
-            track_lag=self.track_lag,
-            terrain=self.terrain,
-            patches=self.patches,
-            payloads=self.payloads,
-        )
+        options = {
+            "spread": self.truth_spread,
+            "slip_noise": self.slip_noise,
+            "track_lag": self.track_lag,
+            "terrain": None if self.terrain.is_level else self.terrain,
+            "patches": self.patches or None,
+            "payloads": self.payloads or None,
+        }
+        return make_truth(self.truth, options)
 
     def _check_samples(self) -> None:
         rates = [(f"{name} = {getattr(self, name)!r} Hz", getattr(self, name)) for name in RATES]

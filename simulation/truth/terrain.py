@@ -30,6 +30,8 @@ STEEPEST_ROLLING = 30.0
 SHORTEST_WAVE = 4.0
 # Heaviest payload [kg].
 HEAVIEST = 1e6
+# Numbers of a patch in the equations; `icreckon.simulation.truth.surface_kernel` lists them.
+PATCH_WIDTH = 13
 
 
 class Needs(NamedTuple):
@@ -207,7 +209,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def patch_rows(patches: tuple[Patch, ...]) -> Floats:
-    """Rows (k, WIDTH) of patches for `icreckon.simulation.truth.terrain_kernel`."""
+    """Rows (k, PATCH_WIDTH) of patches for `icreckon.simulation.truth.surface_kernel`."""
     nothing = float("nan")
     rows = []
     for patch in patches:
@@ -220,9 +222,7 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
             downhill = (float(size * np.cos(uphill)), float(size * np.sin(uphill)))
         where = (*patch.x, *patch.y, *patch.time, patch.edge, patch.onset)
         rows.append((*where, friction, friction, rolling, *downhill))
-    from icreckon.simulation.truth.terrain_kernel import WIDTH
-
-    return np.array(rows, dtype=float).reshape(len(rows), WIDTH)
+    return np.array(rows, dtype=float).reshape(len(rows), PATCH_WIDTH)
 
 
 def check_terrain(terrain: Terrain, contact_length: float) -> None:
