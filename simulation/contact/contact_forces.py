@@ -2,9 +2,9 @@
 
 Loads, friction and rolling resistance are implemented only here; `contact`, the stationary solver and the
 transient dynamics all call it. Import it inside functions only: numba takes half a second to load. Every
-function accepts floats, or complex numbers for complex-step differentiation (comparisons use the real
-part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y, w, V_l, V_r and by the force
-at the centre of mass to the right and forward.
+function but `newton_of_many` accepts floats, or complex numbers for complex-step differentiation
+(comparisons use the real part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y, w,
+V_l, V_r and by the force at the centre of mass to the right and forward.
 """
 
 from typing import Any, NamedTuple
@@ -28,6 +28,9 @@ NO_LOAD = 1e-13
 # Points that touch are collinear if their moments' dimensionless determinant is below this; a ridge of
 # this share, added to the moments, keeps the step of the active-set iteration finite there.
 RIDGE = 1e-12
+# Newton's iteration for stationary motions: least share of its step by which it improves, smallest step.
+SUFFICIENT_DECREASE = 1e-4
+SMALLEST_STEP = 1e-6
 
 
 class Ground(NamedTuple):
@@ -322,6 +325,59 @@ def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
     solution[1] = (second * x + (a * i - c * g) * y + (c * d - a * f) * z) / determinant
     solution[2] = (third * x + (b * g - a * h) * y + (a * e - b * d) * z) / determinant
     return True
+
+
+@compiled
+def newton_of_many(
+    ground: Ground, V: Floats, steps: int, tolerance: float, twist: Floats, residual: Floats
+) -> None:
+    """Newton's iteration with step halving, until solved, stuck, or out of steps.
+
+    Args:
+        ground: the contact.
+        V: (n, 2) track speeds [m/s].
+        steps: evaluations of the balance after the first.
+        tolerance: largest component of the residual of a solved pair, as a share of the weight
+            (moments: of the weight times half the gauge).
+        twist: (n, 3) guesses; overwritten with the best twist found [m/s, m/s, rad/s].
+        residual: (n,) overwritten with the largest component of the residual, in these shares.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    if V.shape != (len(V), 2) or twist.shape != (len(V), 3) or residual.shape != (len(V),):
+        raise ValueError(WRONG_SIZE)
+    unit = np.array([1.0, 1.0, 1.0 / ground.half_gauge]) / ground.weight
+    count = len(ground.x)
+    pressing = PointLoads(np.empty(count), np.empty(count), np.empty(count))
+    values, jacobian = np.empty(3), np.empty((3, COLUMNS))
+    step, trial = np.empty(3), np.empty(3)
+    for k in range(len(V)):
+        size, merit = 1.0, np.inf
+        trial[:] = twist[k]
+        step[:] = 0.0
+        for _ in range(steps + 1):
+            values[:] = 0.0
+            jacobian[:] = 0.0
+            at, speeds = (trial[0], trial[1], trial[2]), (V[k, 0], V[k, 1])
+            add_steady_balance(ground, at, speeds, pressing, values, jacobian)
+            values *= unit
+            found = (values * values).sum()
+            if found < (1.0 - SUFFICIENT_DECREASE * size) * merit:
+                merit = found
+                twist[k] = trial
+                residual[k] = np.abs(values).max()
+                if residual[k] <= tolerance:
+                    break
+                for row in range(3):
+                    jacobian[row] *= unit[row]
+                solve_3(jacobian, values, step)
+                size = 1.0
+            else:
+                size *= 0.5
+                if size <= SMALLEST_STEP:
+                    break
+            trial[:] = twist[k] - size * step
 
 
 @compiled

@@ -206,7 +206,7 @@ def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
 
 def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
     """Newton's iteration with step halving, until solved, stuck, or out of steps."""
-    from icreckon.simulation.contact.steady_kernel import newton_of_many
+    from icreckon.simulation.contact.contact_forces import newton_of_many
 
     twist, residual = np.ascontiguousarray(start.T), np.full(V.shape[1], np.inf)
     if np.shares_memory(twist, start):

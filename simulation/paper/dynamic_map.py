@@ -168,9 +168,9 @@ def rmse(twist: PaperTwist, truth: PaperTwist, counted: Any = ...) -> PaperTwist
 
 
 def write_motions(path: Path, mapped: DynamicMap) -> None:
-    """Write the motions of a map as a CSV table, in the paper's axes: X right, Y forward.
+    """Write the motions of a map as a CSV table, in the paper's axes.
 
-    ICRs and indices of motions that do not turn are empty cells.
+    X is right, Y forward. ICRs and indices of motions that do not turn are empty cells.
     """
     motion, icrs, indices = mapped.motion, mapped.icrs, mapped.indices
     columns = {

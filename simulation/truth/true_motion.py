@@ -122,7 +122,7 @@ class TrueMotion:
         return np.concatenate([self.track_speeds_at(times[:1]), averages])
 
     def window(self, times: Floats, length: float) -> tuple[Floats, Floats]:
-        """Start and end (n,) of a window of a length [s] about each time, within the motion."""
+        """Start and end (n,) [s] of a window about each time, within the motion."""
         start = np.clip(times - 0.5 * length, 0.0, self.end)
         return start, np.clip(times + 0.5 * length, 0.0, self.end)
 
