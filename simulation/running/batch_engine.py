@@ -29,9 +29,8 @@ from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import sample_times, to_stamps
 from icreckon.simulation.running import streaming_engine as study_streaming
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensing import Perfect, perfect, sensed
 from icreckon.simulation.sensors.specs import FixSpec, encoder_errors, fix_errors, noise_preset
-from icreckon.simulation.simulate import drive
+from icreckon.simulation.simulate import Perfect, drive, perfect, sensed
 from icreckon.simulation.study.cells import Cell, Filter, Plan
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.statistics import (
