@@ -1,4 +1,4 @@
-"""Simulated run: true motion, error-free readings, their errors, and the log of it all."""
+"""Simulated run: true motion, error-free readings, their errors, and the log."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -46,8 +46,6 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
-
-
 Worked = tuple[Floats, Reasons, dict[str, str]]
 
 

@@ -67,14 +67,12 @@ class Drive(NamedTuple):
             axes that turn with the ground's normal, but not by the yaw rate.
         tipping: (n,) True if the weight and that force point outside the contact; not set at the last
             point.
-        steps: integration steps taken, rejected ones included.
     """
 
     twists: Floats
     transfer: Floats
     slopes: Floats
     tipping: NDArray[np.bool_]
-    steps: int
 
 
 @dataclass(frozen=True)
@@ -198,7 +196,7 @@ def drive(
     states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
     tipping = np.zeros(count, dtype=bool)
     residual = np.zeros((count, 3)) if slip is None else np.ascontiguousarray(slip)
-    pose, steps = np.zeros(3), 0
+    pose = np.zeros(3)
     if start is not None:
         states[0] = start
         pose[2] = start[5]
@@ -235,8 +233,7 @@ def drive(
                 f"the motion cannot be integrated beyond {(first - taken) * step:.3f} s: "
                 "the integration step became too small"
             )
-        steps += taken
-    return Drive(states[:, :3], states[:, 3:5], slopes, tipping, steps)
+    return Drive(states[:, :3], states[:, 3:5], slopes, tipping)
 
 
 def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:

@@ -2,7 +2,7 @@
 
 All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
 `icreckon.simulation.truth.friction` (friction, the default) and `icreckon.simulation.truth.kinematic`;
-`icreckon.simulation.truth.by_name` has them by name.
+`icreckon.simulation.scenario` has them by name.
 """
 
 from dataclasses import dataclass
