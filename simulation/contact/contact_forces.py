@@ -207,24 +207,17 @@ def add_track_forces(
         values[0] -= f_x
         values[1] -= f_y
         values[2] -= moment
-        jacobian[0, 0] -= xx
-        jacobian[1, 0] -= xy
-        jacobian[2, 0] -= xy_x - xx_y
-        jacobian[0, 1] -= xy
-        jacobian[1, 1] -= yy
-        jacobian[2, 1] -= yy_x - xy_y
-        jacobian[0, 2] -= xy_x - xx_y
-        jacobian[1, 2] -= yy_x - xy_y
-        jacobian[2, 2] -= xx_yy - 2.0 * xy_xy + yy_xx
-        jacobian[0, of_V] += xy
-        jacobian[1, of_V] += yy
-        jacobian[2, of_V] += yy_x - xy_y
-        jacobian[0, 5] -= right_x
-        jacobian[1, 5] -= right_y
-        jacobian[2, 5] -= right_moment
-        jacobian[0, 6] -= forward_x
-        jacobian[1, 6] -= forward_y
-        jacobian[2, 6] -= forward_moment
+        for column, of_x, of_y, of_moment in (
+            (0, xx, xy, xy_x - xx_y),
+            (1, xy, yy, yy_x - xy_y),
+            (2, xy_x - xx_y, yy_x - xy_y, xx_yy - 2.0 * xy_xy + yy_xx),
+            (of_V, -xy, -yy, xy_y - yy_x),
+            (5, right_x, right_y, right_moment),
+            (6, forward_x, forward_y, forward_moment),
+        ):
+            jacobian[0, column] -= of_x
+            jacobian[1, column] -= of_y
+            jacobian[2, column] -= of_moment
         resistance = ground.rolling_resistance[track]
         if resistance > 0.0:
             X = ground.half_gauge if track else -ground.half_gauge
