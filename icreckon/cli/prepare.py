@@ -69,12 +69,9 @@ def command(
 
 def _compile(kind: str, *names: str) -> None:
     """Compile what filters of these variants or a study of this name need."""
+    run_one = _log if kind == "streaming" else _study
     for name in names:
-        match kind:
-            case "streaming":
-                _log(name)
-            case _:
-                _study(name)
+        run_one(name)
 
 
 def _log(variant: str) -> None:
