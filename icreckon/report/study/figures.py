@@ -1,21 +1,18 @@
 """Figures of a study, made from its results only."""
 
-import io
 import re
 from collections.abc import Callable
 from functools import partial
 from itertools import cycle
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 from icreckon.replay.base.colours import COLOURS
+from icreckon.report.drawing import SIZE, drawing, png
 from icreckon.report.pages import Picture
-from icreckon.report.printable import any_letters
 from icreckon.report.replay.page_drive import floats
 from icreckon.report.study.text import NEES, swept, title_of, unit_of
 from icreckon.simulation.study.cells import OUTAGE
@@ -25,10 +22,9 @@ from icreckon.simulation.study.summary import CONFIDENCE
 # Custom labels have the colours that the variants leave.
 OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
-# Size [in], legible also at the width of a telephone.
-SIZE = (6.4, 4.2)
-DOTS_PER_INCH = 150
-STYLE: Any = {"font.size": 12, "axes.grid": True, "grid.alpha": 0.3, "legend.framealpha": 0.9}
+STYLE = {"font.size": 12, "legend.framealpha": 0.9}
+# Without the version of matplotlib, so that equal figures are equal bytes.
+METADATA = {"Software": None}
 # Most names on an axis, or letters in them, without rotation; most cells named by their values.
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
@@ -111,17 +107,9 @@ def study_figures(results: Results) -> list[Picture]:
 
 
 def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Picture:
-    with mpl.rc_context(STYLE), any_letters():
-        drawing = Drawing(figsize=SIZE, layout="constrained")
-        draw(drawing.add_subplot())
-        return Picture(name, caption, _png(drawing))
-
-
-def _png(drawing: Drawing) -> bytes:
-    sink = io.BytesIO()
-    # Without the version of matplotlib, so that equal figures are equal bytes.
-    drawing.savefig(sink, dpi=DOTS_PER_INCH, metadata={"Software": None})
-    return sink.getvalue()
+    with drawing(SIZE, STYLE) as figure:
+        draw(figure.add_subplot())
+        return Picture(name, caption, png(figure, METADATA))
 
 
 def _draw_effect(
@@ -270,9 +258,9 @@ def _distribution(results: Results) -> Picture:
     rows = max(1, (len(kept) + 1) // 2)
     columns = min(2, max(1, len(kept)))
     share = np.array(PERCENTILES) / 100.0
-    with mpl.rc_context(STYLE), any_letters():
-        drawing = Drawing(figsize=(SIZE[0], SIZE[1] * (0.35 + 0.65 * rows)), layout="constrained")
-        grid = drawing.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
+    size = (SIZE[0], SIZE[1] * (0.35 + 0.65 * rows))
+    with drawing(size, STYLE) as figure:
+        grid = figure.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
         panels = list(grid.flat)
         for axes, one in zip(panels, kept, strict=False):
             for label in results["variants"]:
@@ -295,7 +283,7 @@ def _distribution(results: Results) -> Picture:
         caption = (
             "Distribution of the position error at the end of the run: share of runs up to it."
         )
-        return Picture("final-error-distribution", caption, _png(drawing))
+        return Picture("final-error-distribution", caption, png(figure, METADATA))
 
 
 def _limit(axes: Axes, means: Any, highs: Any) -> None:
