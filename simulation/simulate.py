@@ -131,11 +131,7 @@ def run_scenario(
 
 
 def drive(
-    scenario: Scenario,
-    robot: Robot,
-    streams: Streams,
-    *,
-    recording: TrackSpeedSeries | None = None,
+    scenario: Scenario, robot: Robot, streams: Streams, *, recording: TrackSpeedSeries | None = None
 ) -> TrueMotion:
     """Simulate the true motion of a run.
 

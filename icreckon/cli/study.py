@@ -160,10 +160,10 @@ def duration(seconds: float) -> str:
 
 def _advice(folder: Path, reporter: _Reporter) -> str:
     """Text on how to continue an interrupted study."""
-    there = "" if reporter.done is None else f" of {reporter.done.all_blocks}"
-    blocks = 0 if reporter.done is None else reporter.done.blocks
+    done = reporter.done
+    blocks = "0" if done is None else f"{done.blocks} of {done.all_blocks}"
     return (
-        f"{blocks}{there} blocks are in {folder}/. Go on with the same command: "
+        f"{blocks} blocks are in {folder}/. Go on with the same command: "
         f"{shlex.join(['icreckon', *sys.argv[1:]])}"
     )
 

@@ -208,9 +208,7 @@ def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: f
     """Newton's iteration with step halving, until solved, stuck, or out of steps."""
     from icreckon.simulation.contact.contact_forces import newton_of_many
 
-    twist, residual = np.ascontiguousarray(start.T), np.full(V.shape[1], np.inf)
-    if np.shares_memory(twist, start):
-        twist = twist.copy()
+    twist, residual = np.array(start.T, order="C"), np.full(V.shape[1], np.inf)
     newton_of_many(ground(contact), np.ascontiguousarray(V.T), steps, tolerance, twist, residual)
     return _Solved(twist.T, residual)
 

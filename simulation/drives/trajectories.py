@@ -132,9 +132,10 @@ def make_trajectory(
         command = TRAJECTORIES[name](duration, robot, rng, **options)
     top = robot.vehicle.max_track_speed
     if command.top_speed > top * (1.0 + ROUNDING):
+        speeds = [one for one in trajectory_options(name) if one in {"speed", "turn", "factor"}]
         raise SimulationError(
             f"trajectory {name!r} reaches {command.top_speed:.3g} m/s, more than max_track_speed = "
-            f"{top!r} m/s of {robot.name!r}; lower {' or '.join(_speed_options(name))}"
+            f"{top!r} m/s of {robot.name!r}; lower {' or '.join(speeds)}"
         )
     return command
 
@@ -161,7 +162,3 @@ def _check_together(name: str, options: Mapping[str, Any]) -> None:
 
 def _maker(name: str) -> Maker:
     return recorded if name == RECORDED else TRAJECTORIES[name]
-
-
-def _speed_options(name: str) -> list[str]:
-    return [option for option in trajectory_options(name) if option in {"speed", "turn", "factor"}]

@@ -113,12 +113,8 @@ def on_spot_line(mapped: DynamicMap) -> float:
         raise SimulationError("no on-spot turning on this grid of track speeds; widen it")
     before, after = forward[below, column], forward[below + 1, column]
     share = before / (before - after)
-    V_r, low, high = (
-        motion.V_r[below, column],
-        motion.V_l[below, column],
-        motion.V_l[below + 1, column],
-    )
-    V_l = low + share * (high - low)
+    V_r, low = motion.V_r[below, column], motion.V_l[below, column]
+    V_l = low + share * (motion.V_l[below + 1, column] - low)
     return float(-(V_l @ V_r) / (V_r @ V_r))
 
 

@@ -62,10 +62,7 @@ COLUMNS = tuple(field.name for field in fields(Summary))
 
 
 def summarise(
-    values: Floats,
-    baseline: Floats,
-    motions: Ints,
-    paired: Floats | None = None,
+    values: Floats, baseline: Floats, motions: Ints, paired: Floats | None = None
 ) -> Summary:
     """Summarise a statistic.
 

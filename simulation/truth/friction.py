@@ -184,13 +184,7 @@ def drive(
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
     """
     from icreckon.simulation.contact.contact_forces import mass_matrix
-    from icreckon.simulation.truth.friction_ode import (
-        DrivenTracks,
-        GridMotion,
-        Tolerance,
-        Vehicle,
-        integrate,
-    )
+    from icreckon.simulation.truth import friction_ode as ode
 
     count = len(speeds)
     states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
@@ -215,18 +209,18 @@ def drive(
         )
         part = slice(first, last + 1)
         mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
-        taken = integrate(
-            Vehicle(ground(loaded_contact), np.asarray(np.linalg.inv(mass), float), load_lag),
+        taken = ode.integrate(
+            ode.Vehicle(ground(loaded_contact), np.asarray(np.linalg.inv(mass), float), load_lag),
             surface,
             rows,
-            DrivenTracks(
+            ode.DrivenTracks(
                 first * step,
                 step,
                 np.ascontiguousarray(speeds[part]),
                 np.ascontiguousarray(speed_rates[part]),
             ),
-            Tolerance(tolerance, tolerance * absolute),
-            GridMotion(pose, states[part], slopes[part], tipping[part], residual[part]),
+            ode.Tolerance(tolerance, tolerance * absolute),
+            ode.GridMotion(pose, states[part], slopes[part], tipping[part], residual[part]),
         )
         if taken < 0:
             raise SimulationError(
