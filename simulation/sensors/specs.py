@@ -115,7 +115,9 @@ def _grade(gyro: tuple[float, ...], accelerometer: tuple[float, ...]) -> SensorS
 
 
 # Grades are those of the IMU alone, as in data sheets; a moving vehicle adds vibration. Biases also
-# walk: about as far as their instability within some ten minutes, as they do during warm-up.
+# walk: about as far as their instability within some ten minutes, as they do during warm-up. A grade
+# lists noise density, turn-on bias, bias instability, bias walk, scale, misalignment and range, in the
+# units of `InertialErrors`.
 NOISE_PRESETS: dict[str, SensorSpecs] = {
     "perfect": SensorSpecs(
         encoders=EncoderSpec(speed_noise_density=0.0, scale_sigma=0.0),
