@@ -4,8 +4,7 @@ What a filter believes of its errors can only be tested where all it assumes is 
 and fast slip, random walks, parameters, biases, scales and sensors are drawn from the very distributions
 that the filter goes by, around track speeds that are given.
 
-This is no robot: nothing is in it that the filter does not expect. See `simulation.truth.by_name` for
-robots.
+This is no robot: nothing is in it that the filter does not expect. See `simulation.truth` for robots.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Scenario of one simulated run as plain data, from Python or a TOML file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +8,7 @@ import numpy as np
 
 from icreckon.estimator.base.checks import Bound, NotNegative, Positive
 from icreckon.estimator.base.config import convert, read_toml
+from icreckon.estimator.base.errors import nearest_hint
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
 from icreckon.simulation.base.random_streams import check_whole
@@ -19,7 +18,8 @@ from icreckon.simulation.drives.trajectories import (
     trajectory_options,
 )
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec, noise_preset
-from icreckon.simulation.truth.by_name import make_truth
+from icreckon.simulation.truth.friction import FrictionTruth
+from icreckon.simulation.truth.kinematic import KinematicTruth
 from icreckon.simulation.truth.terrain import Patch, Payload, Terrain, refuse_idle_keys
 from icreckon.simulation.truth.true_motion import DEFAULT_SPREAD, TruthModel
 
@@ -36,6 +36,11 @@ Rate = Annotated[
 ]
 # A track or index that is off by more than its own size is another robot.
 Spread = Annotated[float, Bound("from 0 to 1 (relative: 0.15 is 15 %)", 0.0, 1.0)]
+# Truth models by name.
+TRUTHS: dict[str, type[FrictionTruth] | type[KinematicTruth]] = {
+    "friction": FrictionTruth,
+    "kinematic": KinematicTruth,
+}
 TRAJECTORY_FILE = "trajectory_file"
 RATES = ("track_rate", "imu_rate", "truth_rate", "fix_rate")
 
@@ -44,13 +49,13 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """Configuration of a simulated run.
 
     Attributes:
-        trajectory: name from `icreckon.simulation.drives.trajectories.TRAJECTORIES`, or "recorded".
+        trajectory: name from `icreckon.simulation.drives.drives.TRAJECTORIES`, or "recorded".
         trajectory_options: option of that trajectory -> value; see its docstring.
         trajectory_file: CSV file of the "recorded" trajectory; see `icreckon.simulation.drives.recorded`.
         duration: length of the run [s]; its first 3 s are standstill.
         seed: seed of the study; a run's streams derive from it and the run's index.
         noise: name from `icreckon.simulation.sensors.specs.NOISE_PRESETS`.
-        truth: name from `icreckon.simulation.truth.by_name.TRUTHS`.
+        truth: name from `icreckon.simulation.scenario.TRUTHS`.
         truth_spread: relative spread of the true robot about the robot file.
         slip_noise: factor on the slip residual of the true motion, which no model explains; None for
             the truth's default [-].
@@ -116,16 +121,31 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
                 )
 
     def make_truth(self) -> TruthModel:
-        """Make the truth model that moves the simulated robot."""
-        return make_truth(
-            self.truth,
-            self.truth_spread,
-            slip_noise=self.slip_noise,
-            track_lag=self.track_lag,
-            terrain=self.terrain,
-            patches=self.patches,
-            payloads=self.payloads,
-        )
+        """Make the truth model that moves the simulated robot.
+
+        Raises:
+            SimulationError: an unknown truth (the message names the nearest), or one that does not
+                support the lag, terrain or payload.
+        """
+        if self.truth not in TRUTHS:
+            hint = nearest_hint(self.truth, list(TRUTHS))
+            raise SimulationError(f"no truth named {self.truth!r}{hint}")
+        options: dict[str, Any] = {
+            "spread": self.truth_spread,
+            "slip_noise": self.slip_noise,
+            "track_lag": self.track_lag,
+            "terrain": None if self.terrain.is_level else self.terrain,
+            "patches": self.patches or None,
+            "payloads": self.payloads or None,
+        }
+        given = {key: value for key, value in options.items() if value is not None}
+        kind = TRUTHS[self.truth]
+        unknown = [key for key in given if key not in kind.__dataclass_fields__]
+        if unknown:
+            raise SimulationError(
+                f"the {self.truth} truth does not support {' or '.join(unknown)}; use truth = 'friction'"
+            )
+        return kind(**given)
 
     def _check_samples(self) -> None:
         rates = [(f"{name} = {getattr(self, name)!r} Hz", getattr(self, name)) for name in RATES]

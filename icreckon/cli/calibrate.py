@@ -1,7 +1,5 @@
 """`icreckon calibrate`: calibration of a robot from logs with a truth."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 from typing import Annotated

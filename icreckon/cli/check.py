@@ -1,7 +1,5 @@
 """`icreckon check`: a robot file against a log."""
 
-from __future__ import annotations
-
 import json
 import math
 from contextlib import suppress
@@ -128,9 +126,8 @@ def _any_measured(checks: list[Check]) -> bool:
 def _headline(count: int, checks: list[Check]) -> str:
     text = "One thing contradicts" if count == 1 else f"{count} things contradict"
     of_another = robot_check.is_of_another(checks)
-    return f"{text} the log, worst first" + (
-        ". Is this the file of another robot?" if of_another else ":"
-    )
+    end = ". Is this the file of another robot?" if of_another else ":"
+    return f"{text} the log, worst first{end}"
 
 
 def _sentence(text: str) -> str:

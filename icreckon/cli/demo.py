@@ -1,7 +1,5 @@
 """`icreckon demo`: simulate, write a bag, read it back, compare."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Annotated
 
@@ -17,7 +15,7 @@ from icreckon.replay.export.formats import parse_formats
 from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.reading.read_log import read_log
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.drives.trajectories import TRAJECTORIES
+from icreckon.simulation.drives.drives import TRAJECTORIES
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Terrain

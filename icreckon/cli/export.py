@@ -1,7 +1,5 @@
 """`icreckon export`: the filter of a robot as a folder of C sources."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 from typing import Annotated

@@ -1,7 +1,5 @@
 """`icreckon inspect`: the contents of a log, and a robot file to start from."""
 
-from __future__ import annotations
-
 import json
 from functools import partial
 from pathlib import Path

@@ -1,7 +1,5 @@
 """List of the commands; the file of a command is imported when it is called."""
 
-from __future__ import annotations
-
 import logging
 import sys
 from importlib import import_module

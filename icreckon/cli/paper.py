@@ -1,7 +1,5 @@
 """`icreckon paper`: the paper's numbers, tables and figures, reproduced."""
 
-from __future__ import annotations
-
 import shutil
 from functools import partial
 
@@ -16,8 +14,7 @@ from icreckon.report.pages import unless_missing
 from icreckon.report.paper.tables import LEVELS, paper_page, paper_tables
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 from icreckon.simulation.paper.contact import BEST_FILE, load_paper_contact
-from icreckon.simulation.paper.dynamic_map import VelocityErrors
-from icreckon.simulation.paper.motions_table import write_motions
+from icreckon.simulation.paper.dynamic_map import VelocityErrors, write_motions
 from icreckon.simulation.paper.published import published_errors
 from icreckon.simulation.paper.reproduction import (
     Reproduction,

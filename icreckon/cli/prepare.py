@@ -1,7 +1,5 @@
 """`icreckon prepare`: compile ahead, so that nothing waits for the compiler later."""
 
-from __future__ import annotations
-
 from concurrent.futures import as_completed
 from dataclasses import replace
 from typing import Annotated
@@ -16,12 +14,12 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.run import run
 from icreckon.estimator.tracing.kernel_cache import cache_folder, kernel_files, why_not_kept
+from icreckon.simulation.contact.of_robot import robot_remarks
 from icreckon.simulation.running import batch_engine
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import load_study, study_names
-from icreckon.simulation.truth.robot_remarks import robot_remarks
 
 # Kernels depend on the motion model and on what is uncertain, not on the robot.
 ROBOT = "auriga-alpha"
@@ -71,12 +69,9 @@ def command(
 
 def _compile(kind: str, *names: str) -> None:
     """Compile what filters of these variants or a study of this name need."""
+    run_one = _log if kind == "streaming" else _study
     for name in names:
-        match kind:
-            case "streaming":
-                _log(name)
-            case _:
-                _study(name)
+        run_one(name)
 
 
 def _log(variant: str) -> None:

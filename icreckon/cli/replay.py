@@ -1,7 +1,5 @@
 """`icreckon replay`: the filter variants over a log, or over several."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -143,10 +141,8 @@ def command(
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:
         find_variant(name)
-    settings = Settings()
     shared = {
         "variants": names,
-        "settings": settings,
         "fixes": None if fixes is None else parse_part(fixes),
         "smooth": smooth,
         "formats": parse_formats(formats),
@@ -156,7 +152,7 @@ def command(
         "variants": names if names is not None else list(DEFAULT_VARIANTS),
         "fixes": fixes,
         "smooth": smooth,
-        "settings": msgspec.to_builtins(settings),
+        "settings": msgspec.to_builtins(Settings()),
     }
     definitions = read_definitions(message_files)
     drives = [

@@ -1,7 +1,5 @@
 """`icreckon robots`: the robots that ship."""
 
-from __future__ import annotations
-
 from rich.table import Table
 
 from icreckon.cli.common.console import results

@@ -1,7 +1,5 @@
 """`icreckon ros2-node`: the ROS 2 node."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import typer

@@ -1,7 +1,5 @@
 """`icreckon simulate`: a simulated run as a bag."""
 
-from __future__ import annotations
-
 import shlex
 import tomllib
 from pathlib import Path
@@ -16,10 +14,10 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.comparison.fixes import SCORED_OUTAGE, scored_intervals
 from icreckon.replay.export.log_bag import Format, check_place, write_log
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.drives.trajectories import TRAJECTORIES
+from icreckon.simulation.contact.of_robot import robot_remarks
+from icreckon.simulation.drives.drives import TRAJECTORIES
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.robot_remarks import robot_remarks
 from icreckon.simulation.truth.terrain import refuse_idle_keys
 
 FORMATS = ("mcap", "sqlite3", "ros1")

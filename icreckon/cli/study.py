@@ -1,7 +1,5 @@
 """`icreckon study`: many simulated runs over a sweep, summarised."""
 
-from __future__ import annotations
-
 import shlex
 import sys
 from functools import partial
@@ -92,7 +90,7 @@ def command(
     reporter = _Reporter(loaded.name)
     warn_unless_kept()
     try:
-        with reporter:
+        with reporter.bar:
             found = run_study(
                 loaded,
                 folder,
@@ -120,7 +118,7 @@ class _Reporter:
     def __init__(self, name: str) -> None:
         self.done: Done | None = None
         self._shown_at = 0.0
-        self._bar = Progress(
+        self.bar = Progress(
             SpinnerColumn(),
             TextColumn(name),
             BarColumn(BAR),
@@ -128,24 +126,18 @@ class _Reporter:
             console=messages(),
             transient=True,
         )
-        self._task = self._bar.add_task(name, total=1.0, text="first block (compiles once)")
+        self._task = self.bar.add_task(name, total=1.0, text="first block (compiles once)")
 
     def remark(self, words: str) -> None:
         """Print a line of text."""
-        self._bar.console.print(words, soft_wrap=True)
-
-    def __enter__(self) -> None:
-        self._bar.start()
-
-    def __exit__(self, *problem: object) -> None:
-        self._bar.stop()
+        self.bar.console.print(words, soft_wrap=True)
 
     def show(self, done: Done) -> None:
         """Show the progress."""
         if self.done is None and done.found_blocks:
             self.remark(f"going on: {done.found_blocks} of {done.all_blocks} blocks are there")
         self.done = done
-        elapsed = self._bar.tasks[0].elapsed or 0.0
+        elapsed = self.bar.tasks[0].elapsed or 0.0
         text = f"{done.blocks} of {done.all_blocks} blocks"
         if done.runs and elapsed > 0.0:
             rate = done.runs / elapsed
@@ -153,8 +145,8 @@ class _Reporter:
         if done.blocks == done.all_blocks:
             text += ", writing tables and page"
         share = done.blocks / max(1, done.all_blocks)
-        self._bar.update(self._task, completed=share, text=text)
-        if not self._bar.console.is_terminal and elapsed - self._shown_at > LINE_EVERY:
+        self.bar.update(self._task, completed=share, text=text)
+        if not self.bar.console.is_terminal and elapsed - self._shown_at > LINE_EVERY:
             self._shown_at = elapsed
             self.remark(text)
 
@@ -168,10 +160,10 @@ def duration(seconds: float) -> str:
 
 def _advice(folder: Path, reporter: _Reporter) -> str:
     """Text on how to continue an interrupted study."""
-    there = "" if reporter.done is None else f" of {reporter.done.all_blocks}"
-    blocks = 0 if reporter.done is None else reporter.done.blocks
+    done = reporter.done
+    blocks = "0" if done is None else f"{done.blocks} of {done.all_blocks}"
     return (
-        f"{blocks}{there} blocks are in {folder}/. Go on with the same command: "
+        f"{blocks} blocks are in {folder}/. Go on with the same command: "
         f"{shlex.join(['icreckon', *sys.argv[1:]])}"
     )
 

@@ -3,8 +3,6 @@
 Figures need matplotlib; results, tables and pages do without it.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 import re
@@ -74,11 +72,9 @@ def _breakable(name: str) -> Markup:
     return Markup(re.sub(r"([._])(?=\w)", r"\1<wbr>", str(escape(name))))  # noqa: S704 - escaped
 
 
-_PAGES.globals["verbatim"] = _verbatim
-_PAGES.globals["policy"] = POLICY
+_PAGES.globals |= {"verbatim": _verbatim, "policy": POLICY, "terms": TERMS}
 # What not every page has.
 _PAGES.globals |= {"subtitle": "", "failures": (), "remarks": ()}
-_PAGES.globals["terms"] = TERMS
 _PAGES.filters["term_of"] = term_of
 _PAGES.filters["breakable"] = _breakable
 _PAGES.filters["embedded"] = _embedded

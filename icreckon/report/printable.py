@@ -1,11 +1,7 @@
 """Text that may be shown anywhere, whatever names in a log hold."""
 
-from __future__ import annotations
-
 import re
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 
 CONTROL = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f]")
 
@@ -31,14 +27,3 @@ def change_range(interval: Sequence[float] | None, remark: str = "") -> str:
     if high < 1.0 or low > 1.0:
         ends[0] = ends[0].rpartition(" ")[0].removesuffix(" %")
     return f" (95 %: {ends[0]} to {ends[1]}{remark})"
-
-
-@contextmanager
-def any_letters() -> Iterator[None]:
-    """Draw letters that matplotlib's font lacks as boxes, without a warning.
-
-    Pages show them as they are; a font that has them can be set in matplotlib's own configuration.
-    """
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
-        yield

@@ -1,7 +1,5 @@
 """Tables of pages, for the terminal."""
 
-from __future__ import annotations
-
 import re
 from string import ascii_lowercase
 

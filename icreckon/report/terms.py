@@ -1,18 +1,16 @@
 """Terms of the pages' tables and charts, explained on hover, tap or focus."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 
 
 class Term(NamedTuple):
-    """Term: key in the page, name, meaning, pattern of headings that use it."""
+    """Term: key in the page, name, meaning, pattern of headings that use it (the key)."""
 
     key: str
     name: str
     meaning: str
-    pattern: str
+    pattern: str = ""
 
 
 TERMS = (
@@ -21,14 +19,12 @@ TERMS = (
         "NEES, normalised estimation error squared",
         "The pose error, weighed by the filter's own covariance. If that is right, the mean is 3 for "
         "a pose (x, y, yaw) and 2 for a position. More: the filter is too sure. Less: too cautious.",
-        r"\bNEES\b",
     ),
     Term(
         "nis",
         "NIS, normalised innovation squared",
         "The innovation of a sensor squared, over the variance that it should have. 1 per degree of "
         "freedom is ideal. More: the sensor is noisier than in the robot file, or the model is wrong.",
-        r"\bNIS\b",
     ),
     Term(
         "innovation",
@@ -54,20 +50,17 @@ TERMS = (
         "Drift",
         "Position error at the end of a stretch of dead reckoning, with estimate and truth aligned "
         "at its start, in % of the distance driven.",
-        r"\bdrift\b",
     ),
     Term(
         "ratio",
         "Ratio",
         "Drift over that of another filter, on the same stretches. Below 1 is better. An interval "
         "that holds 1 may be chance.",
-        r"\bratio\b",
     ),
     Term(
         "rmse",
         "RMSE, root mean square error",
         "Size of the usual error of a speed, large ones counted more.",
-        r"\bRMSE\b",
     ),
     Term(
         "icr",
@@ -80,24 +73,24 @@ TERMS = (
         "apart",
         "Apart",
         "Distance from the variant that the others are compared with, since there is no ground truth.",
-        r"\bapart\b",
     ),
     Term(
         "rejected",
         "Rejected",
         "Measurements that the filter did not use, since they were too far from what it expected "
         "(gate), or implausible on their own.",
-        r"\brejected\b",
     ),
     Term(
         "standstill",
         "Standstill updates",
         "Moments at which tracks and IMU showed the robot at rest, and the filter used a speed of zero.",
-        r"\bstandstill\b",
     ),
 )
 
 
 def term_of(heading: str) -> Term | None:
     """Return the first term that a heading uses; None for none."""
-    return next((one for one in TERMS if re.search(one.pattern, heading, re.IGNORECASE)), None)
+    for one in TERMS:
+        if re.search(one.pattern or rf"\b{one.key}\b", heading, re.IGNORECASE):
+            return one
+    return None

@@ -1,15 +1,10 @@
 """Figure of the effective track over the yaw rate, for `icreckon inspect`."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Any
-
-import matplotlib as mpl
-from matplotlib.figure import Figure
 
 from icreckon.replay.inspection.track_by_rate import TrackByRate
-from icreckon.report.printable import any_letters, printable
+from icreckon.report.drawing import drawing
+from icreckon.report.printable import printable
 
 SIZE, DOTS = (7.0, 4.6), 140
 SIDES = ((1.0, "left", "#0072B2", "o"), (-1.0, "right", "#D55E00", "s"))
@@ -17,9 +12,7 @@ SIDES = ((1.0, "left", "#0072B2", "o"), (-1.0, "right", "#D55E00", "s"))
 
 def write_track_figure(path: Path, title: str, track: TrackByRate) -> None:
     """Draw the effective track of turns to either side, as PNG."""
-    style: Any = {"font.size": 11, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
-    with mpl.rc_context(style), any_letters():
-        figure = Figure(figsize=SIZE, layout="constrained")
+    with drawing(SIZE, {"font.size": 11, "text.parse_math": False}) as figure:
         axes = figure.add_subplot()
         for side, name, colour, marker in SIDES:
             bins = [one for one in track.bins if one.rate * side > 0.0]

@@ -1,7 +1,5 @@
 """Messages that wait for the node, in the order of their sending."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple

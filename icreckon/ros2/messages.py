@@ -3,8 +3,6 @@
 The functions fill messages that the caller makes, so that nothing here imports ROS.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any

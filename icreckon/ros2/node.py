@@ -1,7 +1,5 @@
 """ROS 2 node: subscriptions, publishers, services around `LiveOdometry`."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from functools import partial
@@ -387,18 +385,14 @@ class OdometryNode:
                 self._publish_slowly(one)
 
     def _transforms(self, estimate: LiveEstimate) -> list[Any]:
-        options, transforms = self.options, []
+        options, planar = self.options, self.options.two_d_mode
+        map_frame, odom, base = options.map_frame, options.odom_frame, options.base_frame
+        wanted = []
         if options.publish_tf:
-            frames = options.odom_frame, options.base_frame
-            transform = self._new(ros.TRANSFORM)
-            pose = estimate.in_odom(planar=options.two_d_mode)
-            transforms.append(fill_transform(transform, estimate.stamp, *frames, pose))
-        odom = estimate.odom_in_map(planar=options.two_d_mode)
-        if options.publish_map_tf and odom is not None:
-            frames = options.map_frame, options.odom_frame
-            transform = self._new(ros.TRANSFORM)
-            transforms.append(fill_transform(transform, estimate.stamp, *frames, odom))
-        return transforms
+            wanted.append((odom, base, estimate.in_odom(planar=planar)))
+        if options.publish_map_tf and (placed := estimate.odom_in_map(planar=planar)) is not None:
+            wanted.append((map_frame, odom, placed))
+        return [fill_transform(self._new(ros.TRANSFORM), estimate.stamp, *one) for one in wanted]
 
     def _publish_slowly(self, estimate: LiveEstimate) -> None:
         """Publish slip and ICR markers."""

@@ -1,7 +1,5 @@
 """Parameters of the node: names, defaults and descriptions."""
 
-from __future__ import annotations
-
 import math
 from array import array
 from collections.abc import Iterable, Mapping

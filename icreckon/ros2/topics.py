@@ -1,7 +1,5 @@
 """Discovery of the input topics: message type and QoS of their publishers."""
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Conversion of plain Python data to the declared types of fields, and bounds."""
 
-from __future__ import annotations
-
 import os
 from functools import cache
 from typing import Any

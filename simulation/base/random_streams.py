@@ -1,7 +1,5 @@
 """Random streams of a run, from the study's seed and the run's index alone."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sample times of sensors in seconds since the start of a run, and their stamps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps

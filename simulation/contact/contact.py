@@ -216,7 +216,8 @@ def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Lo
     from icreckon.simulation.contact.contact_forces import loads_of_many
 
     packed = ground(contact)
-    right, forward = _columns(right, forward).T
+    kind = np.result_type(right, forward, float)
+    right, forward = np.array(np.broadcast_arrays(np.atleast_1d(right), forward), dtype=kind)
     count = len(packed.x)
     loads = np.empty((len(right), count), dtype=right.dtype)
     by_right, by_forward = np.empty((2, len(right), count))
@@ -261,13 +262,6 @@ def ground(contact: Contact) -> Ground:
         body.weight,
         (body.x_CM, body.y_CM, body.z_CM),
     )
-
-
-def _columns(*parts: Any) -> Any:
-    """Broadcast parts as the columns of a matrix of floats or complex numbers."""
-    columns = np.broadcast_arrays(*(np.atleast_1d(part) for part in parts))
-    matrix = np.stack(columns, axis=-1)
-    return matrix if np.iscomplexobj(matrix) else matrix.astype(float)
 
 
 @lru_cache(maxsize=64)

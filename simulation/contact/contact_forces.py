@@ -2,12 +2,10 @@
 
 Loads, friction and rolling resistance are implemented only here; `contact`, the stationary solver and the
 transient dynamics all call it. Import it inside functions only: numba takes half a second to load. Every
-function accepts floats, or complex numbers for complex-step differentiation (comparisons use the real
-part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y, w, V_l, V_r and by the force
-at the centre of mass to the right and forward.
+function but `newton_of_many` accepts floats, or complex numbers for complex-step differentiation
+(comparisons use the real part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y, w,
+V_l, V_r and by the force at the centre of mass to the right and forward.
 """
-
-from __future__ import annotations
 
 from typing import Any, NamedTuple
 
@@ -30,6 +28,9 @@ NO_LOAD = 1e-13
 # Points that touch are collinear if their moments' dimensionless determinant is below this; a ridge of
 # this share, added to the moments, keeps the step of the active-set iteration finite there.
 RIDGE = 1e-12
+# Newton's iteration for stationary motions: least share of its step by which it improves, smallest step.
+SUFFICIENT_DECREASE = 1e-4
+SMALLEST_STEP = 1e-6
 
 
 class Ground(NamedTuple):
@@ -206,24 +207,17 @@ def add_track_forces(
         values[0] -= f_x
         values[1] -= f_y
         values[2] -= moment
-        jacobian[0, 0] -= xx
-        jacobian[1, 0] -= xy
-        jacobian[2, 0] -= xy_x - xx_y
-        jacobian[0, 1] -= xy
-        jacobian[1, 1] -= yy
-        jacobian[2, 1] -= yy_x - xy_y
-        jacobian[0, 2] -= xy_x - xx_y
-        jacobian[1, 2] -= yy_x - xy_y
-        jacobian[2, 2] -= xx_yy - 2.0 * xy_xy + yy_xx
-        jacobian[0, of_V] += xy
-        jacobian[1, of_V] += yy
-        jacobian[2, of_V] += yy_x - xy_y
-        jacobian[0, 5] -= right_x
-        jacobian[1, 5] -= right_y
-        jacobian[2, 5] -= right_moment
-        jacobian[0, 6] -= forward_x
-        jacobian[1, 6] -= forward_y
-        jacobian[2, 6] -= forward_moment
+        for column, of_x, of_y, of_moment in (
+            (0, xx, xy, xy_x - xx_y),
+            (1, xy, yy, yy_x - xy_y),
+            (2, xy_x - xx_y, yy_x - xy_y, xx_yy - 2.0 * xy_xy + yy_xx),
+            (of_V, -xy, -yy, xy_y - yy_x),
+            (5, right_x, right_y, right_moment),
+            (6, forward_x, forward_y, forward_moment),
+        ):
+            jacobian[0, column] -= of_x
+            jacobian[1, column] -= of_y
+            jacobian[2, column] -= of_moment
         resistance = ground.rolling_resistance[track]
         if resistance > 0.0:
             X = ground.half_gauge if track else -ground.half_gauge
@@ -324,6 +318,59 @@ def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
     solution[1] = (second * x + (a * i - c * g) * y + (c * d - a * f) * z) / determinant
     solution[2] = (third * x + (b * g - a * h) * y + (a * e - b * d) * z) / determinant
     return True
+
+
+@compiled
+def newton_of_many(
+    ground: Ground, V: Floats, steps: int, tolerance: float, twist: Floats, residual: Floats
+) -> None:
+    """Newton's iteration with step halving, until solved, stuck, or out of steps.
+
+    Args:
+        ground: the contact.
+        V: (n, 2) track speeds [m/s].
+        steps: evaluations of the balance after the first.
+        tolerance: largest component of the residual of a solved pair, as a share of the weight
+            (moments: of the weight times half the gauge).
+        twist: (n, 3) guesses; overwritten with the best twist found [m/s, m/s, rad/s].
+        residual: (n,) overwritten with the largest component of the residual, in these shares.
+
+    Raises:
+        ValueError: an array has the wrong size.
+    """
+    if V.shape != (len(V), 2) or twist.shape != (len(V), 3) or residual.shape != (len(V),):
+        raise ValueError(WRONG_SIZE)
+    unit = np.array([1.0, 1.0, 1.0 / ground.half_gauge]) / ground.weight
+    count = len(ground.x)
+    pressing = PointLoads(np.empty(count), np.empty(count), np.empty(count))
+    values, jacobian = np.empty(3), np.empty((3, COLUMNS))
+    step, trial = np.empty(3), np.empty(3)
+    for k in range(len(V)):
+        size, merit = 1.0, np.inf
+        trial[:] = twist[k]
+        step[:] = 0.0
+        for _ in range(steps + 1):
+            values[:] = 0.0
+            jacobian[:] = 0.0
+            at, speeds = (trial[0], trial[1], trial[2]), (V[k, 0], V[k, 1])
+            add_steady_balance(ground, at, speeds, pressing, values, jacobian)
+            values *= unit
+            found = (values * values).sum()
+            if found < (1.0 - SUFFICIENT_DECREASE * size) * merit:
+                merit = found
+                twist[k] = trial
+                residual[k] = np.abs(values).max()
+                if residual[k] <= tolerance:
+                    break
+                for row in range(3):
+                    jacobian[row] *= unit[row]
+                solve_3(jacobian, values, step)
+                size = 1.0
+            else:
+                size *= 0.5
+                if size <= SMALLEST_STEP:
+                    break
+            trial[:] = twist[k] - size * step
 
 
 @compiled

@@ -1,6 +1,4 @@
-"""Contact of a robot with its usual ground, and the indices of its slow turns."""
-
-from __future__ import annotations
+"""Contact of a robot with its usual ground, and what its file leaves out for that."""
 
 import numpy as np
 
@@ -14,6 +12,10 @@ from icreckon.simulation.contact.steady_state import solve_steady
 # Slow turns to both sides, tracks left and right as shares of the crawl [m/s]: inertia is negligible.
 TURNS = np.array([[1.0, 2.0], [2.0, 1.0], [1.0, 1.3], [1.3, 1.0]])
 CRAWL = 0.05
+# Name of the truth in which the contact moves the robot.
+FRICTION = "friction"
+# Factor between the effective tracks of the file and of its contact that is remarked on [-].
+FAR = 1.15
 
 
 def contact_of(robot: Robot) -> Contact:
@@ -47,3 +49,29 @@ def slow_turns(contact: Contact) -> IndexValues:
         (0.5 * (V_l + V_r) - twist.v_y) / twist.w,
         (V_r - V_l) / (contact.geometry.gauge * twist.w),
     )
+
+
+def robot_remarks(robot: Robot, truth: str) -> list[str]:
+    """Describe what a robot file leaves out, so that simulations with it mislead.
+
+    Args:
+        robot: the robot.
+        truth: name of the scenario's truth.
+    """
+    if truth != FRICTION:
+        return []
+    found = []
+    if robot.vehicle.centre_of_mass[2] == 0.0:
+        found.append(
+            f"{robot.name}: the centre of mass is on the ground, so no load shifts in bends and the ICRs "
+            "hardly move with inertia; set its height, the third number of centre_of_mass in [vehicle]"
+        )
+    contact = float(np.mean(slow_turns(contact_of(robot)).eta))
+    stated = robot.constant_indices.eta0
+    if not 1.0 / FAR < contact / stated < FAR:
+        found.append(
+            f"{robot.name}: its contact turns it with an effective track of {contact:.2f} times the "
+            f"gauge, its file states {stated:.2f}, where the filters begin; set eta0 = "
+            f"{contact:.2f} in [indices], or calibrate on simulated logs"
+        )
+    return found

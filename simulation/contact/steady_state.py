@@ -17,10 +17,8 @@ none of the stages solves is never dropped: it is named in an error, or marked i
 tracks at rest, friction holds the vehicle, and its twist is zero.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import msgspec
 import numpy as np
@@ -77,7 +75,7 @@ class SteadyMotion:
     converged: NDArray[np.bool_]
     tipping: NDArray[np.bool_]
 
-    def require_converged(self) -> SteadyMotion:
+    def require_converged(self) -> Self:
         """Return the motions if all converged.
 
         Raises:
@@ -130,14 +128,14 @@ def solve_steady(
     return motion.require_converged() if strict else motion
 
 
-def track_speed_grid(top: float = 1.0, count: int = 21) -> tuple[Floats, Floats]:
-    """Grid of evenly spaced track speeds in [-top, top] [m/s].
+def track_speed_grid(count: int = 21) -> tuple[Floats, Floats]:
+    """Grid of evenly spaced track speeds in [-1, 1] [m/s].
 
     Returns V_l and V_r, each (count, count), with V_l along the first axis. The default is the paper's
     grid of 441 pairs (section II).
     """
     # Integers divided, so that equal, opposite and zero speeds are exactly that.
-    speeds = top * np.arange(1 - count, count, 2) / (count - 1)
+    speeds = np.arange(1 - count, count, 2) / (count - 1)
     V_l, V_r = np.meshgrid(speeds, speeds, indexing="ij")
     return V_l, V_r
 
@@ -208,11 +206,9 @@ def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
 
 def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
     """Newton's iteration with step halving, until solved, stuck, or out of steps."""
-    from icreckon.simulation.contact.steady_kernel import newton_of_many
+    from icreckon.simulation.contact.contact_forces import newton_of_many
 
-    twist, residual = np.ascontiguousarray(start.T), np.full(V.shape[1], np.inf)
-    if np.shares_memory(twist, start):
-        twist = twist.copy()
+    twist, residual = np.array(start.T, order="C"), np.full(V.shape[1], np.inf)
     newton_of_many(ground(contact), np.ascontiguousarray(V.T), steps, tolerance, twist, residual)
     return _Solved(twist.T, residual)
 

@@ -6,8 +6,6 @@ trajectory fits any robot. Random trajectories are drawn event by event, so a lo
 seed begins like the shorter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Annotated
 
@@ -255,3 +253,17 @@ def _random_blends(
         start, before = start + blend_length(change) + rng.exponential(abs(hold)), target
         if start > duration:
             return blends(events)
+
+
+# Generators by the name of their trajectory.
+TRAJECTORIES: dict[str, Callable[..., Blends | Slalom]] = {
+    "straight": straight,
+    "spin": spin,
+    "circle": circle,
+    "arcs": arcs,
+    "figure-eight": figure_eight,
+    "slalom": slalom,
+    "random": random_driving,
+    "aggressive": aggressive,
+    "stop-and-go": stop_and_go,
+}

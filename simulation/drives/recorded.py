@@ -1,7 +1,5 @@
 """Trajectory from recorded track speeds: a CSV file, or a log in memory."""
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ Every function stands still for `STANDSTILL` seconds first, and keeps each track
 `ACCELERATION` [m/s²].
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

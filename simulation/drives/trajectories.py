@@ -7,8 +7,6 @@ a function of time, so it does not depend on how it is sampled. `icreckon.simula
 describes each trajectory and its options.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol, get_type_hints
@@ -22,17 +20,7 @@ from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.drives.drives import (
-    aggressive,
-    arcs,
-    circle,
-    figure_eight,
-    random_driving,
-    slalom,
-    spin,
-    stop_and_go,
-    straight,
-)
+from icreckon.simulation.drives.drives import TRAJECTORIES
 from icreckon.simulation.drives.recorded import recorded
 
 RECORDED = "recorded"
@@ -52,17 +40,6 @@ class Command(Protocol):
 
 
 Maker = Callable[..., Command]
-TRAJECTORIES: dict[str, Maker] = {
-    "straight": straight,
-    "spin": spin,
-    "circle": circle,
-    "arcs": arcs,
-    "figure-eight": figure_eight,
-    "slalom": slalom,
-    "random": random_driving,
-    "aggressive": aggressive,
-    "stop-and-go": stop_and_go,
-}
 # Pairs of options of which the first must not exceed the second.
 ORDERED = {"arcs": ("tightest", "widest"), "slalom": ("lowest", "highest")}
 
@@ -155,9 +132,10 @@ def make_trajectory(
         command = TRAJECTORIES[name](duration, robot, rng, **options)
     top = robot.vehicle.max_track_speed
     if command.top_speed > top * (1.0 + ROUNDING):
+        speeds = [one for one in trajectory_options(name) if one in {"speed", "turn", "factor"}]
         raise SimulationError(
             f"trajectory {name!r} reaches {command.top_speed:.3g} m/s, more than max_track_speed = "
-            f"{top!r} m/s of {robot.name!r}; lower {' or '.join(_speed_options(name))}"
+            f"{top!r} m/s of {robot.name!r}; lower {' or '.join(speeds)}"
         )
     return command
 
@@ -184,7 +162,3 @@ def _check_together(name: str, options: Mapping[str, Any]) -> None:
 
 def _maker(name: str) -> Maker:
     return recorded if name == RECORDED else TRAJECTORIES[name]
-
-
-def _speed_options(name: str) -> list[str]:
-    return [option for option in trajectory_options(name) if option in {"speed", "turn", "factor"}]

@@ -3,8 +3,6 @@
 `PaperContact` is the content of a TOML file; the best known one ships as `paper_contact.toml`.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Literal
 

@@ -5,10 +5,9 @@ grid of track speeds; `readings.py` derives means and fits from it. Symbols and 
 (X right, Y forward); equations come from `icreckon.estimator.motion.icr`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,12 +113,8 @@ def on_spot_line(mapped: DynamicMap) -> float:
         raise SimulationError("no on-spot turning on this grid of track speeds; widen it")
     before, after = forward[below, column], forward[below + 1, column]
     share = before / (before - after)
-    V_r, low, high = (
-        motion.V_r[below, column],
-        motion.V_l[below, column],
-        motion.V_l[below + 1, column],
-    )
-    V_l = low + share * (high - low)
+    V_r, low = motion.V_r[below, column], motion.V_l[below, column]
+    V_l = low + share * (motion.V_l[below + 1, column] - low)
     return float(-(V_l @ V_r) / (V_r @ V_r))
 
 
@@ -156,16 +151,43 @@ def constant_twist(mapped: DynamicMap, icrs: ConstantIcr) -> PaperTwist:
     return direct(mapped.motion.V_l, mapped.motion.V_r, indices_from_icrs(constant, gauge), gauge)
 
 
-def rmse(twist: PaperTwist, truth: PaperTwist) -> PaperTwist:
-    """Root mean squared error of each velocity component over all motions.
+def rmse(twist: PaperTwist, truth: PaperTwist, counted: Any = ...) -> PaperTwist:
+    """Root mean squared error of each velocity component.
 
     Args:
         twist: estimated twists, arrays of one shape.
         truth: true twists, arrays of that shape.
+        counted: mask of the motions that count; all by default.
     """
-    return PaperTwist(
-        *(
-            float(np.sqrt(np.mean((found - true) ** 2)))
-            for found, true in zip(twist, truth, strict=True)
-        )
-    )
+    errors = (found[counted] - true[counted] for found, true in zip(twist, truth, strict=True))
+    return PaperTwist(*(float(np.sqrt(np.mean(error**2))) for error in errors))
+
+
+def write_motions(path: Path, mapped: DynamicMap) -> None:
+    """Write the motions of a map as a CSV table, in the paper's axes.
+
+    X is right, Y forward. ICRs and indices of motions that do not turn are empty cells.
+    """
+    motion, icrs, indices = mapped.motion, mapped.icrs, mapped.indices
+    columns = {
+        "V_l_m_s": motion.V_l,
+        "V_r_m_s": motion.V_r,
+        "v_x_m_s": motion.twist.v_x,
+        "v_y_m_s": motion.twist.v_y,
+        "w_rad_s": motion.twist.w,
+        "x_ICRl_m": icrs.x_ICRl,
+        "x_ICRr_m": icrs.x_ICRr,
+        "y_ICR_m": icrs.y_ICR,
+        "zeta_m": indices.zeta,
+        "epsilon_m": indices.epsilon,
+        "eta": indices.eta,
+        "F_x_N": mapped.inertia[0],
+        "F_y_N": mapped.inertia[1],
+        "F_N": mapped.magnitude,
+    }
+    lines = [",".join(columns)]
+    lines += [
+        ",".join("" if np.isnan(value) else f"{value:.9g}" for value in row)
+        for row in np.stack([values.ravel() for values in columns.values()], axis=-1).tolist()
+    ]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -4,8 +4,6 @@ A number is stored as the printed text, which gives both its value and the numbe
 The largest steering efficiency is not printed: it is read off a figure, and listed separately.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import cache

@@ -5,9 +5,7 @@ motions are not stated. Each reading gives the same ten numbers and two motion m
 `examples/paper` finds the one that comes closest to the printed numbers.
 """
 
-from __future__ import annotations
-
-from typing import Any, Literal
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -126,20 +124,11 @@ def read_errors(
         icrs: ICRs of the constant model.
         reading: force of inertia, and motions that count.
     """
-    counted: Any = slice(None) if reading.straight else mapped.turning
+    counted = ... if reading.straight else mapped.turning
     truth = mapped.motion.twist
-    models = (
-        inertia_based_twist(mapped, parameters, reading.inertia),
-        constant_twist(mapped, icrs),
-    )
     return VelocityErrors(
-        *(
-            rmse(
-                type(truth)(*(part[counted] for part in twist)),
-                type(truth)(*(part[counted] for part in truth)),
-            )
-            for twist in models
-        )
+        rmse(inertia_based_twist(mapped, parameters, reading.inertia), truth, counted),
+        rmse(constant_twist(mapped, icrs), truth, counted),
     )
 
 

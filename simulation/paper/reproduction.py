@@ -4,8 +4,6 @@ Also Table II of the published parameters themselves, and a check that shows tha
 numbers contradict each other.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -118,7 +116,7 @@ def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:
     Raises:
         SimulationError: an invalid contact, or pairs without a stationary motion.
     """
-    V_l, V_r = track_speed_grid(1.0, count)
+    V_l, V_r = track_speed_grid(count)
     return map_of(solve_steady(V_l, V_r, make_contact(parameters)), AURIGA_ALPHA)
 
 
@@ -198,13 +196,9 @@ def table_2_with_published_parameters(
     }
 
 
-def map_of_published_model(count: int = 21) -> DynamicMap:
-    """Motions implied by the published parameters, with |F| from the model itself.
-
-    Args:
-        count: speeds per track.
-    """
-    V_l, V_r = track_speed_grid(1.0, count)
+def map_of_published_model() -> DynamicMap:
+    """Motions implied by the published parameters, with |F| from the model itself."""
+    V_l, V_r = track_speed_grid()
     parameters = published_parameters().as_array()
     twist = solve(V_l, V_r, parameters, AURIGA_ALPHA, form="literal").twist
     none = np.zeros_like(V_l)

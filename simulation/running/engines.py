@@ -1,9 +1,7 @@
 """Engines that compute the runs of a study: same statistics, at different speeds.
 
-An engine is a module with a function `block` and, optionally, `why_not` of a `Plan`.
+An engine is a function `block` in a module that may have `why_not` of a `Plan`, too.
 """
-
-from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,6 +14,7 @@ from icreckon.simulation.study.cells import Cell, Filter, Plan
 from icreckon.simulation.study.failures import RunScores
 
 AUTO = "auto"
+ROOM = "icreckon.simulation.running"
 
 
 class Block(Protocol):
@@ -50,17 +49,19 @@ class Engine:
         module: module of its functions.
         block_runs: runs of a block; part of the study's identity, independent of workers.
         threads: True if it runs in threads (it releases the GIL), False if it needs processes.
+        function: name of its function `block`.
     """
 
     name: str
     module: str
     block_runs: int
     threads: bool
+    function: str = "block"
 
     @property
     def block(self) -> Block:
         """Function `block` of the engine's module."""
-        return cast(Block, import_module(self.module).block)
+        return cast(Block, getattr(import_module(self.module), self.function))
 
     def why_not(self, plan: Plan) -> str | None:
         """Reason why it cannot run a study, by its module's `why_not`; None if it can."""
@@ -72,13 +73,9 @@ class Engine:
 ENGINES = {
     engine.name: engine
     for engine in (
-        Engine("batch", "icreckon.simulation.running.batch_engine", block_runs=64, threads=True),
-        Engine(
-            "streaming", "icreckon.simulation.running.streaming_engine", block_runs=4, threads=False
-        ),
-        Engine(
-            "single", "icreckon.simulation.running.single_precision", block_runs=64, threads=True
-        ),
+        Engine("batch", f"{ROOM}.batch_engine", block_runs=64, threads=True),
+        Engine("streaming", f"{ROOM}.streaming_engine", block_runs=4, threads=False),
+        Engine("single", f"{ROOM}.batch_engine", 64, threads=True, function="single_block"),
     )
 }
 

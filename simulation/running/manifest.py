@@ -1,7 +1,5 @@
 """Identity of a study: its digest, and the manifest next to its results."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -100,22 +98,8 @@ def plain(data: Any) -> Any:
 
 
 def _cell_content(cell: Cell) -> Plain:
-    content: Plain = {
-        "scenario": plain(cell.scenario),
-        "robot": plain(cell.robot),
-        "truths": cell.truths,
-        "horizons": list(cell.horizons),
-        "filters": [
-            {
-                "label": one.label,
-                "variant": one.variant,
-                "robot": plain(one.robot),
-                "settings": plain(one.settings),
-            }
-            for one in cell.filters
-        ],
-    }
-    return content
+    """Plain data of a cell without its place in the sweep."""
+    return {key: part for key, part in plain(cell).items() if key not in ("index", "values")}
 
 
 def _file_digest(path: Path) -> str:

@@ -1,7 +1,5 @@
 """A study from its plan to its results: `run_study`."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -12,6 +10,7 @@ import numpy as np
 
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.simulation.base.errors import SimulationError
+from icreckon.simulation.contact.of_robot import robot_remarks
 from icreckon.simulation.running.engines import ENGINES, choose_engine
 from icreckon.simulation.running.manifest import as_json, manifest
 from icreckon.simulation.running.runner import Report, Runner
@@ -29,7 +28,6 @@ from icreckon.simulation.study.cells import Plan, expand
 from icreckon.simulation.study.plan import Study
 from icreckon.simulation.study.results import Results, Runs, cell_summaries, study_results
 from icreckon.simulation.study.statistics import statistics
-from icreckon.simulation.truth.robot_remarks import robot_remarks
 from icreckon.simulation.truth.terrain import check_terrain
 
 RESULTS_PARQUET = "results.parquet"

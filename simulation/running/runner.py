@@ -1,12 +1,10 @@
 """Job queue of a study: blocks are submitted, stored, and submitted again if lost."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from contextlib import suppress
 from dataclasses import dataclass
-from importlib import import_module
 
 import numpy as np
 
@@ -48,16 +46,14 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
-
-
 Worked = tuple[Floats, Reasons, dict[str, str]]
 
 
-def work(module: str, cell: Cell, first_run: int, count: int) -> Worked:
+def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
     """Compute a block, on the worker.
 
     Args:
-        module: module of the engine.
+        engine: the engine.
         cell: cell of the runs.
         first_run: index of the first run.
         count: number of runs.
@@ -66,7 +62,7 @@ def work(module: str, cell: Cell, first_run: int, count: int) -> Worked:
         Statistics (filters, runs, statistics), NaN for failed runs; reasons of failed runs (filters,
         runs), empty for the others; and the versions of the packages that compute.
     """
-    block = import_module(module).block
+    block = engine.block
     filters = {one.label: one for one in cell.filters}
     try:
         found = block(cell, cell.filters, first_run, count)
@@ -122,12 +118,9 @@ class Runner:
         """
         self._report_progress()
         while self._waiting:
-            with open_workplace() as workplace:
-                try:
-                    self._work_through(workplace)
-                except BrokenExecutor:
-                    # All submitted blocks are queued again; the next workplace is new.
-                    continue
+            # If workers die, all submitted blocks are queued again; the next workplace is new.
+            with open_workplace() as workplace, suppress(BrokenExecutor):
+                self._work_through(workplace)
 
     def _work_through(self, workplace: Workplace) -> None:
         futures: dict[Future[Worked], Job] = {}
@@ -135,9 +128,8 @@ class Runner:
             while self._waiting or futures:
                 while self._waiting and len(futures) < workplace.capacity():
                     job = self._waiting[0]
-                    cell = self._plan.cells[job.cell]
-                    arguments = (self._engine.module, cell, job.first_run, job.count)
-                    futures[workplace.executor.submit(work, *arguments)] = job
+                    block = (self._plan.cells[job.cell], job.first_run, job.count)
+                    futures[workplace.executor.submit(work, self._engine, *block)] = job
                     self._waiting.popleft()
                 done, _ = wait(futures, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
                 for future in done:

@@ -1,7 +1,5 @@
 """Store of finished blocks on disk: one file per block, written atomically."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import zipfile

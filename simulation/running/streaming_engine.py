@@ -1,7 +1,5 @@
 """Streaming engine: blocks of a study on the robot's filter, one run at a time."""
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,9 +22,8 @@ from icreckon.estimator.streaming.run import Rows
 from icreckon.simulation.base.random_streams import random_streams
 from icreckon.simulation.base.sampling import to_stamps
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensing import perfect, sensed, truth_of
 from icreckon.simulation.sensors.specs import SensorSpecs
-from icreckon.simulation.simulate import drive
+from icreckon.simulation.simulate import drive, perfect, sensed, truth_of
 from icreckon.simulation.study.cells import Cell, Filter
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.plan import DEFAULT_TRUTHS

@@ -1,7 +1,5 @@
 """Workers for the blocks of a study: threads, processes, or a cluster."""
 
-from __future__ import annotations
-
 import socket
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor

@@ -6,8 +6,6 @@ Noise is a density (per root second). Every parameter has its own random numbers
 changes no other error.
 """
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 from numpy.random import Generator

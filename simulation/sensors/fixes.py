@@ -3,8 +3,6 @@
 Every parameter has its own random numbers, so that changing one changes no other error.
 """
 
-from __future__ import annotations
-
 import msgspec
 import numpy as np
 from numpy.random import Generator

@@ -17,8 +17,6 @@ its Allan deviation peaks at that floor. With x = tau / T its Allan variance is
 0.617 sigma_b, so sigma_b = 0.664 B / 0.617 = 1.076 B.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import msgspec
@@ -151,10 +149,10 @@ def angular_velocities(motion: TrueMotion, times: Floats, window: float) -> Floa
     w = motion.twists_at(times)[:, 2]
     rates = np.stack([np.zeros_like(w), np.zeros_like(w), w], axis=-1)
     if motion.gravity is not None:
+        start, end = motion.window(times, window)
         before, now, after = (
-            _unturned_gravity(motion, motion.gravity, at) for at in _window(motion, times, window)
+            _unturned_gravity(motion, motion.gravity, at) for at in (start, times, end)
         )
-        start, _, end = _window(motion, times, window)
         change = (after - before)[:, :2] / (end - start)[:, None] / now[:, 2:]
         turns = motion.turns_at(times)
         rates[:, :2] = rotate(np.stack([change[:, 1], -change[:, 0]], axis=-1), -turns)
@@ -182,7 +180,7 @@ def specific_forces(
     omega_rate = np.stack([np.zeros_like(w_rate), np.zeros_like(w_rate), w_rate], axis=-1)
     gravity = np.array([0.0, 0.0, -GRAVITY])
     if motion.gravity is not None:
-        start, _, end = _window(motion, times, window)
+        start, end = motion.window(times, window)
         before, after = (angular_velocities(motion, at, window) for at in (start, end))
         omega_rate[:, :2] = (after - before)[:, :2] / (end - start)[:, None]
         gravity = _unturned_gravity(motion, motion.gravity, times)
@@ -191,12 +189,6 @@ def specific_forces(
     # omega x (omega x r), by the rule for double cross products.
     inward = omega * (omega @ r)[:, None] - r * (omega**2).sum(axis=1)[:, None]
     return np.asarray(acceleration + np.cross(omega_rate, r) + inward - gravity)
-
-
-def _window(motion: TrueMotion, times: Floats, window: float) -> tuple[Floats, Floats, Floats]:
-    """Start, middle, end (n,) of a window about each time [s], within the motion."""
-    start = np.clip(times - 0.5 * window, 0.0, motion.end)
-    return start, times, np.clip(times + 0.5 * window, 0.0, motion.end)
 
 
 def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Floats:

@@ -5,8 +5,6 @@ the defaults of `EncoderErrors`, `InertialErrors` or `FixErrors`: no such error,
 These three classes document all parameters.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, TypeVar
 
 import msgspec
@@ -33,6 +31,8 @@ INERTIAL_SCALED = (
     "misalignment_sigma",
 )
 FIX_SCALED = ("sigma", "heading_sigma", "wander_sigma")
+# Parameters of an IMU grade, in this order.
+GRADED = (*INERTIAL_SCALED, "range")
 
 
 class EncoderSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -106,8 +106,18 @@ class SensorSpecs(msgspec.Struct, frozen=True, kw_only=True):
     fixes: FixSpec = FixSpec()
 
 
+def _grade(gyro: tuple[float, ...], accelerometer: tuple[float, ...]) -> SensorSpecs:
+    """IMU of a grade: its parameters in the order of `GRADED`."""
+    of_gyro, of_accelerometer = (
+        InertialSpec(**dict(zip(GRADED, values, strict=True))) for values in (gyro, accelerometer)
+    )
+    return SensorSpecs(gyro=of_gyro, accelerometer=of_accelerometer)
+
+
 # Grades are those of the IMU alone, as in data sheets; a moving vehicle adds vibration. Biases also
-# walk: about as far as their instability within some ten minutes, as they do during warm-up.
+# walk: about as far as their instability within some ten minutes, as they do during warm-up. A grade
+# lists noise density, turn-on bias, bias instability, bias walk, scale, misalignment and range, in the
+# units of `InertialErrors`.
 NOISE_PRESETS: dict[str, SensorSpecs] = {
     "perfect": SensorSpecs(
         encoders=EncoderSpec(speed_noise_density=0.0, scale_sigma=0.0),
@@ -118,69 +128,21 @@ NOISE_PRESETS: dict[str, SensorSpecs] = {
     "nominal": SensorSpecs(),
     # Phone and hobby MEMS (MPU-6050, MPU-9250 class): 0.01 deg/s/√Hz, 1 deg/s, 400 µg/√Hz, 50 mg; 3 %
     # of scale and 2 % across axes at most.
-    "consumer": SensorSpecs(
-        gyro=InertialSpec(
-            noise_density=1.7e-4,
-            bias_sigma=1.7e-2,
-            bias_instability=5e-4,
-            bias_walk=2e-5,
-            scale_sigma=0.01,
-            misalignment_sigma=7e-3,
-            range=8.7,
-        ),
-        accelerometer=InertialSpec(
-            noise_density=4e-3,
-            bias_sigma=0.5,
-            bias_instability=1e-2,
-            bias_walk=5e-4,
-            scale_sigma=0.01,
-            misalignment_sigma=7e-3,
-            range=39.0,
-        ),
+    "consumer": _grade(
+        gyro=(1.7e-4, 1.7e-2, 5e-4, 2e-5, 0.01, 7e-3, 8.7),
+        accelerometer=(4e-3, 0.5, 1e-2, 5e-4, 0.01, 7e-3, 39.0),
     ),
     # Calibrated MEMS modules (Xsens MTi, ADIS1647x class): 0.007 deg/s/√Hz, 0.2 deg/s, 10 deg/h in
     # run, 100 µg/√Hz, 5 mg, 0.05 deg of alignment.
-    "industrial": SensorSpecs(
-        gyro=InertialSpec(
-            noise_density=1.2e-4,
-            bias_sigma=3.5e-3,
-            bias_instability=5e-5,
-            bias_walk=2e-6,
-            scale_sigma=3e-3,
-            misalignment_sigma=1e-3,
-            range=7.8,
-        ),
-        accelerometer=InertialSpec(
-            noise_density=1e-3,
-            bias_sigma=0.05,
-            bias_instability=5e-4,
-            bias_walk=5e-5,
-            scale_sigma=3e-3,
-            misalignment_sigma=1e-3,
-            range=49.0,
-        ),
+    "industrial": _grade(
+        gyro=(1.2e-4, 3.5e-3, 5e-5, 2e-6, 3e-3, 1e-3, 7.8),
+        accelerometer=(1e-3, 0.05, 5e-4, 5e-5, 3e-3, 1e-3, 49.0),
     ),
     # STIM300 class: 0.15 deg/√h, 10 deg/h over temperature, 0.5 deg/h in run, 0.06 m/s/√h, 2 mg
     # over temperature, 0.05 mg in run, 500 ppm of scale, 1 mrad, 400 deg/s, 10 g.
-    "tactical": SensorSpecs(
-        gyro=InertialSpec(
-            noise_density=4.4e-5,
-            bias_sigma=5e-5,
-            bias_instability=2.4e-6,
-            bias_walk=1e-7,
-            scale_sigma=5e-4,
-            misalignment_sigma=1e-3,
-            range=7.0,
-        ),
-        accelerometer=InertialSpec(
-            noise_density=1e-3,
-            bias_sigma=0.02,
-            bias_instability=4.9e-4,
-            bias_walk=2e-5,
-            scale_sigma=3e-4,
-            misalignment_sigma=1e-3,
-            range=98.0,
-        ),
+    "tactical": _grade(
+        gyro=(4.4e-5, 5e-5, 2.4e-6, 1e-7, 5e-4, 1e-3, 7.0),
+        accelerometer=(1e-3, 0.02, 4.9e-4, 2e-5, 3e-4, 1e-3, 98.0),
     ),
 }
 

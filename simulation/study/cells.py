@@ -1,7 +1,5 @@
 """Cells of a study: one scenario, one true robot, and each filter's robot model."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from dataclasses import dataclass
@@ -218,21 +216,14 @@ def _cell(
     driving = _changed_robot(alike, parts[TRUE_ROBOT], TRUE_ROBOT)
     told = _with_noise_of(alike, driving, scenario) if study.filters_know_noise else alike
     modelled = _changed_robot(told, parts[FILTER], FILTER)
-    robots = [
-        _changed_robot(modelled, spec.robot, f"robot of {spec.label}") for spec in study.filters()
-    ]
-    filters = tuple(
-        Filter(
-            spec.label,
-            spec.variant,
-            its_robot,
-            _aware_of_wander(spec.made_settings(), its_robot, scenario),
-        )
-        for spec, its_robot in zip(study.filters(), robots, strict=True)
-    )
-    for one in filters:
-        assumptions(one.robot, find_variant(one.variant), one.settings)
-    return Cell(index, values, scenario, driving, filters, study.true_motions, study.horizons)
+    filters = []
+    for spec in study.filters():
+        own_robot = _changed_robot(modelled, spec.robot, f"robot of {spec.label}")
+        settings = _aware_of_wander(spec.made_settings(), own_robot, scenario)
+        assumptions(own_robot, find_variant(spec.variant), settings)
+        filters.append(Filter(spec.label, spec.variant, own_robot, settings))
+    truths, horizons = study.true_motions, study.horizons
+    return Cell(index, values, scenario, driving, tuple(filters), truths, horizons)
 
 
 def _with_noise_of(robot: Robot, driving: Robot, scenario: Scenario) -> Robot:

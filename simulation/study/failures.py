@@ -3,8 +3,6 @@
 A failed run has no statistics: all its values are NaN, so that it enters no sum.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence

@@ -4,8 +4,6 @@
 docs/reference/study-file.md lists every key.
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Annotated, Any

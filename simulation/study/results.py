@@ -3,8 +3,6 @@
 Pages, figures and tables are made from it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

@@ -4,8 +4,6 @@ An engine returns them in this order, see `icreckon.simulation.running.engines`;
 `icreckon.estimator.log.scores`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

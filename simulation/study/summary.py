@@ -9,8 +9,6 @@ two means over the same runs, their intervals likewise; only differences have in
 about them. Nothing here is drawn at random.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, fields
 from functools import cache
@@ -64,10 +62,7 @@ COLUMNS = tuple(field.name for field in fields(Summary))
 
 
 def summarise(
-    values: Floats,
-    baseline: Floats,
-    motions: Ints,
-    paired: Floats | None = None,
+    values: Floats, baseline: Floats, motions: Ints, paired: Floats | None = None
 ) -> Summary:
     """Summarise a statistic.
 

@@ -1,7 +1,5 @@
 """Tables of a study as Parquet: one row for each summary, one for each run."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 from dataclasses import astuple
@@ -9,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from icreckon.simulation.study.cells import Axis, Plan
+from icreckon.simulation.study.cells import Plan
 from icreckon.simulation.study.results import Runs
 from icreckon.simulation.study.summary import COLUMNS, Summary
 
@@ -25,18 +23,15 @@ def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
         cells: `icreckon.simulation.study.results.cell_summaries` of the runs.
     """
     plan, kinds = runs.plan, runs.statistics
-    filters, count = len(plan.labels), len(kinds)
-    at = np.repeat(np.arange(len(plan.cells)), filters * count)
     rows = np.array([astuple(one) for cell in cells for found in cell for one in found])
-    columns: dict[str, Any] = {"cell": at.astype(np.int32)} | _axis_columns(plan, at)
-    labels = np.repeat(np.array(plan.labels, dtype=object), count)
-    columns["variant"] = np.tile(labels, len(plan.cells))
-    for name in ("name", "unit"):
-        column = np.array([getattr(one, name) for one in kinds], dtype=object)
-        key = "statistic" if name == "name" else name
-        columns[key] = np.tile(column, len(plan.cells) * filters)
+    columns = _places(plan, len(kinds))
+    for key, texts in (
+        ("statistic", [one.name for one in kinds]),
+        ("unit", [one.unit for one in kinds]),
+    ):
+        columns[key] = np.tile(np.array(texts, dtype=object), len(plan.cells) * len(plan.labels))
     for name, values in zip(COLUMNS, rows.T, strict=True):
-        whole = Summary.__dataclass_fields__[name].type == "int"
+        whole = Summary.__dataclass_fields__[name].type is int
         columns[name] = values.astype(np.int64) if whole else values.astype(np.float64)
     return _parquet(columns)
 
@@ -45,10 +40,7 @@ def runs_parquet(runs: Runs) -> bytes:
     """Table of runs: one row for each cell, variant and run, one column per statistic."""
     plan = runs.plan
     filters, cells, count, _ = runs.values.shape
-    at = np.repeat(np.arange(cells), filters * count)
-    columns: dict[str, Any] = {"cell": at.astype(np.int32)} | _axis_columns(plan, at)
-    labels = np.repeat(np.array(plan.labels, dtype=object), count)
-    columns["variant"] = np.tile(labels, cells)
+    columns = _places(plan, count)
     columns["run"] = np.tile(np.arange(count, dtype=np.int64), cells * filters)
     if runs.reasons is not None:
         ordered = runs.reasons.transpose(1, 0, 2).reshape(-1)
@@ -60,16 +52,19 @@ def runs_parquet(runs: Runs) -> bytes:
     return _parquet(columns)
 
 
-def _axis_columns(plan: Plan, at: Any) -> dict[str, Any]:
-    """Value of each axis in the cells of given rows."""
-    return {AXIS.format(axis.name): _axis_values(plan, axis)[at] for axis in plan.axes}
-
-
-def _axis_values(plan: Plan, axis: Axis) -> Any:
-    values = [cell.values[axis.name] for cell in plan.cells]
-    if axis.scale == "names":
-        return np.array([str(value) for value in values], dtype=object)
-    return np.array(values, dtype=np.float64)
+def _places(plan: Plan, rows: int) -> dict[str, Any]:
+    """Columns of cell, axes and variant, for a number of rows of each variant."""
+    at = np.repeat(np.arange(len(plan.cells)), len(plan.labels) * rows)
+    columns: dict[str, Any] = {"cell": at.astype(np.int32)}
+    for axis in plan.axes:
+        values = [cell.values[axis.name] for cell in plan.cells]
+        if axis.scale == "names":
+            column = np.array([str(value) for value in values], dtype=object)
+        else:
+            column = np.array(values, dtype=np.float64)
+        columns[AXIS.format(axis.name)] = column[at]
+    labels = np.repeat(np.array(plan.labels, dtype=object), rows)
+    return columns | {"variant": np.tile(labels, len(plan.cells))}
 
 
 def _parquet(columns: dict[str, Any]) -> bytes:

@@ -5,11 +5,9 @@ points (`icreckon.simulation.contact.contact`) move the body, with the robot's i
 terrain and payload. Its steady motion is that of `icreckon.simulation.contact.steady_state`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import msgspec
 import numpy as np
@@ -25,8 +23,10 @@ from icreckon.simulation.contact.contact import Contact, ground
 from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.drives.trajectories import Command
 from icreckon.simulation.truth.terrain import (
+    LEVEL,
     Patch,
     Payload,
+    Surface,
     Terrain,
     draw_surface,
     loaded,
@@ -41,9 +41,6 @@ from icreckon.simulation.truth.true_motion import (
     slip_residual,
     true_motion,
 )
-
-if TYPE_CHECKING:
-    from icreckon.simulation.truth.surface_kernel import Surface
 
 # First-order lag of a track behind its command [s].
 TRACK_LAG = 0.1
@@ -70,14 +67,12 @@ class Drive(NamedTuple):
             axes that turn with the ground's normal, but not by the yaw rate.
         tipping: (n,) True if the weight and that force point outside the contact; not set at the last
             point.
-        steps: integration steps taken, rejected ones included.
     """
 
     twists: Floats
     transfer: Floats
     slopes: Floats
     tipping: NDArray[np.bool_]
-    steps: int
 
 
 @dataclass(frozen=True)
@@ -118,7 +113,7 @@ class FrictionTruth:
         step = 1.0 / rate
         speeds, rates = follow(command(grid_times(duration, rate)), step, self.track_lag)
         effective_gauge = robot.vehicle.track_gauge * robot.indices.eta0
-        surface = None
+        surface = LEVEL
         if self.terrain is not None and not self.terrain.is_level:
             # A stream of its own, so that other draws are those of level ground.
             (phases,) = rng.spawn(1)
@@ -146,7 +141,7 @@ class FrictionTruth:
         twists = np.stack([v_x, v_y, driven.twists[:, 2]], axis=-1)
         twists += slip
         motion = true_motion(rate, twists, speeds, self.name)
-        if surface is not None:
+        if surface.present:
             return on_surface(motion, surface, self.patches)
         if not driven.slopes.any():
             return motion
@@ -160,12 +155,12 @@ def drive(
     speed_rates: Floats,
     step: float,
     *,
-    surface: Surface | None = None,
+    surface: Surface = LEVEL,
     patches: tuple[Patch, ...] = (),
     payloads: tuple[Payload, ...] = (),
     load_lag: float = LOAD_LAG,
     tolerance: float = TOLERANCE,
-    start: PaperState | None = None,
+    start: tuple[float, ...] | None = None,
     slip: Floats | None = None,
 ) -> Drive:
     """Integrate the motion of a vehicle from its track speeds.
@@ -176,12 +171,12 @@ def drive(
         speeds: (n, 2) left, right at an even step [m/s]; cubic in between.
         speed_rates: (n, 2) their derivatives [m/s²].
         step: time between grid points [s].
-        surface: height field of the ground, looked up at each grid point; None for level ground.
+        surface: height field of the ground, looked up at each grid point.
         patches: ground that differs along the path; looked up at each grid point.
         payloads: loads along the path; put on and taken off at the nearest grid points.
         load_lag: time constant of the load transfer [s].
         tolerance: relative error allowed per step.
-        start: initial state; None for rest.
+        start: (6,) initial state, as in `icreckon.simulation.truth.friction_ode`; None for rest.
         slip: (n, 3) slip residual of v_x, v_y [m/s], w [rad/s] in base_link's axes, which moves the
             vehicle on a surface but is no part of the result; None for none.
 
@@ -189,21 +184,13 @@ def drive(
         SimulationError: the loaded vehicle cannot stand, or the integration fails.
     """
     from icreckon.simulation.contact.contact_forces import mass_matrix
-    from icreckon.simulation.truth.friction_ode import (
-        DrivenTracks,
-        GridMotion,
-        Tolerance,
-        Vehicle,
-        integrate,
-    )
-    from icreckon.simulation.truth.surface_kernel import LEVEL
+    from icreckon.simulation.truth import friction_ode as ode
 
-    surface = LEVEL if surface is None else surface
     count = len(speeds)
     states, slopes, rows = np.zeros((count, 6)), np.zeros((count, 2)), patch_rows(patches)
     tipping = np.zeros(count, dtype=bool)
     residual = np.zeros((count, 3)) if slip is None else np.ascontiguousarray(slip)
-    pose, steps = np.zeros(3), 0
+    pose = np.zeros(3)
     if start is not None:
         states[0] = start
         pose[2] = start[5]
@@ -222,29 +209,25 @@ def drive(
         )
         part = slice(first, last + 1)
         mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
-        taken = integrate(
-            Vehicle(ground(loaded_contact), np.asarray(np.linalg.inv(mass), float), load_lag),
+        taken = ode.integrate(
+            ode.Vehicle(ground(loaded_contact), np.asarray(np.linalg.inv(mass), float), load_lag),
             surface,
             rows,
-            DrivenTracks(
+            ode.DrivenTracks(
                 first * step,
                 step,
                 np.ascontiguousarray(speeds[part]),
                 np.ascontiguousarray(speed_rates[part]),
             ),
-            Tolerance(tolerance, tolerance * absolute),
-            GridMotion(pose, states[part], slopes[part], tipping[part], residual[part]),
+            ode.Tolerance(tolerance, tolerance * absolute),
+            ode.GridMotion(pose, states[part], slopes[part], tipping[part], residual[part]),
         )
         if taken < 0:
             raise SimulationError(
                 f"the motion cannot be integrated beyond {(first - taken) * step:.3f} s: "
                 "the integration step became too small"
             )
-        steps += taken
-    return Drive(states[:, :3], states[:, 3:5], slopes, tipping, steps)
-
-
-PaperState = tuple[float, float, float, float, float, float]
+    return Drive(states[:, :3], states[:, 3:5], slopes, tipping)
 
 
 def follow(commands: Floats, step: float, time_constant: float) -> tuple[Floats, Floats]:

@@ -19,8 +19,6 @@ needs no inner iteration, and controls its step by the embedded third-order solu
 Import this module inside functions only: numba takes half a second to load.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -36,8 +34,8 @@ from icreckon.simulation.contact.contact_forces import (
     add_track_forces,
     point_loads,
 )
-from icreckon.simulation.truth.surface_kernel import Surface, gravity_on, ride, tilt
-from icreckon.simulation.truth.terrain_kernel import WIDTH, TrackGround, look_up
+from icreckon.simulation.truth.surface_kernel import TrackGround, gravity_on, look_up, ride, tilt
+from icreckon.simulation.truth.terrain import PATCH_WIDTH, Surface
 
 SIZE = 6
 STAGES = 6
@@ -180,7 +178,7 @@ def integrate(
     Args:
         vehicle: constants of the vehicle.
         surface: height field of the ground.
-        patches: (k, width) terrain, see `icreckon.simulation.truth.terrain_kernel`.
+        patches: (k, PATCH_WIDTH) terrain, see `icreckon.simulation.truth.surface_kernel`.
         tracks: track speeds.
         tolerance: error allowed per step.
         motion: pose, slip and first state given, for the first grid point; else overwritten, except the
@@ -199,7 +197,7 @@ def integrate(
     sizes_fit = speeds.shape == speed_rates.shape == slopes.shape == (n, 2)
     sizes_fit &= states.shape == (n, SIZE) and tipping.shape == (n,) and pose.shape == (3,)
     sizes_fit &= slip.shape == (n, 3)
-    if not sizes_fit or patches.shape[1] != WIDTH or tolerance.absolute.shape != (SIZE,):
+    if not sizes_fit or patches.shape[1] != PATCH_WIDTH or tolerance.absolute.shape != (SIZE,):
         raise ValueError(WRONG_SIZE)
     count = len(vehicle.ground.x)
     forces = Forces(

@@ -4,8 +4,6 @@ The robot differs from its file. This truth tests the filter under a correct mod
 effects beyond that model.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import ClassVar
 

@@ -1,4 +1,4 @@
-"""Height field of the ground, and the path of a vehicle on it, compiled.
+"""Ground under a vehicle, and its path on it, compiled: height field and patches.
 
 The ground is z = h(x, y) in odom; `icreckon.simulation.truth.terrain.Terrain` describes its shape. With
 its gradient (p_x, p_y) the normal is n = (-p_x, -p_y, 1) / sqrt(1 + p²). The vehicle's z axis is n. Its x
@@ -11,10 +11,12 @@ From grid point to grid point the vehicle turns about its normal by the integral
 with the normal by the smallest rotation. So w is the rate about the vehicle's own z axis, which a gyro
 reads, and not the rate of the heading.
 
+A patch is a row: x from, x to, y from, y to [m], time from, to [s], width of its soft edge [m], length
+of its soft beginning and end [s], coefficient of friction across and along [-], rolling resistance [-],
+acceleration of gravity along the slope in x and y of odom [m/s²]. NaN leaves a property unchanged.
+
 Import this module inside functions only: numba takes half a second to load.
 """
-
-from __future__ import annotations
 
 from typing import NamedTuple
 
@@ -24,40 +26,60 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.tracing.jit_kernel import compiled
-from icreckon.simulation.truth.terrain_kernel import slope_cover
+from icreckon.simulation.truth.terrain import Surface
 
 Vector = tuple[float, float, float]
+X, Y, TIME, EDGE, ONSET, ACROSS, ALONG, ROLLING, SLOPE = 0, 2, 4, 6, 7, 8, 9, 10, 11
 
 
-class Surface(NamedTuple):
-    """Height field as plain numbers.
-
-    The coordinate u runs along its direction, v to the left of it.
+class TrackGround(NamedTuple):
+    """Ground under the middle of the left and of the right track.
 
     Attributes:
-        present: False for a run without terrain; nothing else counts then.
-        direction: cosine and sine of the direction of u in odom.
-        plane: slope of the plane along u [-].
-        waves: largest slope of each of the waves along u and along v [-].
-        wave_number: of both waves [rad/m].
-        phases: of the waves along u and along v [rad], and of the kerbs, as a share of their distance.
-        kerb_height: height of each kerb [m]; 0 for none.
-        kerb_every: distance between kerbs, up and down in turn [m].
-        kerb_length: length over which a kerb rises [m].
+        friction: (2, 2) coefficients of each track, across and along it [-].
+        rolling: (2,) rolling resistance of each track [-].
     """
 
-    present: bool
-    direction: tuple[float, float]
-    plane: float
-    waves: float
-    wave_number: float
-    phases: tuple[float, float, float]
-    kerb_height: float
-    kerb_every: float
-    kerb_length: float
+    friction: Floats
+    rolling: Floats
 
 
-LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0)
+@compiled
+def look_up(
+    patches: Floats,
+    time: float,
+    pose: tuple[float, float, float],
+    half_gauge: float,
+    outside: TrackGround,
+    under: TrackGround,
+    slope: Floats,
+) -> None:
+    """Look up friction, rolling resistance under each track, and slope at the origin.
+
+    Args:
+        patches: (k, PATCH_WIDTH), later ones lie on top of earlier ones.
+        time: time since the start of the run [s].
+        pose: x, y [m], yaw [rad] of the vehicle in odom.
+        half_gauge: L / 2 [m].
+        outside: ground outside all patches.
+        under: ground under the tracks, overwritten.
+        slope: (2,) overwritten, at the origin [m/s²].
+    """
+    x, y, yaw = pose
+    friction, rolling = under
+    friction[:] = outside.friction
+    rolling[:] = outside.rolling
+    slope[:] = 0.0
+    for patch in patches:
+        for track in range(2):
+            side = half_gauge if track else -half_gauge
+            share = _cover(patch, time, x + side * np.sin(yaw), y - side * np.cos(yaw))
+            friction[track, 0] = _blend(friction[track, 0], patch[ACROSS], share)
+            friction[track, 1] = _blend(friction[track, 1], patch[ALONG], share)
+            rolling[track] = _blend(rolling[track], patch[ROLLING], share)
+        share = _cover(patch, time, x, y)
+        slope[0] = _blend(slope[0], patch[SLOPE], share)
+        slope[1] = _blend(slope[1], patch[SLOPE + 1], share)
 
 
 @compiled
@@ -89,14 +111,14 @@ def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> 
 
     Args:
         surface: the height field.
-        patches: (k, width), see `icreckon.simulation.truth.terrain_kernel`.
+        patches: (k, PATCH_WIDTH).
         time: time since the start of the run [s].
         x: of the origin in odom [m].
         y: of the origin in odom [m].
     """
     p_x, p_y = gradient(surface, x, y)
     for patch in patches:
-        share, along_x, along_y = slope_cover(patch, time, x, y)
+        share, along_x, along_y = _slope_cover(patch, time, x, y)
         if share > 0.0:
             down = np.sqrt(GRAVITY * GRAVITY - along_x * along_x - along_y * along_y)
             p_x += share * (-along_x / down - p_x)
@@ -131,7 +153,7 @@ def ride(
 
     Args:
         surface: the height field.
-        patches: (k, width), see `icreckon.simulation.truth.terrain_kernel`.
+        patches: (k, PATCH_WIDTH).
         time: from, and to, since the start of the run [s].
         pose: x, y [m], heading [rad] before.
         by: forward, left [m], turn about the normal [rad].
@@ -176,7 +198,7 @@ def ride_along(
 
     Args:
         surface: the height field.
-        patches: (k, width), see `icreckon.simulation.truth.terrain_kernel`.
+        patches: (k, PATCH_WIDTH).
         step: time between grid points [s].
         displacements: (n - 1, 3) forward, left [m], turn about the normal [rad] of each step.
         poses: (n, 3) x, y [m], heading [rad]; the first is given.
@@ -251,3 +273,39 @@ def _cross(one: Vector, other: Vector) -> Vector:
         one[2] * other[0] - one[0] * other[2],
         one[0] * other[1] - one[1] * other[0],
     )
+
+
+@compiled
+def _slope_cover(patch: Floats, time: float, x: float, y: float) -> tuple[float, float, float]:
+    """Weight of a patch's slope at a position and time, and the slope [m/s²].
+
+    The weight is zero for a patch without a slope.
+    """
+    if np.isnan(patch[SLOPE]):
+        return 0.0, 0.0, 0.0
+    return _cover(patch, time, x, y), patch[SLOPE], patch[SLOPE + 1]
+
+
+@compiled
+def _cover(patch: Floats, time: float, x: float, y: float) -> float:
+    """Weight of a patch at a position and time, from 0 to 1 across its soft edges."""
+    return (
+        _inside(x, patch[X], patch[X + 1], patch[EDGE])
+        * _inside(y, patch[Y], patch[Y + 1], patch[EDGE])
+        * _inside(time, patch[TIME], patch[TIME + 1], patch[ONSET])
+    )
+
+
+@compiled
+def _inside(value: float, low: float, high: float, soft: float) -> float:
+    """Weight 1 within [low, high], 0 outside; `soft` is the width of each edge."""
+    inner = min(value - low, high - value)
+    if soft <= 0.0:
+        return 1.0 if inner >= 0.0 else 0.0
+    share = min(max(inner / soft + 0.5, 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share)
+
+
+@compiled
+def _blend(value: float, patch: float, share: float) -> float:
+    return value if np.isnan(patch) else value + share * (patch - value)

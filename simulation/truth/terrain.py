@@ -7,10 +7,8 @@ again. Without terrain, slopes of patches are planes: the vehicle stays planar, 
 along the ground.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated, NamedTuple
 
 import msgspec
 import numpy as np
@@ -24,9 +22,6 @@ from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.field_types import settle_types
 from icreckon.simulation.contact.contact import Body
 
-if TYPE_CHECKING:
-    from icreckon.simulation.truth.surface_kernel import Surface
-
 EVERYWHERE = (-float("inf"), float("inf"))
 STEEPEST = 60.0
 # Limit of rolling ground, and of the ramp that a kerb is to a vehicle [deg].
@@ -35,6 +30,8 @@ STEEPEST_ROLLING = 30.0
 SHORTEST_WAVE = 4.0
 # Heaviest payload [kg].
 HEAVIEST = 1e6
+# Numbers of a patch in the equations; `icreckon.simulation.truth.surface_kernel` lists them.
+PATCH_WIDTH = 13
 
 
 class Needs(NamedTuple):
@@ -212,7 +209,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 
 def patch_rows(patches: tuple[Patch, ...]) -> Floats:
-    """Rows (k, WIDTH) of patches for `icreckon.simulation.truth.terrain_kernel`."""
+    """Rows (k, PATCH_WIDTH) of patches for `icreckon.simulation.truth.surface_kernel`."""
     nothing = float("nan")
     rows = []
     for patch in patches:
@@ -225,9 +222,7 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
             downhill = (float(size * np.cos(uphill)), float(size * np.sin(uphill)))
         where = (*patch.x, *patch.y, *patch.time, patch.edge, patch.onset)
         rows.append((*where, friction, friction, rolling, *downhill))
-    from icreckon.simulation.truth.terrain_kernel import WIDTH
-
-    return np.array(rows, dtype=float).reshape(len(rows), WIDTH)
+    return np.array(rows, dtype=float).reshape(len(rows), PATCH_WIDTH)
 
 
 def check_terrain(terrain: Terrain, contact_length: float) -> None:
@@ -261,6 +256,37 @@ def check_terrain(terrain: Terrain, contact_length: float) -> None:
         )
 
 
+class Surface(NamedTuple):
+    """Height field as plain numbers, for `icreckon.simulation.truth.surface_kernel`.
+
+    The coordinate u runs along its direction, v to the left of it.
+
+    Attributes:
+        present: False for a run without terrain; nothing else counts then.
+        direction: cosine and sine of the direction of u in odom.
+        plane: slope of the plane along u [-].
+        waves: largest slope of each of the waves along u and along v [-].
+        wave_number: of both waves [rad/m].
+        phases: of the waves along u and along v [rad], and of the kerbs, as a share of their distance.
+        kerb_height: height of each kerb [m]; 0 for none.
+        kerb_every: distance between kerbs, up and down in turn [m].
+        kerb_length: length over which a kerb rises [m].
+    """
+
+    present: bool
+    direction: tuple[float, float]
+    plane: float
+    waves: float
+    wave_number: float
+    phases: tuple[float, float, float]
+    kerb_height: float
+    kerb_every: float
+    kerb_length: float
+
+
+LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0)
+
+
 def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Surface:
     """Height field of a terrain; phases of waves and kerbs are drawn at random.
 
@@ -272,8 +298,6 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
     Raises:
         SimulationError: ground that the vehicle does not touch as a plane, see `check_terrain`.
     """
-    from icreckon.simulation.truth.surface_kernel import Surface
-
     check_terrain(terrain, contact_length)
     along, across, kerbs = rng.random(3)
     uphill = np.radians(terrain.uphill_deg)

@@ -2,10 +2,8 @@
 
 All speeds and poses are in REP-103 axes: `base_link` in `odom`, starting at the origin. The truths are
 `icreckon.simulation.truth.friction` (friction, the default) and `icreckon.simulation.truth.kinematic`;
-`icreckon.simulation.truth.by_name` has them by name.
+`icreckon.simulation.scenario` has them by name.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -123,39 +121,30 @@ class TrueMotion:
         averages = np.diff(distances, axis=0) / np.diff(times)[:, None]
         return np.concatenate([self.track_speeds_at(times[:1]), averages])
 
-    def twist_rates_at(self, times: Floats, window: float) -> Floats:
-        """Time derivative (n, 3) of the twist, averaged over a window around each time.
+    def window(self, times: Floats, length: float) -> tuple[Floats, Floats]:
+        """Start and end (n,) [s] of a window about each time, within the motion."""
+        start = np.clip(times - 0.5 * length, 0.0, self.end)
+        return start, np.clip(times + 0.5 * length, 0.0, self.end)
+
+    def accelerations_at(self, times: Floats, window: float) -> Floats:
+        """Acceleration (n, 3) of base_link in its own axes, and yaw acceleration.
 
         The slip residual has no derivative at a point in time, and no sensor has infinite bandwidth.
         The average over a window does not depend on the grid.
 
         Args:
             times: (n,) [s].
-            window: length of the window [s]; cut off at the start and the end of the motion.
-
-        Returns:
-            dv_x/dt, dv_y/dt [m/s²], dw/dt [rad/s²].
-        """
-        before = np.clip(times - 0.5 * window, 0.0, self.end)
-        after = np.clip(times + 0.5 * window, 0.0, self.end)
-        change = self.twists_at(after) - self.twists_at(before)
-        return np.asarray(change / (after - before)[:, None])
-
-    def accelerations_at(self, times: Floats, window: float) -> Floats:
-        """Acceleration (n, 3) of base_link in its own axes, and yaw acceleration.
-
-        Args:
-            times: (n,) [s].
-            window: as in `twist_rates_at`.
+            window: length of the window around each time [s].
 
         Returns:
             Forward and left, dv/dt + w x v [m/s²], and dw/dt [rad/s²].
         """
-        rates = self.twist_rates_at(times, window)
+        start, end = self.window(times, window)
+        rates = (self.twists_at(end) - self.twists_at(start)) / (end - start)[:, None]
         v_x, v_y, w = self.twists_at(times).T
         rates[:, 0] -= w * v_y
         rates[:, 1] += w * v_x
-        return rates
+        return np.asarray(rates)
 
     def _locate(self, times: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Index of the grid point at or before each time, and the time since [s]."""

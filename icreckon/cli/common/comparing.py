@@ -1,7 +1,5 @@
 """Common body of `demo` and `replay`: compare, write the report, show the table."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,7 +9,6 @@ from icreckon.cli.common.console import progress, show, worker_count, working
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, load_robot, robot_names
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
 from icreckon.estimator.tracing.kernel_cache import warn_unless_kept
 from icreckon.replay.base.errors import ReplayError
@@ -38,7 +35,6 @@ def compare_and_write(
     configuration: dict[str, Any],
     inputs: dict[str, Path],
     variants: list[str] | None = None,
-    settings: Settings | None = None,
     fixes: LogPart | None = None,
     smooth: bool = False,
     seed: int | None = None,
@@ -68,7 +64,6 @@ def compare_and_write(
             log,
             robot,
             variants,
-            settings=settings,
             fixes=fixes,
             smooth=smooth,
             workers=worker_count(workers),

@@ -1,7 +1,5 @@
 """Consoles of the commands: messages on stderr, results on stdout."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable, Iterator, Sequence

@@ -1,38 +1,30 @@
 """Figure of a calibration, and its parts for the page, made from its results only."""
 
-from __future__ import annotations
-
-import io
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
-from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from icreckon.replay.comparison.results import Results
+from icreckon.report.drawing import SIZE, drawing, png
 from icreckon.report.pages import Picture
-from icreckon.report.printable import any_letters, printable
+from icreckon.report.printable import printable
 
 BEFORE, AFTER = "#999999", "#0072B2"
 ROWS = ("along [cm]", "across [cm]", "turning [deg]")
 UNITS = (100.0, 100.0, 180.0 / np.pi)
 LINE = 110
-# Size of a part [in], legible also at the width of a telephone.
-SIZE = (6.4, 4.2)
-DOTS_PER_INCH = 150
-STYLE: Any = {"font.size": 10, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
+STYLE = {"font.size": 10, "text.parse_math": False}
 # Ticks of an axis in standard errors.
 TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
 
 
 def write_calibration_figure(path: Path, results: Results) -> None:
     """Draw segment errors before and after, certainties and held-out scores as PNG."""
-    with mpl.rc_context(STYLE), any_letters():
-        figure = Figure(figsize=(15, 9), layout="constrained")
+    with drawing((15, 9), STYLE) as figure:
         grid = figure.add_gridspec(3, 2, width_ratios=(1.4, 1.0))
         left = [figure.add_subplot(grid[0, 0])]
         left += [figure.add_subplot(grid[row, 0], sharex=left[0]) for row in (1, 2)]
@@ -85,15 +77,12 @@ def calibration_pictures(results: Results) -> list[Picture]:
             lambda figure: _draw_certainty(figure.add_subplot(), results),
         ),
     ]
-    with mpl.rc_context(STYLE), any_letters():
-        return [Picture(name, caption, _drawn(size, draw)) for name, caption, size, draw in parts]
-
-
-def _drawn(size: tuple[float, float], draw: Callable[[Figure], None]) -> bytes:
-    figure, sink = Figure(figsize=size, layout="constrained"), io.BytesIO()
-    draw(figure)
-    figure.savefig(sink, dpi=DOTS_PER_INCH)
-    return sink.getvalue()
+    pictures = []
+    for name, caption, size, draw in parts:
+        with drawing(size, STYLE) as figure:
+            draw(figure)
+            pictures.append(Picture(name, caption, png(figure)))
+    return pictures
 
 
 def _draw_errors(axes: list[Axes], results: Results) -> None:

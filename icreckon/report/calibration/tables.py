@@ -1,7 +1,5 @@
 """Tables and page of a calibration, made from its results only."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -168,24 +166,20 @@ def calibration_page(results: Results) -> str:
     logs = results["logs"]
     count = f"{len(logs)} {'log' if len(logs) == 1 else 'logs'}"
     distance = sum(one["distance_m"] for one in logs)
+    pictures: list[Picture] = []
+    with unless_missing():
+        from icreckon.report.calibration.figure import calibration_pictures
+
+        pictures = calibration_pictures(results)
     return render(
         "calibration.html",
         title=f"{results['robot']['name']}, calibrated",
         subtitle=f"icreckon calibrate · {count} · {distance:.0f} m",
         headline=results["headline"],
-        pictures=_pictures(results),
+        pictures=pictures,
         tables=[model_table(results), parameter_table(results), log_table(results)],
         notes=footnotes(results),
         configuration=results["configuration"],
         robot=results["robot"],
         origin={key: results[key] for key in ORIGIN},
     )
-
-
-def _pictures(results: Results) -> list[Picture]:
-    pictures: list[Picture] = []
-    with unless_missing():
-        from icreckon.report.calibration.figure import calibration_pictures
-
-        pictures += calibration_pictures(results)
-    return pictures

@@ -1,19 +1,17 @@
 """Figures 3, 5, 6, 7 and 8 of the paper, reproduced, and one of all differences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from icreckon.estimator.motion import icr
 from icreckon.estimator.robot.robot_file import ConstantIcr, Indices
+from icreckon.report.drawing import drawing
 from icreckon.simulation.paper.published import published_mean_icrs, published_parameters
 from icreckon.simulation.paper.reproduction import Reproduction, Row
 
@@ -40,8 +38,7 @@ def write_figures(folder: Path, reproduced: Reproduction, overview: str) -> None
 
 @contextmanager
 def _figure(path: Path, width: float, height: float, title: str) -> Iterator[Figure]:
-    with mpl.rc_context({"font.size": 10, "axes.grid": True, "grid.alpha": 0.3}):
-        figure = Figure(figsize=(width, height), layout="constrained")
+    with drawing((width, height), {"font.size": 10}) as figure:
         figure.suptitle(title, fontsize=12)
         yield figure
         figure.savefig(path, dpi=DPI)

@@ -1,7 +1,5 @@
 """Tables and page of the reproduction, made from its results and figures only."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from rich.console import Group

@@ -1,24 +1,20 @@
 """Figure of a comparison, made from its results only."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR
-from icreckon.replay.base.colours import colour_of as _colour
+from icreckon.replay.base.colours import FIX_COLOUR, TRUTH_COLOUR, colour_of
 from icreckon.replay.comparison.results import Results
-from icreckon.report.printable import any_letters, printable
+from icreckon.report.drawing import drawing
+from icreckon.report.printable import printable
 from icreckon.report.replay.page_charts import breaks_of
 from icreckon.report.replay.page_drive import floats
 from icreckon.report.replay.page_text import failures, has_yaw_errors, page_title
@@ -44,9 +40,7 @@ SHADES, BOUNDS = ("no fixes",), "3σ of a filter"
 def write_figure(path: Path, results: Results) -> None:
     """Draw paths, errors with 3-sigma bounds, and the indices over time, as PNG."""
     results = _lifted(results)
-    style: Any = {"font.size": 11, "axes.grid": True, "grid.alpha": 0.3, "text.parse_math": False}
-    with mpl.rc_context(style), any_letters():
-        figure = Figure(figsize=SIZE, layout="constrained")
+    with drawing(SIZE, {"font.size": 11, "text.parse_math": False}) as figure:
         grid = figure.add_gridspec(2, 1, height_ratios=(2.2, 1.0))
         of_errors = grid[0].subgridspec(2, 2, width_ratios=(1.0, 1.1), height_ratios=(1.7, 1.0))
         paths = figure.add_subplot(of_errors[:, 0])
@@ -161,12 +155,12 @@ def _draw_paths(axes: Axes, results: Results) -> None:
         axes.plot(
             one["x_m"],
             one["y_m"],
-            color=_colour(name),
+            color=colour_of(name),
             lw=1.6 if bold else 0.9,
             ls=_style(name, bold=bold),
             label=name,
         )
-        axes.plot(one["x_m"][-1], one["y_m"][-1], "s", color=_colour(name), ms=6)
+        axes.plot(one["x_m"][-1], one["y_m"][-1], "s", color=colour_of(name), ms=6)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
@@ -190,7 +184,7 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
         axes.plot(
             time,
             one["position_error_m"],
-            color=_colour(name),
+            color=colour_of(name),
             lw=1.6 if bold else 0.8,
             ls=_style(name, bold=True),
             label=name,
@@ -201,7 +195,7 @@ def _draw_position_errors(axes: Axes, results: Results) -> None:
     limit = max(1.15 * max(top, _widest(bounds, 2.5 * top)), LEAST_POSITION_ERROR)
     for number, (name, bound) in enumerate(zip(detailed, bounds, strict=True)):
         reached, label = _in_reach(bound, limit), None if number else BOUNDS
-        axes.fill_between(time, 0.0, reached, color=_colour(name), alpha=0.13, lw=0, label=label)
+        axes.fill_between(time, 0.0, reached, color=colour_of(name), alpha=0.13, lw=0, label=label)
     axes.set_ylim(0.0, limit)
     axes.set_title("position error [m]", fontsize=11)
 
@@ -227,9 +221,9 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
     limit = max(1.15 * max(top, _widest(bounds, 5.0 * top)), LEAST_YAW_ERROR)
     limit = min(limit, LARGEST_YAW_ERROR)
     for name, error, bound in zip(_detailed(results), errors, bounds, strict=True):
-        axes.plot(time, error, color=_colour(name), lw=1.3)
+        axes.plot(time, error, color=colour_of(name), lw=1.3)
         reached = _in_reach(bound, limit)
-        axes.fill_between(time, -reached, reached, color=_colour(name), alpha=0.13, lw=0)
+        axes.fill_between(time, -reached, reached, color=colour_of(name), alpha=0.13, lw=0)
     axes.set_ylim(-limit, limit)
     axes.set_title("yaw error [deg]", fontsize=11)
 
@@ -238,7 +232,7 @@ def _draw_lines(axes: Axes, results: Results, title: str, key: str, scale: float
     """Draw a series of all variants over time, in another unit by `scale`."""
     series = results["series"]
     for name, one in series["variants"].items():
-        axes.plot(series["t_s"], scale * floats(one[key]), color=_colour(name), label=name)
+        axes.plot(series["t_s"], scale * floats(one[key]), color=colour_of(name), label=name)
     axes.set_title(title, fontsize=11)
 
 
@@ -259,7 +253,7 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
     drawn = []
     for name in _detailed(results):
         values = floats(series["variants"][name][key])
-        axes.plot(time, values, color=_colour(name), lw=1.2, label=name)
+        axes.plot(time, values, color=colour_of(name), lw=1.2, label=name)
         drawn.append(values)
     # Indices diverge if the robot hardly turns; the scale excludes that, but hardly a peak of a filter.
     shown = np.concatenate(drawn if truth is None else [truth, *drawn])

@@ -1,7 +1,5 @@
 """HTML page of several logs or robot files, made from their results only."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from types import SimpleNamespace as Named

@@ -1,7 +1,5 @@
 """Tables of several logs for the terminal, made from their results only."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from rich.console import Group

@@ -1,7 +1,5 @@
 """Text on several logs or robot files, made from their results only."""
 
-from __future__ import annotations
-
 from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import Results
 from icreckon.report.printable import change, change_range

@@ -1,7 +1,5 @@
 """Self-contained HTML page of a comparison, made from its results only."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from icreckon.estimator.robot.robot_file import Vehicle

@@ -10,8 +10,6 @@ the y axis, `least` is the least margin, `trim` the share of values at both ends
 and `floor` its bounds.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -435,11 +433,5 @@ def _band(name: str, sigma: str, times: float, *, scale: float = 1.0) -> Results
 
 
 def _labelled(label: str, column: str, colour: str) -> Results:
-    return {
-        "label": label,
-        "colour": colour,
-        "dark": on_dark(colour),
-        "x": "t",
-        "y": column,
-        "scale": 1.0,
-    }
+    style = {"label": label, "colour": colour, "dark": on_dark(colour)}
+    return style | {"x": "t", "y": column, "scale": 1.0}

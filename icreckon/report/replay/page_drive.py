@@ -4,8 +4,6 @@
 path, each with one column for each variant that has it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

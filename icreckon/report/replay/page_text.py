@@ -1,7 +1,5 @@
 """Text of a comparison's page, made from its results only."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Tables of a comparison for the terminal, made from its results only."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from rich.console import Group

@@ -1,23 +1,19 @@
 """Figures of a study, made from its results only."""
 
-from __future__ import annotations
-
-import io
 import re
 from collections.abc import Callable
 from functools import partial
 from itertools import cycle
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Drawing
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 from icreckon.replay.base.colours import COLOURS
+from icreckon.report.drawing import SIZE, drawing, png
 from icreckon.report.pages import Picture
-from icreckon.report.printable import any_letters
+from icreckon.report.replay.page_drive import floats
 from icreckon.report.study.text import NEES, swept, title_of, unit_of
 from icreckon.simulation.study.cells import OUTAGE
 from icreckon.simulation.study.results import FINAL_ERROR, PERCENTILES, Results, shown
@@ -26,10 +22,9 @@ from icreckon.simulation.study.summary import CONFIDENCE
 # Custom labels have the colours that the variants leave.
 OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
-# Size [in], legible also at the width of a telephone.
-SIZE = (6.4, 4.2)
-DOTS_PER_INCH = 150
-STYLE: Any = {"font.size": 12, "axes.grid": True, "grid.alpha": 0.3, "legend.framealpha": 0.9}
+STYLE = {"font.size": 12, "legend.framealpha": 0.9}
+# Without the version of matplotlib, so that equal figures are equal bytes.
+METADATA = {"Software": None}
 # Most names on an axis, or letters in them, without rotation; most cells named by their values.
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
@@ -78,23 +73,25 @@ def with_unit(axis: str) -> str:
 
 def study_figures(results: Results) -> list[Picture]:
     """Draw all figures of a study."""
-    figures = []
-    drift = results["drift"]
+    figures, drift = [], results["drift"]
+    others = ", over all else that is swept" if len(swept(results)) > 1 else ""
     for axis, effect in swept(results):
+        draw = partial(_draw_effect, results=results, axis=axis, effect=effect)
         for short, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
             if not _known(results, statistic):
                 continue
-            title = title_of(results, statistic)
-            others = ", over all else that is swept" if len(swept(results)) > 1 else ""
-            caption = (
-                f"{_capital(title)} against {axis['name']}{others}: means and their 95 % intervals."
-            )
-            draw = partial(
-                _draw_effect, results=results, axis=axis, effect=effect, statistic=statistic
-            )
-            figures.append(_drawn(f"{short}-{_file_name(axis['name'])}", caption, draw))
+            title = _capital(title_of(results, statistic))
+            caption = f"{title} against {axis['name']}{others}: means and their 95 % intervals."
+            name = f"{short}-{_file_name(axis['name'])}"
+            figures.append(_drawn(name, caption, partial(draw, statistic=statistic)))
         if _known(results, drift) and len(results["variants"]) > 1:
-            figures.append(_ratio_figure(results, axis, effect))
+            caption = (
+                f"{_capital(title_of(results, drift))} over that of {results['baseline']} in the same "
+                f"runs, against {axis['name']}, with 95 % intervals. Below 1 a variant is better; an "
+                "interval that holds 1 shows no difference."
+            )
+            name = f"ratio-{_file_name(axis['name'])}"
+            figures.append(_drawn(name, caption, partial(draw, statistic=drift, key="ratio")))
     if _known(results, NEES):
         figures.append(
             _drawn(
@@ -109,34 +106,10 @@ def study_figures(results: Results) -> list[Picture]:
     return figures
 
 
-def _ratio_figure(results: Results, axis: dict[str, Any], effect: dict[str, Any]) -> Picture:
-    """Draw the drift over that of the baseline against one axis, run by run."""
-    drift, baseline = results["drift"], results["baseline"]
-    caption = (
-        f"{_capital(title_of(results, drift))} over that of {baseline} in the same runs, against "
-        f"{axis['name']}, with 95 % intervals. Below 1 a variant is better; an interval that holds 1 "
-        "shows no difference."
-    )
-
-    def draw(axes: Axes) -> None:
-        axes.axhline(1.0, color="black", lw=0.8)
-        _draw_effect(axes, results, axis, effect, drift, "ratio")
-
-    return _drawn(f"ratio-{_file_name(axis['name'])}", caption, draw)
-
-
 def _drawn(name: str, caption: str, draw: Callable[[Axes], None]) -> Picture:
-    with mpl.rc_context(STYLE), any_letters():
-        drawing = Drawing(figsize=SIZE, layout="constrained")
-        draw(drawing.add_subplot())
-        return Picture(name, caption, _png(drawing))
-
-
-def _png(drawing: Drawing) -> bytes:
-    sink = io.BytesIO()
-    # Without the version of matplotlib, so that equal figures are equal bytes.
-    drawing.savefig(sink, dpi=DOTS_PER_INCH, metadata={"Software": None})
-    return sink.getvalue()
+    with drawing(SIZE, STYLE) as figure:
+        draw(figure.add_subplot())
+        return Picture(name, caption, png(figure, METADATA))
 
 
 def _draw_effect(
@@ -150,15 +123,17 @@ def _draw_effect(
     """Draw a statistic against one axis: its "mean", or its "ratio" to the baseline's."""
     groups = effect["groups"]
     names = axis["scale"] == "names"
-    places = np.arange(len(groups)) if names else _numbers([one["value"] for one in groups])
+    places = np.arange(len(groups)) if names else floats([one["value"] for one in groups])
     variants, colours = results["variants"], _colours(results)
     lows, highs = [], []
+    if key == "ratio":
+        axes.axhline(1.0, color="black", lw=0.8)
     for number, label in enumerate(variants):
         if key == "ratio" and label == results["baseline"]:
             continue
         summaries = [group["variants"][label][statistic] for group in groups]
         mean, low, high = (
-            _numbers([one[f"{key}{end}"] for one in summaries]) for end in ("", "_low", "_high")
+            floats([one[f"{key}{end}"] for one in summaries]) for end in ("", "_low", "_high")
         )
         style: Any = {"color": colours[label], "marker": MARKERS[number % len(MARKERS)], "ms": 5}
         if names:
@@ -215,8 +190,8 @@ def _draw_cells(
 ) -> None:
     """Draw the cells of a Latin hypercube, one point each."""
     cells = results["cells"]
-    at = _numbers([one["values"][axis] for one in cells])
-    values = _numbers([one["variants"][label][statistic]["mean"] for one in cells])
+    at = floats([one["values"][axis] for one in cells])
+    values = floats([one["variants"][label][statistic]["mean"] for one in cells])
     axes.plot(at, values, ".", color=colour, ms=4, alpha=0.5)
 
 
@@ -229,11 +204,14 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     low, high = (bound / runs for bound in chi2.interval(CONFIDENCE, 3.0 * runs))
     axes.axhspan(low, high, color="grey", alpha=0.3, lw=0)
     axes.axhline(3.0, color="black", lw=0.8)
+    means, ends = [], []
     for number, label in enumerate(variants):
         summaries = [cell["variants"][label][NEES] for cell in cells]
         mean, least, most = (
-            _numbers([one[key] for one in summaries]) for key in ("mean", "mean_low", "mean_high")
+            floats([one[key] for one in summaries]) for key in ("mean", "mean_low", "mean_high")
         )
+        means.append(mean)
+        ends.append(least)
         # On a logarithmic axis, an interval that reaches below zero has no lower end.
         least = np.where(least > 0.0, least, np.fmin(mean, 3.0) * 1e-3)
         at = np.arange(len(cells)) + _offset(number, len(variants))
@@ -249,16 +227,13 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
             marker=MARKERS[number % len(MARKERS)],
             label=label,
         )
-    means = [cell["variants"][label][NEES]["mean"] for cell in cells for label in variants]
-    finite = [value for value in _numbers(means) if np.isfinite(value) and value > 0.0]
     axes.set_yscale("log")
-    ends = _numbers(
-        [cell["variants"][label][NEES]["mean_low"] for cell in cells for label in variants]
-    )
-    ends = ends[np.isfinite(ends) & (ends > 0.0)]
+    heights, lowest = np.concatenate(means), np.concatenate(ends)
+    heights = heights[np.isfinite(heights) & (heights > 0.0)]
+    lowest = lowest[np.isfinite(lowest) & (lowest > 0.0)]
     # Whiskers are whole, but for those that dwarf the means.
-    bottom = max(0.8 * min([low, *finite, *ends]), 0.1 * min([low, *finite]))
-    axes.set_ylim(bottom, 3.0 * max([high, *finite]))
+    bottom = max(0.8 * min([low, *heights, *lowest]), 0.1 * min([low, *heights]))
+    axes.set_ylim(bottom, 3.0 * max([high, *heights]))
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
@@ -283,14 +258,14 @@ def _distribution(results: Results) -> Picture:
     rows = max(1, (len(kept) + 1) // 2)
     columns = min(2, max(1, len(kept)))
     share = np.array(PERCENTILES) / 100.0
-    with mpl.rc_context(STYLE), any_letters():
-        drawing = Drawing(figsize=(SIZE[0], SIZE[1] * (0.35 + 0.65 * rows)), layout="constrained")
-        grid = drawing.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
+    size = (SIZE[0], SIZE[1] * (0.35 + 0.65 * rows))
+    with drawing(size, STYLE) as figure:
+        grid = figure.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
         panels = list(grid.flat)
         for axes, one in zip(panels, kept, strict=False):
             for label in results["variants"]:
                 if label in one["percentiles"]:
-                    found = _numbers(one["percentiles"][label])
+                    found = floats(one["percentiles"][label])
                     axes.plot(found, share, color=_colours(results)[label], lw=1.5, label=label)
             axes.set_title(f"{one['axis']} {one['group']}".strip(), fontsize=11)
         every = [value for one in kept for found in one["percentiles"].values() for value in found]
@@ -308,7 +283,7 @@ def _distribution(results: Results) -> Picture:
         caption = (
             "Distribution of the position error at the end of the run: share of runs up to it."
         )
-        return Picture("final-error-distribution", caption, _png(drawing))
+        return Picture("final-error-distribution", caption, png(figure, METADATA))
 
 
 def _limit(axes: Axes, means: Any, highs: Any) -> None:
@@ -344,10 +319,6 @@ def _offset(number: int, count: int) -> float:
 
 def _known(results: Results, statistic: str) -> bool:
     return any(one[statistic]["n"] for one in results["overall"].values())
-
-
-def _numbers(values: list[Any]) -> Any:
-    return np.array(values, dtype=float)
 
 
 def _colours(results: Results) -> dict[str, str]:

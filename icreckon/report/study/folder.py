@@ -1,7 +1,5 @@
 """Result folder of a study: tables, figures and page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Text and tables of a study, made from its results only."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.drives.drives import arcs, figure_eight, spin
+from icreckon.simulation.drives.drives import TRAJECTORIES, arcs, figure_eight, spin
 from icreckon.simulation.drives.recorded import read_recording
 from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, blend_length
 from icreckon.simulation.drives.trajectories import (
     RECORDED,
-    TRAJECTORIES,
     check_trajectory,
     make_trajectory,
     trajectory_options,

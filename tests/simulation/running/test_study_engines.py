@@ -6,7 +6,6 @@ import pytest
 
 from conftest import thorough
 from icreckon.simulation.running import batch_engine as study_batch
-from icreckon.simulation.running import single_precision as study_single
 from icreckon.simulation.running import streaming_engine as study_streaming
 from icreckon.simulation.running.engines import choose_engine
 from icreckon.simulation.scenario import Scenario
@@ -78,7 +77,7 @@ def test_single_precision_comes_near() -> None:
     cell = plan_of(("differential",)).cells[0]
     names = [one.name for one in statistics(cell.horizons)]
     double = study_batch.block(cell, cell.filters, 0, 4)
-    single = study_single.block(cell, cell.filters, 0, 4)
+    single = study_batch.single_block(cell, cell.filters, 0, 4)
     for label, (rows, _) in double.items():
         found = dict(zip(names, single[label].values.T, strict=True))
         for name, values in zip(names, rows.T, strict=True):

@@ -3,7 +3,7 @@
 import pytest
 
 from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot, make_robot
-from icreckon.simulation.truth.robot_remarks import robot_remarks
+from icreckon.simulation.contact.of_robot import robot_remarks
 
 MINE = make_robot(
     "mine",
