@@ -4,8 +4,6 @@
 or SQLite file. Files that are compressed as a whole are unpacked first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Generator, Iterator
 from contextlib import ExitStack
 from functools import partial

@@ -3,8 +3,6 @@
 Nothing is unpacked beyond the limit, see `unpacked_limit`.
 """
 
-from __future__ import annotations
-
 import bz2
 import sys
 from collections.abc import Callable, Iterable, Iterator

@@ -1,7 +1,5 @@
 """Bag writer: messages of several topics in the order of their stamps."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Atomic outputs: write next to the target, then move; overwrite only on request."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -1,11 +1,9 @@
 """Record of a check, correction of a log or a robot, and the IMU in base_link."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from msgspec import structs
@@ -77,7 +75,7 @@ class Check:
         remedy: str,
         correction: Correction | None = None,
         settings: dict[str, float | list[float]] | None = None,
-    ) -> Check:
+    ) -> Self:
         """Copy that contradicts the file; arguments as the attributes."""
         return replace(
             self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}

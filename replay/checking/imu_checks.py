@@ -1,7 +1,5 @@
 """Checks of the IMU in a robot file: unit, mounting, bias and noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

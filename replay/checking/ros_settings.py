@@ -4,8 +4,6 @@ Parameters of `diff_drive_controller` (ros2_controllers), covariances for `robot
 mounting of the IMU as a static transform.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Sequence

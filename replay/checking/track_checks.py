@@ -1,7 +1,5 @@
 """Checks of the tracks in a robot file: sense, latency, scale, effective track."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Drift of all variants per horizon, with intervals, and the verdict."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Holes of a log, and uncertainty after them that no robot exceeds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -5,8 +5,6 @@ file, while other variants learn it from the tracks, too. Its drift is then that
 model. The truth shows the bias, and `gyro` runs once more with it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import msgspec

@@ -1,7 +1,5 @@
 """Decimated time series of a comparison, for plots."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

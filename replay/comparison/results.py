@@ -4,8 +4,6 @@
 holds decimated time series for the plots. A score that is not available is null.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

@@ -1,7 +1,5 @@
 """Scores of each variant over a log, against the truth or else another variant."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -4,8 +4,6 @@ The map of a lidar is level in the axes in which it began, on a slope or with a 
 and the lidar may be mounted with a tilt in the robot. The two are told apart as the robot turns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps

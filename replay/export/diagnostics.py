@@ -1,7 +1,5 @@
 """Filter diagnostics (diagnostic_msgs/DiagnosticArray): innovations, uncertainty."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ KITTI: one pose a line, the upper three rows of its 4x4 matrix in sequence, and 
 file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@ Frames are those of REP-105. A tf tree gives each frame one parent, so each vari
 requested, and `ground_truth/base_link` the truth.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 A row for each pair of track speeds. Column names end with units. Unknown values are empty (null).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal
 

@@ -11,8 +11,6 @@ receiver that states 0.8 m, and whose fixes scatter by 2 cm, has slow errors of 
 Places are complex numbers x + i y. So turn and scale are one factor, and both axes have one likelihood.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Guess of the column map of an unknown table, by the names of its columns."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 

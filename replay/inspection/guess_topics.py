@@ -1,7 +1,5 @@
 """Guess of the topic map of an unknown bag, by types and names."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 

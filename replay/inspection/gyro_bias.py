@@ -1,7 +1,5 @@
 """Bias of a gyro by standstills, headings of a truth, or the tracks."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ do. The track speeds give the forward direction, since the accelerometer must fo
 and the centripetal acceleration, and the times of standstill.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Inspection of a log, topic by topic, with a proposed robot file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """Proposed robot file: values estimated from a log, and placeholders for the rest."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

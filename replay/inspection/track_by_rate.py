@@ -1,7 +1,5 @@
 """Effective track over the yaw rate: friction at the contacts depends on it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations, pairwise
 from typing import NamedTuple

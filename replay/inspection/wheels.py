@@ -1,7 +1,5 @@
 """First estimates of wheels, units and standstills from a log, without a filter."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Base frame: a point of the robot other than the centre of its tracks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats

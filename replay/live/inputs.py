@@ -1,7 +1,5 @@
 """Live inputs: messages of the mapped topics to measurements."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple

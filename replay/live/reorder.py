@@ -1,7 +1,5 @@
 """Reorder buffer: from the order of arrival to the order of stamps."""
 
-from __future__ import annotations
-
 import heapq
 from itertools import count, groupby
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Slip of the tracks: statuses of the topic `slip`."""
 
-from __future__ import annotations
-
 import math
 
 from icreckon.estimator.log.measurements import TrackSpeeds

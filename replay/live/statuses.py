@@ -1,7 +1,5 @@
 """Statuses of a live run for /diagnostics: estimate, sensors, parameters, clocks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 

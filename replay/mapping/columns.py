@@ -3,8 +3,6 @@
 It is the `[log.columns]` table of a robot file.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import msgspec

@@ -1,7 +1,5 @@
 """Field paths such as «wheels.left.rate» or «data[0]», for messages of any type."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
 from functools import cached_property

@@ -4,8 +4,6 @@ It is the `[log]` table of a robot file. If that table cannot describe a written
 own mapping, as JSON on `MAPPING_TOPIC`.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """Conversion of track sensor units (rates, angles, counts, ...) to track speeds."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 

@@ -4,8 +4,6 @@ Header stamps are times of measurement, times of recording are times of arrival.
 better if their clocks agree with one another.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 

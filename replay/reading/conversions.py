@@ -3,8 +3,6 @@
 Rows are those of `message_rows`, one or many of one topic; nothing here depends on other messages.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Gathering of the streams of a mapping from bags and tables that make one log."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field

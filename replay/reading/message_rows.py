@@ -1,7 +1,5 @@
 """Row readers: from messages of each type to the rows of numbers of a stream."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

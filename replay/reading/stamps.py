@@ -4,8 +4,6 @@ A step of only the headers' clock shows against the times of recording and is co
 recorder's clock was set back too, two periods overlap in the bag and cannot be separated.
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

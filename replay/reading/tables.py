@@ -1,7 +1,5 @@
 """Table reader: CSV and Parquet files to streams, by a column map."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Assembly of a log from gathered streams: units, clocks, screening."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
