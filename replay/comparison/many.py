@@ -109,7 +109,6 @@ def compare_many(
                     comparison,
                     robot,
                     command="compare_many",
-                    configuration={},
                     drifts=drifts,
                     series=False,
                 )

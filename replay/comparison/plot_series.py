@@ -1,6 +1,7 @@
 """Decimated time series of a comparison, for plots."""
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,9 @@ LEAST_YAW_RATE = 0.1
 LONGEST_BRIDGE = 1.0
 # Decimals of positions [m], which may be far from their origin, and of values as large.
 DECIMALS = 4
+POSE, SPATIAL = ("x_m", "y_m", "yaw_rad"), ("z_m", "roll_rad", "pitch_rad")
+SPATIAL_SIGMA = ("z_sigma_m", "roll_sigma_rad", "pitch_sigma_rad")
+TWIST, INDICES = ("v_x_m_s", "v_y_m_s", "w_rad_s"), ("zeta_m", "epsilon_m", "eta")
 
 Results = dict[str, Any]
 
@@ -45,52 +49,48 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     log = comparison.log
     first = next(iter(comparison.runs.values()))
     most = series_points((log.end - log.start) * NANOSECOND)
-    stamps = first.stamps[_picks(len(first.stamps), most)]
+    stamps = first.stamps[picks(len(first.stamps), most)]
     truths = {} if log.truth is None else truths_of(comparison)
     shown = truths[headline] if truths else None
     truth = None if shown is None else shown.truth.poses
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
     if log.truth is not None and truth is not None and shown is not None:
-        series["truth"] = _pose_columns(true_poses_at(shown.truth, stamps))
+        series["truth"] = _columns(POSE, true_poses_at(shown.truth, stamps), DECIMALS)
         if truth.spatial is not None:
-            series["truth"] |= _spatial_columns(interpolate(truth.stamps, truth.spatial, stamps))
+            spatial = interpolate(truth.stamps, truth.spatial, stamps)
+            series["truth"] |= _columns(SPATIAL, spatial)
         if log.truth.twists is not None:
             twists = log.truth.twists
-            series["truth"] |= _twist_columns(_nearest(twists.stamps, twists.twists, stamps))
+            series["truth"] |= _columns(TWIST, _nearest(twists.stamps, twists.twists, stamps))
         series["truth"] |= _true_indices(log.truth, stamps)
     driven = first.trajectory.pose_series if truth is None else truth
     travelled = np.interp(stamps, driven.stamps, path_length(driven))
     series["distance_m"] = _rounded(travelled, DECIMALS)
     if log.fixes is not None:
-        rows = _picks(len(log.fixes.stamps), most)
-        series["fixes"] = {
-            "t_s": _rounded((log.fixes.stamps[rows] - log.start) * NANOSECOND),
-            "x_m": _rounded(log.fixes.poses[rows, 0], DECIMALS),
-            "y_m": _rounded(log.fixes.poses[rows, 1], DECIMALS),
-        }
+        rows = picks(len(log.fixes.stamps), most)
+        times = (log.fixes.stamps[rows] - log.start) * NANOSECOND
+        places = _columns(POSE[:2], log.fixes.poses[rows, :2], DECIMALS)
+        series["fixes"] = {"t_s": _rounded(times), **places}
     for name, one in comparison.runs.items():
         rows = np.minimum(np.searchsorted(one.stamps, stamps), len(one.stamps) - 1)
         poses, covariances = one.trajectory.poses[rows], one.trajectory.pose_covariances[rows]
         away = np.zeros(2)
         if shown is not None:
             away = np.subtract(truths[name].lever_arm, shown.lever_arm)
-        columns = _pose_columns(_at_point(poses, away)) | _twist_columns(
-            one.trajectory.twists[rows]
-        )
-        columns |= {
+        columns = {
+            **_columns(POSE, _at_point(poses, away), DECIMALS),
+            **_columns(TWIST, one.trajectory.twists[rows]),
             "nis_per_dof": _rounded(_nis(one, rows)),
             "position_sigma_m": _rounded(largest_sigma(covariances)),
             "yaw_sigma_rad": _rounded(np.sqrt(covariances[:, 2, 2])),
-            "zeta_m": _rounded(one.indices[rows, 0]),
-            "epsilon_m": _rounded(one.indices[rows, 1]),
-            "eta": _rounded(one.indices[rows, 2]),
+            **_columns(INDICES, one.indices[rows]),
+            "ellipses": _ellipses(one, away),
         }
-        columns["ellipses"] = _ellipses(one, away)
         path = one.trajectory
         if path.spatial is not None and path.spatial_sigmas is not None:
-            columns |= _spatial_columns(path.spatial[rows])
-            columns |= _spatial_columns(path.spatial_sigmas[rows], "_sigma")
+            columns |= _columns(SPATIAL, path.spatial[rows])
+            columns |= _columns(SPATIAL_SIGMA, path.spatial_sigmas[rows])
         if truths:
             apart = poses - true_poses_at(truths[name].truth, stamps)
             columns["position_error_m"] = _rounded(np.hypot(apart[:, 0], apart[:, 1]))
@@ -133,7 +133,7 @@ def _at_point(poses: Floats, point: Floats) -> Floats:
 
 def _ellipses(one: Run, point: Floats) -> list[list[float | None]]:
     """Ellipses of one sigma: x, y, half axes [m], direction of the larger one [rad]."""
-    rows = _picks(len(one.stamps), ELLIPSES)
+    rows = picks(len(one.stamps), ELLIPSES)
     variances, axes = np.linalg.eigh(one.trajectory.pose_covariances[rows, :2, :2])
     minor, major = np.sqrt(np.maximum(variances, 0.0)).T
     turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
@@ -157,7 +157,7 @@ def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
     return np.where(judged > 0, mean, math.nan)
 
 
-def _picks(count: int, most: int) -> NDArray[np.int64]:
+def picks(count: int, most: int) -> NDArray[np.int64]:
     """Select at most `most` rows, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
@@ -185,7 +185,7 @@ def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
 
 def _parameters(one: Run, start: int) -> Results:
     """Value and sigma over time of each uncertain parameter, bias, scale and gravity."""
-    rows = _picks(len(one.stamps), PARAMETER_POINTS)
+    rows = picks(len(one.stamps), PARAMETER_POINTS)
     found: Results = {"t_s": _rounded((one.stamps[rows] - start) * NANOSECOND)}
     for index in range(s.LEARNT.start, s.GRAVITY.stop):
         name, sigma = one.state_names[index], one.state_sigmas[rows, index]
@@ -200,7 +200,7 @@ def _innovations(one: Run, start: int) -> Results:
     for name, column in zip(one.innovation_names, one.innovations.T, strict=True):
         there = np.flatnonzero(np.isfinite(column))
         if len(there):
-            rows = there[_picks(len(there), INNOVATION_POINTS)]
+            rows = there[picks(len(there), INNOVATION_POINTS)]
             found[name] = {
                 "t_s": _rounded((one.stamps[rows] - start) * NANOSECOND, 2),
                 "normalised": _rounded(column[rows], 2),
@@ -235,23 +235,9 @@ def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     return np.asarray(values[closer])
 
 
-def _pose_columns(poses: Floats) -> Results:
-    return {
-        "x_m": _rounded(poses[:, 0], DECIMALS),
-        "y_m": _rounded(poses[:, 1], DECIMALS),
-        "yaw_rad": _rounded(poses[:, 2], DECIMALS),
-    }
-
-
-def _spatial_columns(values: Floats, of: str = "") -> Results:
-    """Columns of height, roll and pitch (n, 3)."""
-    names = (f"z{of}_m", f"roll{of}_rad", f"pitch{of}_rad")
-    return {name: _rounded(one) for name, one in zip(names, values.T, strict=True)}
-
-
-def _twist_columns(twists: Floats) -> Results:
-    names = ("v_x_m_s", "v_y_m_s", "w_rad_s")
-    return {name: _rounded(values) for name, values in zip(names, twists.T, strict=True)}
+def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) -> Results:
+    """Columns of a table (n, k), rounded, by their names."""
+    return {name: _rounded(one, decimals) for name, one in zip(names, values.T, strict=True)}
 
 
 def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:

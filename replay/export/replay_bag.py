@@ -30,6 +30,7 @@ from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
+from icreckon.replay.comparison.plot_series import picks
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages, pose_messages
 from icreckon.replay.mapping.geodesy import Origin, degrees
@@ -146,8 +147,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
 
 def _path(topic: str, series: PoseSeries) -> Outbox:
     """Whole path as one message at its start."""
-    count = len(series.stamps)
-    rows = np.unique(np.linspace(0, count - 1, min(PATH_POSES, count)).astype(int))
+    rows = picks(len(series.stamps), PATH_POSES)
     poses = pose_messages(topic, series.rows(rows))
 
     def make(messages: Messages, i: int) -> Any:
