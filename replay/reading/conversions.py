@@ -114,17 +114,6 @@ class TrackValues(NamedTuple):
     wrap: float | None = None  # range of the counters [m], or None
 
 
-def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:
-    """Track speeds of a controller's forward speed and yaw rate.
-
-    Args:
-        rows: (n, 2) forward speed [m/s], yaw rate [rad/s].
-        gauge: track gauge of the controller [m].
-    """
-    half = 0.5 * gauge * rows[:, 1]
-    return TrackValues(np.column_stack([rows[:, 0] - half, rows[:, 0] + half]))
-
-
 def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
     """Length of a row of `message_rows.track_readers`, or of a table."""
     return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.names)
@@ -135,8 +124,11 @@ def track_values(
 ) -> TrackValues:
     """Convert the rows of `message_rows.track_readers`, or of a table."""
     if msgtype in (ODOMETRY, TWIST):
+        # Forward speed [m/s] and yaw rate [rad/s] of a controller, by its own gauge.
         own = mapped.gauge if isinstance(mapped, TrackTopic) else None
-        return speeds_of_twist(rows * mapped.scale, vehicle.track_gauge if own is None else own)
+        forward, w = (rows * mapped.scale).T
+        half = 0.5 * (vehicle.track_gauge if own is None else own) * w
+        return TrackValues(np.column_stack([forward - half, forward + half]))
     factor = mapped.scale * metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
     return TrackValues(rows * mapped.signs * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)
