@@ -241,7 +241,7 @@ class LiveInputs:
     ) -> list[_Arrived]:
         """Poses that the newest transforms of a chain of frames complete."""
         stream.add_transforms(topic, arrival, message)
-        stream.forget_transforms(stream.newest_transform - TRANSFORM_MEMORY)
+        stream.forget_transforms(TRANSFORM_MEMORY)
         try:
             stamps, rows = stream.arrays("header")
         except ReplayError:

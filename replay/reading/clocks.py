@@ -69,9 +69,7 @@ def _choice(stream: Evidence, agree: bool) -> Choice:
         if abs(stream.offset) < SAME
         else f"the header stamps are {_span(stream.offset)} the time of recording"
     )
-    if agree:
-        return Choice("header", off, by_default=True)
-    if abs(stream.offset) <= CLOCKS_APART:
+    if agree or abs(stream.offset) <= CLOCKS_APART:
         return Choice("header", off, by_default=True)
     return Choice("recording", f"{off}, and not those of all streams are", by_default=False)
 

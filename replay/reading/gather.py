@@ -21,7 +21,7 @@ from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_names, pose_rows
 from icreckon.replay.reading.stream import RowReader, Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
-from icreckon.replay.reading.tf import TRANSFORM_READERS, TransformStream
+from icreckon.replay.reading.tf import TransformStream
 
 PROGRESS_EVERY = 2000
 """Messages between two reports of progress."""
@@ -216,55 +216,54 @@ def wanted_streams(
 ) -> Iterator[Stream]:
     """Yield the streams of a mapping, still empty."""
 
-    def stream(purpose: str, topic: str, time: Clock, readers: dict[str, RowReader]) -> Stream:
-        return Stream(purpose, topic, source, time, readers, definitions=definitions)
+    def stream(
+        purpose: str,
+        topic: str,
+        time: Clock,
+        readers: dict[str, RowReader],
+        any_reader: RowReader | None = None,
+    ) -> Stream:
+        return Stream(purpose, topic, source, time, readers, any_reader, definitions)
+
+    def poses(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
+        if mapped.frames is not None:
+            return TransformStream(
+                purpose,
+                mapped.topic,
+                source,
+                mapped.time,
+                definitions=definitions,
+                frames=mapped.frames,
+            )
+        if isinstance(mapped, FixTopic) and (names := pose_names(mapped)):
+            by_field = FieldReader(names, partial(_pose_row, mapped, names))
+            return stream(purpose, mapped.topic, mapped.time, {}, by_field)
+        readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
+        return stream(purpose, mapped.topic, mapped.time, readers)
 
     if tracks := mapping.tracks:
         readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
-        speeds = stream("tracks", tracks.topic, tracks.time, readers)
-        if tracks.left and types.get(tracks.topic) not in readers:
-            speeds.any_reader = FieldReader(tracks.names, None)
-        yield speeds
+        by_field = tracks.left and types.get(tracks.topic) not in readers
+        reader = FieldReader(tracks.names, None) if by_field else None
+        yield stream("tracks", tracks.topic, tracks.time, readers, reader)
     if imu := mapping.imu:
-        names = (*imu.angular_velocity, *imu.linear_acceleration)
-        of_imu = stream("imu", imu.topic, imu.time, {} if names else {IMU: imu_reader(imu)})
-        if names:
-            of_imu.any_reader = FieldReader(names, partial(imu_rows, imu))
-        yield of_imu
+        if axes := (*imu.angular_velocity, *imu.linear_acceleration):
+            reader = FieldReader(axes, partial(imu_rows, imu))
+            yield stream("imu", imu.topic, imu.time, {}, reader)
+        else:
+            yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
     if fixes := mapping.fixes:
-        yield _poses("fixes", fixes, source, definitions)
+        yield poses("fixes", fixes)
     if heading := mapping.heading:
         yield stream("heading", heading.topic, heading.time, message_rows.HEADING_READERS)
     if truth := mapping.truth:
-        yield _poses("truth", truth, source, definitions)
+        yield poses("truth", truth)
         if truth.twist:
             yield stream("truth twist", truth.twist, truth.time, {TWIST: message_rows.twist_row})
         if truth.tracks and tracks:
             readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
             joints = {JOINT_STATE: readers[JOINT_STATE]}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
-
-
-def _poses(
-    purpose: str, mapped: FixTopic | TruthTopic, source: str, definitions: Definitions
-) -> Stream:
-    if mapped.frames is not None:
-        return TransformStream(
-            purpose,
-            mapped.topic,
-            source,
-            mapped.time,
-            TRANSFORM_READERS,
-            definitions=definitions,
-            frames=mapped.frames,
-        )
-    names = pose_names(mapped) if isinstance(mapped, FixTopic) else []
-    if names and isinstance(mapped, FixTopic):
-        by_field = Stream(purpose, mapped.topic, source, mapped.time, {}, definitions=definitions)
-        by_field.any_reader = FieldReader(names, partial(_pose_row, mapped, names))
-        return by_field
-    readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
-    return Stream(purpose, mapped.topic, source, mapped.time, readers, definitions=definitions)
 
 
 def _pose_row(mapped: FixTopic, names: Sequence[str], values: Floats) -> Floats:

@@ -19,7 +19,10 @@ def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, R
         the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate
         [rad/s].
     """
-    readers: dict[str, RowReader] = {ros.ODOMETRY: _odometry_speeds, ros.TWIST: _twist_speeds}
+    readers: dict[str, RowReader] = {
+        ros.ODOMETRY: lambda message: _speeds(message.twist.twist),
+        ros.TWIST: lambda message: _speeds(message.twist),
+    }
     if joints:
         readers[ros.JOINT_STATE] = JointReader(joints, positions)
     return readers
@@ -54,13 +57,8 @@ class JointReader:
         return tuple(row) if places else None
 
 
-def _odometry_speeds(message: Any) -> Row:
-    twist = message.twist.twist
+def _speeds(twist: Any) -> Row:
     return (twist.linear.x, twist.angular.z)
-
-
-def _twist_speeds(message: Any) -> Row:
-    return (message.twist.linear.x, message.twist.angular.z)
 
 
 def imu_row(message: Any) -> Row:

@@ -187,9 +187,8 @@ class Stream:
         self, clock: Literal["header", "recording"], recorded: Stamps, stamped: Stamps, rows: Floats
     ) -> tuple[Stamps, Floats]:
         order = np.argsort(recorded, kind="stable")
-        stamps = recorded
+        stamps = stamped if clock == "header" else recorded
         if clock == "header":
-            stamps = stamped
             missing = "messages have no header" if self._headless else ""
             if len(stamps) > 1 and not stamps.any():
                 missing = missing or "header stamps are all zero"
@@ -231,17 +230,11 @@ class Stream:
 
     def _take(self, record: Record, message: Any) -> None:
         reader = self.readers.get(record.channel.msgtype, self.any_reader)
-        if reader is None:
-            return
-        row = reader(message)
+        row = None if reader is None else reader(message)
         if row is None:
             return
         header = getattr(message, "header", None)
-        stamp = 0
-        if header is None:
-            self._headless += 1
-        else:
-            stamp = stamp_of(header)
+        self._headless += header is None
         self._recorded.append(record.time)
-        self._stamped.append(stamp)
+        self._stamped.append(0 if header is None else stamp_of(header))
         self._rows.extend(row)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -14,7 +15,7 @@ from icreckon.replay.bags.decoding import stamp_of
 from icreckon.replay.bags.message_types import TF, TF_ROS1, TRANSFORM
 from icreckon.replay.bags.records import Record
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.reading.stream import NAN, Stream
+from icreckon.replay.reading.stream import NAN, RowReader, Stream
 
 LONGEST_INTERPOLATION = 1.0
 """Longest interval between two transforms over which poses are interpolated [s]."""
@@ -48,9 +49,11 @@ class TransformStream(Stream):
     """Poses of one frame in another, from a tf topic and its `_static` companion.
 
     Attributes:
+        readers: the message types that it reads.
         frames: the parent frame of the poses, and the child frame.
     """
 
+    readers: Mapping[str, RowReader] = field(default_factory=TRANSFORM_READERS.copy)
     frames: tuple[str, str] = ("", "")
     _links: dict[Link, _Transforms] = field(default_factory=dict)
     _static: dict[Link, Floats] = field(default_factory=dict)
@@ -104,17 +107,13 @@ class TransformStream(Stream):
     def _take(self, record: Record, message: Any) -> None:
         self.add_transforms(record.channel.topic, record.time, message)
 
-    @property
-    def newest_transform(self) -> int:
-        """Stamp of the newest transform that is not static [ns]; 0 before the first."""
-        return max((max(found.stamped) for found in self._links.values()), default=0)
-
-    def forget_transforms(self, before: int | None = None) -> None:
-        """Forget the transforms stamped before a time [ns], or all; static ones stay."""
+    def forget_transforms(self, age: int | None = None) -> None:
+        """Forget the transforms older than the newest by an age [ns], or all but static ones."""
+        newest = max((max(found.stamped) for found in self._links.values()), default=0)
         for link, found in list(self._links.items()):
             first = len(found.stamped)
-            if before is not None:
-                first = int(np.searchsorted(np.array(found.stamped), before))
+            if age is not None:
+                first = int(np.searchsorted(np.array(found.stamped), newest - age))
             del found.recorded[:first], found.stamped[:first], found.rows[: first * WIDTH]
             if not found.stamped:
                 del self._links[link]
