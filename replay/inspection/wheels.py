@@ -10,16 +10,11 @@ from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
-from icreckon.estimator.log.series import ImuSeries
 from icreckon.replay.inspection import imu_mounting
 
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.03
 """Relative error of the mean specific force from which it is suspicious [-]."""
-FAST_TURNING = 6.0
-"""Yaw rate that a ground robot hardly exceeds [rad/s]."""
-FAST_SPEED, FAST_RATE = 20.0, 120.0
-"""Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
 DEGREES = (20.0, 180.0)
 """Ratio range to the odometry's yaw rates at which rates are in degrees (57.3, with some slip)."""
 TOO_MUCH_TURNING = 2.5
@@ -146,58 +141,6 @@ def standstills(log: Log) -> list[tuple[float, float]]:
             (max(0.0, begin - imu_mounting.STILL_MARGIN), finish + imu_mounting.STILL_MARGIN)
         )
     return stops
-
-
-def unit_suspicions(
-    log: Log,
-    mounting: imu_mounting.Mounting | None,
-    estimates: WheelEstimates,
-    *,
-    vertical: Floats | None,
-    rates: bool,
-    from_twist: bool,
-) -> list[str]:
-    """Report values that seem to be in another unit.
-
-    Args:
-        log: the log; its track speeds may be rates.
-        mounting: estimated mounting of the IMU, or None.
-        estimates: result of `wheel_estimates`.
-        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s], or None.
-        rates: whether track speeds are in rad/s.
-        from_twist: whether they were computed from speed and yaw rate, with a gauge of 1 m.
-    """
-    found = []
-    if mounting is not None and mounting.specific_force is not None:
-        force = float(np.linalg.norm(mounting.specific_force))
-        if abs(force - GRAVITY) > WRONG_GRAVITY * GRAVITY:
-            guess = unit_of_gravity(force)
-            found.append(f"mean specific force is {force:.3g}, not {GRAVITY} m/s²{guess}")
-    if log.imu is not None:
-        fast = fast_turning(log.imu)
-        if fast > FAST_TURNING:
-            found.append(
-                f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
-            )
-        if from_twist and vertical is not None and len(log.tracks.stamps) > 1:
-            found += turning_suspicion(log, vertical)
-    if len(log.tracks.speeds):
-        fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
-        if rates and fast > FAST_RATE:
-            found.append(f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?")
-        if not rates and fast > FAST_SPEED:
-            found.append(f"track speeds of {fast:.3g}; m/s, or rather mm/s?")
-    if not rates and estimates.way_ratio is not None and not 0.5 < estimates.way_ratio < 2.0:
-        found.append(
-            f"the distance over ground is {estimates.way_ratio:.3g} times that of the track speeds, "
-            f"by the {estimates.way_source}"
-        )
-    return found
-
-
-def fast_turning(imu: ImuSeries) -> float:
-    """Rate that the gyro exceeds for 1 % of the time [rad/s]."""
-    return float(np.percentile(np.abs(imu.angular_velocity), 99))
 
 
 def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:
