@@ -7,7 +7,6 @@ from typing import NamedTuple, Self
 
 import numpy as np
 from msgspec import structs
-from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import matrix_to_rpy, relative
@@ -122,15 +121,6 @@ def tracks_table(robot: Robot) -> str:
         if "columns" in robot.log and "tracks" not in robot.log
         else "log.tracks"
     )
-
-
-def still_samples(log: Log) -> NDArray[np.bool_] | None:
-    """IMU samples (n,) at standstill, None if there are too few."""
-    if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
-        return None
-    still = imu_mounting.standstill(log.tracks, log.imu.stamps)
-    step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    return still if float(still.sum()) * step >= imu_mounting.ENOUGH_STILL else None
 
 
 def with_imu(**values: object) -> Correction:

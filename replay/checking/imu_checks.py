@@ -18,7 +18,6 @@ from icreckon.replay.checking.check import (
     angles_text,
     in_base,
     rounded_angles,
-    still_samples,
     with_imu,
 )
 from icreckon.replay.inspection import imu_mounting
@@ -177,22 +176,19 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
     )
     if yaw is None:
         return
-    in_file = angles_text(robot.imu.rotation_rpy_deg)
-    measured = Measured(yaw, "deg", 0.0)
+    in_log = f"{yaw:+.0f} deg about the vertical" if yaw else "as the tracks accelerate"
+    in_file, measured = angles_text(robot.imu.rotation_rpy_deg), Measured(yaw, "deg", 0.0)
+    found = Check(FORWARD, in_file, in_log, measured=measured)
     if yaw == 0.0:
-        yield Check(FORWARD, in_file, "as the tracks accelerate", measured=measured)
+        yield found
         return
     about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
     turned = rounded_angles(about_z @ robot.imu_rotation)
-    yield Check(
-        FORWARD,
-        in_file,
-        f"{yaw:+.0f} deg about the vertical",
+    yield found.contradicted(
         f"the IMU is mounted {yaw:+.0f} deg about the vertical from what the file says, by its "
         "accelerations",
         f"rotation_rpy_deg = {list(turned)} in [imu]",
         with_imu(rotation_rpy_deg=turned),
-        measured,
         {"imu.rotation_rpy_deg": list(turned)},
     )
 
@@ -227,14 +223,15 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
 
 def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     """Noise of the gyro at standstill."""
-    still = still_samples(log)
-    if log.imu is None or still is None or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
+    if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
         return
+    still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    noise, stated = (
-        imu_mounting.density(in_base(log.imu, robot)[0], still, step),
-        robot.imu.gyro_noise_density,
-    )
+    enough = float(still.sum()) * step >= imu_mounting.ENOUGH_STILL
+    if not enough or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
+        return
+    noise = imu_mounting.density(in_base(log.imu, robot)[0], still, step)
+    stated = robot.imu.gyro_noise_density
     in_file, in_log = f"{stated:.2g} rad/s/√Hz", f"{noise:.2g} rad/s/√Hz at standstill"
     found = Check("gyro noise", in_file, in_log, measured=Measured(noise, "rad/s/√Hz", stated))
     if noise <= OTHER_NOISE * stated:

@@ -106,8 +106,8 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         return
     turned = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
     difference = float(turned.std()) / effective_track(robot)
-    if difference > 0.0 and DEGREES[0] < float(vertical.std()) / difference < DEGREES[1]:
-        ratio = float(vertical.std()) / difference
+    ratio = float(vertical.std()) / difference if difference else 0.0
+    if DEGREES[0] < ratio < DEGREES[1]:
         yield Check(
             "unit of the gyro",
             "rad/s",
