@@ -201,30 +201,21 @@ def check_replaceable(
             "it is not replaced, give another path"
         )
     own = path / marker if path.is_dir() else path
-    foreign = path.is_file() and starts is not None and not _starts_so(path, starts)
-    if foreign or (own.is_file() and not _is_marked(own, mark)):
+    begin, end = _ends(own) if own.is_file() else (b"", b"")
+    starts_otherwise = path.is_file() and starts is not None and not begin.startswith(starts)
+    if begin and (starts_otherwise or not (mark in begin or mark in end)):
         kind = "folder" if path.is_dir() else "file"
         raise ReplayError(
             f"{path} is a {kind} that icreckon did not write; it is not replaced, give another path"
         )
 
 
-def _starts_so(path: Path, starts: tuple[bytes, ...]) -> bool:
-    begin, _ = _ends(path, max(map(len, starts), default=1))
-    return not begin or begin.startswith(starts)
-
-
-def _is_marked(path: Path, mark: bytes) -> bool:
-    begin, end = _ends(path, MARKED)
-    return not begin or mark in begin or mark in end
-
-
-def _ends(path: Path, length: int) -> tuple[bytes, bytes]:
-    """First and last bytes of a file."""
+def _ends(path: Path) -> tuple[bytes, bytes]:
+    """First and last `MARKED` bytes of a file."""
     try:
         with path.open("rb") as file:
-            begin = file.read(length)
-            file.seek(max(0, file.seek(0, os.SEEK_END) - length))
+            begin = file.read(MARKED)
+            file.seek(max(0, file.seek(0, os.SEEK_END) - MARKED))
             return begin, file.read()
     except OSError as problem:
         raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
