@@ -151,7 +151,9 @@ class _IndexedBag:
                 reader = rosbag1.Reader(file) if ros1 else Ros2Reader(file)
                 self._stack.enter_context(reader)
                 self._sources.append((file, reader, list(reader.connections)))
-            self._count()
+                for connection in reader.connections:
+                    channel = _channel(connection)
+                    self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
         except ReplayError as problem:
             self._stack.close()
             raise ReplayError(f"{file}: {problem}") from None
@@ -160,12 +162,6 @@ class _IndexedBag:
             raise _UnreadableError(_reason(problem)) from problem
         self.notes.extend(_unread_sqlite_journals(self.files))
         return self
-
-    def _count(self) -> None:
-        for _, _, connections in self._sources:
-            for connection in connections:
-                channel = _channel(connection)
-                self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
@@ -230,26 +226,21 @@ class _RecoveredBag:
 
 
 def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
-    size = walk.path.stat().st_size
+    place = f"byte {walk.position} of {walk.path.stat().st_size}"
     if walk.damaged and count:
-        chunks = (
-            f"{len(walk.damaged)} of its chunks {'are' if len(walk.damaged) > 1 else 'is'} damaged"
+        number = f"{len(walk.damaged)} of its chunks {'are' if len(walk.damaged) > 1 else 'is'}"
+        more = "" if walk.complete else f", and the file is cut short at {place}"
+        found = (
+            f"{number} damaged, the first at byte {walk.damaged[0]}{more}; {count} other messages "
+            "were read"
         )
-        more = (
-            ""
-            if walk.complete
-            else f", and the file is cut short at byte {walk.position} of {size}"
+    elif walk.complete:
+        found = f"all its {count} messages were read without the index"
+    else:
+        found = (
+            f"the file is cut short or damaged at {place}, {count} messages before that were read"
         )
-        return (
-            f"{walk.path.name}: {reason}; {chunks}, the first at byte {walk.damaged[0]}{more}; "
-            f"{count} other messages were read"
-        )
-    if walk.complete:
-        return f"{walk.path.name}: {reason}; all its {count} messages were read without the index"
-    return (
-        f"{walk.path.name}: {reason}; the file is cut short or damaged at byte {walk.position} of "
-        f"{size}, {count} messages before that were read"
-    )
+    return f"{walk.path.name}: {reason}; {found}"
 
 
 def _packed_files(path: Path) -> list[Path]:
