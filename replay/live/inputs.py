@@ -34,7 +34,7 @@ from icreckon.replay.reading.clocks import (
 )
 from icreckon.replay.reading.gather import wanted_streams
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
-from icreckon.replay.reading.stream import Row, RowReader, Stream, UnusableError, unreadable
+from icreckon.replay.reading.stream import Row, Stream, UnusableError, unreadable
 from icreckon.replay.reading.tf import TransformStream
 from icreckon.replay.reading.wheels import mean_of_sides
 
@@ -219,7 +219,9 @@ class LiveInputs:
     # --- rows ------------------------------------------------------------------------------------
 
     def _arrived(self, stream: Stream, msgtype: str, message: Any, arrival: int) -> list[_Arrived]:
-        reader = self._reader(stream, msgtype)
+        reader = stream.readers.get(msgtype, stream.any_reader)
+        if reader is None:
+            raise ReplayError(unreadable(stream.topic, [msgtype], stream.purpose, stream.readers))
         try:
             row = reader(message)
         except UnusableError as problem:
@@ -279,12 +281,6 @@ class LiveInputs:
             if self._is_by_header(ready) and ready.header is not None:
                 self._ahead = ready.header - ready.arrival
         return found.ready
-
-    def _reader(self, stream: Stream, msgtype: str) -> RowReader:
-        reader = stream.readers.get(msgtype, stream.any_reader)
-        if reader is None:
-            raise ReplayError(unreadable(stream.topic, [msgtype], stream.purpose, stream.readers))
-        return reader
 
     def _is_left_over(self, stamp: int, arrival: int) -> bool:
         back = self._went_back

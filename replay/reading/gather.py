@@ -1,6 +1,7 @@
 """Gathering of the streams of a mapping from bags and tables that make one log."""
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -37,7 +38,7 @@ class Gathered:
     mapping: TopicMap  # the mapping that was used
     streams: dict[str, Stream] = field(default_factory=dict)  # the available streams, by purpose
     # the available topics with their types; columns for tables
-    found: dict[str, int] = field(default_factory=dict)
+    found: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)  # findings about the files, for the user
     truth_source: str | None = None  # name of the truth's reference system in the files, or None
 
@@ -109,8 +110,7 @@ def gather(
             part = _of_table(path, result.mapping)
         result.notes += part.notes
         result.truth_source = result.truth_source or part.truth_source
-        for name, count in part.found.items():
-            result.found[name] = result.found.get(name, 0) + count
+        result.found.update(part.found)
         for purpose, stream in part.streams.items():
             if (one := result.streams.setdefault(purpose, stream)) is not stream:
                 one.extend(stream)
@@ -177,7 +177,7 @@ def _of_table(path: Path, mapping: TopicMap) -> Gathered:
     part = Gathered(str(path), mapping)
     part.notes = list(table.notes)
     part.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
-    part.found = {f"{path.name}: {column.name}": len(table) for column in table.columns}
+    part.found = Counter({f"{path.name}: {one.name}": len(table) for one in table.columns})
     return part
 
 
@@ -185,20 +185,19 @@ def _of_bag(
     bag: Bag, path: Path, mapping: TopicMap, definitions: Definitions, report: Progress
 ) -> Gathered:
     part = Gathered(str(path), mapping)
-    messages: dict[str, int] = {}
+    messages: Counter[str] = Counter()
     for channel, count in bag.counts.items():
-        messages[channel.topic] = messages.get(channel.topic, 0) + count
-        name = f"{channel.topic} ({channel.msgtype})"
-        part.found[name] = part.found.get(name, 0) + count
+        messages[channel.topic] += count
+        part.found[f"{channel.topic} ({channel.msgtype})"] += count
     types = {channel.topic: channel.msgtype for channel in bag.counts}
     by_topic: dict[str, list[Stream]] = {}
     for stream in wanted_streams(mapping, str(path), definitions, types):
-        if not messages.get(stream.topic):
+        if not messages[stream.topic]:
             continue
         part.streams[stream.purpose] = stream
         for topic in stream.topics:
             by_topic.setdefault(topic, []).append(stream)
-    total = sum(messages.get(topic, 0) for topic in by_topic)
+    total = sum(messages[topic] for topic in by_topic)
     for count, record in enumerate(bag.messages(by_topic), start=1):
         if count % PROGRESS_EVERY == 0:
             report(min(1.0, count / total))
@@ -291,12 +290,13 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
         if purpose in result.streams:
             continue
         if purpose == "tracks":
-            remedy = "Correct the robot file's [log.columns.tracks], or leave that table out"
+            remedy = "Correct the robot file's [log.columns.tracks]"
             if bags:
-                remedy = (
-                    "Name the right one in the robot file's [log.tracks], or leave that table out"
-                )
-            raise ReplayError(f"{result.source}: {' and '.join(texts)}; there is {there}. {remedy}")
+                remedy = "Name the right one in the robot file's [log.tracks]"
+            raise ReplayError(
+                f"{result.source}: {' and '.join(texts)}; there is {there}. {remedy}, or leave that "
+                "table out"
+            )
         result.notes.append(f"{OF_ROBOT_FILE}{' and '.join(texts)}; there is {there}")
 
 
