@@ -200,6 +200,7 @@ def _imu(seen: LogEstimates) -> list[str]:
         if log is None or log.imu is None:
             return ["# The log holds no IMU that measures rates.", ""]
         return ["# The IMU's readings are absurd, and show nothing.", ""]
+    driven = log is not None and len(log.tracks.stamps)
     lines = [*_mounting(mounting), "[imu]"]
     roll, pitch, yaw = mounting.rotation_rpy_deg
     lines.append(f"rotation_rpy_deg = [{_round(roll)}, {_round(pitch)}, {_round(yaw)}]")
@@ -227,7 +228,6 @@ def _imu(seen: LogEstimates) -> list[str]:
         ]
     else:
         none = "no standstill of 2 s, and driving shows none"
-        driven = log is not None and len(log.tracks.stamps)
         lines.append(
             f"# Gyro bias: {none if driven else 'no track speeds to find a standstill by'}."
         )
@@ -237,9 +237,14 @@ def _imu(seen: LogEstimates) -> list[str]:
             "    # rad/s/√Hz, at standstill; vibration while driving adds to it"
         )
     if mounting.accelerometer_noise_density:
+        seen_by = (
+            "while driving, over 0.5 s, what the tracks do not explain"
+            if driven
+            else "fast vibration; slow disturbances add to it"
+        )
         lines.append(
             f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
-            f"    # m/s²/√Hz, {_seen_of_noise(log)}"
+            f"    # m/s²/√Hz, {seen_by}"
         )
     return [*lines, ""]
 
@@ -294,12 +299,6 @@ def _tracks(seen: LogEstimates) -> list[str]:
         f"difference_sigma = {USUAL_DIFFERENCE_SIGMA:g}    # of the right radius less the left, relative",
         "",
     ]
-
-
-def _seen_of_noise(log: Log | None) -> str:
-    if log is None or not len(log.tracks.stamps):
-        return "fast vibration; slow disturbances add to it"
-    return "while driving, over 0.5 s, what the tracks do not explain"
 
 
 def _turning_comment(correlation: float | None) -> str:

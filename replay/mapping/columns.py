@@ -118,6 +118,11 @@ class ImuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     def __post_init__(self) -> None:
         check_bounds(self)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the axes of the angular velocity, then of the acceleration."""
+        return (*self.angular_velocity, *self.linear_acceleration)
+
     def check_axes(self, what: str) -> None:
         """Refuse names of axes that are not all there.
 
@@ -195,6 +200,12 @@ class PoseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
         check_origin(self.origin)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names that are given, in the order of the attributes."""
+        named = (self.x, self.y, self.yaw, self.latitude, self.longitude, self.altitude, self.sigma)
+        return tuple(one for one in named if one)
+
     def check_place(self, what: str) -> None:
         """Refuse names of a place that are neither x and y nor latitude and longitude.
 
@@ -242,6 +253,11 @@ class HeadingColumns(Bounded, frozen=True):
     offset_deg: Annotated[float, Bound("a number")] = 0.0
     time: str | None = None
     latency: Latency = 0.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The column of the heading."""
+        return (self.yaw,)
 
 
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

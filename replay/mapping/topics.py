@@ -62,7 +62,7 @@ class ImuTopic(ImuKeys, frozen=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.angular_velocity or self.linear_acceleration:
+        if self.names:
             self.check_axes("fields")
 
 
@@ -85,9 +85,7 @@ class FixTopic(PoseKeys, frozen=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_frames(self.frames)
-        if any(
-            (self.x, self.y, self.latitude, self.longitude, self.yaw, self.altitude, self.sigma)
-        ):
+        if self.names:
             self.check_place("fields")
 
 

@@ -4,7 +4,6 @@ Rows are those of `message_rows`, one or many of one topic; nothing here depends
 """
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -55,27 +54,21 @@ def imu_reader(spec: ImuTopic) -> RowReader:
     return lambda message: tuple(imu_rows(spec, np.array([imu_row(message)]))[0].tolist())
 
 
-def pose_names(spec: FixTopic | PoseColumns) -> list[str]:
-    """Names of the fields or columns of a pose; empty if none is named."""
-    named = (spec.x, spec.y, spec.yaw, spec.latitude, spec.longitude, spec.altitude, spec.sigma)
-    return [one for one in named if one]
-
-
-def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Floats:
+def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
     """Rows as of `message_rows.POSE_READERS`, or `GEODETIC_READERS`.
 
     Args:
         spec: names of the fields or columns.
-        values: (n,) values of each of `pose_names`.
+        rows: (n, k) values of its `names`.
     """
-    count = len(next(iter(values.values())))
-    unknown = np.full(count, np.nan)
+    values = dict(zip(spec.names, rows.T, strict=True))
+    unknown = np.full(len(rows), np.nan)
     variance = values[spec.sigma] ** 2 if spec.sigma else unknown
     if spec.latitude and spec.longitude:
         altitude = values[spec.altitude] if spec.altitude else unknown
         return np.column_stack([values[spec.latitude], values[spec.longitude], altitude, variance])
     yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
-    yaw_variance = np.full(count, spec.heading_sigma**2 if spec.heading_sigma else np.nan)
+    yaw_variance = np.full(len(rows), spec.heading_sigma**2 if spec.heading_sigma else np.nan)
     return np.column_stack(
         [
             values[spec.x or ""],

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import msgspec
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.bags.bag_files import Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
@@ -19,7 +18,7 @@ from icreckon.replay.mapping.field_paths import FieldReader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
 from icreckon.replay.reading import message_rows
-from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_names, pose_rows
+from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
 from icreckon.replay.reading.stream import RowReader, Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
 from icreckon.replay.reading.tf import TransformStream
@@ -234,8 +233,8 @@ def wanted_streams(
                 definitions=definitions,
                 frames=mapped.frames,
             )
-        if isinstance(mapped, FixTopic) and (names := pose_names(mapped)):
-            by_field = FieldReader(names, partial(_pose_row, mapped, names))
+        if isinstance(mapped, FixTopic) and mapped.names:
+            by_field = FieldReader(mapped.names, partial(pose_rows, mapped))
             return stream(purpose, mapped.topic, mapped.time, {}, by_field)
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
@@ -246,8 +245,8 @@ def wanted_streams(
         reader = FieldReader(tracks.names, None) if by_field else None
         yield stream("tracks", tracks.topic, tracks.time, readers, reader)
     if imu := mapping.imu:
-        if axes := (*imu.angular_velocity, *imu.linear_acceleration):
-            reader = FieldReader(axes, partial(imu_rows, imu))
+        if imu.names:
+            reader = FieldReader(imu.names, partial(imu_rows, imu))
             yield stream("imu", imu.topic, imu.time, {}, reader)
         else:
             yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
@@ -265,10 +264,6 @@ def wanted_streams(
             yield stream("truth tracks", truth.tracks, truth.time, joints)
 
 
-def _pose_row(mapped: FixTopic, names: Sequence[str], values: Floats) -> Floats:
-    return pose_rows(mapped, dict(zip(names, values.T, strict=True)))
-
-
 def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Path]) -> None:
     """Note mapped streams that the files lack; refuse if the track speeds are missing."""
     there = ", ".join(sorted(result.found)) or "none at all"
@@ -281,8 +276,8 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
                 f"topic {stream.topic!r} for {stream.purpose} {what}"
             )
     if len(bags) < len(paths) and result.mapping.columns is not None:
-        for purpose, spec, names in wanted_columns(result.mapping.columns):
-            listed_names = [spec.time or result.mapping.columns.time, *names]
+        for purpose, spec in wanted_columns(result.mapping.columns):
+            listed_names = [spec.time or result.mapping.columns.time, *spec.names]
             missing.setdefault(purpose, []).append(
                 f"columns {', '.join(listed_names)} for {purpose} are not all in one table"
             )

@@ -20,7 +20,7 @@ from icreckon.replay.mapping.columns import (
     TimeUnit,
     TrackColumns,
 )
-from icreckon.replay.reading.conversions import RADIANS, imu_rows, pose_names, pose_rows
+from icreckon.replay.reading.conversions import RADIANS, imu_rows, pose_rows
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 MOST_NAMED = 5
@@ -248,8 +248,8 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         ReplayError: a column holds no numbers, or no times.
     """
     found: list[Stream] = []
-    for purpose, spec, names in wanted_columns(columns):
-        time = spec.time or columns.time
+    for purpose, spec in wanted_columns(columns):
+        names, time = spec.names, spec.time or columns.time
         if not table.has([time, *names]):
             continue
         stamps, timed = table.stamps(time, columns.time_unit)
@@ -260,7 +260,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream.lose("no time", int((own & ~timed).sum()))
         note = _coarse(f"{table.path.name}: column {time!r}", stamps[own & timed])
         stream.notes += [] if note is None or any(note in one.notes for one in found) else [note]
-        stream.msgtype, rows = _rows(spec, names, values)
+        stream.msgtype, rows = _rows(spec, values)
         stream.add(stamps[own & timed], rows[own & timed])
         found.append(stream)
     return found
@@ -293,20 +293,14 @@ def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
 Columns = TrackColumns | ImuColumns | PoseColumns | HeadingColumns
 
 
-def wanted_columns(columns: ColumnMap) -> Iterator[tuple[str, Columns, list[str]]]:
-    """Yield each stream of a column map: purpose, map, and columns except the time."""
-    if tracks := columns.tracks:
-        yield "tracks", tracks, [*tracks.names]
-    if imu := columns.imu:
-        yield "imu", imu, [*imu.angular_velocity, *imu.linear_acceleration]
-    for purpose, poses in (("fixes", columns.fixes), ("truth", columns.truth)):
-        if poses:
-            yield purpose, poses, pose_names(poses)
-    if heading := columns.heading:
-        yield "heading", heading, [heading.yaw]
+def wanted_columns(columns: ColumnMap) -> Iterator[tuple[str, Columns]]:
+    """Yield each stream of a column map: its purpose, and its columns."""
+    for purpose in ("tracks", "imu", "fixes", "truth", "heading"):
+        if (spec := getattr(columns, purpose)) is not None:
+            yield purpose, spec
 
 
-def _rows(spec: Columns, names: list[str], values: Floats) -> tuple[str, Floats]:
+def _rows(spec: Columns, values: Floats) -> tuple[str, Floats]:
     """Equivalent message type, and the rows that its reader would return."""
     if isinstance(spec, TrackColumns):
         return COLUMNS, values
@@ -314,8 +308,7 @@ def _rows(spec: Columns, names: list[str], values: Floats) -> tuple[str, Floats]
         return COLUMNS, imu_rows(spec, values)
     if isinstance(spec, HeadingColumns):
         return COLUMNS, _heading_rows(spec, values)
-    by_name = dict(zip(names, values.T, strict=True))
-    return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, by_name)
+    return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, values)
 
 
 def _heading_rows(spec: HeadingColumns, values: Floats) -> Floats:
