@@ -52,11 +52,6 @@ class Outbox(NamedTuple):
     make: Callable[[Messages, int], Any]  # function that makes the i-th message
     latched: bool = False  # whether who subscribes later gets the newest message, too
 
-    def serialised(self, messages: Messages) -> Iterator[bytes]:
-        """Yield the serialised messages in order."""
-        for i in range(len(self.stamps)):
-            yield bytes(messages.serialize(self.make(messages, i), self.msgtype))
-
 
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:
     """Write a bag.
@@ -112,9 +107,9 @@ def _send(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
             connections[topic] = writer.add_connection(
                 topic, msgtype, typestore=messages.store, **options
             )
-        connection = connections[topic]
-        sent = zip(map(int, outbox.stamps), outbox.serialised(messages), strict=True)
-        return ((stamp, connection, data) for stamp, data in sent)
+        for i, stamp in enumerate(outbox.stamps):
+            data = bytes(messages.serialize(outbox.make(messages, i), msgtype))
+            yield int(stamp), connections[topic], data
 
     for stamp, connection, data in merge(*map(packed, outboxes), key=lambda item: item[0]):
         writer.write(connection, stamp, data)

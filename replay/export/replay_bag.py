@@ -69,8 +69,8 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     others = (SMOOTHED, KNOWN_BIAS)
     base = [name for name in comparison.runs if not name.endswith(others)][-1]
     for name, one in comparison.runs.items():
-        topic, frame = frame_of(name), f"{frame_of(name)}/{BASE_LINK}"
-        poses = one.trajectory.pose_series
+        topic, poses = name.replace("-", "_"), one.trajectory.pose_series
+        frame = f"{topic}/{BASE_LINK}"
         outboxes += [
             _odometry(f"/{topic}/odom", one.trajectory, frame),
             pose_messages(f"/{topic}/pose", poses.rows(thinned(poses.stamps, POSE_RATE))),
@@ -94,11 +94,6 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     if filtered := {name: one for name, one in comparison.runs.items() if one.innovation_names}:
         outboxes.append(diagnostics(filtered, robot.name))
     return write_bag(path, form, [one for one in outboxes if len(one.stamps)])
-
-
-def frame_of(variant: str) -> str:
-    """Name of a variant in topics and frames."""
-    return variant.replace("-", "_")
 
 
 def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
