@@ -9,6 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
 from icreckon.replay.checking.check import (
     FORWARD,
@@ -109,7 +110,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     """Roll and pitch of the IMU, by gravity."""
     if log.imu is None:
         return
-    force = in_base(log.imu, robot)[1]
+    rate, force = in_base(log.imu, robot)
     if force is None:
         return
     up = np.nanmean(force, axis=0)
@@ -122,7 +123,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         f"{tilt:.1f} deg off the file, by gravity",
     )
     found = Check(MOUNTING, angles, in_log, measured=Measured(tilt, "deg", 0.0))
-    if tilt <= LEAST_TILT + _tilt_by_turning(log, robot):
+    if tilt <= LEAST_TILT + _tilt_by_turning(log.tracks, log.imu, rate, robot):
         yield found
         return
     turned = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
@@ -141,14 +142,12 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     )
 
 
-def _tilt_by_turning(log: Log, robot: Robot) -> float:
+def _tilt_by_turning(tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats, robot: Robot) -> float:
     """Tilt that the mean force of turning looks like [deg], at most."""
-    assert log.imu is not None  # noqa: S101 - checked by the caller
-    rate = in_base(log.imu, robot)[0]
     forward, left, _ = robot.imu.position
     force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
-    if imu_mounting.are_usable(log.tracks):
-        speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
+    if imu_mounting.are_usable(tracks):
+        speed = np.interp(imu.stamps, tracks.stamps, tracks.speeds.mean(axis=1))
         force += abs(float(np.mean(speed * rate)))
     return math.degrees(math.atan(force / GRAVITY))
 
