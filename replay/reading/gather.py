@@ -169,9 +169,10 @@ def _first_text(
 def _of_table(path: Path, mapping: TopicMap) -> Gathered:
     table = Table(path)
     if mapping.columns is None:
+        names = ", ".join(column.name for column in table.columns)
         raise ReplayError(
             f"{path}: a table needs [log.columns] in the robot file (`icreckon inspect {path}` "
-            f"proposes it); its columns are {table.names()}"
+            f"proposes it); its columns are {names}"
         )
     part = Gathered(str(path), mapping)
     part.notes = list(table.notes)

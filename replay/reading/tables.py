@@ -138,10 +138,6 @@ class Table:
         """Test for the presence of all these columns."""
         return set(names) <= {column.name for column in self.columns}
 
-    def names(self) -> str:
-        """Names of the columns, for messages."""
-        return ", ".join(column.name for column in self.columns)
-
     def numbers(self, names: Sequence[str]) -> Floats:
         """Columns as numbers (n, k); NaN for an empty cell.
 
