@@ -21,7 +21,7 @@ from rosbags.rosbag2.reader import DirectoryReader
 from icreckon.replay.bags.records import LATEST, Channel, Record
 from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
 from icreckon.replay.bags.unpacking import limit, unpack, unpack_file
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import ReplayError, os_errors
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 STORAGE_SUFFIXES = (".mcap", ".db3")
@@ -247,10 +247,8 @@ def _packed_files(path: Path) -> list[Path]:
     """Files of a bag that are compressed as a whole, and were not unpacked."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ReplayError(f"{path}: is a device or a pipe; a log is a file or a folder")
-    try:
+    with os_errors(path, "cannot be read"):
         found = [path] if path.is_file() else sorted(path.iterdir())
-    except OSError as problem:
-        raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
     return [
         file
         for file in found
@@ -282,7 +280,7 @@ def _unpacked(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
 
 def _ways(path: Path, unpacked: list[Path]) -> list[list[Path]]:
     """Methods of opening the bag, each a list of files to open together."""
-    try:
+    with os_errors(path, "cannot be read"):
         if path.is_file():
             files = unpacked or [path]
             _check_is_bag(files[0])
@@ -292,8 +290,6 @@ def _ways(path: Path, unpacked: list[Path]) -> list[list[Path]]:
             raise ReplayError(f"{path}: {_why_no_bag(path)}")
         for file in files:
             _check_is_bag(file)
-    except OSError as problem:
-        raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
     # Of a bag that is compressed as a whole, rosbags would unpack all, without a limit.
     return [files] if any(path.glob(f"*{PACKED_SUFFIX}")) else [[path], files]
 
