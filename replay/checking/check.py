@@ -174,10 +174,7 @@ def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
 def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:
     """Scale of the track speeds by truth or fixes; None if they do not show it.
 
-    Args:
-        log: the log.
-        robot: the robot.
-        bends: whether windows with bends count, too, in which tracks slip.
+    With `bends`, windows with bends count, too, in which tracks slip.
     """
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None

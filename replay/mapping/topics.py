@@ -225,11 +225,7 @@ def with_column_keys(text: str, robot: Robot) -> str:
 
 
 def topic_map(robot: Robot, source: str) -> TopicMap:
-    """Convert and check the `[log]` table of a robot file.
-
-    Args:
-        robot: the robot.
-        source: name of its file, for error messages.
+    """Convert and check the `[log]` table of a robot file, which messages call `source`.
 
     Raises:
         ReplayError: a misspelt key, a wrong type or a bad value.
