@@ -15,7 +15,7 @@ from icreckon.replay.inspection.fix_wander import FixWanderEstimate
 from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
-from icreckon.replay.inspection.wheels import WheelEstimates, heading_offset
+from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.mapping.track_units import OF_GROUND
@@ -47,7 +47,6 @@ class Sizes(NamedTuple):
 
 
 NO_SIZES = Sizes()
-NO_WHEELS = WheelEstimates(None, "", None)
 
 
 @dataclass(frozen=True)
@@ -87,12 +86,7 @@ class LogEstimates:
 
 
 def robot_file_text(path: Path, seen: LogEstimates) -> str:
-    """Format a robot file that `load_robot` and `topic_map` accept.
-
-    Args:
-        path: the bag, for the robot's name.
-        seen: estimates from it.
-    """
+    """Format a robot file that `load_robot` and `topic_map` accept, named after the bag."""
     late, wandering = _latency_lines(seen.latencies.get("tracks")), _wander_lines(seen.wander)
     columns = seen.mapping.columns
     lines = [
@@ -291,8 +285,8 @@ def _tracks(seen: LogEstimates) -> list[str]:
             of = "the speeds"
         if shown < sigma:
             sigma = max(shown, LEAST_SCALE_SIGMA)
-            remark = f"of {of}, by the {estimates.way_source}; {USUAL_SCALE_SIGMA:g} for another"
-            remark = remark if rates else remark.split(";")[0]
+            remark = f"of {of}, by the {estimates.way_source}"
+            remark += f"; {USUAL_SCALE_SIGMA:g} for another" if rates else ""
     return [
         "[tracks]",
         f"scale_sigma = {sigma:.2g}    # relative, {remark}",

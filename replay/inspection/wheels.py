@@ -43,6 +43,9 @@ class WheelEstimates(NamedTuple):
     track_sigma: float | None = None  # standard error of `track_ratio`, or None
 
 
+NO_WHEELS = WheelEstimates(None, "", None)
+
+
 def wheel_estimates(
     log: Log, vertical: Floats | None, correlation: float | None, straight: float = STRAIGHT
 ) -> WheelEstimates:
@@ -54,26 +57,19 @@ def wheel_estimates(
         correlation: correlation of that rate with V_r - V_l, or None.
         straight: largest turning of windows that count for the radius [rad].
     """
+    if vertical is None or log.imu is None or not imu_mounting.are_usable(log.tracks):
+        return NO_WHEELS
     track_ratio = track_sigma = None
-    speeds = log.tracks.speeds
-    usable = imu_mounting.are_usable(log.tracks)
-    if (
-        usable
-        and log.imu is not None
-        and vertical is not None
-        and (correlation or 0.0) > imu_mounting.CLEAR_TURNING
-    ):
+    if (correlation or 0.0) > imu_mounting.CLEAR_TURNING:
+        speeds = log.tracks.speeds
         difference = np.interp(log.imu.stamps, log.tracks.stamps, speeds[:, 1] - speeds[:, 0])
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
-    nothing = WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
-    if not usable or vertical is None or log.imu is None:
-        return nothing
     if log.truth is not None:
         source, stamps, places = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
     elif log.fixes is not None:
         source, stamps, places = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
     else:
-        return nothing
+        return WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
     ratio, sigma = _distance_ratio(log, vertical, stamps, places, WINDOWS[source], straight)
     return WheelEstimates(ratio, source, track_ratio, sigma, track_sigma)
 
