@@ -327,23 +327,16 @@ class LiveInputs:
 
     def _evidence(self) -> dict[str, Evidence]:
         """Evidence about the clocks of the streams, those that are chosen included."""
-        evidence = {
-            purpose: Evidence(stream.topic, stream.time, 0.0)
-            for purpose, stream in self._streams.items()
-            if purpose in self.clocks
-        }
+        evidence = {}
         for purpose, stream in self._streams.items():
             rows = [one for one in self._waiting if one.purpose == purpose]
-            offsets = [one.header - one.arrival for one in rows if one.header is not None]
-            if not rows or purpose in self.clocks:
-                continue
-            headers = {one.header for one in rows}
-            evidence[purpose] = Evidence(
-                stream.topic,
-                stream.time,
-                None if len(offsets) < len(rows) else _prompt(offsets),
-                len(rows) > 1 and len(headers) == 1,
-            )
+            if purpose in self.clocks:
+                evidence[purpose] = Evidence(stream.topic, stream.time, 0.0)
+            elif rows:
+                offsets = [one.header - one.arrival for one in rows if one.header is not None]
+                offset = None if len(offsets) < len(rows) else _prompt(offsets)
+                constant = len(rows) > 1 and len({one.header for one in rows}) == 1
+                evidence[purpose] = Evidence(stream.topic, stream.time, offset, constant)
         return evidence
 
     # --- measurements ------------------------------------------------------------------------------
