@@ -212,21 +212,14 @@ def _true_indices(truth: Truth, stamps: Stamps) -> Results:
     """Indices of the true motion by (1) to (3), (17) to (19), up to the gauge of eta."""
     if truth.twists is None or truth.tracks is None:
         return {}
-    columns = [
-        _nearest(truth.twists.stamps, truth.twists.twists, stamps),
-        _nearest(truth.tracks.stamps, truth.tracks.speeds, stamps),
-    ]
-    (v_x, v_y, w), (V_l, V_r) = columns[0].T, columns[1].T
+    v_x, v_y, w = _nearest(truth.twists.stamps, truth.twists.twists, stamps).T
+    V_l, V_r = _nearest(truth.tracks.stamps, truth.tracks.speeds, stamps).T
     with np.errstate(divide="ignore", invalid="ignore"):
         icrs = icrs_from_twist(V_l, V_r, PaperTwist(-v_y, v_x, w))
     turning = np.abs(w) >= LEAST_YAW_RATE
     shown = Icrs(*(np.where(turning, value, np.nan) for value in icrs))
-    zeta, epsilon, width = indices_from_icrs(shown, 1.0)
-    return {
-        "zeta_m": _rounded(zeta),
-        "epsilon_m": _rounded(epsilon),
-        "icr_distance_m": _rounded(width),
-    }
+    indices = np.column_stack(indices_from_icrs(shown, 1.0))
+    return _columns(("zeta_m", "epsilon_m", "icr_distance_m"), indices)
 
 
 def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
