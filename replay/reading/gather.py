@@ -91,10 +91,14 @@ def gather(
     Raises:
         ReplayError: no bag or table, no track speeds although mapped, or an unsupported message type.
     """
-    result = Gathered(source_name(paths), mapping)
+    result, report = Gathered(source_name(paths), mapping), progress or (lambda _: None)
     bags = [path for path in paths if path.is_dir() or not is_table(path)]
     if own_mapping:
         _use_own_mapping(result, bags, definitions)
+
+    def share_of(number: int) -> Progress:
+        return lambda done: report((number + done) / len(paths))
+
     for number, path in enumerate(paths):
         if path in bags:
             read = partial(
@@ -102,7 +106,7 @@ def gather(
                 path=path,
                 mapping=result.mapping,
                 definitions=definitions,
-                report=_part_of(progress, number, len(paths)),
+                report=share_of(number),
             )
             part = over_bag(path, read)
         else:
@@ -117,16 +121,6 @@ def gather(
     if bags:
         result.notes += _left_out(result)
     return result
-
-
-def _part_of(progress: Progress | None, number: int, parts: int) -> Progress:
-    """Convert the progress of one of several parts to that of the whole."""
-
-    def report(done: float) -> None:
-        if progress is not None:
-            progress((number + done) / parts)
-
-    return report
 
 
 def _use_own_mapping(result: Gathered, bags: Sequence[Path], definitions: Definitions) -> None:

@@ -79,6 +79,8 @@ class _Assembly:
                 self._drop(f"{stream.purpose}: {reason}", count)
             self.notes += stream.notes
         others: tuple[Measurement, ...] = (*headings, *self._heights)
+        # Runs start in the frame of the truth, if there is one.
+        is_geodetic = truth is None or streams["truth"].msgtype == NAVSATFIX
         return Log(
             name=name,
             tracks=tracks,
@@ -88,14 +90,8 @@ class _Assembly:
             dropped=self.dropped,
             notes=tuple(self.notes),
             others=tuple(sorted(others, key=lambda one: one.stamp)),
-            origin=self._origin_of(truth, streams.get("truth")),
+            origin=self._origin if is_geodetic else None,
         )
-
-    def _origin_of(self, truth: series.Truth | None, stream: Stream | None) -> Origin | None:
-        """Origin of the frame that runs start in: the truth's, if there is one."""
-        if truth is None or stream is None or stream.msgtype == NAVSATFIX:
-            return self._origin
-        return None
 
     def _spec(self, stream: Stream) -> Any:
         """Entry of the mapping for a stream: its columns, or its topic."""
