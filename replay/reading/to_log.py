@@ -64,8 +64,11 @@ class _Assembly:
         for purpose, choice in self.clocks.items():
             if not choice.by_default:
                 self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
-        self._find_largest_part()
-        self._find_overlaid()
+        stamps = [self._ordered(streams[one])[0] for one in OVERLAID if one in streams]
+        if sum(map(len, stamps)):
+            # The rest is by clocks that are not set.
+            self._part = largest_part(np.sort(np.concatenate(stamps)))
+        self._find_overlaid(stamps)
         tracks = self._tracks(one) if (one := streams.get("tracks")) else None
         if tracks is None:
             self.notes.append("no track speeds: the robot file maps no topic for them")
@@ -123,20 +126,11 @@ class _Assembly:
             self._arrays_of[stream.purpose] = stream.arrays(self.clocks[stream.purpose].clock)
         return self._arrays_of[stream.purpose]
 
-    def _find_largest_part(self) -> None:
-        """Find the part without gaps of days; the rest is by clocks that are not set."""
-        streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
-        stamps = [self._ordered(one)[0] for one in streams if one is not None]
-        if sum(map(len, stamps)):
-            self._part = largest_part(np.sort(np.concatenate(stamps)))
-
-    def _find_overlaid(self) -> None:
+    def _find_overlaid(self, stamps: list[Stamps]) -> None:
         """Find when the recorder's clock was set back: tracks and IMU at twice their rate."""
-        streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
-        doubled = [doubled_times(self._ordered(one)[0]) for one in streams if one is not None]
-        if len(doubled) < len(OVERLAID):
+        if len(stamps) < len(OVERLAID):
             return
-        self._overlaid = in_both(*doubled)
+        self._overlaid = in_both(*map(doubled_times, stamps))
         for begin, end in self._overlaid:
             self.notes.append(
                 f"for {(end - begin) * NANOSECOND:.1f} s there are twice as many track speeds and IMU "
