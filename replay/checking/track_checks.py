@@ -9,7 +9,7 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
+from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
@@ -33,7 +33,7 @@ from icreckon.replay.checking.check import (
 )
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.latency import objection, track_latency
-from icreckon.replay.inspection.wheels import DEGREES, turning_suspicion
+from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
 from icreckon.replay.mapping.topics import TrackTopic
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
@@ -313,12 +313,9 @@ def _scale_by_force(
         x, y = change[where], forward[where]
         return float(x @ y / (x @ x))
 
-    every = np.arange(len(change))
     if not change.any():
         return None
-    without = [slope(np.delete(every, one)) for one in np.array_split(every, BLOCKS)]
-    sigma = jackknife_sigma(np.array(without))
-    ratio = slope(every)
+    ratio, sigma = jackknifed(slope, len(change))
     return (ratio, sigma) if ratio > 0.0 and sigma < 0.1 * ratio else None
 
 

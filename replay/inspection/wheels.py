@@ -1,8 +1,10 @@
 """First estimates of wheels, units and standstills from a log, without a filter."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
@@ -77,18 +79,22 @@ def wheel_estimates(
 def _turning_ratio(vertical: Floats, difference: Floats) -> tuple[float, float | None]:
     """Ratio of V_r - V_l to the yaw rate by linear regression, and its standard error."""
 
-    def ratio(rate: Floats, turning: Floats) -> float:
-        return float(np.var(turning, ddof=1) / np.cov(rate, turning)[0, 1])
+    def ratio(rows: NDArray[np.int_]) -> float:
+        turning = difference[rows]
+        return float(np.var(turning, ddof=1) / np.cov(vertical[rows], turning)[0, 1])
 
-    sigma = None
-    if len(vertical) >= FEWEST_SAMPLES:
-        blocks = np.array_split(np.arange(len(vertical)), BLOCKS)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            without = [
-                ratio(np.delete(vertical, one), np.delete(difference, one)) for one in blocks
-            ]
-        sigma = jackknife_sigma(np.array(without))
-    return ratio(vertical, difference), sigma if sigma is not None and np.isfinite(sigma) else None
+    if len(vertical) < FEWEST_SAMPLES:
+        return ratio(np.arange(len(vertical))), None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value, sigma = jackknifed(ratio, len(vertical))
+    return value, sigma if np.isfinite(sigma) else None
+
+
+def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tuple[float, float]:
+    """Estimate from all rows, and its standard error by leaving out blocks of rows in turn."""
+    every = np.arange(count)
+    without = [estimate(np.delete(every, one)) for one in np.array_split(every, BLOCKS)]
+    return estimate(every), jackknife_sigma(np.array(without))
 
 
 def _distance_ratio(
@@ -115,11 +121,9 @@ def _distance_ratio(
     if straight.sum() < FEWEST_WINDOWS:
         return None, None
     ratios = chords[straight] / arcs[straight]
-    sigma = None
-    if len(ratios) >= 2 * BLOCKS:
-        blocks = np.array_split(np.arange(len(ratios)), BLOCKS)
-        sigma = jackknife_sigma(np.array([np.median(np.delete(ratios, one)) for one in blocks]))
-    return float(np.median(ratios)), sigma
+    if len(ratios) < 2 * BLOCKS:
+        return float(np.median(ratios)), None
+    return jackknifed(lambda rows: float(np.median(ratios[rows])), len(ratios))
 
 
 def standstills(log: Log) -> list[tuple[float, float]]:
