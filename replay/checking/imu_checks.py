@@ -58,8 +58,8 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
     topic = robot.log.get("imu", {}).get("topic")
     if topic is None and "imu" in columns:
         topic = "its columns"
-    if log.imu is not None and np.abs(log.imu.angular_velocity).max() > imu_mounting.ABSURD:
-        largest = float(np.abs(log.imu.angular_velocity).max())
+    largest = 0.0 if log.imu is None else float(np.abs(log.imu.angular_velocity).max())
+    if largest > imu_mounting.ABSURD:
         yield Check(
             "gyro",
             "rad/s",
