@@ -14,7 +14,7 @@ from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
-from icreckon.replay.mapping.field_paths import FieldReader
+from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
 from icreckon.replay.reading import message_rows
@@ -229,7 +229,7 @@ def wanted_streams(
                 frames=mapped.frames,
             )
         if isinstance(mapped, FixTopic) and mapped.names:
-            by_field = FieldReader(mapped.names, partial(pose_rows, mapped))
+            by_field = field_reader(mapped.names, partial(pose_rows, mapped))
             return stream(purpose, mapped.topic, mapped.time, {}, by_field)
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
@@ -237,11 +237,11 @@ def wanted_streams(
     if tracks := mapping.tracks:
         readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
         by_field = tracks.left and types.get(tracks.topic) not in readers
-        reader = FieldReader(tracks.names, None) if by_field else None
+        reader = field_reader(tracks.names) if by_field else None
         yield stream("tracks", tracks.topic, tracks.time, readers, reader)
     if imu := mapping.imu:
         if imu.names:
-            reader = FieldReader(imu.names, partial(imu_rows, imu))
+            reader = field_reader(imu.names, partial(imu_rows, imu))
             yield stream("imu", imu.topic, imu.time, {}, reader)
         else:
             yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
