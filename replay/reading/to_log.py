@@ -1,6 +1,7 @@
 """Assembly of a log from gathered streams: units, clocks, screening."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -49,7 +50,7 @@ class _Assembly:
     gathered: Gathered
     robot: Robot
     clocks: dict[str, Choice]
-    dropped: dict[str, int] = field(default_factory=dict)
+    dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     _arrays_of: dict[str, tuple[Stamps, Floats]] = field(default_factory=dict)
     _overlaid: list[tuple[int, int]] = field(default_factory=list)
@@ -79,7 +80,7 @@ class _Assembly:
         truth = self._truth(one, streams) if (one := streams.get("truth")) else None
         for stream in streams.values():
             for reason, count in stream.lost.items():
-                self._drop(f"{stream.purpose}: {reason}", count)
+                self.dropped[f"{stream.purpose}: {reason}"] += count
             self.notes += stream.notes
         others: tuple[Measurement, ...] = (*headings, *self._heights)
         # Runs start in the frame of the truth, if there is one.
@@ -90,7 +91,7 @@ class _Assembly:
             imu=imu,
             fixes=fixes,
             truth=truth,
-            dropped=self.dropped,
+            dropped=dict(self.dropped),
             notes=tuple(self.notes),
             others=tuple(sorted(others, key=lambda one: one.stamp)),
             origin=self._origin if is_geodetic else None,
@@ -103,9 +104,6 @@ class _Assembly:
         # The true track speeds come by the joints of the measured ones.
         purpose = stream.purpose.removeprefix("truth ")
         return getattr(mapping if table is None else table, purpose)
-
-    def _drop(self, reason: str, count: int) -> None:
-        self.dropped[reason] = self.dropped.get(reason, 0) + count
 
     def _arrays(self, stream: Stream, width: int) -> tuple[Stamps, Floats]:
         stamps, rows = self._ordered(stream)
@@ -144,8 +142,7 @@ class _Assembly:
         keep, reasons = np.empty(0, dtype=bool), dict[str, int]()
         if len(stamps):
             keep, reasons = screen(stream.purpose, stamps, values, positive=positive)
-        for reason, count in reasons.items():
-            self._drop(reason, count)
+        self.dropped.update(reasons)
         if not keep.any():
             losses = "".join(f", {count} x {reason}" for reason, count in reasons.items())
             losses += "".join(f", {count} x {reason}" for reason, count in stream.lost.items())
