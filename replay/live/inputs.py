@@ -39,7 +39,7 @@ from icreckon.replay.reading.tf import TransformStream
 from icreckon.replay.reading.wheels import mean_of_sides
 
 PURPOSES = ("tracks", "imu", "fixes", "heading")
-"""Streams that a live estimator uses, in the order of their choice of clocks."""
+"""Streams that a live estimator uses."""
 WATCHED = ("tracks", "imu")
 """Streams whose stamps show that a clock was set forward."""
 WITNESSES = 5
@@ -127,10 +127,7 @@ class LiveInputs:
     def subscriptions(self) -> list[Subscription]:
         """Topics to subscribe to."""
         found = []
-        for purpose in PURPOSES:
-            stream = self._streams.get(purpose)
-            if stream is None:
-                continue
+        for purpose, stream in self._streams.items():
             types = () if stream.any_reader is not None else tuple(stream.readers)
             found += [
                 Subscription(purpose, topic, types, topic != stream.topic)
