@@ -138,10 +138,9 @@ def _ros2_writer(path: Path, plugin: StoragePlugin, bare: bool) -> Iterator[tupl
 
 
 def _check_stamps(outbox: Outbox) -> None:
-    stamps = outbox.stamps
-    if len(stamps) and not (stamps.min() >= 0 and stamps.max() < LARGEST_STAMP):
-        bad = stamps[(stamps < 0) | (stamps >= LARGEST_STAMP)][0]
+    bad = outbox.stamps[(outbox.stamps < 0) | (outbox.stamps >= LARGEST_STAMP)]
+    if len(bad):
         raise ReplayError(
-            f"topic {outbox.topic!r}: the stamp {bad} ns cannot be written; stamps in bags are "
+            f"topic {outbox.topic!r}: the stamp {bad[0]} ns cannot be written; stamps in bags are "
             f"from 0 to {LARGEST_STAMP - 1} ns"
         )
