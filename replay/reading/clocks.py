@@ -45,15 +45,13 @@ def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
 
 def clocks_agree(streams: Mapping[str, Evidence]) -> bool:
     """Return whether the header clocks of all streams that have one agree."""
-    usable = {
-        purpose: stream.offset
-        for purpose, stream in streams.items()
+    offsets = [
+        stream.offset
+        for stream in streams.values()
         if stream.offset is not None and not stream.constant and stream.asked != "recording"
-    }
-    others = any(
-        stream.asked == "recording" or purpose not in usable for purpose, stream in streams.items()
-    )
-    offsets = list(usable.values()) + ([0.0] if others else [])
+    ]
+    if len(offsets) < len(streams):
+        offsets.append(0.0)  # the others are by the recorder's clock
     return not offsets or max(offsets) - min(offsets) <= CLOCKS_APART
 
 
