@@ -149,11 +149,7 @@ class Table:
     def _numbers(self, name: str) -> Floats:
         import pyarrow as pa
 
-        if name in self._others:
-            raise ReplayError(
-                f"{self.path}: column {name!r} holds {self._others[name]}, not numbers"
-            )
-        column = self._table.column(name)
+        column = self._column(name, "numbers")
         if pa.types.is_null(column.type):
             return np.full(len(column), NAN)
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
@@ -166,6 +162,11 @@ class Table:
             such = f" (such as {str(filled[0].as_py())!r})" if len(filled) else ""
             raise ReplayError(f"{self.path}: column {name!r} holds {kind}, not numbers{such}")
         return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+
+    def _column(self, name: str, wanted: str) -> Any:
+        if kind := self._others.get(name):
+            raise ReplayError(f"{self.path}: column {name!r} holds {kind}, not {wanted}")
+        return self._table.column(name)
 
     def stray_texts(self) -> Iterator[str]:
         """Yield a note for each column of numbers that some text makes a column of texts."""
@@ -182,9 +183,7 @@ class Table:
         """
         import pyarrow as pa
 
-        if name in self._others:
-            raise ReplayError(f"{self.path}: column {name!r} holds {self._others[name]}, not times")
-        column = self._table.column(name)
+        column = self._column(name, "times")
         there = ~np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
         if pa.types.is_timestamp(column.type):
             whole = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
