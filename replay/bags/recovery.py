@@ -161,13 +161,12 @@ class RecordWalk:
             operation = fields[b"op"][0]
             (length,) = struct.unpack("<L", file.read(4))
             content = file.read(min(length, _rest(file)))
-            whole = len(content) == length
             if operation == ROS1_CHUNK:
                 compression = fields[b"compression"].decode()
                 size = struct.unpack("<L", fields[b"size"])[0]
                 records = self._ros1_chunk(content, compression, size)
-                yield from self._chunk(records, cut=not whole)
-            elif not whole:
+                yield from self._chunk(records, cut=len(content) < length)
+            elif len(content) < length:
                 raise BreakError
             else:
                 yield from self._ros1_record(operation, fields, content)
