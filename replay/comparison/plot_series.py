@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +17,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.drift_table import Results
 from icreckon.replay.comparison.holes import largest_sigma
 from icreckon.replay.comparison.scores import truths_of
 
@@ -36,8 +36,6 @@ DECIMALS = 4
 POSE, SPATIAL = ("x_m", "y_m", "yaw_rad"), ("z_m", "roll_rad", "pitch_rad")
 SPATIAL_SIGMA = ("z_sigma_m", "roll_sigma_rad", "pitch_sigma_rad")
 TWIST, INDICES = ("v_x_m_s", "v_y_m_s", "w_rad_s"), ("zeta_m", "epsilon_m", "eta")
-
-Results = dict[str, Any]
 
 
 def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
