@@ -42,11 +42,11 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     truths = {topic: sample for topic, sample in found.items() if is_truth(topic)}
     own = {topic: sample for topic, sample in found.items() if not is_truth(topic)}
     tracks = _tracks(own)
-    taken = {tracks.topic} if tracks else set()
+    taken = tracks.topic if tracks else None
     return TopicMap(
         tracks=tracks,
         imu=_imu(own),
-        fixes=_fixes({topic: sample for topic, sample in own.items() if topic not in taken}),
+        fixes=_fixes({topic: sample for topic, sample in own.items() if topic != taken}),
         truth=_truth(truths, tracks),
         heading=_heading(own),
     )
