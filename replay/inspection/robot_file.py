@@ -86,7 +86,7 @@ class LogEstimates:
 
 
 def robot_file_text(path: Path, seen: LogEstimates) -> str:
-    """Format a robot file that `load_robot` and `topic_map` accept, named after the bag."""
+    """Format a robot file for `load_robot` and `topic_map`, named after the bag."""
     late, wandering = _latency_lines(seen.latencies.get("tracks")), _wander_lines(seen.wander)
     columns = seen.mapping.columns
     lines = [

@@ -91,7 +91,7 @@ def _turning_ratio(vertical: Floats, difference: Floats) -> tuple[float, float |
 
 
 def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tuple[float, float]:
-    """Estimate from all rows, and its standard error by leaving out blocks of rows in turn."""
+    """Estimate from all rows, and its standard error: blocks are left out in turn."""
     every = np.arange(count)
     without = [estimate(np.delete(every, one)) for one in np.array_split(every, BLOCKS)]
     return estimate(every), jackknife_sigma(np.array(without))

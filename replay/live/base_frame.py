@@ -27,7 +27,7 @@ class BaseFrame:
         self._moves = any(offset)
 
     def pose_in_odom(self, pose: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-        """Pose of the base frame in odom, by that of the centre in the axes of its own start."""
+        """Pose of the base frame in odom; the centre's is in the axes of its start."""
         if not self._moves:
             return pose, covariance
         placed, covariance = self.pose_in_map(pose, covariance)

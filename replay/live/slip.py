@@ -26,7 +26,7 @@ class SlipWatch:
         self._gauge, self._stands = gauge, False
 
     def look(self, estimator: PoseEstimator, tracks: TrackSpeeds) -> list[DiagnosticStatus]:
-        """Statuses slip, stuck, spinning and sliding by the newest speeds, WARN while it lasts."""
+        """Statuses slip, stuck, spinning and sliding, WARN while it lasts."""
         findings = estimator.health.findings
         forward, sideways, w = estimator.twist.tolist()
         # During a slide the filter keeps the speed of the tracks, and makes it uncertain.

@@ -225,7 +225,7 @@ def with_column_keys(text: str, robot: Robot) -> str:
 
 
 def topic_map(robot: Robot, source: str) -> TopicMap:
-    """Convert and check the `[log]` table of a robot file, which messages call `source`.
+    """Convert and check the `[log]` table of a robot file; `source` is its name.
 
     Raises:
         ReplayError: a misspelt key, a wrong type or a bad value.

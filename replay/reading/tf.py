@@ -94,7 +94,7 @@ class TransformStream(Stream):
         self.add_transforms(record.channel.topic, record.time, message)
 
     def forget_transforms(self, age: int | None = None) -> None:
-        """Forget the transforms older than the newest by an age [ns], or all but static ones."""
+        """Forget transforms that lag the newest by an age [ns], or all but static ones."""
         newest = max((max(found.stamped) for found in self._links.values()), default=0)
         for link, found in list(self._links.items()):
             first = len(found.stamped)
