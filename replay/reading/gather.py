@@ -280,13 +280,12 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
         if purpose in result.streams:
             continue
         if purpose == "tracks":
-            remedy = "Correct the robot file's [log.columns.tracks]"
+            remedy = "Correct the robot file's [log.columns.tracks], or leave that table out"
             if bags:
-                remedy = "Name the right one in the robot file's [log.tracks]"
-            raise ReplayError(
-                f"{result.source}: {' and '.join(texts)}; there is {there}. {remedy}, or leave that "
-                "table out"
-            )
+                remedy = (
+                    "Name the right one in the robot file's [log.tracks], or leave that table out"
+                )
+            raise ReplayError(f"{result.source}: {' and '.join(texts)}; there is {there}. {remedy}")
         result.notes.append(f"{OF_ROBOT_FILE}{' and '.join(texts)}; there is {there}")
 
 
