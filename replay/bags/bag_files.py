@@ -4,8 +4,6 @@
 or SQLite file. Files that are compressed as a whole are unpacked first.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Generator, Iterator
 from contextlib import ExitStack
 from functools import partial
@@ -23,7 +21,7 @@ from rosbags.rosbag2.reader import DirectoryReader
 from icreckon.replay.bags.records import LATEST, Channel, Record
 from icreckon.replay.bags.recovery import MCAP_MAGIC, ROS1_MAGIC, RecordWalk
 from icreckon.replay.bags.unpacking import limit, unpack, unpack_file
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import ReplayError, os_errors
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 STORAGE_SUFFIXES = (".mcap", ".db3")
@@ -153,7 +151,9 @@ class _IndexedBag:
                 reader = rosbag1.Reader(file) if ros1 else Ros2Reader(file)
                 self._stack.enter_context(reader)
                 self._sources.append((file, reader, list(reader.connections)))
-            self._count()
+                for connection in reader.connections:
+                    channel = _channel(connection)
+                    self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
         except ReplayError as problem:
             self._stack.close()
             raise ReplayError(f"{file}: {problem}") from None
@@ -162,12 +162,6 @@ class _IndexedBag:
             raise _UnreadableError(_reason(problem)) from problem
         self.notes.extend(_unread_sqlite_journals(self.files))
         return self
-
-    def _count(self) -> None:
-        for _, _, connections in self._sources:
-            for connection in connections:
-                channel = _channel(connection)
-                self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
@@ -232,36 +226,29 @@ class _RecoveredBag:
 
 
 def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
-    size = walk.path.stat().st_size
+    place = f"byte {walk.position} of {walk.path.stat().st_size}"
     if walk.damaged and count:
-        chunks = (
-            f"{len(walk.damaged)} of its chunks {'are' if len(walk.damaged) > 1 else 'is'} damaged"
+        number = f"{len(walk.damaged)} of its chunks {'are' if len(walk.damaged) > 1 else 'is'}"
+        more = "" if walk.complete else f", and the file is cut short at {place}"
+        found = (
+            f"{number} damaged, the first at byte {walk.damaged[0]}{more}; {count} other messages "
+            "were read"
         )
-        more = (
-            ""
-            if walk.complete
-            else f", and the file is cut short at byte {walk.position} of {size}"
+    elif walk.complete:
+        found = f"all its {count} messages were read without the index"
+    else:
+        found = (
+            f"the file is cut short or damaged at {place}, {count} messages before that were read"
         )
-        return (
-            f"{walk.path.name}: {reason}; {chunks}, the first at byte {walk.damaged[0]}{more}; "
-            f"{count} other messages were read"
-        )
-    if walk.complete:
-        return f"{walk.path.name}: {reason}; all its {count} messages were read without the index"
-    return (
-        f"{walk.path.name}: {reason}; the file is cut short or damaged at byte {walk.position} of "
-        f"{size}, {count} messages before that were read"
-    )
+    return f"{walk.path.name}: {reason}; {found}"
 
 
 def _packed_files(path: Path) -> list[Path]:
     """Files of a bag that are compressed as a whole, and were not unpacked."""
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ReplayError(f"{path}: is a device or a pipe; a log is a file or a folder")
-    try:
+    with os_errors(path, "cannot be read"):
         found = [path] if path.is_file() else sorted(path.iterdir())
-    except OSError as problem:
-        raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
     return [
         file
         for file in found
@@ -293,7 +280,7 @@ def _unpacked(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
 
 def _ways(path: Path, unpacked: list[Path]) -> list[list[Path]]:
     """Methods of opening the bag, each a list of files to open together."""
-    try:
+    with os_errors(path, "cannot be read"):
         if path.is_file():
             files = unpacked or [path]
             _check_is_bag(files[0])
@@ -303,8 +290,6 @@ def _ways(path: Path, unpacked: list[Path]) -> list[list[Path]]:
             raise ReplayError(f"{path}: {_why_no_bag(path)}")
         for file in files:
             _check_is_bag(file)
-    except OSError as problem:
-        raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
     # Of a bag that is compressed as a whole, rosbags would unpack all, without a limit.
     return [files] if any(path.glob(f"*{PACKED_SUFFIX}")) else [[path], files]
 

@@ -1,7 +1,5 @@
 """Message decoding: from bytes to fields, by the type definitions of the bag."""
 
-from __future__ import annotations
-
 import os
 import struct
 from collections.abc import Callable, Sequence

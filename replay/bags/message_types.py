@@ -1,7 +1,5 @@
 """Names of the message types that are read or written."""
 
-from __future__ import annotations
-
 JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"
 ODOMETRY = "nav_msgs/msg/Odometry"

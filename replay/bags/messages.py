@@ -1,7 +1,5 @@
 """Message factory with one interface for ROS 1 and ROS 2."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

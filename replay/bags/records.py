@@ -1,7 +1,5 @@
 """Raw messages of a bag and their channels (topics with a type)."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from rosbags.interfaces import MessageDefinition

@@ -5,8 +5,6 @@ sequences of records with a length field, so everything before the break is read
 damaged chunk, too. Formats: ROS bag 2.0 (wiki.ros.org/Bags/Format/2.0), MCAP (mcap.dev/spec).
 """
 
-from __future__ import annotations
-
 import struct
 from binascii import crc32
 from collections.abc import Iterator
@@ -21,6 +19,9 @@ from icreckon.replay.bags.unpacking import DECOMPRESSORS, unpack_beginning
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
+MCAP_FOOTER, MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
+MCAP_DATA_END = 0x0F
+ROS1_MESSAGE, ROS1_CHUNK, ROS1_CONNECTION = 0x02, 0x05, 0x07
 
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
 DEFINITION_FORMATS = {
@@ -37,6 +38,12 @@ class BreakError(Exception):
 
 DAMAGE = (BreakError, struct.error, IndexError, KeyError, UnicodeDecodeError)
 """Exceptions of records that are not as the format prescribes."""
+
+
+class _Schema(NamedTuple):
+    name: str
+    encoding: str
+    text: str
 
 
 class RecordWalk:
@@ -154,13 +161,12 @@ class RecordWalk:
             operation = fields[b"op"][0]
             (length,) = struct.unpack("<L", file.read(4))
             content = file.read(min(length, _rest(file)))
-            whole = len(content) == length
             if operation == ROS1_CHUNK:
                 compression = fields[b"compression"].decode()
                 size = struct.unpack("<L", fields[b"size"])[0]
                 records = self._ros1_chunk(content, compression, size)
-                yield from self._chunk(records, cut=not whole)
-            elif not whole:
+                yield from self._chunk(records, cut=len(content) < length)
+            elif len(content) < length:
                 raise BreakError
             else:
                 yield from self._ros1_record(operation, fields, content)
@@ -193,17 +199,6 @@ class RecordWalk:
                 ),
                 "ros1",
             )
-
-
-MCAP_FOOTER, MCAP_SCHEMA, MCAP_CHANNEL, MCAP_MESSAGE, MCAP_CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
-MCAP_DATA_END = 0x0F
-ROS1_MESSAGE, ROS1_CHUNK, ROS1_CONNECTION = 0x02, 0x05, 0x07
-
-
-class _Schema(NamedTuple):
-    name: str
-    encoding: str
-    text: str
 
 
 def _unpacked(data: bytes, compression: str) -> bytes:

@@ -1,7 +1,5 @@
 """Table files: CSV and Parquet to tables in memory, within limits."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -3,8 +3,6 @@
 Nothing is unpacked beyond the limit, see `unpacked_limit`.
 """
 
-from __future__ import annotations
-
 import bz2
 import sys
 from collections.abc import Callable, Iterable, Iterator
@@ -42,13 +40,10 @@ _limit: ContextVar[int] = ContextVar("_limit", default=500_000_000)
 
 @contextmanager
 def unpacked_limit(gigabytes: float) -> Iterator[None]:
-    """Set the limit of unpacked sizes, 0.5 GB otherwise.
+    """Set the limit of unpacked sizes in gigabytes (1e9 bytes), 0.5 otherwise.
 
     It holds for a chunk or a message of a bag, for the files of a bag that are compressed as a whole,
     and for a table.
-
-    Args:
-        gigabytes: the limit, in 1e9 bytes.
 
     Raises:
         ReplayError: the limit is negative, larger than 1e6, or no finite number.
@@ -107,11 +102,7 @@ def _within_limit(data: bytes, compression: str) -> Iterator[bytes]:
 
 
 def unpack(data: bytes, compression: str) -> bytes:
-    """Decompress a chunk or a message of a bag.
-
-    Args:
-        data: the compressed bytes.
-        compression: "zstd", "lz4" or "bz2".
+    """Decompress a chunk or a message of a bag, packed by "zstd", "lz4" or "bz2".
 
     Raises:
         ReplayError: it unpacks to more than the limit; damage raises one of `DAMAGE`.
@@ -120,7 +111,7 @@ def unpack(data: bytes, compression: str) -> bytes:
 
 
 def unpack_beginning(data: bytes, compression: str) -> bytes:
-    """Decompress a chunk up to its damage; arguments and errors as `unpack`."""
+    """Decompress a chunk up to its damage; errors as `unpack`."""
     unpacked = bytearray()
     with suppress(*DAMAGE):
         for part in _within_limit(data, compression):

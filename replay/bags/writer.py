@@ -1,7 +1,5 @@
 """Bag writer: messages of several topics in the order of their stamps."""
 
-from __future__ import annotations
-
 import sqlite3
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -53,11 +51,6 @@ class Outbox(NamedTuple):
     stamps: Stamps  # (n,) their stamps [ns]
     make: Callable[[Messages, int], Any]  # function that makes the i-th message
     latched: bool = False  # whether who subscribes later gets the newest message, too
-
-    def serialised(self, messages: Messages) -> Iterator[bytes]:
-        """Yield the serialised messages in order."""
-        for i in range(len(self.stamps)):
-            yield bytes(messages.serialize(self.make(messages, i), self.msgtype))
 
 
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:
@@ -114,9 +107,9 @@ def _send(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
             connections[topic] = writer.add_connection(
                 topic, msgtype, typestore=messages.store, **options
             )
-        connection = connections[topic]
-        sent = zip(map(int, outbox.stamps), outbox.serialised(messages), strict=True)
-        return ((stamp, connection, data) for stamp, data in sent)
+        for i, stamp in enumerate(outbox.stamps):
+            data = bytes(messages.serialize(outbox.make(messages, i), msgtype))
+            yield int(stamp), connections[topic], data
 
     for stamp, connection, data in merge(*map(packed, outboxes), key=lambda item: item[0]):
         writer.write(connection, stamp, data)
@@ -145,10 +138,9 @@ def _ros2_writer(path: Path, plugin: StoragePlugin, bare: bool) -> Iterator[tupl
 
 
 def _check_stamps(outbox: Outbox) -> None:
-    stamps = outbox.stamps
-    if len(stamps) and not (stamps.min() >= 0 and stamps.max() < LARGEST_STAMP):
-        bad = stamps[(stamps < 0) | (stamps >= LARGEST_STAMP)][0]
+    bad = outbox.stamps[(outbox.stamps < 0) | (outbox.stamps >= LARGEST_STAMP)]
+    if len(bad):
         raise ReplayError(
-            f"topic {outbox.topic!r}: the stamp {bad} ns cannot be written; stamps in bags are "
+            f"topic {outbox.topic!r}: the stamp {bad[0]} ns cannot be written; stamps in bags are "
             f"from 0 to {LARGEST_STAMP - 1} ns"
         )

@@ -1,7 +1,5 @@
 """Colours of the variants, shared by figures, pages and Foxglove."""
 
-from __future__ import annotations
-
 from icreckon.estimator.streaming.smoother import SMOOTHED
 
 # Okabe-Ito palette, distinguishable with any colour vision; the last is a dark shade of the one before.

@@ -1,7 +1,5 @@
 """One line of a diagnostics panel (diagnostic_msgs/DiagnosticStatus)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import NamedTuple

@@ -1,6 +1,8 @@
 """Error types of the replay package, and first words of notes of weight."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 from icreckon.estimator.base.errors import IcreckonError
 
@@ -11,6 +13,15 @@ class ReplayError(IcreckonError):
 
 class EqualStampsError(ReplayError):
     """All times of a table are equal."""
+
+
+@contextmanager
+def os_errors(path: Path, what: str) -> Iterator[None]:
+    """Report errors of the file system with the path, and what cannot be done with it."""
+    try:
+        yield
+    except OSError as problem:
+        raise ReplayError(f"{path}: {what}: {problem.strerror or problem}") from None
 
 
 OF_STAMPS = "stamps: "

@@ -1,7 +1,5 @@
 """Atomic outputs: write next to the target, then move; overwrite only on request."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re
@@ -12,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from icreckon.estimator.base.owned_files import alone_in, is_held, owned
-from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.base.errors import ReplayError, os_errors
 
 # List of the files of a result folder, in it: others that are there were put there by a person.
 MANIFEST = ".icreckon-files"
@@ -60,7 +58,7 @@ def written_beside(
     """
     check_replaceable(path, overwrite=overwrite, marker=marker, starts=starts, mark=mark)
     with ExitStack() as held:
-        try:
+        with os_errors(path, "cannot be written"):
             path.parent.mkdir(parents=True, exist_ok=True)
             with alone_in(path.parent):
                 if is_being_written(path):
@@ -71,8 +69,6 @@ def written_beside(
                 scratch = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
                 held.callback(shutil.rmtree, scratch, ignore_errors=True)
                 held.enter_context(owned(scratch / f"{path.name}{OWNER}"))
-        except OSError as problem:
-            raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from None
         new = scratch / path.name
         with _named(new, path):
             yield new
@@ -89,11 +85,8 @@ def new_file(path: Path) -> Iterator[Path]:
     Raises:
         ReplayError: `path` exists, or cannot be written.
     """
-    with written_beside(path) as new:
-        try:
-            yield new
-        except OSError as problem:
-            raise ReplayError(f"{path}: cannot be written: {problem.strerror or problem}") from None
+    with written_beside(path) as new, os_errors(path, "cannot be written"):
+        yield new
 
 
 def write_text(path: Path, text: str) -> Path:
@@ -170,7 +163,7 @@ def _copy_foreign(former: Path, new: Path) -> None:
 
 
 def _move(new: Path, path: Path, aside: Path) -> None:
-    try:
+    with os_errors(path, "cannot be written"):
         if path.is_dir() or (new.is_dir() and path.exists()):
             path.rename(aside)
             try:
@@ -180,8 +173,6 @@ def _move(new: Path, path: Path, aside: Path) -> None:
                 raise
         else:
             new.replace(path)
-    except OSError as problem:
-        raise ReplayError(f"{path}: cannot be written: {problem.strerror}") from None
 
 
 def check_replaceable(
@@ -203,30 +194,19 @@ def check_replaceable(
             "it is not replaced, give another path"
         )
     own = path / marker if path.is_dir() else path
-    foreign = path.is_file() and starts is not None and not _starts_so(path, starts)
-    if foreign or (own.is_file() and not _is_marked(own, mark)):
+    begin, end = _ends(own) if own.is_file() else (b"", b"")
+    starts_otherwise = path.is_file() and starts is not None and not begin.startswith(starts)
+    if begin and (starts_otherwise or not (mark in begin or mark in end)):
         kind = "folder" if path.is_dir() else "file"
         raise ReplayError(
             f"{path} is a {kind} that icreckon did not write; it is not replaced, give another path"
         )
 
 
-def _starts_so(path: Path, starts: tuple[bytes, ...]) -> bool:
-    begin, _ = _ends(path, max(map(len, starts), default=1))
-    return not begin or begin.startswith(starts)
-
-
-def _is_marked(path: Path, mark: bytes) -> bool:
-    begin, end = _ends(path, MARKED)
-    return not begin or mark in begin or mark in end
-
-
-def _ends(path: Path, length: int) -> tuple[bytes, bytes]:
-    """First and last bytes of a file."""
-    try:
-        with path.open("rb") as file:
-            begin = file.read(length)
-            file.seek(max(0, file.seek(0, os.SEEK_END) - length))
-            return begin, file.read()
-    except OSError as problem:
-        raise ReplayError(f"{path}: cannot be read: {problem.strerror}") from None
+def _ends(path: Path) -> tuple[bytes, bytes]:
+    """First and last `MARKED` bytes of a file."""
+    with os_errors(path, "cannot be read"), path.open("rb") as file:
+        begin = file.read(MARKED)
+        file.seek(max(0, file.seek(0, os.SEEK_END) - MARKED))
+        end = file.read()
+    return begin, end

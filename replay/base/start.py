@@ -1,7 +1,5 @@
 """Start of a run in the frame of its fixes, of a replay and live."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Units of the estimated states: suffixes of column names and labels of axes."""
 
-from __future__ import annotations
-
 # Name of the state -> (suffix of its column, unit on an axis). States: docs/explanation/model.md.
 UNITS: dict[str, tuple[str, str]] = {
     "zeta0": ("m", "m"),

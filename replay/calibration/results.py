@@ -1,7 +1,5 @@
 """Results of a calibration as plain data: the content of `results.json`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path

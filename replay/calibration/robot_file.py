@@ -1,7 +1,5 @@
 """Robot file of a calibration: complete, with standard errors as comments."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

@@ -1,15 +1,12 @@
 """Record of a check, correction of a log or a robot, and the IMU in base_link."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from msgspec import structs
-from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.frames import matrix_to_rpy, relative
@@ -77,7 +74,7 @@ class Check:
         remedy: str,
         correction: Correction | None = None,
         settings: dict[str, float | list[float]] | None = None,
-    ) -> Check:
+    ) -> Self:
         """Copy that contradicts the file; arguments as the attributes."""
         return replace(
             self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}
@@ -124,15 +121,6 @@ def tracks_table(robot: Robot) -> str:
         if "columns" in robot.log and "tracks" not in robot.log
         else "log.tracks"
     )
-
-
-def still_samples(log: Log) -> NDArray[np.bool_] | None:
-    """IMU samples (n,) at standstill, None if there are too few."""
-    if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
-        return None
-    still = imu_mounting.standstill(log.tracks, log.imu.stamps)
-    step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    return still if float(still.sum()) * step >= imu_mounting.ENOUGH_STILL else None
 
 
 def with_imu(**values: object) -> Correction:
@@ -186,10 +174,7 @@ def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
 def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:
     """Scale of the track speeds by truth or fixes; None if they do not show it.
 
-    Args:
-        log: the log.
-        robot: the robot.
-        bends: whether windows with bends count, too, in which tracks slip.
+    With `bends`, windows with bends count, too, in which tracks slip.
     """
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None

@@ -1,7 +1,5 @@
 """Checks of the IMU in a robot file: unit, mounting, bias and noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,6 +9,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
 from icreckon.replay.checking.check import (
     FORWARD,
@@ -20,7 +19,6 @@ from icreckon.replay.checking.check import (
     angles_text,
     in_base,
     rounded_angles,
-    still_samples,
     with_imu,
 )
 from icreckon.replay.inspection import imu_mounting
@@ -60,8 +58,8 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
     topic = robot.log.get("imu", {}).get("topic")
     if topic is None and "imu" in columns:
         topic = "its columns"
-    if log.imu is not None and np.abs(log.imu.angular_velocity).max() > imu_mounting.ABSURD:
-        largest = float(np.abs(log.imu.angular_velocity).max())
+    largest = 0.0 if log.imu is None else float(np.abs(log.imu.angular_velocity).max())
+    if largest > imu_mounting.ABSURD:
         yield Check(
             "gyro",
             "rad/s",
@@ -112,7 +110,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     """Roll and pitch of the IMU, by gravity."""
     if log.imu is None:
         return
-    force = in_base(log.imu, robot)[1]
+    rate, force = in_base(log.imu, robot)
     if force is None:
         return
     up = np.nanmean(force, axis=0)
@@ -125,7 +123,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         f"{tilt:.1f} deg off the file, by gravity",
     )
     found = Check(MOUNTING, angles, in_log, measured=Measured(tilt, "deg", 0.0))
-    if tilt <= LEAST_TILT + _tilt_by_turning(log, robot):
+    if tilt <= LEAST_TILT + _tilt_by_turning(log.tracks, log.imu, rate, robot):
         yield found
         return
     turned = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
@@ -144,14 +142,12 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
     )
 
 
-def _tilt_by_turning(log: Log, robot: Robot) -> float:
+def _tilt_by_turning(tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats, robot: Robot) -> float:
     """Tilt that the mean force of turning looks like [deg], at most."""
-    assert log.imu is not None  # noqa: S101 - checked by the caller
-    rate = in_base(log.imu, robot)[0]
     forward, left, _ = robot.imu.position
     force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
-    if imu_mounting.are_usable(log.tracks):
-        speed = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
+    if imu_mounting.are_usable(tracks):
+        speed = np.interp(imu.stamps, tracks.stamps, tracks.speeds.mean(axis=1))
         force += abs(float(np.mean(speed * rate)))
     return math.degrees(math.atan(force / GRAVITY))
 
@@ -179,22 +175,19 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
     )
     if yaw is None:
         return
-    in_file = angles_text(robot.imu.rotation_rpy_deg)
-    measured = Measured(yaw, "deg", 0.0)
+    in_log = f"{yaw:+.0f} deg about the vertical" if yaw else "as the tracks accelerate"
+    in_file, measured = angles_text(robot.imu.rotation_rpy_deg), Measured(yaw, "deg", 0.0)
+    found = Check(FORWARD, in_file, in_log, measured=measured)
     if yaw == 0.0:
-        yield Check(FORWARD, in_file, "as the tracks accelerate", measured=measured)
+        yield found
         return
     about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
     turned = rounded_angles(about_z @ robot.imu_rotation)
-    yield Check(
-        FORWARD,
-        in_file,
-        f"{yaw:+.0f} deg about the vertical",
+    yield found.contradicted(
         f"the IMU is mounted {yaw:+.0f} deg about the vertical from what the file says, by its "
         "accelerations",
         f"rotation_rpy_deg = {list(turned)} in [imu]",
         with_imu(rotation_rpy_deg=turned),
-        measured,
         {"imu.rotation_rpy_deg": list(turned)},
     )
 
@@ -229,14 +222,15 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
 
 def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     """Noise of the gyro at standstill."""
-    still = still_samples(log)
-    if log.imu is None or still is None or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
+    if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
         return
+    still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    noise, stated = (
-        imu_mounting.density(in_base(log.imu, robot)[0], still, step),
-        robot.imu.gyro_noise_density,
-    )
+    enough = float(still.sum()) * step >= imu_mounting.ENOUGH_STILL
+    if not enough or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
+        return
+    noise = imu_mounting.density(in_base(log.imu, robot)[0], still, step)
+    stated = robot.imu.gyro_noise_density
     in_file, in_log = f"{stated:.2g} rad/s/√Hz", f"{noise:.2g} rad/s/√Hz at standstill"
     found = Check("gyro noise", in_file, in_log, measured=Measured(noise, "rad/s/√Hz", stated))
     if noise <= OTHER_NOISE * stated:

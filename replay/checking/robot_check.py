@@ -5,8 +5,6 @@ run one after the other, each on the log and file as corrected so far, so that o
 a diameter) does not show up as several.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Parameters of `diff_drive_controller` (ros2_controllers), covariances for `robot
 mounting of the IMU as a static transform.
 """
 
-from __future__ import annotations
-
 import math
 import tomllib
 from collections.abc import Sequence
@@ -18,6 +16,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot, make_robot
 from icreckon.replay.bags.decoding import Definitions
 from icreckon.replay.base.errors import ReplayError
@@ -77,9 +76,9 @@ def ros_settings(
         )
     if any(len(log.tracks.stamps) for log in logs):
         lines += _controller_lines(logs, robot, source=source, proposed=proposed)
-    with_imu = next((log for log in logs if log.imu is not None and len(log.imu.stamps) > 1), None)
-    if with_imu is not None:
-        lines += _imu_lines(with_imu, robot)
+    imu = next((log.imu for log in logs if log.imu is not None and len(log.imu.stamps) > 1), None)
+    if imu is not None:
+        lines += _imu_lines(imu, robot)
     return "\n".join(lines) + "\n"
 
 
@@ -189,10 +188,9 @@ def _controller_lines(
     return lines
 
 
-def _imu_lines(log: Log, robot: Robot) -> list[str]:
-    assert log.imu is not None  # noqa: S101 - checked by the caller
+def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
     imu = robot.imu
-    step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
+    step = float(np.median(np.diff(samples.stamps))) * NANOSECOND
     rate = imu.gyro_noise_density**2 / step
     force = imu.accelerometer_noise_density**2 / step
     x, y, z = imu.position

@@ -1,7 +1,5 @@
 """Checks of the tracks in a robot file: sense, latency, scale, effective track."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -11,10 +9,10 @@ from msgspec import structs
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
+from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import (
     LATENCY,
@@ -35,7 +33,7 @@ from icreckon.replay.checking.check import (
 )
 from icreckon.replay.inspection import imu_mounting
 from icreckon.replay.inspection.latency import objection, track_latency
-from icreckon.replay.inspection.wheels import DEGREES, turning_suspicion
+from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
 from icreckon.replay.mapping.topics import TrackTopic
 
 # Error of a scale that counts in any case, in straight windows and in bends [-]: ground and slip change
@@ -75,7 +73,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    vertical = in_base(log.imu, robot)[0]
+    vertical, force = in_base(log.imu, robot)
     turning = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
     if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and turning > CLEARLY_TURNS:
         yield Check(
@@ -97,7 +95,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             if off := turning_suspicion(log, vertical, gauge):
                 remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
                 found = found.contradicted(off[0], remedy)
-        elif (reversed_side := _reversed_side(log, vertical)) is not None:
+        elif (reversed_side := _reversed_side(log.tracks, log.imu, vertical)) is not None:
             side, signs = reversed_side
             found = found.contradicted(
                 f"the {side} side counts backward: the robot turns as the sum of both sides",
@@ -108,8 +106,8 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         return
     turned = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
     difference = float(turned.std()) / effective_track(robot)
-    if difference > 0.0 and DEGREES[0] < float(vertical.std()) / difference < DEGREES[1]:
-        ratio = float(vertical.std()) / difference
+    ratio = float(vertical.std()) / difference if difference else 0.0
+    if DEGREES[0] < ratio < DEGREES[1]:
         yield Check(
             "unit of the gyro",
             "rad/s",
@@ -129,7 +127,9 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
         remedy = f"exchange left and right in [log.tracks], {minus}"
         correction = with_speeds(lambda speeds: -speeds[:, ::-1])
-    elif backward or (backward is None and _accelerates_backward(log, robot, vertical)):
+    elif backward or (
+        backward is None and _accelerates_backward(log.tracks, log.imu, vertical, force)
+    ):
         text = "both tracks count backward: they turn the other way than the gyro"
         remedy = f"left and right in [log.tracks] {minus}"
         correction = with_speeds(lambda speeds: -speeds)
@@ -143,26 +143,25 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     yield found.contradicted(text, remedy, correction)
 
 
-def _reversed_side(log: Log, vertical: Floats) -> tuple[str, Floats] | None:
+def _reversed_side(
+    tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats
+) -> tuple[str, Floats] | None:
     """Side that counts backward, and the signs (2,) that correct it; None if unclear."""
-    assert log.imu is not None  # noqa: S101 - checked by the caller
     signs = np.array([1.0, -1.0])
-    mirrored = TrackSpeedSeries(log.tracks.stamps, log.tracks.speeds * signs)
-    by_sum = imu_mounting.turning_correlation(mirrored, log.imu, vertical)
+    mirrored = TrackSpeedSeries(tracks.stamps, tracks.speeds * signs)
+    by_sum = imu_mounting.turning_correlation(mirrored, imu, vertical)
     if by_sum is None or abs(by_sum) < imu_mounting.CLEAR_TURNING:
         return None
     return ("right", signs) if by_sum > 0.0 else ("left", -signs)
 
 
-def _accelerates_backward(log: Log, robot: Robot, vertical: Floats) -> bool:
+def _accelerates_backward(
+    tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats, force: Floats | None
+) -> bool:
     """True if the IMU accelerates backward where the tracks speed up."""
-    assert log.imu is not None  # noqa: S101 - checked by the caller
-    force = in_base(log.imu, robot)[1]
     if force is None:
         return False
-    yaw = imu_mounting.forward_yaw(
-        log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical
-    )
+    yaw = imu_mounting.forward_yaw(tracks, imu.stamps, np.nan_to_num(force[:, :2]), vertical)
     return yaw is not None and abs(yaw) == 180.0
 
 
@@ -234,7 +233,7 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         least, seen = LEAST_IN_BENDS, measured_scale(log, robot, bends=True)
     if seen is not None:
         ratio, sigma, source = seen
-    elif (by_force := _scale_by_force(log, robot)) is not None:
+    elif (by_force := _scale_by_force(log.tracks, log.imu, robot)) is not None:
         ratio, sigma, source, least = *by_force, "accelerometer", SCALE_BY_FORCE
     else:
         yield Check(SCALE, "1", "not seen: no truth, no fixes")
@@ -290,19 +289,19 @@ def _guess(ratio: float, robot: Robot) -> str:
     return f": {question}" if off < USUAL_ERROR else ""
 
 
-def _scale_by_force(log: Log, robot: Robot) -> tuple[float, float] | None:
+def _scale_by_force(
+    tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot
+) -> tuple[float, float] | None:
     """Scale by forward acceleration over the change of track speed, and its error."""
-    assert log.imu is not None  # noqa: S101 - checked by the caller
-    force = in_base(log.imu, robot)[1]
+    stamps, force = imu.stamps, in_base(imu, robot)[1]
     if force is None:
         return None
-    stamps = log.imu.stamps
     step = float(np.median(np.diff(stamps))) * NANOSECOND
     width = max(1, round(imu_mounting.SMOOTHING / step))
     count = (len(stamps) - 1) // width
     if count < 20 * BLOCKS:
         return None
-    speed = np.interp(stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
+    speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
     edges = speed[: count * width + 1 : width]
     change = np.diff(edges) / (np.diff(stamps[: count * width + 1 : width]) * NANOSECOND)
     forward = force[: count * width, 0].reshape(count, width).mean(axis=1)
@@ -314,12 +313,9 @@ def _scale_by_force(log: Log, robot: Robot) -> tuple[float, float] | None:
         x, y = change[where], forward[where]
         return float(x @ y / (x @ x))
 
-    every = np.arange(len(change))
     if not change.any():
         return None
-    without = [slope(np.delete(every, one)) for one in np.array_split(every, BLOCKS)]
-    sigma = jackknife_sigma(np.array(without))
-    ratio = slope(every)
+    ratio, sigma = jackknifed(slope, len(change))
     return (ratio, sigma) if ratio > 0.0 and sigma < 0.1 * ratio else None
 
 

@@ -1,7 +1,5 @@
 """Worth of what a check of a robot file found, as drift on the log."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace

@@ -13,12 +13,10 @@ of the time of these logs. How much logs differ widens it less than drawing whol
 there are too few: it does not cover other logs.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +58,7 @@ class PairedDrift:
         """Number of blocks in the segments."""
         return len(self.distances) / self.block
 
-    def only(self, names: Sequence[str]) -> PairedDrift:
+    def only(self, names: Sequence[str]) -> Self:
         """Leave out the variants that are not among these names."""
         kept = [name for name in self.names if name in names]
         rows = self.errors[[self.names.index(name) for name in kept]]

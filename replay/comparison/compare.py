@@ -1,7 +1,5 @@
 """Comparison of several filter variants over one log."""
 
-from __future__ import annotations
-
 import multiprocessing
 import pickle
 from collections.abc import Callable, Sequence
@@ -160,25 +158,6 @@ def compare(
     return Comparison(log, kept, alignment, failed, bias)
 
 
-def _with_known_bias(task: _Task, runs: dict[str, Run]) -> tuple[dict[str, Run], KnownBias | None]:
-    """Runs with `gyro` once more if it had no chance to learn its bias, and that bias."""
-    if GYRO not in runs or len(runs) == 1:
-        return runs, None
-    bias = known_bias(runs[GYRO], task.log, task.robot, scored_intervals(task.log))
-    if bias is None:
-        return runs, None
-    try:
-        again = replace(task, robot=bias.robot(task.robot), smooth=False).only_run(GYRO)
-    except LostFilter:
-        return runs, None
-    found = {}
-    for name, one in runs.items():
-        found[name] = one
-        if name == GYRO:
-            found[KNOWN_BIAS] = replace(again, variant=KNOWN_BIAS)
-    return found, bias
-
-
 def _without_false_headings(log: Log, robot: Robot) -> Log:
     """Log whose truth shows positions alone if its headings are none."""
     truth, imu = log.truth, log.imu
@@ -298,6 +277,25 @@ class _Task:
         if isinstance(found, LostFilter):
             raise found
         return found
+
+
+def _with_known_bias(task: _Task, runs: dict[str, Run]) -> tuple[dict[str, Run], KnownBias | None]:
+    """Runs with `gyro` once more if it had no chance to learn its bias, and that bias."""
+    if GYRO not in runs or len(runs) == 1:
+        return runs, None
+    bias = known_bias(runs[GYRO], task.log, task.robot, scored_intervals(task.log))
+    if bias is None:
+        return runs, None
+    try:
+        again = replace(task, robot=bias.robot(task.robot), smooth=False).only_run(GYRO)
+    except LostFilter:
+        return runs, None
+    found = {}
+    for name, one in runs.items():
+        found[name] = one
+        if name == GYRO:
+            found[KNOWN_BIAS] = replace(again, variant=KNOWN_BIAS)
+    return found, bias
 
 
 def _outcomes(

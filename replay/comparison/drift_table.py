@@ -1,17 +1,13 @@
 """Drift of all variants per horizon, with intervals, and the verdict."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any
 
-from icreckon.estimator.log.scores import DISTANCES, HORIZONS, Drift, Unit, drift
-from icreckon.estimator.streaming.outputs import Run
+from icreckon.estimator.log.scores import DISTANCES, HORIZONS, Drift, Unit
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
-from icreckon.replay.comparison.truth_alignment import TruthAlignment
 
 # Candidates for the baseline, wheels and gyro first: the first that was run.
 BASELINES = (KNOWN_BIAS, "gyro", "constant-online", "constant-fixed", "differential")
@@ -19,7 +15,6 @@ BASELINES = (KNOWN_BIAS, "gyro", "constant-online", "constant-fixed", "different
 VERDICT_HORIZONS = ("30s", "10s", "30m", "10m", "5m", "60s", "50m")
 
 Results = dict[str, Any]
-Stretches = list[tuple[int, int]]
 # Label of the horizon -> name of the variant -> drift.
 Drifts = dict[str, dict[str, Drift]]
 
@@ -29,26 +24,6 @@ def horizon_labels() -> dict[str, tuple[float, Unit]]:
     every: list[tuple[float, Unit]] = [(one, "s") for one in HORIZONS]
     every += [(one, "m") for one in DISTANCES]
     return {f"{horizon:g}{unit}": (horizon, unit) for horizon, unit in every}
-
-
-def drifts_of(
-    runs: Mapping[str, Run], truths: Mapping[str, TruthAlignment], scored: Stretches
-) -> Drifts:
-    """Drift against the truth, by label of the horizon and name of the variant.
-
-    Args:
-        runs: the runs by name.
-        truths: truth of each run.
-        scored: intervals of stamps [ns] that segments must lie in.
-    """
-    paths = {name: one.trajectory.pose_series for name, one in runs.items()}
-    return {
-        label: {
-            name: drift(path, truths[name].truth.poses, horizon, unit=unit, within=scored)
-            for name, path in paths.items()
-        }
-        for label, (horizon, unit) in horizon_labels().items()
-    }
 
 
 def paired_drifts(drifts: Drifts) -> dict[str, PairedDrift]:

@@ -1,7 +1,5 @@
 """Selection of the fixes of a replay: logged ones in a part, or from the truth."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Holes of a log, and uncertainty after them that no robot exceeds."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -44,13 +42,9 @@ def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Inte
 def within_reach(run: Run, holes: Sequence[Interval], fastest: float) -> Run:
     """Run whose pose is no more uncertain after a hole than the robot can have driven.
 
-    Its position sigma is at most that before the first hole, the fastest drive through all holes, and
-    twice the path driven between them, of which the direction is unknown; its yaw sigma `UNKNOWN_YAW`.
-
-    Args:
-        run: the run.
-        holes: holes of its log.
-        fastest: highest speed of the robot [m/s].
+    Its position sigma is at most that before the first hole, the fastest drive [m/s] through all holes
+    of its log, and twice the path driven between them, of which the direction is unknown; its yaw sigma
+    `UNKNOWN_YAW`.
     """
     if not holes:
         return run

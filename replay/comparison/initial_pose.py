@@ -1,7 +1,5 @@
 """Initial pose of a run from fixes, for a log without a truth."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

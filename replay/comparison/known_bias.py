@@ -5,16 +5,13 @@ file, while other variants learn it from the tracks, too. Its drift is then that
 model. The truth shows the bias, and `gyro` runs once more with it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
-import msgspec
 import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.robot_file import Robot, changed_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.inspection.gyro_bias import gyro_bias
@@ -40,12 +37,8 @@ class KnownBias:
 
     def robot(self, robot: Robot) -> Robot:
         """Copy of a robot that has this bias."""
-        imu = msgspec.structs.replace(
-            robot.imu,
-            gyro_bias=self.shown,
-            gyro_bias_sigma=min(self.sigma, robot.imu.gyro_bias_sigma),
-        )
-        return msgspec.structs.replace(robot, imu=imu)
+        sigma = min(self.sigma, robot.imu.gyro_bias_sigma)
+        return changed_robot(robot, {"imu.gyro_bias": self.shown, "imu.gyro_bias_sigma": sigma})
 
 
 def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) -> KnownBias | None:

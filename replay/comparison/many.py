@@ -1,7 +1,5 @@
 """Several logs, or several robot files: scores of all logs together."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -111,7 +109,6 @@ def compare_many(
                     comparison,
                     robot,
                     command="compare_many",
-                    configuration={},
                     drifts=drifts,
                     series=False,
                 )

@@ -1,9 +1,7 @@
 """Decimated time series of a comparison, for plots."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +17,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
+from icreckon.replay.comparison.drift_table import Results
 from icreckon.replay.comparison.holes import largest_sigma
 from icreckon.replay.comparison.scores import truths_of
 
@@ -34,8 +33,9 @@ LEAST_YAW_RATE = 0.1
 LONGEST_BRIDGE = 1.0
 # Decimals of positions [m], which may be far from their origin, and of values as large.
 DECIMALS = 4
-
-Results = dict[str, Any]
+POSE, SPATIAL = ("x_m", "y_m", "yaw_rad"), ("z_m", "roll_rad", "pitch_rad")
+SPATIAL_SIGMA = ("z_sigma_m", "roll_sigma_rad", "pitch_sigma_rad")
+TWIST, INDICES = ("v_x_m_s", "v_y_m_s", "w_rad_s"), ("zeta_m", "epsilon_m", "eta")
 
 
 def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
@@ -47,52 +47,48 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     log = comparison.log
     first = next(iter(comparison.runs.values()))
     most = series_points((log.end - log.start) * NANOSECOND)
-    stamps = first.stamps[_picks(len(first.stamps), most)]
+    stamps = first.stamps[picks(len(first.stamps), most)]
     truths = {} if log.truth is None else truths_of(comparison)
     shown = truths[headline] if truths else None
     truth = None if shown is None else shown.truth.poses
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
     if log.truth is not None and truth is not None and shown is not None:
-        series["truth"] = _pose_columns(true_poses_at(shown.truth, stamps))
+        series["truth"] = _columns(POSE, true_poses_at(shown.truth, stamps), DECIMALS)
         if truth.spatial is not None:
-            series["truth"] |= _spatial_columns(interpolate(truth.stamps, truth.spatial, stamps))
+            spatial = interpolate(truth.stamps, truth.spatial, stamps)
+            series["truth"] |= _columns(SPATIAL, spatial)
         if log.truth.twists is not None:
             twists = log.truth.twists
-            series["truth"] |= _twist_columns(_nearest(twists.stamps, twists.twists, stamps))
+            series["truth"] |= _columns(TWIST, _nearest(twists.stamps, twists.twists, stamps))
         series["truth"] |= _true_indices(log.truth, stamps)
     driven = first.trajectory.pose_series if truth is None else truth
     travelled = np.interp(stamps, driven.stamps, path_length(driven))
     series["distance_m"] = _rounded(travelled, DECIMALS)
     if log.fixes is not None:
-        rows = _picks(len(log.fixes.stamps), most)
-        series["fixes"] = {
-            "t_s": _rounded((log.fixes.stamps[rows] - log.start) * NANOSECOND),
-            "x_m": _rounded(log.fixes.poses[rows, 0], DECIMALS),
-            "y_m": _rounded(log.fixes.poses[rows, 1], DECIMALS),
-        }
+        rows = picks(len(log.fixes.stamps), most)
+        times = (log.fixes.stamps[rows] - log.start) * NANOSECOND
+        places = _columns(POSE[:2], log.fixes.poses[rows, :2], DECIMALS)
+        series["fixes"] = {"t_s": _rounded(times), **places}
     for name, one in comparison.runs.items():
         rows = np.minimum(np.searchsorted(one.stamps, stamps), len(one.stamps) - 1)
         poses, covariances = one.trajectory.poses[rows], one.trajectory.pose_covariances[rows]
         away = np.zeros(2)
         if shown is not None:
             away = np.subtract(truths[name].lever_arm, shown.lever_arm)
-        columns = _pose_columns(_at_point(poses, away)) | _twist_columns(
-            one.trajectory.twists[rows]
-        )
-        columns |= {
+        columns = {
+            **_columns(POSE, _at_point(poses, away), DECIMALS),
+            **_columns(TWIST, one.trajectory.twists[rows]),
             "nis_per_dof": _rounded(_nis(one, rows)),
             "position_sigma_m": _rounded(largest_sigma(covariances)),
             "yaw_sigma_rad": _rounded(np.sqrt(covariances[:, 2, 2])),
-            "zeta_m": _rounded(one.indices[rows, 0]),
-            "epsilon_m": _rounded(one.indices[rows, 1]),
-            "eta": _rounded(one.indices[rows, 2]),
+            **_columns(INDICES, one.indices[rows]),
+            "ellipses": _ellipses(one, away),
         }
-        columns["ellipses"] = _ellipses(one, away)
         path = one.trajectory
         if path.spatial is not None and path.spatial_sigmas is not None:
-            columns |= _spatial_columns(path.spatial[rows])
-            columns |= _spatial_columns(path.spatial_sigmas[rows], "_sigma")
+            columns |= _columns(SPATIAL, path.spatial[rows])
+            columns |= _columns(SPATIAL_SIGMA, path.spatial_sigmas[rows])
         if truths:
             apart = poses - true_poses_at(truths[name].truth, stamps)
             columns["position_error_m"] = _rounded(np.hypot(apart[:, 0], apart[:, 1]))
@@ -135,7 +131,7 @@ def _at_point(poses: Floats, point: Floats) -> Floats:
 
 def _ellipses(one: Run, point: Floats) -> list[list[float | None]]:
     """Ellipses of one sigma: x, y, half axes [m], direction of the larger one [rad]."""
-    rows = _picks(len(one.stamps), ELLIPSES)
+    rows = picks(len(one.stamps), ELLIPSES)
     variances, axes = np.linalg.eigh(one.trajectory.pose_covariances[rows, :2, :2])
     minor, major = np.sqrt(np.maximum(variances, 0.0)).T
     turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
@@ -159,7 +155,7 @@ def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
     return np.where(judged > 0, mean, math.nan)
 
 
-def _picks(count: int, most: int) -> NDArray[np.int64]:
+def picks(count: int, most: int) -> NDArray[np.int64]:
     """Select at most `most` rows, evenly spaced, including the first and the last."""
     return np.unique(np.linspace(0, count - 1, min(most, count)).astype(np.int64))
 
@@ -187,7 +183,7 @@ def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
 
 def _parameters(one: Run, start: int) -> Results:
     """Value and sigma over time of each uncertain parameter, bias, scale and gravity."""
-    rows = _picks(len(one.stamps), PARAMETER_POINTS)
+    rows = picks(len(one.stamps), PARAMETER_POINTS)
     found: Results = {"t_s": _rounded((one.stamps[rows] - start) * NANOSECOND)}
     for index in range(s.LEARNT.start, s.GRAVITY.stop):
         name, sigma = one.state_names[index], one.state_sigmas[rows, index]
@@ -202,7 +198,7 @@ def _innovations(one: Run, start: int) -> Results:
     for name, column in zip(one.innovation_names, one.innovations.T, strict=True):
         there = np.flatnonzero(np.isfinite(column))
         if len(there):
-            rows = there[_picks(len(there), INNOVATION_POINTS)]
+            rows = there[picks(len(there), INNOVATION_POINTS)]
             found[name] = {
                 "t_s": _rounded((one.stamps[rows] - start) * NANOSECOND, 2),
                 "normalised": _rounded(column[rows], 2),
@@ -214,21 +210,14 @@ def _true_indices(truth: Truth, stamps: Stamps) -> Results:
     """Indices of the true motion by (1) to (3), (17) to (19), up to the gauge of eta."""
     if truth.twists is None or truth.tracks is None:
         return {}
-    columns = [
-        _nearest(truth.twists.stamps, truth.twists.twists, stamps),
-        _nearest(truth.tracks.stamps, truth.tracks.speeds, stamps),
-    ]
-    (v_x, v_y, w), (V_l, V_r) = columns[0].T, columns[1].T
+    v_x, v_y, w = _nearest(truth.twists.stamps, truth.twists.twists, stamps).T
+    V_l, V_r = _nearest(truth.tracks.stamps, truth.tracks.speeds, stamps).T
     with np.errstate(divide="ignore", invalid="ignore"):
         icrs = icrs_from_twist(V_l, V_r, PaperTwist(-v_y, v_x, w))
     turning = np.abs(w) >= LEAST_YAW_RATE
     shown = Icrs(*(np.where(turning, value, np.nan) for value in icrs))
-    zeta, epsilon, width = indices_from_icrs(shown, 1.0)
-    return {
-        "zeta_m": _rounded(zeta),
-        "epsilon_m": _rounded(epsilon),
-        "icr_distance_m": _rounded(width),
-    }
+    indices = np.column_stack(indices_from_icrs(shown, 1.0))
+    return _columns(("zeta_m", "epsilon_m", "icr_distance_m"), indices)
 
 
 def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
@@ -237,23 +226,9 @@ def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
     return np.asarray(values[closer])
 
 
-def _pose_columns(poses: Floats) -> Results:
-    return {
-        "x_m": _rounded(poses[:, 0], DECIMALS),
-        "y_m": _rounded(poses[:, 1], DECIMALS),
-        "yaw_rad": _rounded(poses[:, 2], DECIMALS),
-    }
-
-
-def _spatial_columns(values: Floats, of: str = "") -> Results:
-    """Columns of height, roll and pitch (n, 3)."""
-    names = (f"z{of}_m", f"roll{of}_rad", f"pitch{of}_rad")
-    return {name: _rounded(one) for name, one in zip(names, values.T, strict=True)}
-
-
-def _twist_columns(twists: Floats) -> Results:
-    names = ("v_x_m_s", "v_y_m_s", "w_rad_s")
-    return {name: _rounded(values) for name, values in zip(names, twists.T, strict=True)}
+def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) -> Results:
+    """Columns of a table (n, k), rounded, by their names."""
+    return {name: _rounded(one, decimals) for name, one in zip(names, values.T, strict=True)}
 
 
 def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:

@@ -4,8 +4,6 @@
 holds decimated time series for the plots. A score that is not available is null.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math
@@ -22,7 +20,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.scores import path_length
+from icreckon.estimator.log.scores import drift, path_length
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
@@ -127,22 +125,25 @@ def summarise(
 
 
 def comparison_drifts(comparison: Comparison) -> Drifts:
-    """Drift of all runs of a comparison; empty without a truth."""
+    """Drift of all runs against the truth, by horizon and name; empty without a truth."""
     if comparison.log.truth is None:
         return {}
-    return drift_table.drifts_of(
-        comparison.runs, truths_of(comparison), scored_intervals(comparison.log)
-    )
+    truths, scored = truths_of(comparison), scored_intervals(comparison.log)
+    paths = {name: one.trajectory.pose_series for name, one in comparison.runs.items()}
+    return {
+        label: {
+            name: drift(path, truths[name].truth.poses, horizon, unit=unit, within=scored)
+            for name, path in paths.items()
+        }
+        for label, (horizon, unit) in drift_table.horizon_labels().items()
+    }
 
 
 def write_results(path: Path, results: Results) -> None:
     """Write results, of JSON's types, as JSON; see `json_types`."""
     text = json.dumps(results, indent=1, allow_nan=False)
-    path.write_text(NUMBERS.sub(_in_one_line, text) + "\n", encoding="utf-8")
-
-
-def _in_one_line(numbers: re.Match[str]) -> str:
-    return "".join(numbers[0].split())
+    text = NUMBERS.sub(lambda numbers: "".join(numbers[0].split()), text)
+    path.write_text(text + "\n", encoding="utf-8")
 
 
 def _times(count: int) -> str:

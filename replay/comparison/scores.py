@@ -1,10 +1,7 @@
 """Scores of each variant over a log, against the truth or else another variant."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -27,13 +24,12 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.comparison.compare import Comparison
-from icreckon.replay.comparison.drift_table import horizon_labels
+from icreckon.replay.comparison.drift_table import Results, horizon_labels
 from icreckon.replay.comparison.fixes import OF_FIXES, scored_intervals
 from icreckon.replay.comparison.holes import before_holes, largest_sigma
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, own_alignment
 from icreckon.replay.comparison.truth_level import spatial_scores
 
-Results = dict[str, Any]
 NOISE_ROUNDS = 4
 """Draws of the noise of a truth, of which the mean is taken."""
 

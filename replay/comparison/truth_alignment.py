@@ -6,8 +6,6 @@ reckoning is accurate, and reported. A truth of positions alone has no headings 
 found from the path, and its lag from the changes of speed.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

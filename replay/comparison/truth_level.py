@@ -4,8 +4,6 @@ The map of a lidar is level in the axes in which it began, on a slope or with a 
 and the lidar may be mounted with a tilt in the robot. The two are told apart as the robot turns.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
@@ -64,12 +62,18 @@ def spatial_scores(
     """
     stamps = shared_stamps(estimate, truth)
     series, sigmas = estimate.pose_series, estimate.spatial_sigmas
-    if truth.spatial is None or series.spatial is None or sigmas is None or len(stamps) < 2:
+    mine, true = series.spatial, truth.spatial
+    if mine is None or true is None or sigmas is None or len(stamps) < 2:
         return {}
-    off = _difference(series, truth, stamps)
+
+    def errors(at: Stamps) -> Floats:
+        """Height [m], roll and pitch [rad] (n, 3), less those of the truth."""
+        return interpolate(series.stamps, mine, at) - interpolate(truth.stamps, true, at)
+
+    off = errors(stamps)
     segments = drift(series, truth, HORIZON, within=scored)
     ends = segments.starts + np.round(segments.durations * 1e9).astype(np.int64)
-    climbs = _difference(series, truth, ends) - _difference(series, truth, segments.starts)
+    climbs = errors(ends) - errors(segments.starts)
     distance = segments.distances.sum()
     end = interpolate(estimate.stamps, sigmas, stamps[-1:])[0, 0]
     roll, pitch = np.degrees(np.sqrt(np.mean(off[:, 1:] ** 2, axis=0))).tolist()
@@ -81,11 +85,3 @@ def spatial_scores(
         "final_height_error_m": float(off[-1, 0] - off[0, 0]),
         "final_height_sigma_m": float(end),
     }
-
-
-def _difference(estimate: PoseSeries, truth: PoseSeries, stamps: Stamps) -> Floats:
-    """Height [m], roll and pitch [rad] (n, 3) of an estimate, less those of the truth."""
-    assert estimate.spatial is not None  # noqa: S101 - checked by the caller
-    assert truth.spatial is not None  # noqa: S101 - checked by the caller
-    mine = interpolate(estimate.stamps, estimate.spatial, stamps)
-    return mine - interpolate(truth.stamps, truth.spatial, stamps)

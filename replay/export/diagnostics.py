@@ -1,7 +1,5 @@
 """Filter diagnostics (diagnostic_msgs/DiagnosticArray): innovations, uncertainty."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -55,7 +53,9 @@ def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
     def make(messages: Messages, i: int) -> Any:
         statuses = []
         for name, one in runs.items():
-            statuses.append(_estimate(name, one, int(rows[name][i])))
+            row, moved = int(rows[name][i]), one.trajectory
+            covariance, twist = moved.pose_covariances[row], moved.twists[row]
+            statuses.append(estimate_status(f"{name}: estimate", covariance, twist))
             statuses += [_innovation(name, sensor, i) for sensor in sensors[name]]
             if i == len(stamps) - 1:
                 statuses.append(_counts(name, one))
@@ -86,11 +86,6 @@ def _sensors(one: Run, stamps: Stamps) -> list[_Sensor]:
         mean = np.where(some, (sums[last] - sums[first]) / np.maximum(count, 1), np.nan)
         found.append(_Sensor(name, values, mean, count))
     return found
-
-
-def _estimate(variant: str, one: Run, row: int) -> DiagnosticStatus:
-    moved = one.trajectory
-    return estimate_status(f"{variant}: estimate", moved.pose_covariances[row], moved.twists[row])
 
 
 def _innovation(variant: str, sensor: _Sensor, i: int) -> DiagnosticStatus:

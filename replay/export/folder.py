@@ -5,8 +5,6 @@ KITTI: one pose a line, the upper three rows of its 4x4 matrix in sequence, and 
 file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -15,18 +13,18 @@ import numpy as np
 
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.bags.decoding import NANOSECONDS
 from icreckon.replay.base.outputs import new_file
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.export.formats import DEFAULT_FORMATS
 from icreckon.replay.export.geojson import write_geojson
 from icreckon.replay.export.replay_bag import write_replay_bag
-from icreckon.replay.export.tables import Format, write_poses, write_run
+from icreckon.replay.export.tables import Format, pose_columns, run_columns, write_table
 
 ODOMETRY_FILE = "odometry.mcap"
 ROS1_FILE = "odometry.bag"
 GEOJSON_FILE = "paths.geojson"
 TRUTH = "ground_truth"
-NANOSECONDS = 1_000_000_000
 TIMES_SUFFIX = ".times"
 
 
@@ -51,9 +49,9 @@ def write_exports(
     tables: tuple[Format, ...] = ("csv", "parquet")
     for form in (kind for kind in tables if kind in formats):
         for name, one in comparison.runs.items():
-            write_run(folder / f"{name}.{form}", form, one, robot, start)
+            write_table(folder / f"{name}.{form}", form, run_columns(one, robot, start))
         if truth is not None:
-            write_poses(folder / f"{TRUTH}.{form}", form, truth.poses, start)
+            write_table(folder / f"{TRUTH}.{form}", form, pose_columns(truth.poses, start))
     if "mcap" in formats:
         write_replay_bag(folder / ODOMETRY_FILE, "mcap", comparison, robot)
     if "ros1" in formats:

@@ -1,7 +1,5 @@
 """Export formats of trajectories in a result folder."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from icreckon.estimator.base.errors import nearest_hint

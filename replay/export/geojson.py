@@ -1,7 +1,5 @@
 """Paths on the globe as GeoJSON (RFC 7946), for QGIS and maps on the web."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Log writer: a log as a bag of standard messages."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

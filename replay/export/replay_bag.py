@@ -5,8 +5,6 @@ Frames are those of REP-105. A tf tree gives each frame one parent, so each vari
 requested, and `ground_truth/base_link` the truth.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +30,7 @@ from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
 from icreckon.replay.comparison.known_bias import KNOWN_BIAS
+from icreckon.replay.comparison.plot_series import picks
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages, pose_messages
 from icreckon.replay.mapping.geodesy import Origin, degrees
@@ -70,8 +69,8 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     others = (SMOOTHED, KNOWN_BIAS)
     base = [name for name in comparison.runs if not name.endswith(others)][-1]
     for name, one in comparison.runs.items():
-        topic, frame = frame_of(name), f"{frame_of(name)}/{BASE_LINK}"
-        poses = one.trajectory.pose_series
+        topic, poses = name.replace("-", "_"), one.trajectory.pose_series
+        frame = f"{topic}/{BASE_LINK}"
         outboxes += [
             _odometry(f"/{topic}/odom", one.trajectory, frame),
             pose_messages(f"/{topic}/pose", poses.rows(thinned(poses.stamps, POSE_RATE))),
@@ -95,11 +94,6 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     if filtered := {name: one for name, one in comparison.runs.items() if one.innovation_names}:
         outboxes.append(diagnostics(filtered, robot.name))
     return write_bag(path, form, [one for one in outboxes if len(one.stamps)])
-
-
-def frame_of(variant: str) -> str:
-    """Name of a variant in topics and frames."""
-    return variant.replace("-", "_")
 
 
 def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
@@ -148,8 +142,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
 
 def _path(topic: str, series: PoseSeries) -> Outbox:
     """Whole path as one message at its start."""
-    count = len(series.stamps)
-    rows = np.unique(np.linspace(0, count - 1, min(PATH_POSES, count)).astype(int))
+    rows = picks(len(series.stamps), PATH_POSES)
     poses = pose_messages(topic, series.rows(rows))
 
     def make(messages: Messages, i: int) -> Any:

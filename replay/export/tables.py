@@ -3,8 +3,6 @@
 A row for each pair of track speeds. Column names end with units. Unknown values are empty (null).
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any, Literal
 
@@ -63,7 +61,7 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
     """
     moved = one.trajectory
     start = int(moved.stamps[0]) if start is None else start
-    columns = _pose_columns(moved.pose_series, start)
+    columns = pose_columns(moved.pose_series, start)
     single: dict[str, Any] = dict(
         zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), moved.twists.T, strict=True)
     )
@@ -88,28 +86,8 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
     return columns | {name: np.asarray(value, np.float32) for name, value in single.items()}
 
 
-def write_run(path: Path, form: Format, one: Run, robot: Robot, start: int) -> Path:
-    """Write a run as a table.
-
-    Args:
-        path: the file.
-        form: "csv" or "parquet".
-        one: the run.
-        robot: the robot, for its gauge.
-        start: stamp of `t_s` = 0 [ns].
-
-    Raises:
-        ReplayError: the file exists, or cannot be written.
-    """
-    return _write(path, form, run_columns(one, robot, start))
-
-
-def write_poses(path: Path, form: Format, poses: PoseSeries, start: int) -> Path:
-    """Write poses alone, such as the truth; arguments and errors as `write_run`."""
-    return _write(path, form, _pose_columns(poses, start))
-
-
-def _pose_columns(series: PoseSeries, start: int) -> dict[str, Any]:
+def pose_columns(series: PoseSeries, start: int) -> dict[str, Any]:
+    """Columns (n,) of poses alone, such as the truth, `t_s` since a stamp [ns]."""
     columns = {
         "stamp_ns": series.stamps,
         "t_s": (series.stamps - start) * NANOSECOND,
@@ -120,7 +98,12 @@ def _pose_columns(series: PoseSeries, start: int) -> dict[str, Any]:
     return columns
 
 
-def _write(path: Path, form: Format, columns: dict[str, Any]) -> Path:
+def write_table(path: Path, form: Format, columns: dict[str, Any]) -> Path:
+    """Write columns (n,) as a table, "csv" or "parquet".
+
+    Raises:
+        ReplayError: the file exists, or cannot be written.
+    """
     import pyarrow as pa
     from pyarrow import csv, parquet
 

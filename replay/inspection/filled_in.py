@@ -1,7 +1,5 @@
 """Numbers and tables that a person put into a proposed robot file, kept."""
 
-from __future__ import annotations
-
 import math
 import re
 import textwrap

@@ -11,8 +11,6 @@ receiver that states 0.8 m, and whose fixes scatter by 2 cm, has slow errors of 
 Places are complex numbers x + i y. So turn and scale are one factor, and both axes have one likelihood.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -191,21 +189,21 @@ def _within(stamps: Stamps, origin: int, begin: float) -> NDArray[np.bool_]:
 
 def _outlying(places: Floats) -> NDArray[np.bool_]:
     """Mask of the fixes (n,) that are far from their neighbours."""
+    from scipy.ndimage import median_filter
+
     if len(places) < 5:
         return np.zeros(len(places), dtype=bool)
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(places, 2, mode="reflect"), 5)
-    middle = np.median(around.real, axis=1) + 1j * np.median(around.imag, axis=1)
-    distance = np.abs(places - middle)
+    x, y = (median_filter(one, 5, mode="mirror") for one in (places.real, places.imag))
+    distance = np.abs(places - (x + 1j * y))
     return np.asarray(distance > OUTLYING * np.median(distance) + 1e-6)
 
 
 def _orthonormal(columns: Floats) -> Floats:
     """Orthonormal basis of columns (n, k), without those that depend on others."""
+    from scipy.linalg import orth
+
     scale = np.linalg.norm(columns, axis=0)
-    left, singular, _ = np.linalg.svd(
-        columns / np.where(scale > 0.0, scale, 1.0), full_matrices=False
-    )
-    return np.asarray(left[:, singular > 1e-6 * singular[0]])
+    return np.asarray(orth(columns / np.where(scale > 0.0, scale, 1.0), rcond=1e-6))
 
 
 def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:

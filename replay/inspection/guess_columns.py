@@ -1,7 +1,5 @@
 """Guess of the column map of an unknown table, by the names of its columns."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 
@@ -150,31 +148,31 @@ def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
     return ImuColumns(angular_velocity=rates, linear_acceleration=forces, rate_unit=unit, time=time)
 
 
+def _first(names: Sequence[str], pattern: re.Pattern[str]) -> str | None:
+    return next((name for name in names if pattern.search(_plain(name))), None)
+
+
 def _in_degrees(name: str) -> bool:
     return any(word in name.lower() for word in ("deg", "dps", "°"))
 
 
 def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
-    def first(pattern: re.Pattern[str]) -> str | None:
-        return next((name for name in names if pattern.search(_plain(name))), None)
-
-    latitude, longitude = first(LATITUDE), first(LONGITUDE)
+    latitude, longitude = _first(names, LATITUDE), _first(names, LONGITUDE)
     if latitude is None or longitude is None:
         return None
     return PoseColumns(
         latitude=latitude,
         longitude=longitude,
-        altitude=first(ALTITUDE),
+        altitude=_first(names, ALTITUDE),
         position_sigma=PLACEHOLDER_SIGMA,
         time=time,
     )
 
 
 def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
-    def ending(*words: str) -> str | None:
-        pattern = re.compile(rf"(?:^|[_.])(?:{'|'.join(words)})$")
-        return next((name for name in names if pattern.search(_plain(name))), None)
-
-    x, y, yaw = ending("x"), ending("y"), ending("yaw", "heading", "theta")
+    x, y, yaw = (
+        _first(names, re.compile(rf"(?:^|[_.])(?:{ending})$"))
+        for ending in ("x", "y", "yaw|heading|theta")
+    )
     unit: AngleUnit = "deg" if yaw and _in_degrees(yaw) else "rad"
     return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, time=time) if x and y else None

@@ -1,7 +1,5 @@
 """Guess of the topic map of an unknown bag, by types and names."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping
 
@@ -44,11 +42,11 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     truths = {topic: sample for topic, sample in found.items() if is_truth(topic)}
     own = {topic: sample for topic, sample in found.items() if not is_truth(topic)}
     tracks = _tracks(own)
-    taken = {tracks.topic} if tracks else set()
+    taken = tracks.topic if tracks else None
     return TopicMap(
         tracks=tracks,
         imu=_imu(own),
-        fixes=_fixes({topic: sample for topic, sample in own.items() if topic not in taken}),
+        fixes=_fixes({topic: sample for topic, sample in own.items() if topic != taken}),
         truth=_truth(truths, tracks),
         heading=_heading(own),
     )
@@ -135,32 +133,30 @@ def _imu(samples: Mapping[str, Survey]) -> ImuTopic | None:
 
 
 def _fixes(samples: Mapping[str, Survey]) -> FixTopic | None:
-    for msgtype in (ros.POSE_WITH_COVARIANCE, ros.POSE):
-        for topic, sample in samples.items():
-            if sample.channel.msgtype == msgtype and not is_command(topic):
-                sigma = PLACEHOLDER_SIGMA if msgtype == ros.POSE else None
-                return FixTopic(topic, position_sigma=sigma)
-    for topic, sample in samples.items():
-        if sample.channel.msgtype == ros.NAVSATFIX:
-            known = any(one.position_covariance_type for one in sample.messages)
-            return FixTopic(topic, position_sigma=None if known else PLACEHOLDER_SIGMA)
-    return None
+    measured = {topic: one for topic, one in samples.items() if not is_command(topic)}
+    topic = _first(measured, ros.POSE_WITH_COVARIANCE, ros.POSE)
+    if topic is not None:
+        known = samples[topic].channel.msgtype == ros.POSE_WITH_COVARIANCE
+    elif (topic := _first(samples, ros.NAVSATFIX)) is not None:
+        known = any(one.position_covariance_type for one in samples[topic].messages)
+    else:
+        return None
+    return FixTopic(topic, position_sigma=None if known else PLACEHOLDER_SIGMA)
 
 
 def _truth(samples: Mapping[str, Survey], tracks: TrackTopic | None) -> TruthTopic | None:
-    def first(*types: str) -> str | None:
-        return next(
-            (
-                name
-                for kind in types
-                for name, one in samples.items()
-                if one.channel.msgtype == kind
-            ),
-            None,
-        )
-
-    topic = first(ros.POSE, ros.POSE_WITH_COVARIANCE, ros.ODOMETRY, ros.NAVSATFIX)
+    topic = _first(samples, ros.POSE, ros.POSE_WITH_COVARIANCE, ros.ODOMETRY, ros.NAVSATFIX)
     if topic is None:
         return None
-    joints = first(ros.JOINT_STATE) if tracks and tracks.left else None
-    return TruthTopic(topic, twist=first(ros.TWIST), tracks=joints, source_topic=first(ros.STRING))
+    joints = _first(samples, ros.JOINT_STATE) if tracks and tracks.left else None
+    twist, source = _first(samples, ros.TWIST), _first(samples, ros.STRING)
+    return TruthTopic(topic, twist=twist, tracks=joints, source_topic=source)
+
+
+def _first(samples: Mapping[str, Survey], *types: str) -> str | None:
+    """First topic of the first of these types that is there."""
+    for kind in types:
+        for topic, one in samples.items():
+            if one.channel.msgtype == kind:
+                return topic
+    return None

@@ -1,14 +1,12 @@
 """Bias of a gyro by standstills, headings of a truth, or the tracks."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
+from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
@@ -19,6 +17,7 @@ from icreckon.replay.inspection.imu_mounting import (
     are_usable,
     standstill,
 )
+from icreckon.replay.inspection.wheels import jackknifed
 
 WINDOW = 5.0
 """Time over which the turning by gyro and by truth or tracks is compared [s]."""
@@ -89,6 +88,4 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     def fitted(rows: NDArray[np.int_]) -> float:
         return float(np.linalg.lstsq(design[rows], turned[whole][rows], rcond=None)[0][0])
 
-    every = np.arange(len(design))
-    without = [fitted(np.delete(every, block)) for block in np.array_split(every, BLOCKS)]
-    return GyroBias(fitted(every), jackknife_sigma(np.array(without)), source)
+    return GyroBias(*jackknifed(fitted, len(design)), source)

@@ -5,8 +5,6 @@ do. The track speeds give the forward direction, since the accelerometer must fo
 and the centripetal acceleration, and the times of standstill.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,12 +108,7 @@ def are_usable(tracks: TrackSpeedSeries) -> bool:
 
 
 def turning_axis(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
-    """Unit axis (3,) about which a gyro turns as the tracks do; None if unclear.
-
-    Args:
-        tracks: the track speeds.
-        imu: the IMU, whose axes are those of the result.
-    """
+    """Unit axis (3,) of an IMU about which it turns as the tracks do; None if unclear."""
     difference = _turning(tracks, imu)
     if difference is None:
         return None

@@ -1,7 +1,5 @@
 """Inspection of a log, topic by topic, with a proposed robot file."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -20,6 +18,7 @@ from icreckon.estimator.base.config import convert
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
+from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
@@ -41,6 +40,10 @@ from icreckon.replay.reading.to_log import assemble, evidence_of
 
 UNUSED = ("latency", "gauge")
 """Keys of streams that a log is inspected without: it shows what they should be."""
+FAST_TURNING = 6.0
+"""Yaw rate that a ground robot hardly exceeds [rad/s]."""
+FAST_SPEED, FAST_RATE = 20.0, 120.0
+"""Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
 MOST_STOPS = 8
 """Highest number of standstills that are listed."""
 UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
@@ -218,8 +221,8 @@ def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
     """Mapping with the IMU in deg/s or g where its readings are, with a note on each."""
     if log.imu is None:
         return mapping
-    units, fast = {}, wheels.fast_turning(log.imu)
-    if wheels.FAST_TURNING < fast < math.degrees(wheels.FAST_TURNING):
+    units, fast = {}, _fast_turning(log.imu)
+    if FAST_TURNING < fast < math.degrees(FAST_TURNING):
         units["rate_unit"] = "deg/s"
         notes.append(f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s")
     mounting = imu_mounting.estimate_mounting(log)
@@ -368,17 +371,39 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
     if mounting is not None and mounting.gyro_bias is not None:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
         yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
-    yield from (
-        f"suspicious: {text}"
-        for text in wheels.unit_suspicions(
-            log,
-            mounting,
-            seen.wheels,
-            rates=robot_file.in_rates(mapping),
-            vertical=seen.vertical,
-            from_twist=seen.from_twist,
+    yield from (f"suspicious: {text}" for text in unit_suspicions(seen, log))
+
+
+def unit_suspicions(seen: robot_file.LogEstimates, log: Log) -> Iterator[str]:
+    """Report values of a log that seem to be in another unit."""
+    rates, estimates = robot_file.in_rates(seen.mapping), seen.wheels
+    if seen.mounting is not None and seen.mounting.specific_force is not None:
+        force = float(np.linalg.norm(seen.mounting.specific_force))
+        if abs(force - wheels.GRAVITY) > wheels.WRONG_GRAVITY * wheels.GRAVITY:
+            guess = wheels.unit_of_gravity(force)
+            yield f"mean specific force is {force:.3g}, not {wheels.GRAVITY} m/s²{guess}"
+    if log.imu is not None:
+        fast = _fast_turning(log.imu)
+        if fast > FAST_TURNING:
+            yield f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
+        if seen.from_twist and seen.vertical is not None and len(log.tracks.stamps) > 1:
+            yield from wheels.turning_suspicion(log, seen.vertical)
+    if len(log.tracks.speeds):
+        fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
+        if rates and fast > FAST_RATE:
+            yield f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?"
+        if not rates and fast > FAST_SPEED:
+            yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
+    if not rates and estimates.way_ratio is not None and not 0.5 < estimates.way_ratio < 2.0:
+        yield (
+            f"the distance over ground is {estimates.way_ratio:.3g} times that of the track speeds, "
+            f"by the {estimates.way_source}"
         )
-    )
+
+
+def _fast_turning(imu: ImuSeries) -> float:
+    """Rate that the gyro exceeds for 1 % of the time [rad/s]."""
+    return float(np.percentile(np.abs(imu.angular_velocity), 99))
 
 
 def _of_track(seen: robot_file.LogEstimates) -> str:

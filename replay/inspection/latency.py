@@ -5,8 +5,6 @@ next one. A latency of 0.2 s at a start or stop is an error of 0.2 s of driving,
 of slip in that time. The estimate needs neither truth nor fixes.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import TypeVar
 

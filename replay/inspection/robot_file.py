@@ -1,7 +1,5 @@
 """Proposed robot file: values estimated from a log, and placeholders for the rest."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +15,7 @@ from icreckon.replay.inspection.fix_wander import FixWanderEstimate
 from icreckon.replay.inspection.gyro_bias import GyroBias
 from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
-from icreckon.replay.inspection.wheels import WheelEstimates, heading_offset
+from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import TopicMap
 from icreckon.replay.mapping.track_units import OF_GROUND
@@ -49,7 +47,6 @@ class Sizes(NamedTuple):
 
 
 NO_SIZES = Sizes()
-NO_WHEELS = WheelEstimates(None, "", None)
 
 
 @dataclass(frozen=True)
@@ -89,12 +86,7 @@ class LogEstimates:
 
 
 def robot_file_text(path: Path, seen: LogEstimates) -> str:
-    """Format a robot file that `load_robot` and `topic_map` accept.
-
-    Args:
-        path: the bag, for the robot's name.
-        seen: estimates from it.
-    """
+    """Format a robot file for `load_robot` and `topic_map`, named after the bag."""
     late, wandering = _latency_lines(seen.latencies.get("tracks")), _wander_lines(seen.wander)
     columns = seen.mapping.columns
     lines = [
@@ -202,6 +194,7 @@ def _imu(seen: LogEstimates) -> list[str]:
         if log is None or log.imu is None:
             return ["# The log holds no IMU that measures rates.", ""]
         return ["# The IMU's readings are absurd, and show nothing.", ""]
+    driven = log is not None and len(log.tracks.stamps)
     lines = [*_mounting(mounting), "[imu]"]
     roll, pitch, yaw = mounting.rotation_rpy_deg
     lines.append(f"rotation_rpy_deg = [{_round(roll)}, {_round(pitch)}, {_round(yaw)}]")
@@ -229,7 +222,6 @@ def _imu(seen: LogEstimates) -> list[str]:
         ]
     else:
         none = "no standstill of 2 s, and driving shows none"
-        driven = log is not None and len(log.tracks.stamps)
         lines.append(
             f"# Gyro bias: {none if driven else 'no track speeds to find a standstill by'}."
         )
@@ -239,9 +231,14 @@ def _imu(seen: LogEstimates) -> list[str]:
             "    # rad/s/√Hz, at standstill; vibration while driving adds to it"
         )
     if mounting.accelerometer_noise_density:
+        seen_by = (
+            "while driving, over 0.5 s, what the tracks do not explain"
+            if driven
+            else "fast vibration; slow disturbances add to it"
+        )
         lines.append(
             f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
-            f"    # m/s²/√Hz, {_seen_of_noise(log)}"
+            f"    # m/s²/√Hz, {seen_by}"
         )
     return [*lines, ""]
 
@@ -288,20 +285,14 @@ def _tracks(seen: LogEstimates) -> list[str]:
             of = "the speeds"
         if shown < sigma:
             sigma = max(shown, LEAST_SCALE_SIGMA)
-            remark = f"of {of}, by the {estimates.way_source}; {USUAL_SCALE_SIGMA:g} for another"
-            remark = remark if rates else remark.split(";")[0]
+            remark = f"of {of}, by the {estimates.way_source}"
+            remark += f"; {USUAL_SCALE_SIGMA:g} for another" if rates else ""
     return [
         "[tracks]",
         f"scale_sigma = {sigma:.2g}    # relative, {remark}",
         f"difference_sigma = {USUAL_DIFFERENCE_SIGMA:g}    # of the right radius less the left, relative",
         "",
     ]
-
-
-def _seen_of_noise(log: Log | None) -> str:
-    if log is None or not len(log.tracks.stamps):
-        return "fast vibration; slow disturbances add to it"
-    return "while driving, over 0.5 s, what the tracks do not explain"
 
 
 def _turning_comment(correlation: float | None) -> str:

@@ -7,7 +7,7 @@ from array import array
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -94,7 +94,7 @@ class Survey:
         """Return True if a message of a size [bytes] is to be decoded."""
         return len(self.messages) < SAMPLES and self.sampled + size <= SAMPLE_BYTES
 
-    def extend(self, other: Survey) -> None:
+    def extend(self, other: Self) -> None:
         """Append the survey of the topic in another file."""
         self.recorded.extend(other.recorded)
         self.offsets.extend(other.offsets)

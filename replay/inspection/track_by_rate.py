@@ -1,7 +1,5 @@
 """Effective track over the yaw rate: friction at the contacts depends on it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations, pairwise
 from typing import NamedTuple
@@ -70,11 +68,7 @@ def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
 
 
 def track_by_rate(windows: Floats) -> list[RateBin]:
-    """Effective track in bins of the yaw rate, from the right to the left.
-
-    Args:
-        windows: (n, 2) of `track_windows`, of one log or several.
-    """
+    """Effective track in bins of the yaw rate, right to left, by windows (n, 2)."""
     found = []
     for side in (-1.0, 1.0):
         rates, turning = side * windows.T

@@ -1,10 +1,10 @@
 """First estimates of wheels, units and standstills from a log, without a filter."""
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
@@ -12,16 +12,11 @@ from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
-from icreckon.estimator.log.series import ImuSeries
 from icreckon.replay.inspection import imu_mounting
 
 GRAVITY = 9.81
 WRONG_GRAVITY = 0.03
 """Relative error of the mean specific force from which it is suspicious [-]."""
-FAST_TURNING = 6.0
-"""Yaw rate that a ground robot hardly exceeds [rad/s]."""
-FAST_SPEED, FAST_RATE = 20.0, 120.0
-"""Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
 DEGREES = (20.0, 180.0)
 """Ratio range to the odometry's yaw rates at which rates are in degrees (57.3, with some slip)."""
 TOO_MUCH_TURNING = 2.5
@@ -50,6 +45,9 @@ class WheelEstimates(NamedTuple):
     track_sigma: float | None = None  # standard error of `track_ratio`, or None
 
 
+NO_WHEELS = WheelEstimates(None, "", None)
+
+
 def wheel_estimates(
     log: Log, vertical: Floats | None, correlation: float | None, straight: float = STRAIGHT
 ) -> WheelEstimates:
@@ -61,26 +59,19 @@ def wheel_estimates(
         correlation: correlation of that rate with V_r - V_l, or None.
         straight: largest turning of windows that count for the radius [rad].
     """
+    if vertical is None or log.imu is None or not imu_mounting.are_usable(log.tracks):
+        return NO_WHEELS
     track_ratio = track_sigma = None
-    speeds = log.tracks.speeds
-    usable = imu_mounting.are_usable(log.tracks)
-    if (
-        usable
-        and log.imu is not None
-        and vertical is not None
-        and (correlation or 0.0) > imu_mounting.CLEAR_TURNING
-    ):
+    if (correlation or 0.0) > imu_mounting.CLEAR_TURNING:
+        speeds = log.tracks.speeds
         difference = np.interp(log.imu.stamps, log.tracks.stamps, speeds[:, 1] - speeds[:, 0])
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
-    nothing = WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
-    if not usable or vertical is None or log.imu is None:
-        return nothing
     if log.truth is not None:
         source, stamps, places = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
     elif log.fixes is not None:
         source, stamps, places = "fixes", log.fixes.stamps, log.fixes.poses[:, :2]
     else:
-        return nothing
+        return WheelEstimates(None, "", track_ratio, track_sigma=track_sigma)
     ratio, sigma = _distance_ratio(log, vertical, stamps, places, WINDOWS[source], straight)
     return WheelEstimates(ratio, source, track_ratio, sigma, track_sigma)
 
@@ -88,18 +79,22 @@ def wheel_estimates(
 def _turning_ratio(vertical: Floats, difference: Floats) -> tuple[float, float | None]:
     """Ratio of V_r - V_l to the yaw rate by linear regression, and its standard error."""
 
-    def ratio(rate: Floats, turning: Floats) -> float:
-        return float(np.var(turning, ddof=1) / np.cov(rate, turning)[0, 1])
+    def ratio(rows: NDArray[np.int_]) -> float:
+        turning = difference[rows]
+        return float(np.var(turning, ddof=1) / np.cov(vertical[rows], turning)[0, 1])
 
-    sigma = None
-    if len(vertical) >= FEWEST_SAMPLES:
-        blocks = np.array_split(np.arange(len(vertical)), BLOCKS)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            without = [
-                ratio(np.delete(vertical, one), np.delete(difference, one)) for one in blocks
-            ]
-        sigma = jackknife_sigma(np.array(without))
-    return ratio(vertical, difference), sigma if sigma is not None and np.isfinite(sigma) else None
+    if len(vertical) < FEWEST_SAMPLES:
+        return ratio(np.arange(len(vertical))), None
+    with np.errstate(divide="ignore", invalid="ignore"):
+        value, sigma = jackknifed(ratio, len(vertical))
+    return value, sigma if np.isfinite(sigma) else None
+
+
+def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tuple[float, float]:
+    """Estimate from all rows, and its standard error: blocks are left out in turn."""
+    every = np.arange(count)
+    without = [estimate(np.delete(every, one)) for one in np.array_split(every, BLOCKS)]
+    return estimate(every), jackknife_sigma(np.array(without))
 
 
 def _distance_ratio(
@@ -126,11 +121,9 @@ def _distance_ratio(
     if straight.sum() < FEWEST_WINDOWS:
         return None, None
     ratios = chords[straight] / arcs[straight]
-    sigma = None
-    if len(ratios) >= 2 * BLOCKS:
-        blocks = np.array_split(np.arange(len(ratios)), BLOCKS)
-        sigma = jackknife_sigma(np.array([np.median(np.delete(ratios, one)) for one in blocks]))
-    return float(np.median(ratios)), sigma
+    if len(ratios) < 2 * BLOCKS:
+        return float(np.median(ratios)), None
+    return jackknifed(lambda rows: float(np.median(ratios[rows])), len(ratios))
 
 
 def standstills(log: Log) -> list[tuple[float, float]]:
@@ -148,58 +141,6 @@ def standstills(log: Log) -> list[tuple[float, float]]:
             (max(0.0, begin - imu_mounting.STILL_MARGIN), finish + imu_mounting.STILL_MARGIN)
         )
     return stops
-
-
-def unit_suspicions(
-    log: Log,
-    mounting: imu_mounting.Mounting | None,
-    estimates: WheelEstimates,
-    *,
-    vertical: Floats | None,
-    rates: bool,
-    from_twist: bool,
-) -> list[str]:
-    """Report values that seem to be in another unit.
-
-    Args:
-        log: the log; its track speeds may be rates.
-        mounting: estimated mounting of the IMU, or None.
-        estimates: result of `wheel_estimates`.
-        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s], or None.
-        rates: whether track speeds are in rad/s.
-        from_twist: whether they were computed from speed and yaw rate, with a gauge of 1 m.
-    """
-    found = []
-    if mounting is not None and mounting.specific_force is not None:
-        force = float(np.linalg.norm(mounting.specific_force))
-        if abs(force - GRAVITY) > WRONG_GRAVITY * GRAVITY:
-            guess = unit_of_gravity(force)
-            found.append(f"mean specific force is {force:.3g}, not {GRAVITY} m/s²{guess}")
-    if log.imu is not None:
-        fast = fast_turning(log.imu)
-        if fast > FAST_TURNING:
-            found.append(
-                f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
-            )
-        if from_twist and vertical is not None and len(log.tracks.stamps) > 1:
-            found += turning_suspicion(log, vertical)
-    if len(log.tracks.speeds):
-        fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
-        if rates and fast > FAST_RATE:
-            found.append(f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?")
-        if not rates and fast > FAST_SPEED:
-            found.append(f"track speeds of {fast:.3g}; m/s, or rather mm/s?")
-    if not rates and estimates.way_ratio is not None and not 0.5 < estimates.way_ratio < 2.0:
-        found.append(
-            f"the distance over ground is {estimates.way_ratio:.3g} times that of the track speeds, "
-            f"by the {estimates.way_source}"
-        )
-    return found
-
-
-def fast_turning(imu: ImuSeries) -> float:
-    """Rate that the gyro exceeds for 1 % of the time [rad/s]."""
-    return float(np.percentile(np.abs(imu.angular_velocity), 99))
 
 
 def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:

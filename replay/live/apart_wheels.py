@@ -1,7 +1,5 @@
 """Wheels that come in messages of their own, interpolated as in a replay."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats

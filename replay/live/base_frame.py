@@ -1,7 +1,5 @@
 """Base frame: a point of the robot other than the centre of its tracks."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
@@ -17,7 +15,8 @@ class BaseFrame:
     """Frame that is fixed to the robot, in place of that of the estimator.
 
     The estimator's frame is at the centre of the tracks' contact area, as everything in a robot file.
-    `odom` is where the base frame was at the start.
+    `odom` is where the base frame was at the start. Methods convert what is estimated of the centre: a
+    pose (3,) x, y [m], yaw [rad] or a twist (3,) v_x, v_y [m/s], w [rad/s], and its covariance (3, 3).
 
     Args:
         offset: place of the base frame: forward, left of the centre [m], and its yaw [rad].
@@ -28,12 +27,7 @@ class BaseFrame:
         self._moves = any(offset)
 
     def pose_in_odom(self, pose: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-        """Pose (3,) of the base frame in odom [m, rad] and its covariance (3, 3).
-
-        Args:
-            pose: (3,) of the centre, in the axes of its own start.
-            covariance: (3, 3) its covariance.
-        """
+        """Pose of the base frame in odom; the centre's is in the axes of its start."""
         if not self._moves:
             return pose, covariance
         placed, covariance = self.pose_in_map(pose, covariance)
@@ -41,12 +35,7 @@ class BaseFrame:
         return relative(self._offset, placed), turn @ covariance @ turn.T
 
     def pose_in_map(self, pose: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-        """Pose (3,) of the base frame in map [m, rad] and its covariance (3, 3).
-
-        Args:
-            pose: (3,) of the centre.
-            covariance: (3, 3) its covariance.
-        """
+        """Pose of the base frame in map, and its covariance."""
         if not self._moves:
             return pose, covariance
         x, y = rotate(self._offset[:2], pose[2]).tolist()
@@ -54,12 +43,7 @@ class BaseFrame:
         return compose(pose, self._offset), jacobian @ covariance @ jacobian.T
 
     def twist(self, twist: Floats, covariance: Floats) -> tuple[Floats, Floats]:
-        """Twist (3,) of the base frame in its own axes, and its covariance (3, 3).
-
-        Args:
-            twist: (3,) of the centre [m/s, m/s, rad/s].
-            covariance: (3, 3) its covariance.
-        """
+        """Twist of the base frame in its own axes, and its covariance."""
         if not self._moves:
             return twist, covariance
         x, y, _ = self._offset.tolist()

@@ -4,8 +4,6 @@ A computer without a clock of its own starts in 1970 or at its last shutdown, an
 has a network. By the stamps alone that is a hole of years in which the robot may have gone anywhere.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Generic, NamedTuple, TypeVar
 

@@ -1,7 +1,5 @@
 """Live inputs: messages of the mapped topics to measurements."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
@@ -36,12 +34,12 @@ from icreckon.replay.reading.clocks import (
 )
 from icreckon.replay.reading.gather import wanted_streams
 from icreckon.replay.reading.message_rows import JointReader, planar_poses
-from icreckon.replay.reading.stream import Row, RowReader, Stream, UnusableError, unreadable
+from icreckon.replay.reading.stream import Row, Stream, UnusableError, unreadable
 from icreckon.replay.reading.tf import TransformStream
 from icreckon.replay.reading.wheels import mean_of_sides
 
 PURPOSES = ("tracks", "imu", "fixes", "heading")
-"""Streams that a live estimator uses, in the order of their choice of clocks."""
+"""Streams that a live estimator uses."""
 WATCHED = ("tracks", "imu")
 """Streams whose stamps show that a clock was set forward."""
 WITNESSES = 5
@@ -129,10 +127,7 @@ class LiveInputs:
     def subscriptions(self) -> list[Subscription]:
         """Topics to subscribe to."""
         found = []
-        for purpose in PURPOSES:
-            stream = self._streams.get(purpose)
-            if stream is None:
-                continue
+        for purpose, stream in self._streams.items():
             types = () if stream.any_reader is not None else tuple(stream.readers)
             found += [
                 Subscription(purpose, topic, types, topic != stream.topic)
@@ -221,7 +216,9 @@ class LiveInputs:
     # --- rows ------------------------------------------------------------------------------------
 
     def _arrived(self, stream: Stream, msgtype: str, message: Any, arrival: int) -> list[_Arrived]:
-        reader = self._reader(stream, msgtype)
+        reader = stream.readers.get(msgtype, stream.any_reader)
+        if reader is None:
+            raise ReplayError(unreadable(stream.topic, [msgtype], stream.purpose, stream.readers))
         try:
             row = reader(message)
         except UnusableError as problem:
@@ -243,7 +240,7 @@ class LiveInputs:
     ) -> list[_Arrived]:
         """Poses that the newest transforms of a chain of frames complete."""
         stream.add_transforms(topic, arrival, message)
-        stream.forget_transforms(stream.newest_transform - TRANSFORM_MEMORY)
+        stream.forget_transforms(TRANSFORM_MEMORY)
         try:
             stamps, rows = stream.arrays("header")
         except ReplayError:
@@ -281,12 +278,6 @@ class LiveInputs:
             if self._is_by_header(ready) and ready.header is not None:
                 self._ahead = ready.header - ready.arrival
         return found.ready
-
-    def _reader(self, stream: Stream, msgtype: str) -> RowReader:
-        reader = stream.readers.get(msgtype, stream.any_reader)
-        if reader is None:
-            raise ReplayError(unreadable(stream.topic, [msgtype], stream.purpose, stream.readers))
-        return reader
 
     def _is_left_over(self, stamp: int, arrival: int) -> bool:
         back = self._went_back
@@ -333,23 +324,16 @@ class LiveInputs:
 
     def _evidence(self) -> dict[str, Evidence]:
         """Evidence about the clocks of the streams, those that are chosen included."""
-        evidence = {
-            purpose: Evidence(stream.topic, stream.time, 0.0)
-            for purpose, stream in self._streams.items()
-            if purpose in self.clocks
-        }
+        evidence = {}
         for purpose, stream in self._streams.items():
             rows = [one for one in self._waiting if one.purpose == purpose]
-            offsets = [one.header - one.arrival for one in rows if one.header is not None]
-            if not rows or purpose in self.clocks:
-                continue
-            headers = {one.header for one in rows}
-            evidence[purpose] = Evidence(
-                stream.topic,
-                stream.time,
-                None if len(offsets) < len(rows) else _prompt(offsets),
-                len(rows) > 1 and len(headers) == 1,
-            )
+            if purpose in self.clocks:
+                evidence[purpose] = Evidence(stream.topic, stream.time, 0.0)
+            elif rows:
+                offsets = [one.header - one.arrival for one in rows if one.header is not None]
+                offset = None if len(offsets) < len(rows) else _prompt(offsets)
+                constant = len(rows) > 1 and len({one.header for one in rows}) == 1
+                evidence[purpose] = Evidence(stream.topic, stream.time, offset, constant)
         return evidence
 
     # --- measurements ------------------------------------------------------------------------------

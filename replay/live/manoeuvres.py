@@ -1,7 +1,5 @@
 """Manoeuvres from which a robot's parameters become known, if they are not."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Map frame: an estimator with fixes or a given start, next to that of `odom`."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Live odometry: messages in, estimates in `odom` and, with fixes, in `map` out."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Iterator

@@ -1,8 +1,7 @@
 """Reorder buffer: from the order of arrival to the order of stamps."""
 
-from __future__ import annotations
-
 import heapq
+import math
 from itertools import count, groupby
 from typing import NamedTuple
 
@@ -51,16 +50,11 @@ class ReorderBuffer:
         if not self._wait:
             return due + self.take_all()
         # A stamp is complete only when a later one is there.
-        until, ready = (self._last or 0) - self._wait, []
+        return due + self.take_all((self._last or 0) - self._wait)
+
+    def take_all(self, until: float = math.inf) -> list[list[Measurement]]:
+        """Remove and return all before a stamp [ns], one list for each stamp, in order."""
+        ready = []
         while self._heap and self._heap[0].key[0] < until:
             ready.append(heapq.heappop(self._heap).measurement)
-        return due + _by_stamp(ready)
-
-    def take_all(self) -> list[list[Measurement]]:
-        """Remove and return all measurements, one list for each stamp, in order."""
-        ready = [heapq.heappop(self._heap).measurement for _ in range(len(self._heap))]
-        return _by_stamp(ready)
-
-
-def _by_stamp(measurements: list[Measurement]) -> list[list[Measurement]]:
-    return [list(group) for _, group in groupby(measurements, key=lambda one: one.stamp)]
+        return [list(group) for _, group in groupby(ready, key=lambda one: one.stamp)]

@@ -1,7 +1,5 @@
 """Inputs that do not come: topics without messages, joints that are in none."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 
 from icreckon.estimator.base.errors import nearest_hint

@@ -1,7 +1,5 @@
 """Slip of the tracks: statuses of the topic `slip`."""
 
-from __future__ import annotations
-
 import math
 
 from icreckon.estimator.log.measurements import TrackSpeeds
@@ -28,12 +26,7 @@ class SlipWatch:
         self._gauge, self._stands = gauge, False
 
     def look(self, estimator: PoseEstimator, tracks: TrackSpeeds) -> list[DiagnosticStatus]:
-        """Statuses slip, stuck, spinning and sliding, WARN while it lasts.
-
-        Args:
-            estimator: the estimator of the pose.
-            tracks: newest track speeds.
-        """
+        """Statuses slip, stuck, spinning and sliding, WARN while it lasts."""
         findings = estimator.health.findings
         forward, sideways, w = estimator.twist.tolist()
         # During a slide the filter keeps the speed of the tracks, and makes it uncertain.

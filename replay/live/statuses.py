@@ -1,7 +1,5 @@
 """Statuses of a live run for /diagnostics: estimate, sensors, parameters, clocks."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
@@ -22,6 +20,7 @@ from icreckon.replay.base.diagnostic_status import (
     estimate_status,
 )
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
+from icreckon.replay.live.map_frame import MapFrame
 from icreckon.replay.live.odometry import LiveOdometry, loss_of
 
 CHANGED_LATENCY = 0.05
@@ -53,7 +52,7 @@ class LiveStatuses:
         live = self._live
         statuses = [self._estimate("odom", live.odom)]
         if live.map is not None:
-            statuses.append(self._map())
+            statuses.append(self._map(live.map))
         newest = live.newest
         health = newest.health
         sensors = health.sensors
@@ -121,15 +120,13 @@ class LiveStatuses:
         text = f"nothing has come on {', '.join(sorted(topics))}: the heading is that of the tracks"
         return [DiagnosticStatus(ERROR, "icreckon: imu", text, {})]
 
-    def _map(self) -> DiagnosticStatus:
-        in_map = self._live.map
-        estimator = in_map.estimator if in_map is not None else None
-        if in_map is not None and in_map.waiting:
+    def _map(self, in_map: MapFrame) -> DiagnosticStatus:
+        if in_map.waiting:
             text = f"{in_map.waiting} fixes do not show the heading yet: drive on"
             return DiagnosticStatus(WARN, "icreckon: pose in map", text, {})
-        if estimator is None or estimator.stamp is None:
+        if in_map.estimator is None or in_map.estimator.stamp is None:
             return DiagnosticStatus(STALE, "icreckon: pose in map", "no fix yet", {})
-        return self._estimate("map", estimator)
+        return self._estimate("map", in_map.estimator)
 
     def _new(self, name: str, sensor: SensorHealth) -> Counts:
         """Counts of a sensor since the last report, or since the estimator started again."""

@@ -3,8 +3,6 @@
 It is the `[log.columns]` table of a robot file.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 import msgspec
@@ -23,7 +21,7 @@ from icreckon.estimator.base.checks import (
     require_wander,
 )
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import TrackUnit, check_tracks
+from icreckon.replay.mapping.track_units import ADDS_UP, TrackUnit
 
 TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
@@ -56,7 +54,20 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     def __post_init__(self) -> None:
         check_bounds(self)
-        check_tracks(self.names, len(self.left), self.unit, self.counts_per_turn, self.wrap)
+        names, unit = self.names, self.unit
+        sides = {"left": names[: len(self.left)], "right": names[len(self.left) :]}
+        for name in (one for one in names if names.count(one) > 1):
+            there = [side for side, of in sides.items() if name in of]
+            if len(there) > 1:
+                raise ValueError(f"left and right must not share {name!r}")
+            raise ValueError(f"{there[0]} names {name!r} twice")
+        if (unit == "counts") != (self.counts_per_turn is not None):
+            raise ValueError('unit = "counts" and counts_per_turn need each other')
+        if self.wrap is not None and unit not in ADDS_UP:
+            sums = ", ".join(sorted(ADDS_UP))
+            raise ValueError(f"wrap is for what adds up ({sums}), not for {unit}")
+        if self.wrap is not None and max(map(len, sides.values())) > 1:
+            raise ValueError("wrap is for one counter a side: the mean of several does not wrap")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -106,6 +117,11 @@ class ImuKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     def __post_init__(self) -> None:
         check_bounds(self)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the axes of the angular velocity, then of the acceleration."""
+        return (*self.angular_velocity, *self.linear_acceleration)
 
     def check_axes(self, what: str) -> None:
         """Refuse names of axes that are not all there.
@@ -184,6 +200,12 @@ class PoseKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         require_wander("wander_sigma", self.wander_sigma, "wander_time", self.wander_time)
         check_origin(self.origin)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names that are given, in the order of the attributes."""
+        named = (self.x, self.y, self.yaw, self.latitude, self.longitude, self.altitude, self.sigma)
+        return tuple(one for one in named if one)
+
     def check_place(self, what: str) -> None:
         """Refuse names of a place that are neither x and y nor latitude and longitude.
 
@@ -231,6 +253,11 @@ class HeadingColumns(Bounded, frozen=True):
     offset_deg: Annotated[float, Bound("a number")] = 0.0
     time: str | None = None
     latency: Latency = 0.0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The column of the heading."""
+        return (self.yaw,)
 
 
 class ColumnMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

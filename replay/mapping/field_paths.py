@@ -1,10 +1,7 @@
 """Field paths such as «wheels.left.rate» or «data[0]», for messages of any type."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -59,8 +56,10 @@ def _fields_of(value: Any) -> str:
     return f"; {kind} has {', '.join(names)}" if names else f"; it is of type {kind}"
 
 
-class FieldReader:
-    """Reader of a message: a row made of some of its fields.
+def field_reader(
+    names: Sequence[str], make: Callable[[Floats], Floats] | None = None
+) -> Callable[[Any], tuple[float, ...]]:
+    """Build a reader of a message: a row made of some of its fields.
 
     The paths are read with the first message: of a topic of JointState they are names of joints, which
     may have any characters.
@@ -69,14 +68,12 @@ class FieldReader:
         names: paths of the fields.
         make: function from the values (1, k) to the rows (1, m); None for the values themselves.
     """
+    getters: list[Callable[[Any], float]] = []
 
-    def __init__(self, names: Sequence[str], make: Callable[[Floats], Floats] | None) -> None:
-        self._names, self._make = names, make
+    def read(message: Any) -> tuple[float, ...]:
+        if not getters:
+            getters.extend(map(field_getter, names))
+        values = [get(message) for get in getters]
+        return tuple(values if make is None else make(np.array([values]))[0].tolist())
 
-    @cached_property
-    def _getters(self) -> list[Callable[[Any], float]]:
-        return [field_getter(name) for name in self._names]
-
-    def __call__(self, message: Any) -> tuple[float, ...]:  # noqa: D102
-        values = [get(message) for get in self._getters]
-        return tuple(values if self._make is None else self._make(np.array([values]))[0].tolist())
+    return read

@@ -1,7 +1,5 @@
 """Geodesy: latitude and longitude to metres east and north of an origin, and back."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

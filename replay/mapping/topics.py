@@ -4,8 +4,6 @@ It is the `[log]` table of a robot file. If that table cannot describe a written
 own mapping, as JSON on `MAPPING_TOPIC`.
 """
 
-from __future__ import annotations
-
 import re
 from typing import Annotated, Literal
 
@@ -64,7 +62,7 @@ class ImuTopic(ImuKeys, frozen=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.angular_velocity or self.linear_acceleration:
+        if self.names:
             self.check_axes("fields")
 
 
@@ -87,9 +85,7 @@ class FixTopic(PoseKeys, frozen=True):
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_frames(self.frames)
-        if any(
-            (self.x, self.y, self.latitude, self.longitude, self.yaw, self.altitude, self.sigma)
-        ):
+        if self.names:
             self.check_place("fields")
 
 
@@ -229,11 +225,7 @@ def with_column_keys(text: str, robot: Robot) -> str:
 
 
 def topic_map(robot: Robot, source: str) -> TopicMap:
-    """Convert and check the `[log]` table of a robot file.
-
-    Args:
-        robot: the robot.
-        source: name of its file, for error messages.
+    """Convert and check the `[log]` table of a robot file; `source` is its name.
 
     Raises:
         ReplayError: a misspelt key, a wrong type or a bad value.

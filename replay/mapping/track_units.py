@@ -1,7 +1,5 @@
 """Conversion of track sensor units (rates, angles, counts, ...) to track speeds."""
 
-from __future__ import annotations
-
 import math
 from typing import Literal
 
@@ -31,39 +29,6 @@ LONGEST_DIFFERENCE = 1.0
 """Longest interval between two samples of a counter that gives a speed [s]."""
 TOO_FAST = 10.0
 """A counter has jumped if its speed is more than this multiple of the fastest track's [-]."""
-
-
-def check_tracks(
-    names: tuple[str, ...],
-    left: int,
-    unit: TrackUnit,
-    counts_per_turn: float | None,
-    wrap: float | None,
-) -> None:
-    """Refuse names that occur twice, and a unit that contradicts the other settings.
-
-    Args:
-        names: joints, fields or columns, those of the left side first.
-        left: number of those of the left side.
-        unit: their unit.
-        counts_per_turn: counts of an encoder per turn, or None.
-        wrap: range of a counter, or None.
-
-    Raises:
-        ValueError: a name is there twice, or a setting is missing or contradictory.
-    """
-    sides = {"left": names[:left], "right": names[left:]}
-    for name in (one for one in names if names.count(one) > 1):
-        there = [side for side, of in sides.items() if name in of]
-        if len(there) > 1:
-            raise ValueError(f"left and right must not share {name!r}")
-        raise ValueError(f"{there[0]} names {name!r} twice")
-    if (unit == "counts") != (counts_per_turn is not None):
-        raise ValueError('unit = "counts" and counts_per_turn need each other')
-    if wrap is not None and unit not in ADDS_UP:
-        raise ValueError(f"wrap is for what adds up ({', '.join(sorted(ADDS_UP))}), not for {unit}")
-    if wrap is not None and max(left, len(names) - left) > 1:
-        raise ValueError("wrap is for one counter a side: the mean of several does not wrap")
 
 
 def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | None) -> float:

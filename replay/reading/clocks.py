@@ -4,8 +4,6 @@ Header stamps are times of measurement, times of recording are times of arrival.
 better if their clocks agree with one another.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
@@ -47,15 +45,13 @@ def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
 
 def clocks_agree(streams: Mapping[str, Evidence]) -> bool:
     """Return whether the header clocks of all streams that have one agree."""
-    usable = {
-        purpose: stream.offset
-        for purpose, stream in streams.items()
+    offsets = [
+        stream.offset
+        for stream in streams.values()
         if stream.offset is not None and not stream.constant and stream.asked != "recording"
-    }
-    others = any(
-        stream.asked == "recording" or purpose not in usable for purpose, stream in streams.items()
-    )
-    offsets = list(usable.values()) + ([0.0] if others else [])
+    ]
+    if len(offsets) < len(streams):
+        offsets.append(0.0)  # the others are by the recorder's clock
     return not offsets or max(offsets) - min(offsets) <= CLOCKS_APART
 
 
@@ -71,9 +67,7 @@ def _choice(stream: Evidence, agree: bool) -> Choice:
         if abs(stream.offset) < SAME
         else f"the header stamps are {_span(stream.offset)} the time of recording"
     )
-    if agree:
-        return Choice("header", off, by_default=True)
-    if abs(stream.offset) <= CLOCKS_APART:
+    if agree or abs(stream.offset) <= CLOCKS_APART:
         return Choice("header", off, by_default=True)
     return Choice("recording", f"{off}, and not those of all streams are", by_default=False)
 

@@ -3,10 +3,7 @@
 Rows are those of `message_rows`, one or many of one topic; nothing here depends on other messages.
 """
 
-from __future__ import annotations
-
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -57,27 +54,21 @@ def imu_reader(spec: ImuTopic) -> RowReader:
     return lambda message: tuple(imu_rows(spec, np.array([imu_row(message)]))[0].tolist())
 
 
-def pose_names(spec: FixTopic | PoseColumns) -> list[str]:
-    """Names of the fields or columns of a pose; empty if none is named."""
-    named = (spec.x, spec.y, spec.yaw, spec.latitude, spec.longitude, spec.altitude, spec.sigma)
-    return [one for one in named if one]
-
-
-def pose_rows(spec: FixTopic | PoseColumns, values: Mapping[str, Floats]) -> Floats:
+def pose_rows(spec: FixTopic | PoseColumns, rows: Floats) -> Floats:
     """Rows as of `message_rows.POSE_READERS`, or `GEODETIC_READERS`.
 
     Args:
         spec: names of the fields or columns.
-        values: (n,) values of each of `pose_names`.
+        rows: (n, k) values of its `names`.
     """
-    count = len(next(iter(values.values())))
-    unknown = np.full(count, np.nan)
+    values = dict(zip(spec.names, rows.T, strict=True))
+    unknown = np.full(len(rows), np.nan)
     variance = values[spec.sigma] ** 2 if spec.sigma else unknown
     if spec.latitude and spec.longitude:
         altitude = values[spec.altitude] if spec.altitude else unknown
         return np.column_stack([values[spec.latitude], values[spec.longitude], altitude, variance])
     yaw = values[spec.yaw] * RADIANS[spec.yaw_unit] if spec.yaw else unknown
-    yaw_variance = np.full(count, spec.heading_sigma**2 if spec.heading_sigma else np.nan)
+    yaw_variance = np.full(len(rows), spec.heading_sigma**2 if spec.heading_sigma else np.nan)
     return np.column_stack(
         [
             values[spec.x or ""],
@@ -116,17 +107,6 @@ class TrackValues(NamedTuple):
     wrap: float | None = None  # range of the counters [m], or None
 
 
-def speeds_of_twist(rows: Floats, gauge: float) -> TrackValues:
-    """Track speeds of a controller's forward speed and yaw rate.
-
-    Args:
-        rows: (n, 2) forward speed [m/s], yaw rate [rad/s].
-        gauge: track gauge of the controller [m].
-    """
-    half = 0.5 * gauge * rows[:, 1]
-    return TrackValues(np.column_stack([rows[:, 0] - half, rows[:, 0] + half]))
-
-
 def track_width(msgtype: str, mapped: TrackTopic | TrackColumns) -> int:
     """Length of a row of `message_rows.track_readers`, or of a table."""
     return 2 if msgtype in (ODOMETRY, TWIST) else len(mapped.names)
@@ -137,8 +117,11 @@ def track_values(
 ) -> TrackValues:
     """Convert the rows of `message_rows.track_readers`, or of a table."""
     if msgtype in (ODOMETRY, TWIST):
+        # Forward speed [m/s] and yaw rate [rad/s] of a controller, by its own gauge.
         own = mapped.gauge if isinstance(mapped, TrackTopic) else None
-        return speeds_of_twist(rows * mapped.scale, vehicle.track_gauge if own is None else own)
+        forward, w = (rows * mapped.scale).T
+        half = 0.5 * (vehicle.track_gauge if own is None else own) * w
+        return TrackValues(np.column_stack([forward - half, forward + half]))
     factor = mapped.scale * metres(mapped.unit, vehicle.sprocket_radius, mapped.counts_per_turn)
     wrap = None if mapped.wrap is None else mapped.wrap * factor
     return TrackValues(rows * mapped.signs * factor, len(mapped.left), mapped.unit in ADDS_UP, wrap)

@@ -1,8 +1,7 @@
 """Gathering of the streams of a mapping from bags and tables that make one log."""
 
-from __future__ import annotations
-
 import os
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -10,20 +9,19 @@ from pathlib import Path
 
 import msgspec
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.bags.bag_files import Bag, over_bag
 from icreckon.replay.bags.decoding import Definitions, decoder
 from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRING, TWIST
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
-from icreckon.replay.mapping.field_paths import FieldReader
+from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
 from icreckon.replay.reading import message_rows
-from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_names, pose_rows
+from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
 from icreckon.replay.reading.stream import RowReader, Stream
 from icreckon.replay.reading.tables import Table, table_streams, wanted_columns
-from icreckon.replay.reading.tf import TRANSFORM_READERS, TransformStream
+from icreckon.replay.reading.tf import TransformStream
 
 PROGRESS_EVERY = 2000
 """Messages between two reports of progress."""
@@ -39,7 +37,7 @@ class Gathered:
     mapping: TopicMap  # the mapping that was used
     streams: dict[str, Stream] = field(default_factory=dict)  # the available streams, by purpose
     # the available topics with their types; columns for tables
-    found: dict[str, int] = field(default_factory=dict)
+    found: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)  # findings about the files, for the user
     truth_source: str | None = None  # name of the truth's reference system in the files, or None
 
@@ -93,10 +91,14 @@ def gather(
     Raises:
         ReplayError: no bag or table, no track speeds although mapped, or an unsupported message type.
     """
-    result = Gathered(source_name(paths), mapping)
+    result, report = Gathered(source_name(paths), mapping), progress or (lambda _: None)
     bags = [path for path in paths if path.is_dir() or not is_table(path)]
     if own_mapping:
         _use_own_mapping(result, bags, definitions)
+
+    def share_of(number: int) -> Progress:
+        return lambda done: report((number + done) / len(paths))
+
     for number, path in enumerate(paths):
         if path in bags:
             read = partial(
@@ -104,15 +106,14 @@ def gather(
                 path=path,
                 mapping=result.mapping,
                 definitions=definitions,
-                report=_part_of(progress, number, len(paths)),
+                report=share_of(number),
             )
             part = over_bag(path, read)
         else:
             part = _of_table(path, result.mapping)
         result.notes += part.notes
         result.truth_source = result.truth_source or part.truth_source
-        for name, count in part.found.items():
-            result.found[name] = result.found.get(name, 0) + count
+        result.found.update(part.found)
         for purpose, stream in part.streams.items():
             if (one := result.streams.setdefault(purpose, stream)) is not stream:
                 one.extend(stream)
@@ -120,16 +121,6 @@ def gather(
     if bags:
         result.notes += _left_out(result)
     return result
-
-
-def _part_of(progress: Progress | None, number: int, parts: int) -> Progress:
-    """Convert the progress of one of several parts to that of the whole."""
-
-    def report(done: float) -> None:
-        if progress is not None:
-            progress((number + done) / parts)
-
-    return report
 
 
 def _use_own_mapping(result: Gathered, bags: Sequence[Path], definitions: Definitions) -> None:
@@ -172,14 +163,15 @@ def _first_text(
 def _of_table(path: Path, mapping: TopicMap) -> Gathered:
     table = Table(path)
     if mapping.columns is None:
+        names = ", ".join(column.name for column in table.columns)
         raise ReplayError(
             f"{path}: a table needs [log.columns] in the robot file (`icreckon inspect {path}` "
-            f"proposes it); its columns are {table.names()}"
+            f"proposes it); its columns are {names}"
         )
     part = Gathered(str(path), mapping)
     part.notes = list(table.notes)
     part.streams = {stream.purpose: stream for stream in table_streams(table, mapping.columns)}
-    part.found = {f"{path.name}: {column.name}": len(table) for column in table.columns}
+    part.found = Counter({f"{path.name}: {one.name}": len(table) for one in table.columns})
     return part
 
 
@@ -187,20 +179,19 @@ def _of_bag(
     bag: Bag, path: Path, mapping: TopicMap, definitions: Definitions, report: Progress
 ) -> Gathered:
     part = Gathered(str(path), mapping)
-    messages: dict[str, int] = {}
+    messages: Counter[str] = Counter()
     for channel, count in bag.counts.items():
-        messages[channel.topic] = messages.get(channel.topic, 0) + count
-        name = f"{channel.topic} ({channel.msgtype})"
-        part.found[name] = part.found.get(name, 0) + count
+        messages[channel.topic] += count
+        part.found[f"{channel.topic} ({channel.msgtype})"] += count
     types = {channel.topic: channel.msgtype for channel in bag.counts}
     by_topic: dict[str, list[Stream]] = {}
     for stream in wanted_streams(mapping, str(path), definitions, types):
-        if not messages.get(stream.topic):
+        if not messages[stream.topic]:
             continue
         part.streams[stream.purpose] = stream
         for topic in stream.topics:
             by_topic.setdefault(topic, []).append(stream)
-    total = sum(messages.get(topic, 0) for topic in by_topic)
+    total = sum(messages[topic] for topic in by_topic)
     for count, record in enumerate(bag.messages(by_topic), start=1):
         if count % PROGRESS_EVERY == 0:
             report(min(1.0, count / total))
@@ -218,59 +209,54 @@ def wanted_streams(
 ) -> Iterator[Stream]:
     """Yield the streams of a mapping, still empty."""
 
-    def stream(purpose: str, topic: str, time: Clock, readers: dict[str, RowReader]) -> Stream:
-        return Stream(purpose, topic, source, time, readers, definitions=definitions)
+    def stream(
+        purpose: str,
+        topic: str,
+        time: Clock,
+        readers: dict[str, RowReader],
+        any_reader: RowReader | None = None,
+    ) -> Stream:
+        return Stream(purpose, topic, source, time, readers, any_reader, definitions)
+
+    def poses(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
+        if mapped.frames is not None:
+            return TransformStream(
+                purpose,
+                mapped.topic,
+                source,
+                mapped.time,
+                definitions=definitions,
+                frames=mapped.frames,
+            )
+        if isinstance(mapped, FixTopic) and mapped.names:
+            by_field = field_reader(mapped.names, partial(pose_rows, mapped))
+            return stream(purpose, mapped.topic, mapped.time, {}, by_field)
+        readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
+        return stream(purpose, mapped.topic, mapped.time, readers)
 
     if tracks := mapping.tracks:
         readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
-        speeds = stream("tracks", tracks.topic, tracks.time, readers)
-        if tracks.left and types.get(tracks.topic) not in readers:
-            speeds.any_reader = FieldReader(tracks.names, None)
-        yield speeds
+        by_field = tracks.left and types.get(tracks.topic) not in readers
+        reader = field_reader(tracks.names) if by_field else None
+        yield stream("tracks", tracks.topic, tracks.time, readers, reader)
     if imu := mapping.imu:
-        names = (*imu.angular_velocity, *imu.linear_acceleration)
-        of_imu = stream("imu", imu.topic, imu.time, {} if names else {IMU: imu_reader(imu)})
-        if names:
-            of_imu.any_reader = FieldReader(names, partial(imu_rows, imu))
-        yield of_imu
+        if imu.names:
+            reader = field_reader(imu.names, partial(imu_rows, imu))
+            yield stream("imu", imu.topic, imu.time, {}, reader)
+        else:
+            yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
     if fixes := mapping.fixes:
-        yield _poses("fixes", fixes, source, definitions)
+        yield poses("fixes", fixes)
     if heading := mapping.heading:
         yield stream("heading", heading.topic, heading.time, message_rows.HEADING_READERS)
     if truth := mapping.truth:
-        yield _poses("truth", truth, source, definitions)
+        yield poses("truth", truth)
         if truth.twist:
             yield stream("truth twist", truth.twist, truth.time, {TWIST: message_rows.twist_row})
         if truth.tracks and tracks:
             readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
             joints = {JOINT_STATE: readers[JOINT_STATE]}
             yield stream("truth tracks", truth.tracks, truth.time, joints)
-
-
-def _poses(
-    purpose: str, mapped: FixTopic | TruthTopic, source: str, definitions: Definitions
-) -> Stream:
-    if mapped.frames is not None:
-        return TransformStream(
-            purpose,
-            mapped.topic,
-            source,
-            mapped.time,
-            TRANSFORM_READERS,
-            definitions=definitions,
-            frames=mapped.frames,
-        )
-    names = pose_names(mapped) if isinstance(mapped, FixTopic) else []
-    if names and isinstance(mapped, FixTopic):
-        by_field = Stream(purpose, mapped.topic, source, mapped.time, {}, definitions=definitions)
-        by_field.any_reader = FieldReader(names, partial(_pose_row, mapped, names))
-        return by_field
-    readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
-    return Stream(purpose, mapped.topic, source, mapped.time, readers, definitions=definitions)
-
-
-def _pose_row(mapped: FixTopic, names: Sequence[str], values: Floats) -> Floats:
-    return pose_rows(mapped, dict(zip(names, values.T, strict=True)))
 
 
 def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Path]) -> None:
@@ -285,8 +271,8 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
                 f"topic {stream.topic!r} for {stream.purpose} {what}"
             )
     if len(bags) < len(paths) and result.mapping.columns is not None:
-        for purpose, spec, names in wanted_columns(result.mapping.columns):
-            listed_names = [spec.time or result.mapping.columns.time, *names]
+        for purpose, spec in wanted_columns(result.mapping.columns):
+            listed_names = [spec.time or result.mapping.columns.time, *spec.names]
             missing.setdefault(purpose, []).append(
                 f"columns {', '.join(listed_names)} for {purpose} are not all in one table"
             )

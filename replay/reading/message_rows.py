@@ -1,7 +1,5 @@
 """Row readers: from messages of each type to the rows of numbers of a stream."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,7 +19,10 @@ def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, R
         the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate
         [rad/s].
     """
-    readers: dict[str, RowReader] = {ros.ODOMETRY: _odometry_speeds, ros.TWIST: _twist_speeds}
+    readers: dict[str, RowReader] = {
+        ros.ODOMETRY: lambda message: _speeds(message.twist.twist),
+        ros.TWIST: lambda message: _speeds(message.twist),
+    }
     if joints:
         readers[ros.JOINT_STATE] = JointReader(joints, positions)
     return readers
@@ -56,13 +57,8 @@ class JointReader:
         return tuple(row) if places else None
 
 
-def _odometry_speeds(message: Any) -> Row:
-    twist = message.twist.twist
+def _speeds(twist: Any) -> Row:
     return (twist.linear.x, twist.angular.z)
-
-
-def _twist_speeds(message: Any) -> Row:
-    return (message.twist.linear.x, message.twist.angular.z)
 
 
 def imu_row(message: Any) -> Row:
@@ -79,13 +75,11 @@ def imu_row(message: Any) -> Row:
 
 def twist_row(message: Any) -> Row:
     """Body velocity v_x, v_y, w of a TwistStamped."""
-    twist = message.twist
+    return _planar(message.twist)
+
+
+def _planar(twist: Any) -> Row:
     return (twist.linear.x, twist.linear.y, twist.angular.z)
-
-
-def _pose(pose: Any) -> Row:
-    at, q = pose.position, pose.orientation
-    return (at.x, at.y, q.x, q.y, q.z, q.w)
 
 
 def _variances(covariance: Any) -> Row:
@@ -94,31 +88,19 @@ def _variances(covariance: Any) -> Row:
     return variances if any(variances) else (NAN, NAN)
 
 
-def _pose_stamped_row(message: Any) -> Row:
-    return (*_pose(message.pose), NAN, NAN, NAN, NAN, NAN, message.pose.position.z)
-
-
-def _pose_with_covariance_row(message: Any) -> Row:
-    pose, variances = message.pose.pose, _variances(message.pose.covariance)
-    return (*_pose(pose), *variances, NAN, NAN, NAN, pose.position.z)
-
-
-def _odometry_row(message: Any) -> Row:
-    twist = message.twist.twist
-    return (
-        *_pose(message.pose.pose),
-        *_variances(message.pose.covariance),
-        twist.linear.x,
-        twist.linear.y,
-        twist.angular.z,
-        message.pose.pose.position.z,
-    )
+def _pose_row(pose: Any, variances: Row = (NAN, NAN), twist: Row = (NAN, NAN, NAN)) -> Row:
+    at, q = pose.position, pose.orientation
+    return (at.x, at.y, q.x, q.y, q.z, q.w, *variances, *twist, at.z)
 
 
 POSE_READERS: dict[str, RowReader] = {
-    ros.POSE: _pose_stamped_row,
-    ros.POSE_WITH_COVARIANCE: _pose_with_covariance_row,
-    ros.ODOMETRY: _odometry_row,
+    ros.POSE: lambda message: _pose_row(message.pose),
+    ros.POSE_WITH_COVARIANCE: lambda message: _pose_row(
+        message.pose.pose, _variances(message.pose.covariance)
+    ),
+    ros.ODOMETRY: lambda message: _pose_row(
+        message.pose.pose, _variances(message.pose.covariance), _planar(message.twist.twist)
+    ),
 }
 POSE_WIDTH = 12
 """Rows x, y, q_x, q_y, q_z, q_w, variance of position and of yaw, v_x, v_y, w, z; NaN for none."""
@@ -181,9 +163,8 @@ def _imu_heading_row(message: Any) -> Row:
     return _heading(message.orientation, covariance[8] if covariance.any() else NAN)
 
 
-def _quaternion_row(message: Any) -> Row:
-    return _heading(message.quaternion, NAN)
-
-
-HEADING_READERS: dict[str, RowReader] = {ros.IMU: _imu_heading_row, ros.QUATERNION: _quaternion_row}
+HEADING_READERS: dict[str, RowReader] = {
+    ros.IMU: _imu_heading_row,
+    ros.QUATERNION: lambda message: _heading(message.quaternion, NAN),
+}
 """Rows yaw [rad], its variance [rad²]; NaN for unknown."""

@@ -1,7 +1,5 @@
 """Log reader: ROS 1 and ROS 2 bags and tables to a screened log in memory."""
 
-from __future__ import annotations
-
 import logging
 from collections.abc import Callable, Sequence
 from pathlib import Path

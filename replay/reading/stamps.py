@@ -4,9 +4,7 @@ A step of only the headers' clock shows against the times of recording and is co
 recorder's clock was set back too, two periods overlap in the bag and cannot be separated.
 """
 
-from __future__ import annotations
-
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,10 +139,5 @@ def largest_part(stamps: Stamps) -> tuple[int, int]:
 def in_both(one: list[tuple[int, int]], other: list[tuple[int, int]]) -> list[tuple[int, int]]:
     """Intersect two lists of intervals [ns], widened by `WINDOW` on each side."""
     width = round(WINDOW / NANOSECOND)
-    found = []
-    for a, b in one:
-        for c, d in other:
-            begin, end = max(a, c), min(b, d)
-            if end > begin:
-                found.append((begin - width, end + width))
-    return found
+    both = ((max(a, c), min(b, d)) for (a, b), (c, d) in product(one, other))
+    return [(begin - width, end + width) for begin, end in both if end > begin]

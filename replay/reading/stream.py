@@ -73,6 +73,21 @@ def _check_parts_of_one_log(purpose: str, one: Span, other: Span) -> None:
 
 
 @dataclass
+class Rows:
+    """Rows of numbers, with the times at which they were recorded and stamped [ns]."""
+
+    recorded: array[int] = field(default_factory=lambda: array("q"))
+    stamped: array[int] = field(default_factory=lambda: array("q"))
+    values: array[float] = field(default_factory=lambda: array("d"))
+
+    def extend(self, other: Rows) -> None:
+        """Append other rows."""
+        self.recorded.extend(other.recorded)
+        self.stamped.extend(other.stamped)
+        self.values.extend(other.values)
+
+
+@dataclass
 class Stream:
     """Rows gathered from one topic for one purpose."""
 
@@ -92,17 +107,16 @@ class Stream:
     lost: dict[str, int] = field(default_factory=dict)  # numbers of unusable messages, by reason
     notes: list[str] = field(default_factory=list)  # findings about the stream, for the user
     _decode: dict[Channel, Callable[[bytes], Any]] = field(default_factory=dict)
-    _recorded: array[int] = field(default_factory=lambda: array("q"))
-    _stamped: array[int] = field(default_factory=lambda: array("q"))
-    _rows: array[float] = field(default_factory=lambda: array("d"))
+    _rows: Rows = field(default_factory=Rows)
     _headless: int = 0
     _parts: list[Span] = field(default_factory=list)
 
     def _spans(self) -> list[Span]:
         """Start and end of the stream in each file."""
-        if self._parts or not len(self._recorded):
+        recorded = self._rows.recorded
+        if self._parts or not recorded:
             return self._parts
-        return [Span(min(self._recorded), max(self._recorded), self.source)]
+        return [Span(min(recorded), max(recorded), self.source)]
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -151,23 +165,21 @@ class Stream:
         for reason, count in other.lost.items():
             self.lose(reason, count)
         self.notes.extend(note for note in other.notes if note not in self.notes)
-        self._recorded.extend(other._recorded)
-        self._stamped.extend(other._stamped)
         self._rows.extend(other._rows)
         self._headless += other._headless
 
     def add(self, stamps: Stamps, rows: Floats) -> None:
         """Add (n,) stamps [ns] and (n, k) rows that do not come from messages."""
-        self._recorded.frombytes(stamps.astype(np.int64).tobytes())
-        self._stamped.frombytes(stamps.astype(np.int64).tobytes())
-        self._rows.frombytes(np.ascontiguousarray(rows, dtype=float).tobytes())
+        for times in (self._rows.recorded, self._rows.stamped):
+            times.frombytes(stamps.astype(np.int64).tobytes())
+        self._rows.values.frombytes(np.ascontiguousarray(rows, dtype=float).tobytes())
 
     def evidence(self) -> Evidence:
         """Evidence about the clock of the stream."""
-        if self._headless or not len(self._stamped):
+        if self._headless or not self._rows.stamped:
             return Evidence(self.topic, self.time, None)
-        stamped = np.frombuffer(self._stamped, dtype=np.int64)
-        recorded = np.frombuffer(self._recorded, dtype=np.int64)
+        stamped = np.frombuffer(self._rows.stamped, dtype=np.int64)
+        recorded = np.frombuffer(self._rows.recorded, dtype=np.int64)
         order = np.argsort(recorded, kind="stable")
         offsets = without_steps(stamped[order], recorded[order])[0] - recorded[order]
         constant = len(stamped) > 1 and bool((stamped == stamped[0]).all())
@@ -179,17 +191,17 @@ class Stream:
         Raises:
             ReplayError: header stamps were requested, but there are none or all are zero.
         """
-        recorded = np.array(self._recorded, dtype=np.int64)
-        rows = np.array(self._rows, dtype=float)
-        return self._in_order(clock, recorded, np.array(self._stamped, dtype=np.int64), rows)
+        return self._in_order(clock, self._rows)
 
     def _in_order(
-        self, clock: Literal["header", "recording"], recorded: Stamps, stamped: Stamps, rows: Floats
+        self, clock: Literal["header", "recording"], gathered: Rows
     ) -> tuple[Stamps, Floats]:
+        recorded = np.array(gathered.recorded, dtype=np.int64)
+        stamped = np.array(gathered.stamped, dtype=np.int64)
+        rows = np.array(gathered.values, dtype=float)
         order = np.argsort(recorded, kind="stable")
-        stamps = recorded
+        stamps = stamped if clock == "header" else recorded
         if clock == "header":
-            stamps = stamped
             missing = "messages have no header" if self._headless else ""
             if len(stamps) > 1 and not stamps.any():
                 missing = missing or "header stamps are all zero"
@@ -231,17 +243,11 @@ class Stream:
 
     def _take(self, record: Record, message: Any) -> None:
         reader = self.readers.get(record.channel.msgtype, self.any_reader)
-        if reader is None:
-            return
-        row = reader(message)
+        row = None if reader is None else reader(message)
         if row is None:
             return
         header = getattr(message, "header", None)
-        stamp = 0
-        if header is None:
-            self._headless += 1
-        else:
-            stamp = stamp_of(header)
-        self._recorded.append(record.time)
-        self._stamped.append(stamp)
-        self._rows.extend(row)
+        self._headless += header is None
+        self._rows.recorded.append(record.time)
+        self._rows.stamped.append(0 if header is None else stamp_of(header))
+        self._rows.values.extend(row)

@@ -1,7 +1,5 @@
 """Table reader: CSV and Parquet files to streams, by a column map."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -22,7 +20,7 @@ from icreckon.replay.mapping.columns import (
     TimeUnit,
     TrackColumns,
 )
-from icreckon.replay.reading.conversions import RADIANS, imu_rows, pose_names, pose_rows
+from icreckon.replay.reading.conversions import RADIANS, imu_rows, pose_rows
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
 MOST_NAMED = 5
@@ -140,10 +138,6 @@ class Table:
         """Test for the presence of all these columns."""
         return set(names) <= {column.name for column in self.columns}
 
-    def names(self) -> str:
-        """Names of the columns, for messages."""
-        return ", ".join(column.name for column in self.columns)
-
     def numbers(self, names: Sequence[str]) -> Floats:
         """Columns as numbers (n, k); NaN for an empty cell.
 
@@ -155,11 +149,7 @@ class Table:
     def _numbers(self, name: str) -> Floats:
         import pyarrow as pa
 
-        if name in self._others:
-            raise ReplayError(
-                f"{self.path}: column {name!r} holds {self._others[name]}, not numbers"
-            )
-        column = self._table.column(name)
+        column = self._column(name, "numbers")
         if pa.types.is_null(column.type):
             return np.full(len(column), NAN)
         if not (pa.types.is_floating(column.type) or pa.types.is_integer(column.type)):
@@ -172,6 +162,11 @@ class Table:
             such = f" (such as {str(filled[0].as_py())!r})" if len(filled) else ""
             raise ReplayError(f"{self.path}: column {name!r} holds {kind}, not numbers{such}")
         return np.asarray(column.cast(pa.float64(), safe=False).to_numpy(), dtype=float)
+
+    def _column(self, name: str, wanted: str) -> Any:
+        if kind := self._others.get(name):
+            raise ReplayError(f"{self.path}: column {name!r} holds {kind}, not {wanted}")
+        return self._table.column(name)
 
     def stray_texts(self) -> Iterator[str]:
         """Yield a note for each column of numbers that some text makes a column of texts."""
@@ -188,9 +183,7 @@ class Table:
         """
         import pyarrow as pa
 
-        if name in self._others:
-            raise ReplayError(f"{self.path}: column {name!r} holds {self._others[name]}, not times")
-        column = self._table.column(name)
+        column = self._column(name, "times")
         there = ~np.asarray(column.is_null().to_numpy(zero_copy_only=False), dtype=bool)
         if pa.types.is_timestamp(column.type):
             whole = column.cast(pa.timestamp("ns", column.type.tz)).cast(pa.int64())
@@ -250,8 +243,8 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         ReplayError: a column holds no numbers, or no times.
     """
     found: list[Stream] = []
-    for purpose, spec, names in wanted_columns(columns):
-        time = spec.time or columns.time
+    for purpose, spec in wanted_columns(columns):
+        names, time = spec.names, spec.time or columns.time
         if not table.has([time, *names]):
             continue
         stamps, timed = table.stamps(time, columns.time_unit)
@@ -262,7 +255,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream.lose("no time", int((own & ~timed).sum()))
         note = _coarse(f"{table.path.name}: column {time!r}", stamps[own & timed])
         stream.notes += [] if note is None or any(note in one.notes for one in found) else [note]
-        stream.msgtype, rows = _rows(spec, names, values)
+        stream.msgtype, rows = _rows(spec, values)
         stream.add(stamps[own & timed], rows[own & timed])
         found.append(stream)
     return found
@@ -295,20 +288,14 @@ def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
 Columns = TrackColumns | ImuColumns | PoseColumns | HeadingColumns
 
 
-def wanted_columns(columns: ColumnMap) -> Iterator[tuple[str, Columns, list[str]]]:
-    """Yield each stream of a column map: purpose, map, and columns except the time."""
-    if tracks := columns.tracks:
-        yield "tracks", tracks, [*tracks.names]
-    if imu := columns.imu:
-        yield "imu", imu, [*imu.angular_velocity, *imu.linear_acceleration]
-    for purpose, poses in (("fixes", columns.fixes), ("truth", columns.truth)):
-        if poses:
-            yield purpose, poses, pose_names(poses)
-    if heading := columns.heading:
-        yield "heading", heading, [heading.yaw]
+def wanted_columns(columns: ColumnMap) -> Iterator[tuple[str, Columns]]:
+    """Yield each stream of a column map: its purpose, and its columns."""
+    for purpose in ("tracks", "imu", "fixes", "truth", "heading"):
+        if (spec := getattr(columns, purpose)) is not None:
+            yield purpose, spec
 
 
-def _rows(spec: Columns, names: list[str], values: Floats) -> tuple[str, Floats]:
+def _rows(spec: Columns, values: Floats) -> tuple[str, Floats]:
     """Equivalent message type, and the rows that its reader would return."""
     if isinstance(spec, TrackColumns):
         return COLUMNS, values
@@ -316,8 +303,7 @@ def _rows(spec: Columns, names: list[str], values: Floats) -> tuple[str, Floats]
         return COLUMNS, imu_rows(spec, values)
     if isinstance(spec, HeadingColumns):
         return COLUMNS, _heading_rows(spec, values)
-    by_name = dict(zip(names, values.T, strict=True))
-    return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, by_name)
+    return (NAVSATFIX if spec.latitude else COLUMNS), pose_rows(spec, values)
 
 
 def _heading_rows(spec: HeadingColumns, values: Floats) -> Floats:

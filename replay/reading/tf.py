@@ -1,9 +1,7 @@
 """Poses from a chain of tf transforms, at the stamps of its slowest link."""
 
-from __future__ import annotations
-
-from array import array
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -14,7 +12,7 @@ from icreckon.replay.bags.decoding import stamp_of
 from icreckon.replay.bags.message_types import TF, TF_ROS1, TRANSFORM
 from icreckon.replay.bags.records import Record
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.reading.stream import NAN, Stream
+from icreckon.replay.reading.stream import NAN, RowReader, Rows, Stream
 
 LONGEST_INTERPOLATION = 1.0
 """Longest interval between two transforms over which poses are interpolated [s]."""
@@ -35,24 +33,18 @@ TRANSFORM_READERS = {TF: _unread, TF_ROS1: _unread, TRANSFORM: _unread}
 
 
 @dataclass
-class _Transforms:
-    """Transforms of one link: recorded and stamped [ns], x, y, z, q_x, q_y, q_z, q_w."""
-
-    recorded: array[int] = field(default_factory=lambda: array("q"))
-    stamped: array[int] = field(default_factory=lambda: array("q"))
-    rows: array[float] = field(default_factory=lambda: array("d"))
-
-
-@dataclass
 class TransformStream(Stream):
     """Poses of one frame in another, from a tf topic and its `_static` companion.
 
     Attributes:
+        readers: the message types that it reads.
         frames: the parent frame of the poses, and the child frame.
     """
 
+    readers: Mapping[str, RowReader] = field(default_factory=TRANSFORM_READERS.copy)
     frames: tuple[str, str] = ("", "")
-    _links: dict[Link, _Transforms] = field(default_factory=dict)
+    # of each link x, y, z, q_x, q_y, q_z, q_w
+    _links: dict[Link, Rows] = field(default_factory=dict)
     _static: dict[Link, Floats] = field(default_factory=dict)
 
     @property
@@ -66,10 +58,7 @@ class TransformStream(Stream):
         if isinstance(other, TransformStream):
             self._static.update(other._static)
             for link, found in other._links.items():
-                mine = self._links.setdefault(link, _Transforms())
-                mine.recorded.extend(found.recorded)
-                mine.stamped.extend(found.stamped)
-                mine.rows.extend(found.rows)
+                self._links.setdefault(link, Rows()).extend(found)
 
     def arrays(self, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
         """Stamps (n,) [ns] and rows (n, 12) as of `message_rows.POSE_READERS`.
@@ -104,21 +93,17 @@ class TransformStream(Stream):
     def _take(self, record: Record, message: Any) -> None:
         self.add_transforms(record.channel.topic, record.time, message)
 
-    @property
-    def newest_transform(self) -> int:
-        """Stamp of the newest transform that is not static [ns]; 0 before the first."""
-        return max((max(found.stamped) for found in self._links.values()), default=0)
-
-    def forget_transforms(self, before: int | None = None) -> None:
-        """Forget the transforms stamped before a time [ns], or all; static ones stay."""
+    def forget_transforms(self, age: int | None = None) -> None:
+        """Forget transforms that lag the newest by an age [ns], or all but static ones."""
+        newest = max((max(found.stamped) for found in self._links.values()), default=0)
         for link, found in list(self._links.items()):
             first = len(found.stamped)
-            if before is not None:
-                first = int(np.searchsorted(np.array(found.stamped), before))
-            del found.recorded[:first], found.stamped[:first], found.rows[: first * WIDTH]
+            if age is not None:
+                first = int(np.searchsorted(np.array(found.stamped), newest - age))
+            del found.recorded[:first], found.stamped[:first], found.values[: first * WIDTH]
             if not found.stamped:
                 del self._links[link]
-        self._recorded, self._stamped = array("q"), array("q")
+        self._rows = Rows()
 
     def add_transforms(self, topic: str, recorded: int, message: Any) -> None:
         """Add the transforms of a message.
@@ -141,12 +126,12 @@ class TransformStream(Stream):
                 self._static[parent, child] = np.array(row)
                 continue
             stamp = stamp_of(one.header)
-            link = self._links.setdefault((parent, child), _Transforms())
-            link.recorded.append(recorded)
-            link.stamped.append(stamp)
-            link.rows.extend(row)
-            self._recorded.append(recorded)
-            self._stamped.append(stamp)
+            link = self._links.setdefault((parent, child), Rows())
+            link.values.extend(row)
+            # Those of the stream show its clock.
+            for rows in (link, self._rows):
+                rows.recorded.append(recorded)
+                rows.stamped.append(stamp)
 
     def _chain(self) -> list[tuple[Link, bool]]:
         """Links from the first frame to the second, and whether each is traversed forward."""
@@ -174,13 +159,7 @@ class TransformStream(Stream):
         return chain[::-1]
 
     def _series(self, link: Link, clock: Literal["header", "recording"]) -> tuple[Stamps, Floats]:
-        found = self._links[link]
-        stamps, rows = self._in_order(
-            clock,
-            np.array(found.recorded, dtype=np.int64),
-            np.array(found.stamped, dtype=np.int64),
-            np.array(found.rows, dtype=float),
-        )
+        stamps, rows = self._in_order(clock, self._links[link])
         stamps, first = np.unique(stamps, return_index=True)
         return stamps, rows[first]
 

@@ -1,8 +1,7 @@
 """Assembly of a log from gathered streams: units, clocks, screening."""
 
-from __future__ import annotations
-
 import math
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -51,7 +50,7 @@ class _Assembly:
     gathered: Gathered
     robot: Robot
     clocks: dict[str, Choice]
-    dropped: dict[str, int] = field(default_factory=dict)
+    dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
     _arrays_of: dict[str, tuple[Stamps, Floats]] = field(default_factory=dict)
     _overlaid: list[tuple[int, int]] = field(default_factory=list)
@@ -66,48 +65,45 @@ class _Assembly:
         for purpose, choice in self.clocks.items():
             if not choice.by_default:
                 self.notes.append(f"{purpose} by the time of recording: {choice.reason}")
-        self._find_largest_part()
-        self._find_overlaid()
-        tracks = self._tracks(streams.get("tracks"))
+        stamps = [self._ordered(streams[one])[0] for one in OVERLAID if one in streams]
+        if sum(map(len, stamps)):
+            # The rest is by clocks that are not set.
+            self._part = largest_part(np.sort(np.concatenate(stamps)))
+        self._find_overlaid(stamps)
+        tracks = self._tracks(one) if (one := streams.get("tracks")) else None
         if tracks is None:
             self.notes.append("no track speeds: the robot file maps no topic for them")
             tracks = series.TrackSpeedSeries(np.empty(0, np.int64), np.empty((0, 2)))
-        imu = self._imu(streams.get("imu"))
-        fixes = self._fixes(streams.get("fixes"))
-        headings: tuple[Measurement, ...] = self._headings(streams.get("heading"))
-        truth = self._truth(streams)
+        imu = self._imu(one) if (one := streams.get("imu")) else None
+        fixes = self._fixes(one) if (one := streams.get("fixes")) else None
+        headings = self._headings(one) if (one := streams.get("heading")) else ()
+        truth = self._truth(one, streams) if (one := streams.get("truth")) else None
         for stream in streams.values():
             for reason, count in stream.lost.items():
-                self._drop(f"{stream.purpose}: {reason}", count)
+                self.dropped[f"{stream.purpose}: {reason}"] += count
             self.notes += stream.notes
+        others: tuple[Measurement, ...] = (*headings, *self._heights)
+        # Runs start in the frame of the truth, if there is one.
+        is_geodetic = truth is None or streams["truth"].msgtype == NAVSATFIX
         return Log(
             name=name,
             tracks=tracks,
             imu=imu,
             fixes=fixes,
             truth=truth,
-            dropped=self.dropped,
+            dropped=dict(self.dropped),
             notes=tuple(self.notes),
-            others=tuple(sorted((*headings, *self._heights), key=lambda one: one.stamp)),
-            origin=self._origin_of(truth, streams.get("truth")),
+            others=tuple(sorted(others, key=lambda one: one.stamp)),
+            origin=self._origin if is_geodetic else None,
         )
 
-    def _origin_of(self, truth: series.Truth | None, stream: Stream | None) -> Origin | None:
-        """Origin of the frame that runs start in: the truth's, if there is one."""
-        if truth is None or stream is None or stream.msgtype == NAVSATFIX:
-            return self._origin
-        return None
-
     def _spec(self, stream: Stream) -> Any:
-        """Entry of the mapping for a stream: its columns, or its topic; None without."""
+        """Entry of the mapping for a stream: its columns, or its topic."""
         mapping = self.gathered.mapping
         table = mapping.columns if stream.from_table else None
         # The true track speeds come by the joints of the measured ones.
         purpose = stream.purpose.removeprefix("truth ")
-        return getattr(mapping if table is None else table, purpose, None)
-
-    def _drop(self, reason: str, count: int) -> None:
-        self.dropped[reason] = self.dropped.get(reason, 0) + count
+        return getattr(mapping if table is None else table, purpose)
 
     def _arrays(self, stream: Stream, width: int) -> tuple[Stamps, Floats]:
         stamps, rows = self._ordered(stream)
@@ -119,29 +115,20 @@ class _Assembly:
             inside = (stamps >= begin) & (stamps <= end)
             stream.lose("of a time that occurs twice", int(inside.sum()))
             stamps, rows = stamps[~inside], rows[~inside]
-        spec = None if stream.purpose.startswith("truth ") else self._spec(stream)
-        late = 0 if spec is None else round(spec.latency / NANOSECOND)
-        return stamps - late, rows.reshape(-1, width)
+        if not stream.purpose.startswith("truth "):
+            stamps = stamps - round(self._spec(stream).latency / NANOSECOND)
+        return stamps, rows.reshape(-1, width)
 
     def _ordered(self, stream: Stream) -> tuple[Stamps, Floats]:
         if stream.purpose not in self._arrays_of:
             self._arrays_of[stream.purpose] = stream.arrays(self.clocks[stream.purpose].clock)
         return self._arrays_of[stream.purpose]
 
-    def _find_largest_part(self) -> None:
-        """Find the part without gaps of days; the rest is by clocks that are not set."""
-        streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
-        stamps = [self._ordered(one)[0] for one in streams if one is not None]
-        if sum(map(len, stamps)):
-            self._part = largest_part(np.sort(np.concatenate(stamps)))
-
-    def _find_overlaid(self) -> None:
+    def _find_overlaid(self, stamps: list[Stamps]) -> None:
         """Find when the recorder's clock was set back: tracks and IMU at twice their rate."""
-        streams = [self.gathered.streams.get(purpose) for purpose in OVERLAID]
-        doubled = [doubled_times(self._ordered(one)[0]) for one in streams if one is not None]
-        if len(doubled) < len(OVERLAID):
+        if len(stamps) < len(OVERLAID):
             return
-        self._overlaid = in_both(*doubled)
+        self._overlaid = in_both(*map(doubled_times, stamps))
         for begin, end in self._overlaid:
             self.notes.append(
                 f"for {(end - begin) * NANOSECOND:.1f} s there are twice as many track speeds and IMU "
@@ -155,8 +142,7 @@ class _Assembly:
         keep, reasons = np.empty(0, dtype=bool), dict[str, int]()
         if len(stamps):
             keep, reasons = screen(stream.purpose, stamps, values, positive=positive)
-        for reason, count in reasons.items():
-            self._drop(reason, count)
+        self.dropped.update(reasons)
         if not keep.any():
             losses = "".join(f", {count} x {reason}" for reason, count in reasons.items())
             losses += "".join(f", {count} x {reason}" for reason, count in stream.lost.items())
@@ -165,12 +151,8 @@ class _Assembly:
             )
         return keep
 
-    def _tracks(self, stream: Stream | None) -> series.TrackSpeedSeries | None:
-        if stream is None:
-            return None
+    def _tracks(self, stream: Stream) -> series.TrackSpeedSeries | None:
         vehicle, spec = self.robot.vehicle, self._spec(stream)
-        if spec is None:
-            return None
         stamps, rows = self._arrays(stream, conversions.track_width(stream.msgtype, spec))
         if stream.purpose == "truth tracks":
             signed = rows * spec.signs * vehicle.sprocket_radius
@@ -208,9 +190,7 @@ class _Assembly:
             f"{found or 'no joints'}"
         )
 
-    def _imu(self, stream: Stream | None) -> series.ImuSeries | None:
-        if stream is None:
-            return None
+    def _imu(self, stream: Stream) -> series.ImuSeries | None:
         stamps, rows = self._arrays(stream, 6)
         rates, forces = rows[:, :3], rows[:, 3:]
         has_forces = bool(len(forces)) and not np.isnan(forces).all()
@@ -219,12 +199,8 @@ class _Assembly:
             return None
         return series.ImuSeries(stamps[keep], rates[keep], forces[keep] if has_forces else None)
 
-    def _fixes(self, stream: Stream | None) -> series.FixSeries | None:
-        if stream is None:
-            return None
+    def _fixes(self, stream: Stream) -> series.FixSeries | None:
         spec = self._spec(stream)
-        if spec is None:
-            return None
         if stream.msgtype == NAVSATFIX or spec.latitude:
             stamps, poses, variances, heights = self._geodetic(stream, spec.origin)
         else:
@@ -280,12 +256,8 @@ class _Assembly:
         heights = rows[:, 2] - (0.0 if origin is None else origin[2])
         return stamps, poses, np.column_stack([rows[:, 3], np.full(len(rows), NAN)]), heights
 
-    def _headings(self, stream: Stream | None) -> tuple[HeadingFix, ...]:
-        if stream is None:
-            return ()
+    def _headings(self, stream: Stream) -> tuple[HeadingFix, ...]:
         mapped = self._spec(stream)
-        if mapped is None:
-            return ()
         stamps, rows = self._arrays(stream, 2)
         yaw, variances = conversions.headings(rows, mapped)
         if len(stamps) and mapped.sigma is None and np.isnan(rows[:, 1]).all():
@@ -299,13 +271,10 @@ class _Assembly:
         )
         return tuple(HeadingFix(stamp, angle, variance) for stamp, angle, variance in rows_kept)
 
-    def _truth(self, streams: dict[str, Stream]) -> series.Truth | None:
-        stream = streams.get("truth")
-        if stream is None:
-            return None
+    def _truth(self, stream: Stream, streams: dict[str, Stream]) -> series.Truth | None:
         spec = self._spec(stream)
         if stream.msgtype == NAVSATFIX:
-            stamps, poses, _, _ = self._geodetic(stream, spec.origin if spec is not None else None)
+            stamps, poses, _, _ = self._geodetic(stream, spec.origin)
             twists, rows = np.full_like(poses, NAN), np.empty((0, POSE_WIDTH))
         else:
             stamps, rows = self._arrays(stream, POSE_WIDTH)
@@ -318,19 +287,16 @@ class _Assembly:
         if spatial is not None:
             # As that of the filters, the height begins at zero.
             spatial[:, 0] -= spatial[0, 0]
-        own_twist = bool(np.isfinite(twists[keep]).all())
-        twist_stream = streams.get("truth twist")
+        body = None
+        if twist_stream := streams.get("truth twist"):
+            body = self._twists(twist_stream)
+        elif np.isfinite(twists[keep]).all():
+            body = series.TwistSeries(stamps[keep], twists[keep])
         return series.Truth(
             poses=series.PoseSeries(stamps[keep], poses[keep], spatial),
-            twists=(
-                self._twists(twist_stream)
-                if twist_stream is not None
-                else series.TwistSeries(stamps[keep], twists[keep])
-                if own_twist
-                else None
-            ),
-            tracks=self._tracks(streams.get("truth tracks")),
-            source=self.gathered.truth_source or (spec.source if spec else "") or stream.topic,
+            twists=body,
+            tracks=self._tracks(one) if (one := streams.get("truth tracks")) else None,
+            source=self.gathered.truth_source or spec.source or stream.topic,
             headings=headings,
         )
 

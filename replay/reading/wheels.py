@@ -1,7 +1,5 @@
 """Wheels of each side: their mean, and those that disagree."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

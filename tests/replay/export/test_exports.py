@@ -25,7 +25,7 @@ from icreckon.replay.export.folder import write_kitti, write_tum
 from icreckon.replay.export.formats import DEFAULT_FORMATS, FORMATS, parse_formats
 from icreckon.replay.export.log_bag import pose_messages
 from icreckon.replay.export.replay_bag import write_replay_bag
-from icreckon.replay.export.tables import write_run
+from icreckon.replay.export.tables import run_columns, write_table
 from tum import read_tum
 
 VARIANTS = ["constant-online", "inertia-online"]
@@ -114,7 +114,7 @@ def test_kitti_has_twelve_numbers_a_row_and_its_times_beside(tmp_path: Path, one
 
 
 def test_parquet_holds_all_of_a_run(tmp_path: Path, one: Run, robot: Robot) -> None:
-    path = write_run(tmp_path / "a.parquet", "parquet", one, robot, int(one.stamps[0]))
+    path = write_table(tmp_path / "a.parquet", "parquet", run_columns(one, robot))
     table = pyarrow.parquet.read_table(path)
     columns = {name: table[name].to_numpy() for name in table.column_names}
     np.testing.assert_array_equal(columns["stamp_ns"], one.stamps)
@@ -140,9 +140,10 @@ def test_parquet_holds_all_of_a_run(tmp_path: Path, one: Run, robot: Robot) -> N
 
 def test_csv_says_the_same_as_parquet(tmp_path: Path, one: Run, robot: Robot) -> None:
     start = int(one.stamps[0])
-    path = write_run(tmp_path / "a.parquet", "parquet", one, robot, start)
+    path = write_table(tmp_path / "a.parquet", "parquet", run_columns(one, robot, start))
     table = pyarrow.parquet.read_table(path)
-    with write_run(tmp_path / "a.csv", "csv", one, robot, start).open(newline="") as file:
+    columns = run_columns(one, robot, start)
+    with write_table(tmp_path / "a.csv", "csv", columns).open(newline="") as file:
         head, *rows = list(csv.reader(file))
     assert head == table.column_names
     assert len(rows) == len(one.stamps)

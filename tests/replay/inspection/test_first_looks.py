@@ -16,6 +16,9 @@ from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.checking.robot_check import check_robot, is_of_another
 from icreckon.replay.inspection import wheels
 from icreckon.replay.inspection.imu_mounting import estimate_mounting, vertical_rate
+from icreckon.replay.inspection.inspect import unit_suspicions
+from icreckon.replay.inspection.robot_file import NO_SIZES, LogEstimates
+from icreckon.replay.mapping.topics import TopicMap, TrackTopic
 
 RADIUS, TRACK = 0.2, 0.6
 
@@ -43,10 +46,10 @@ def looked_at(log: Log):
 
 
 def suspicions(log: Log, *, rates: bool = False, from_twist: bool = False) -> list[str]:
-    mounting, vertical, estimates = looked_at(log)
-    return wheels.unit_suspicions(
-        log, mounting, estimates, vertical=vertical, rates=rates, from_twist=from_twist
-    )
+    sides = {} if from_twist else {"left": ("l",), "right": ("r",)}
+    tracks = TrackTopic("/speeds", **sides, unit="rad/s" if rates else "m/s")
+    seen = LogEstimates(TopicMap(tracks), {}, log, NO_SIZES, *looked_at(log))
+    return [*unit_suspicions(seen, log)]
 
 
 def test_effective_radius_and_track() -> None:
