@@ -80,8 +80,9 @@ def write_bag(path: Path, messages, delay: int = 0, raw=(), times=None) -> Path:
             kind = message.__msgtype__
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=STORE)
-            headed = message.transforms[0] if topic.startswith("/tf") else message
-            stamp = headed.header.stamp
+            if times is None:
+                headed = message.transforms[0] if topic.startswith("/tf") else message
+                stamp = headed.header.stamp
             when = stamp.sec * 10**9 + stamp.nanosec + delay if times is None else next(times)
             writer.write(connections[topic], when, STORE.serialize_cdr(message, kind))
         for topic, when, data in raw:

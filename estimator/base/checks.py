@@ -41,8 +41,8 @@ LARGEST_NUMBER, LEAST_POSITIVE = 1e9, 1e-12
 class Bound(NamedTuple):
     """Allowed numbers of a field, as `Annotated[float, Bound("at least 1 s", 1.0)]`.
 
-    Numbers beyond `LARGEST_NUMBER` in size are never allowed, nor, where the lower bound is zero,
-    positive ones below `LEAST_POSITIVE`.
+    Numbers beyond `LARGEST_NUMBER` in size are allowed by an upper bound only; where the lower bound is
+    zero, positive ones below `LEAST_POSITIVE` never are.
 
     Attributes:
         wanted: description of them, for messages.
@@ -67,7 +67,7 @@ class Bound(NamedTuple):
         if is_finite(value):
             number = float(value)  # type: ignore[arg-type]
             if self.least <= number <= self.most and not (self.beyond and number == self.least):
-                if abs(number) > LARGEST_NUMBER:
+                if abs(number) > LARGEST_NUMBER and self.most == math.inf:
                     size = f"no larger than {LARGEST_NUMBER:g}"
                 elif self.least == 0.0 < number < LEAST_POSITIVE:
                     size = f"no smaller than {LEAST_POSITIVE:g}"

@@ -275,7 +275,9 @@ def measure(scatter: ScatterRecord, stated: float) -> None:
 
 
 def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
-    """Return True if no turn and stretch of the path makes half of its steps fit those of the fixes.
+    """Return True if most of the newest steps are off, along and across.
+
+    They are, if no turn and stretch of the path makes half of its steps fit those of the fixes.
 
     Args:
         scatter: the record.
@@ -295,7 +297,7 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
 def steps_fit(
     scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
 ) -> bool:
-    """Return True if half of the turned and stretched steps fit, along the robot or across."""
+    """Return True if half of the steps of the turned path fit, along or across."""
     back, number = stretch.conjugate() * (1.0 / size_of(stretch)), scatter.laid - first
     beyond = MEDIAN * least * (1.0 + OF_FEW / (number - 1.0) ** 2)
     along = across = 0

@@ -8,7 +8,16 @@ from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.inspection.guess_topics import PLACEHOLDER_SIGMA, is_command, is_truth, sides
+from icreckon.replay.inspection.guess_topics import (
+    COUNTER,
+    NO_SPEED,
+    PLACEHOLDER_SIGMA,
+    SPEED,
+    UNIT_WORDS,
+    is_command,
+    is_truth,
+    sides,
+)
 from icreckon.replay.mapping.columns import (
     AngleUnit,
     ColumnMap,
@@ -23,10 +32,6 @@ from icreckon.replay.reading.tables import Table
 
 TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
 TIME_WORDS = re.compile(r"time|stamp")
-SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)")
-NO_SPEED = re.compile(
-    r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
-)
 # Words of a name that may stand with its side where none is a speed's.
 BARE = re.compile(
     r"wheels?|tracks?|sprockets?|drives?|motors?|front|rear|back|mid(?:dle)?|side|measured|actual"
@@ -43,14 +48,6 @@ LATITUDE, LONGITUDE, ALTITUDE = (
     for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
 )
 UNIT = re.compile(r"_(?:dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
-UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
-    ("rpm", "rpm"),
-    ("/min", "rpm"),
-    ("rad", "rad/s"),
-    ("deg", "deg/s"),
-    ("mm", "mm/s"),
-    ("km", "km/h"),
-)
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
 
@@ -111,7 +108,7 @@ def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumn
     if not (left and right) or len(left) != len(right):
         return None
     column = left[0].lower()
-    if re.search("count|tick|enc", column):
+    if COUNTER.search(column):
         counts = TrackColumns(left=left, right=right, unit="counts", counts_per_turn=1.0, time=time)
         return counts if len(left) > 1 else replace(counts, wrap=_wrap(table.numbers(counts.names)))
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")

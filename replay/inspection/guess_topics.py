@@ -3,6 +3,8 @@
 import re
 from collections.abc import Iterable, Mapping
 
+from msgspec.structs import replace
+
 from icreckon.replay.bags import message_types as ros
 from icreckon.replay.inspection.topic_survey import Survey
 from icreckon.replay.mapping.topics import (
@@ -13,16 +15,33 @@ from icreckon.replay.mapping.topics import (
     TrackTopic,
     TruthTopic,
 )
+from icreckon.replay.mapping.track_units import TrackUnit
 from icreckon.replay.reading.stream import ABSENT
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
-LEFT = {"l", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
-RIGHT = {"r", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
+LEFT = {"l", "lwheel", "fl", "ml", "rl", "bl", "lf", "lm", "lr", "lb"}
+RIGHT = {"r", "rwheel", "fr", "mr", "rr", "br", "rf", "rm", "rb"}
 TRUE = re.compile(r"truth|ground|(?<![a-z])(?:true|gt)(?![a-z])")
 COMMAND = re.compile(
     r"cmd|command|desired|target|setpoint|demand|request|wanted"
     r"|(?<![a-z])(?:ref|sp|set|tgt|req|goal)(?![a-z])"
 )
+SPEED = re.compile(r"vel|speed|(?<!tempe)rate|omega|rpm|(?<![a-z])(?:count|tick|enc)")
+NO_SPEED = re.compile(
+    r"current(?!_?(?:vel|speed|rate|rpm))|volt|temp|torque|effort|power|pwm|duty|throttle|error|accel"
+)
+COUNTER = re.compile("count|tick|enc")
+UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
+    ("rpm", "rpm"),
+    ("/min", "rpm"),
+    ("rad", "rad/s"),
+    ("deg", "deg/s"),
+    ("mm", "mm/s"),
+    ("km", "km/h"),
+)
+NUMBERS = {"Float64": None, "Float32": None, "Int64": None, "UInt64": None}
+NUMBERS |= {f"{sign}Int{bits}": 2.0**bits for sign in ("", "U") for bits in (32, 16)}
+"""Types of std_msgs with one number, and the range of a counter of that type."""
 PLACEHOLDER_SIGMA = 0.05
 """Placeholder sigma of fixes without a covariance [m] and of headings [rad], for the user to replace."""
 
@@ -30,9 +49,10 @@ PLACEHOLDER_SIGMA = 0.05
 def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     """Guess the topic of each stream.
 
-    Track speeds come from a JointState with velocities of left and right joints, or else from an
-    odometry. The IMU is the fastest topic that measures rates; another Imu with an orientation but no
-    rates is a heading. Poses are the truth if the topic is named so, otherwise fixes.
+    Track speeds come from a JointState with velocities of left and right joints, from two topics with
+    a number each, or else from an odometry. The IMU is the fastest topic that measures rates; another
+    Imu with an orientation but no rates is a heading. Poses are the truth if the topic is named so,
+    otherwise fixes.
 
     Returns:
         The mapping; None for streams that were not found.
@@ -90,6 +110,8 @@ def _tracks(samples: Mapping[str, Survey]) -> TrackTopic | None:
             left, right = sides(names)
             if left and right:
                 return TrackTopic(topic, left=left, right=right)
+    if (pair := _pair_of_topics(samples)) is not None:
+        return pair
     candidates = [
         topic
         for topic, sample in samples.items()
@@ -101,6 +123,31 @@ def _tracks(samples: Mapping[str, Survey]) -> TrackTopic | None:
         return (samples[topic].channel.msgtype != ros.ODOMETRY, not wheels)
 
     return TrackTopic(min(candidates, key=unlikely)) if candidates else None
+
+
+def _pair_of_topics(samples: Mapping[str, Survey]) -> TrackTopic | None:
+    """Topics of both sides with a number each, as of many encoder boards."""
+    for kind, wrap in NUMBERS.items():
+        left, right = sides(
+            [
+                topic
+                for topic, sample in samples.items()
+                if sample.channel.msgtype == f"std_msgs/msg/{kind}" and _is_speed(topic.lower())
+            ]
+        )
+        if len(left) == len(right) == 1 and left != right:
+            pair = TrackTopic(left[0], right[0], left=("data",), right=("data",))
+            if "Int" in kind or COUNTER.search(left[0].lower()):
+                return replace(pair, unit="counts", counts_per_turn=1.0, wrap=wrap)
+            units = (unit for word, unit in UNIT_WORDS if word in left[0].lower())
+            return replace(pair, unit=next(units, "rad/s"))
+    return None
+
+
+def _is_speed(topic: str) -> bool:
+    if is_command(topic) or NO_SPEED.search(topic):
+        return False
+    return bool(SPEED.search(topic)) or any(word in topic for word in DRIVE_WORDS)
 
 
 def _measures_rates(sample: Survey) -> bool:

@@ -332,6 +332,12 @@ def _log(seen: LogEstimates, track_latency: list[str], wander: list[str]) -> lis
         sides = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
         if not tracks.left:
             sides = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
+        if tracks.right_topic:
+            sides.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
+            sides.append(f"unit = {toml_value(tracks.unit)}    # check it")
+        if tracks.counts_per_turn:
+            sides.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")
+            sides += [f"wrap = {tracks.wrap}"] if tracks.wrap else []
         lines += table("tracks", tracks.topic, *sides, late=track_latency)
     if imu := mapping.imu:
         units = ("rate_unit", "rad/s"), ("acceleration_unit", "m/s2")

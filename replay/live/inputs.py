@@ -130,7 +130,7 @@ class LiveInputs:
         for purpose, stream in self._streams.items():
             types = () if stream.any_reader is not None else tuple(stream.readers)
             found += [
-                Subscription(purpose, topic, types, topic != stream.topic)
+                Subscription(purpose, topic, types, topic not in stream.needed)
                 for topic in stream.topics
             ]
         return found
@@ -175,7 +175,8 @@ class LiveInputs:
         if isinstance(stream, TransformStream):
             arrived = self._transforms(stream, subscription.topic, msgtype, message, arrival)
         else:
-            arrived = self._arrived(stream, msgtype, message, arrival)
+            side = stream.side(subscription.topic)
+            arrived = self._arrived(side, msgtype, message, arrival)
         self.clock_step = 0
         arrived = [self._stamped(one) for one in arrived]
         if subscription.purpose in WATCHED:

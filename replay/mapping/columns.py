@@ -23,6 +23,7 @@ from icreckon.estimator.base.checks import (
 from icreckon.replay.mapping.geodesy import check_origin
 from icreckon.replay.mapping.track_units import ADDS_UP, TrackUnit
 
+Wrap = Annotated[float, Bound("a positive number, 2**64 at most", 0.0, 2.0**64, beyond=True)]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
 RateUnit = Literal["rad/s", "deg/s"]
@@ -48,7 +49,7 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     right: tuple[str, ...] = ()
     unit: TrackUnit = "rad/s"
     counts_per_turn: Positive | None = None
-    wrap: Positive | None = None
+    wrap: Wrap | None = None
     scale: Positive = 1.0
     latency: Latency = 0.0
 
@@ -58,9 +59,11 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         sides = {"left": names[: len(self.left)], "right": names[len(self.left) :]}
         for name in (one for one in names if names.count(one) > 1):
             there = [side for side, of in sides.items() if name in of]
-            if len(there) > 1:
+            for side in there:
+                if sides[side].count(name) > 1:
+                    raise ValueError(f"{side} names {name!r} twice")
+            if not getattr(self, "right_topic", None):
                 raise ValueError(f"left and right must not share {name!r}")
-            raise ValueError(f"{there[0]} names {name!r} twice")
         if (unit == "counts") != (self.counts_per_turn is not None):
             raise ValueError('unit = "counts" and counts_per_turn need each other')
         if self.wrap is not None and unit not in ADDS_UP:

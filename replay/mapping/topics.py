@@ -34,18 +34,25 @@ class TrackTopic(TrackKeys, frozen=True):
     Attributes:
         topic: name; sensor_msgs/JointState, nav_msgs/Odometry, geometry_msgs/TwistStamped, or any
             other type, if `left` and `right` name its fields, as "wheels.left.rate" or "data[0]".
+        right_topic: topic of the right side, if each side has one; then `topic` is that of the left.
         gauge: track gauge with which the robot's controller computes speed and yaw rate from track
             speeds [m] (Odometry, TwistStamped); the vehicle's if left out.
         time: clock of the stamps.
     """
 
     topic: str
+    right_topic: str | None = None
     gauge: Positive | None = None
     time: Clock = "auto"
 
     def __post_init__(self) -> None:
         if bool(self.left) != bool(self.right):
             raise ValueError("left and right must both name joints, or both be left out")
+        if self.right_topic is not None and (not self.left or self.right_topic == self.topic):
+            raise ValueError(
+                "right_topic is for a topic of each side: it must differ from topic, and left and "
+                "right must name fields or joints of these topics"
+            )
         super().__post_init__()
 
 
@@ -192,7 +199,7 @@ def writable_topics(own: TopicMap) -> TopicMap:
         share a topic.
     """
     tracks, fixes = own.tracks, own.fixes
-    if tracks is None or not tracks.left or tracks.unit != "rad/s":
+    if tracks is None or not tracks.left or tracks.right_topic or tracks.unit != "rad/s":
         tracks = DEFAULT_TRACKS
     if fixes is None or fixes.frames is not None:
         fixes = DEFAULT_TOPICS.fixes

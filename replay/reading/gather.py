@@ -15,7 +15,14 @@ from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRI
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.field_paths import field_reader
-from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
+from icreckon.replay.mapping.topics import (
+    MAPPING_TOPIC,
+    Clock,
+    FixTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+)
 from icreckon.replay.mapping.track_units import ADDS_UP
 from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
@@ -186,7 +193,7 @@ def _of_bag(
     types = {channel.topic: channel.msgtype for channel in bag.counts}
     by_topic: dict[str, list[Stream]] = {}
     for stream in wanted_streams(mapping, str(path), definitions, types):
-        if not messages[stream.topic]:
+        if not all(messages[topic] for topic in stream.needed):
             continue
         part.streams[stream.purpose] = stream
         for topic in stream.topics:
@@ -234,7 +241,22 @@ def wanted_streams(
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
 
-    if tracks := mapping.tracks:
+    def of_side(
+        topic: str, names: Sequence[str], before: int, after: int, mapped: TrackTopic
+    ) -> Stream:
+        joints = message_rows.JointReader(names, mapped.unit in ADDS_UP)
+        by_name, by_field = (
+            message_rows.of_one_side(one, before, after) for one in (joints, field_reader(names))
+        )
+        return stream("tracks", topic, mapped.time, {JOINT_STATE: by_name}, by_field)
+
+    tracks = mapping.tracks
+    if tracks and tracks.right_topic:
+        left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
+        both = of_side(tracks.topic, left, 0, len(right), tracks)
+        both.right = of_side(tracks.right_topic, right, len(left), 0, tracks)
+        yield both
+    elif tracks:
         readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)
         by_field = tracks.left and types.get(tracks.topic) not in readers
         reader = field_reader(tracks.names) if by_field else None
@@ -265,11 +287,12 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
     missing: dict[str, list[str]] = {}
     if bags:
         for stream in wanted_streams(result.mapping, result.source, (), {}):
-            listed = any(name.split(" (")[0] == stream.topic for name in result.found)
-            what = "has no messages" if listed else "is not in the bag"
-            missing.setdefault(stream.purpose, []).append(
-                f"topic {stream.topic!r} for {stream.purpose} {what}"
-            )
+            texts = missing.setdefault(stream.purpose, [])
+            for topic in stream.needed:
+                counts = [n for name, n in result.found.items() if name.split(" (")[0] == topic]
+                what = "has no messages" if counts else "is not in the bag"
+                if not sum(counts):
+                    texts.append(f"topic {topic!r} for {stream.purpose} {what}")
     if len(bags) < len(paths) and result.mapping.columns is not None:
         for purpose, spec in wanted_columns(result.mapping.columns):
             listed_names = [spec.time or result.mapping.columns.time, *spec.names]

@@ -1,6 +1,6 @@
 """Row readers: from messages of each type to the rows of numbers of a stream."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,16 @@ class JointReader:
         values = message.position if self.positions else message.velocity
         row = (float(values[places[one]]) if one in places else NAN for one in self.joints)
         return tuple(row) if places else None
+
+
+def of_one_side(read: Callable[[Any], Row | None], before: int, after: int) -> RowReader:
+    """Reader of a topic of one side, with NaN for the wheels of the other one."""
+
+    def row(message: Any) -> Row | None:
+        found = read(message)
+        return None if found is None else (*[NAN] * before, *found, *[NAN] * after)
+
+    return row
 
 
 def _speeds(twist: Any) -> Row:

@@ -106,6 +106,8 @@ class Stream:
     from_table: bool = False  # whether the rows come from a table
     lost: dict[str, int] = field(default_factory=dict)  # numbers of unusable messages, by reason
     notes: list[str] = field(default_factory=list)  # findings about the stream, for the user
+    # stream of the right side, of track speeds on two topics: rows have NaN for the other side
+    right: Stream | None = None
     _decode: dict[Channel, Callable[[bytes], Any]] = field(default_factory=dict)
     _rows: Rows = field(default_factory=Rows)
     _headless: int = 0
@@ -121,7 +123,16 @@ class Stream:
     @property
     def topics(self) -> tuple[str, ...]:
         """Topics from which the stream is read."""
-        return (self.topic,)
+        return self.needed
+
+    @property
+    def needed(self) -> tuple[str, ...]:
+        """Topics without which there is no stream."""
+        return (self.topic,) if self.right is None else (self.topic, self.right.topic)
+
+    def side(self, topic: str) -> Stream:
+        """Stream whose readers are those of a topic."""
+        return self if self.right is None or topic == self.topic else self.right
 
     def take(self, record: Record) -> None:
         """Add a message.
@@ -134,7 +145,7 @@ class Stream:
             message = decode(record.data)
             self._take(record, message)
         except ReplayError as problem:
-            raise ReplayError(f"{self.source}: topic {self.topic!r}: {problem}") from None
+            raise ReplayError(f"{self.source}: topic {record.channel.topic!r}: {problem}") from None
         except UnusableError as problem:
             self.lose(str(problem))
         except Exception:
@@ -229,12 +240,13 @@ class Stream:
         return stamps[places], rows[places]
 
     def _decoder(self, channel: Channel) -> Callable[[bytes], Any]:
-        if channel.msgtype not in self.readers and self.any_reader is None:
-            problem = unreadable(self.topic, [channel.msgtype], self.purpose, self.readers)
+        side = self.side(channel.topic)
+        if channel.msgtype not in side.readers and side.any_reader is None:
+            problem = unreadable(channel.topic, [channel.msgtype], self.purpose, side.readers)
             raise ReplayError(f"{self.source}: {problem}")
         if self.msgtype not in ("", channel.msgtype):
             raise ReplayError(
-                f"{self.source}: topic {self.topic!r} carries two types of message, "
+                f"{self.source}: topic {channel.topic!r} carries two types of message, "
                 f"{self.msgtype!r} and {channel.msgtype!r}"
             )
         self._decode[channel] = decoder(channel, self.source, self.definitions)
@@ -242,7 +254,8 @@ class Stream:
         return self._decode[channel]
 
     def _take(self, record: Record, message: Any) -> None:
-        reader = self.readers.get(record.channel.msgtype, self.any_reader)
+        side = self.side(record.channel.topic)
+        reader = side.readers.get(record.channel.msgtype, side.any_reader)
         row = None if reader is None else reader(message)
         if row is None:
             return

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bag_messages import imu, joints, odometry, pose_stamped, robot_with, write_bag
+from bag_messages import T, imu, joints, odometry, pose_stamped, robot_with, write_bag
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.replay.checking.check import SCALE
 from icreckon.replay.checking.robot_check import check_robot
@@ -230,3 +230,29 @@ def test_a_spike_makes_no_standstill() -> None:
     still = standstill(TrackSpeedSeries(stamps, speeds), stamps)
     assert not still[SECONDS > 5.0].any()
     assert still[SECONDS < 4.0].mean() > 0.8
+
+
+def test_a_number_for_each_side_on_two_topics(tmp_path: Path) -> None:
+    """Counters of two encoder boards are proposed; currents of the same type are none."""
+    messages, times = [], []
+    ticks = np.cumsum(np.column_stack([LEFT, RIGHT]) * 0.05 * 2000.0 / (2.0 * np.pi), axis=0)
+    for k in range(len(SECONDS)):
+        stamp = START + k * STEP
+        turn, up = (0.0, 0.0, TURN[k]), (0.0, SPEED[k] * TURN[k], 9.80665)
+        numbers = zip(
+            ("/enc_left", "/enc_right"), ticks[k].round().astype(int) % 2**32, strict=True
+        )
+        messages += [(topic, T["std_msgs/msg/UInt32"](int(one))) for topic, one in numbers]
+        messages += [(f"/current_{one}", T["std_msgs/msg/UInt32"](k)) for one in ("left", "right")]
+        messages.append(("/imu", imu(stamp, turn, up)))
+        times += [stamp] * 5
+    log, robot = write_bag(tmp_path / "bag", messages, times=times), tmp_path / "robot.toml"
+    proposed = inspect(log).proposed_robot_file
+    tracks = tomllib.loads(proposed)["log"]["tracks"]
+    assert (tracks["topic"], tracks["right_topic"]) == ("/enc_left", "/enc_right")
+    assert (tracks["left"], tracks["right"], tracks["unit"]) == (["data"], ["data"], "counts")
+    assert tracks["wrap"] == 2.0**32
+    robot.write_text(proposed.replace("counts_per_turn = nan", "counts_per_turn = 2000"), "utf-8")
+    again = proposed_with(log, robot)
+    assert again["log"]["tracks"]["counts_per_turn"] == 2000
+    assert again["log"]["tracks"]["right_topic"] == "/enc_right"

@@ -238,6 +238,34 @@ def test_wheels_in_messages_of_their_own_are_interpolated(every, unit, tmp_path:
     assert len(read_alike(bag, robot, since=STAMPS[20])) > 15 / every
 
 
+@pytest.mark.parametrize("kind", ["Float32", "Int16"])
+def test_a_topic_of_each_side(kind, tmp_path: Path) -> None:
+    """Numbers without a header: the left wheel 17 ms before the right one."""
+    stream, times = [], []
+    for k, stamp in enumerate(STAMPS):
+        for topic, when, value in (
+            ("/lwheel", stamp, 50 * k),
+            ("/rwheel", stamp + 17_000_000, 90 * k),
+        ):
+            wrapped = (value + 32768 - 1000) % 65536 - 32768
+            stream.append((topic, T[f"std_msgs/msg/{kind}"](wrapped if kind == "Int16" else value)))
+            times.append(when)
+    counts = {"unit": "counts", "counts_per_turn": 1e3, "wrap": 65536.0} if kind == "Int16" else {}
+    sides = {"topic": "/lwheel", "right_topic": "/rwheel", "left": ["data"], "right": ["-data"]}
+    robot = robot_with(tracks=sides | counts)
+    bag = write_bag(tmp_path / "bag", stream, times=times)
+    found = read_alike(bag, robot)
+    assert len(found) > 36
+    if kind == "Int16":
+        radians = 2.0 * np.pi / 1e3 * 20.0
+        speeds = [(one.left, one.right) for one in found[2:-2]]
+        np.testing.assert_allclose(speeds, 0.5 * radians * np.array([[50.0, -90.0]] * len(speeds)))
+    with pytest.raises(
+        ReplayError, match=r"topic '/right' for tracks is not in the bag; there is /l"
+    ):
+        read_log(bag, robot_with(tracks=sides | {"right_topic": "/right"}))
+
+
 def test_a_wheel_that_pauses_or_a_clock_that_is_set_ends_the_interpolation() -> None:
     inputs, topics = live_inputs(tracks=JOINTS)
     found: list[Measurement] = []
