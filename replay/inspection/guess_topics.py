@@ -39,7 +39,7 @@ UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
     ("mm", "mm/s"),
     ("km", "km/h"),
 )
-NUMBERS = {"Float64": None, "Float32": None, "Int64": None, "UInt64": None}
+NUMBERS: dict[str, float | None] = dict.fromkeys(("Float64", "Float32", "Int64", "UInt64"))
 NUMBERS |= {f"{sign}Int{bits}": 2.0**bits for sign in ("", "U") for bits in (32, 16)}
 """Types of std_msgs with one number, and the range of a counter of that type."""
 PLACEHOLDER_SIGMA = 0.05

@@ -3,11 +3,12 @@
 import re
 from collections.abc import Callable
 from functools import partial
-from itertools import cycle
+from itertools import cycle, product
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 from icreckon.replay.base.colours import COLOURS
@@ -29,6 +30,8 @@ METADATA = {"Software": None}
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
 MOST_NAMED_CELLS = 12
+# Smallest drift that a colour shows [%].
+LEAST_DRIFT = 1e-6
 # Ratio of the largest to the smallest value from which an axis is logarithmic.
 LOG_SPAN = 30.0
 # Range of the variants at one place, as a share of the distance between places.
@@ -92,6 +95,9 @@ def study_figures(results: Results) -> list[Picture]:
             )
             name = f"ratio-{_file_name(axis['name'])}"
             figures.append(_drawn(name, caption, partial(draw, statistic=drift, key="ratio")))
+    is_grid = len(swept(results)) == 2 and not any(axis["sampled"] for axis, _ in swept(results))
+    if is_grid and _known(results, drift):
+        figures.append(_grid(results))
     if _known(results, NEES):
         figures.append(
             _drawn(
@@ -193,6 +199,54 @@ def _draw_cells(
     at = floats([one["values"][axis] for one in cells])
     values = floats([one["variants"][label][statistic]["mean"] for one in cells])
     axes.plot(at, values, ".", color=colour, ms=4, alpha=0.5)
+
+
+def _grid(results: Results) -> Picture:
+    """Draw the drift in each cell of two axes, with a panel for each variant."""
+    drift, variants = results["drift"], results["variants"]
+    (down, by_row), (across, by_column) = swept(results)
+    groups = by_row["groups"], by_column["groups"]
+    panels = {}
+    for label in variants:
+        values = np.full((len(groups[0]), len(groups[1])), np.nan)
+        for (row, one), (column, other) in product(*map(enumerate, groups)):
+            for cell in set(one["cells"]) & set(other["cells"]):
+                mean = results["cells"][cell]["variants"][label][drift]["mean"]
+                values[row, column] = np.nan if mean is None else mean
+        panels[label] = values
+    every = np.concatenate([one[np.isfinite(one)] for one in panels.values()])
+    columns = min(len(variants), 3 if len(groups[1]) <= MOST_UPRIGHT else 2)
+    rows = -(-len(variants) // columns)
+    height = max(2.6, 0.5 * len(groups[0]) + 1.2)
+    size = (max(SIZE[0], 1.2 + columns * (0.7 * len(groups[1]) + 0.6)), rows * height)
+    with drawing(size, STYLE | {"axes.grid": False}) as figure:
+        places = figure.subplots(rows, columns, squeeze=False, sharey=True)
+        top = max(float(every.max()), LEAST_DRIFT)
+        low = max(float(every.min()), LEAST_DRIFT, 1e-3 * top)
+        scale = LogNorm(low, max(top, 1.01 * low))
+        for axes, (label, values) in zip(places.flat, panels.items(), strict=False):
+            image = axes.imshow(values, "cividis_r", aspect="auto", norm=scale)
+            for (row, column), value in np.ndenumerate(values):
+                colour = "white" if np.isfinite(value) and scale(value) > 0.5 else "black"
+                text = f"{value:.3g}" if np.isfinite(value) else "x"
+                axes.text(column, row, text, ha="center", va="center", color=colour, size=10)
+            axes.set_title(label, fontsize=11)
+            axes.set_xticks(range(len(groups[1])), [one["name"] for one in groups[1]])
+            axes.set_yticks(range(len(groups[0])), [one["name"] for one in groups[0]])
+            if max(len(one["name"]) for one in groups[1]) * len(groups[1]) * columns > MOST_LETTERS:
+                axes.tick_params("x", rotation=60)
+        for axes in list(places.flat)[len(variants) :]:
+            axes.set_visible(False)
+        figure.supxlabel(with_unit(across["name"]), fontsize=12)
+        figure.supylabel(with_unit(down["name"]).replace(" [", "\n["), fontsize=12, ma="center")
+        named = f"{title_of(results, drift)}\n[{unit_of(results, drift)}]"
+        bar = figure.colorbar(image, ax=places, label=named, ticks=LogLocator(subs=(1.0, 2.0, 5.0)))
+        bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        bar.ax.yaxis.set_minor_locator(NullLocator())
+        caption = (
+            f"{_capital(title_of(results, drift))} in each cell (mean of the runs), darker is more."
+        )
+        return Picture("drift-grid", caption, png(figure, METADATA), wide=size > SIZE)
 
 
 def _draw_consistency(axes: Axes, results: Results) -> None:

@@ -15,6 +15,7 @@ import study_stub
 from command_line import blank
 from icreckon.estimator.log.scores import drift, pose_nees, velocity_errors, without_fixes
 from icreckon.estimator.streaming.run import run
+from icreckon.report.study import figures as study_drawings
 from icreckon.report.study.figures import study_figures
 from icreckon.report.study.folder import study_page
 from icreckon.report.study.text import headline, notes, same_results, summary_tables
@@ -220,7 +221,7 @@ def figures(results):
 def test_the_page_holds_all_it_needs(results, figures):
     page = study_page(results, figures)
     links = re.findall(r'\b(?:src|href)="([^"]*)"', page)
-    assert len(links) == len(figures) == 8
+    assert len(links) == len(figures) == 9
     assert all(link.startswith("data:image/png;base64,") for link in links)
     assert not re.search(r"https?:|url\(|@import|<script|<link", page)
     text = html.unescape(re.sub(r"<[^>]*>", " ", page))
@@ -297,9 +298,26 @@ def test_figures_are_png(figures):
         "drift-noise",
         "final-error-noise",
         "ratio-noise",
+        "drift-grid",
         "consistency",
         "final-error-distribution",
     ]
+
+
+def test_a_grid_has_the_drift_of_each_cell(results, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr(study_drawings, "png", lambda figure, *_: drawn.update(of=figure) or b"")
+    study_drawings._grid(results)
+    panels = {one.get_title(): one for one in drawn["of"].axes if one.get_title()}
+    assert list(panels) == results["variants"]
+    rows, columns = ([one["name"] for one in axis["groups"]] for axis in results["effects"])
+    for label, panel in panels.items():
+        found = {(one.get_position()[::-1]): one.get_text() for one in panel.texts}
+        for cell in results["cells"]:
+            factor, noise = (str(value) for value in cell["values"].values())
+            place = [str(float(one)) for one in rows].index(factor), columns.index(noise)
+            mean = cell["variants"][label][results["drift"]]["mean"]
+            assert found[place] == f"{mean:.3g}"
 
 
 @pytest.mark.parametrize(
