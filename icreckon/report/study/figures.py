@@ -215,7 +215,7 @@ def _grid(results: Results) -> Picture:
                 values[row, column] = np.nan if mean is None else mean
         panels[label] = values
     every = np.concatenate([one[np.isfinite(one)] for one in panels.values()])
-    columns = min(len(variants), 3 if len(groups[1]) <= MOST_UPRIGHT else 2)
+    columns = min(len(variants), 2)
     rows = -(-len(variants) // columns)
     height = max(2.6, 0.5 * len(groups[0]) + 1.2)
     size = (max(SIZE[0], 1.2 + columns * (0.7 * len(groups[1]) + 0.6)), rows * height)
@@ -246,7 +246,7 @@ def _grid(results: Results) -> Picture:
         caption = (
             f"{_capital(title_of(results, drift))} in each cell (mean of the runs), darker is more."
         )
-        return Picture("drift-grid", caption, png(figure, METADATA), wide=size > SIZE)
+        return Picture("drift-grid", caption, png(figure, METADATA))
 
 
 def _draw_consistency(axes: Axes, results: Results) -> None:
