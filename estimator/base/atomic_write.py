@@ -1,7 +1,5 @@
 """Atomic writes: a reader sees the whole file or none."""
 
-from __future__ import annotations
-
 import os
 import shutil
 from contextlib import suppress

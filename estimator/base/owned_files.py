@@ -4,8 +4,6 @@ They show whether what a process was writing is still being written. On systems 
 file systems that refuse them, nothing is known.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

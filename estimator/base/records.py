@@ -6,8 +6,6 @@ a record is written once for both. A shared record is both at once: in Python a 
 attributes, for numba an array on its memory (`array_on`).
 """
 
-from __future__ import annotations
-
 import ctypes
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, cast, get_args, get_type_hints

@@ -1,7 +1,5 @@
 """Measurements of logs with the same stamps, as arrays for filters side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Calibration of a robot from logs, from segments to a calibrated robot file."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 

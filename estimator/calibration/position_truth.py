@@ -1,7 +1,5 @@
 """Headings of a truth of positions alone, from the path by tracks and gyro."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

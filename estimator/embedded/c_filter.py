@@ -5,8 +5,6 @@ and functions over the record (`tracing.c_functions`). A template puts them toge
 `streaming.reckoning` does.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Iterable
 from functools import partial

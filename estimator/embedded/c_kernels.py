@@ -1,7 +1,5 @@
 """Kernels of a filter in C that the filter in Python has in other forms."""
 
-from __future__ import annotations
-
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, array_rows

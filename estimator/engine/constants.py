@@ -1,7 +1,5 @@
 """Constants that all lanes of a filter share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

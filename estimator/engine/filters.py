@@ -1,7 +1,5 @@
 """Filters of one robot and variant, side by side in lanes of vector registers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple

@@ -1,7 +1,5 @@
 """Steps of one filter at one lane, compiled or in Python."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any, cast

@@ -1,7 +1,5 @@
 """Layout of the workspace of a group of lanes: places by name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property

@@ -5,8 +5,6 @@ covariance are copied to the workspace of a kernel before each call, and back af
 are compiled, or executed in Python (`Settings.engine`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple

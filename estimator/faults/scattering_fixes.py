@@ -20,8 +20,6 @@ taken for a minute, as of plain GPS: the fixes of that time count as one.
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 

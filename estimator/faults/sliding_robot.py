@@ -9,8 +9,6 @@ begins slowly is not. It ends with the opposite change, or is forgotten after so
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 
 import msgspec

@@ -8,8 +8,6 @@ themselves, it has to last for longer still: then a driver, or a bus, repeats it
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

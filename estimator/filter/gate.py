@@ -5,8 +5,6 @@ time of rejections the next one is used. A position has to wait for longer, the 
 robot that was carried, or that slid, has moved at some speed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sized
 from typing import Annotated, Any

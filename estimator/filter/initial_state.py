@@ -1,7 +1,5 @@
 """Prior of a filter: motion model, initial state, process noise."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ The functions are written for plain Python, for numba (`icreckon.estimator.traci
 traced, for lanes (`icreckon.estimator.engine.model`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Running integral of samples by the trapezoidal rule."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

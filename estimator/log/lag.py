@@ -7,8 +7,6 @@ minimum. A standard error follows from leaving out blocks of the windows. A lag 
 show is a `NoLag`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ A position in a map shows no heading. But over some metres the path by tracks an
 shape. The turn that lays it over the positions around a stamp, plus its own yaw there, is the heading.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

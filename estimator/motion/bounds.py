@@ -3,8 +3,6 @@
 Bounds of parameters p are rows of a (9,) and b in a p >= b.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

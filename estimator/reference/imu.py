@@ -1,7 +1,5 @@
 """Measurement models of the IMU: z, H and R of the gyro and of the accelerometers."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Axes are those of REP-103 (x forward, y left, z up, origin at the centre of the 
 except in `[indices]` and `[constant_icr]`, which use the paper's symbols and axes (X right, Y forward).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path

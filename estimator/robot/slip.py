@@ -1,7 +1,5 @@
 """Size of the slip residual at given track speeds."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from icreckon.estimator.robot.robot_file import Slip

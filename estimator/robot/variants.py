@@ -7,8 +7,6 @@ it: a poorer model needs more. The defaults here apply if the robot file has no 
 `register` adds a variant with a motion model of one's own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Literal

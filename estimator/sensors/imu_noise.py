@@ -6,8 +6,6 @@ blocks, which show slow vibration to a fast IMU; the larger counts. The function
 Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 

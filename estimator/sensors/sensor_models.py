@@ -3,8 +3,6 @@
 The equations serve plain Python and compiled code (`icreckon.estimator.tracing`).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

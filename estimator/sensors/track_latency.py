@@ -7,8 +7,6 @@ from leaving out one block at a time. A batch version that looks at a whole log 
 `icreckon.replay.inspection.latency`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from itertools import pairwise

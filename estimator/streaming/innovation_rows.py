@@ -1,7 +1,5 @@
 """Normalised innovations over time, by component of each sensor."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Sequence
 

@@ -1,7 +1,5 @@
 """Outputs of the estimator: snapshot, predicted pose, ICRs, run over a log."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ A step goes from one IMU sample to the next. The IMU measures the twist of the s
 end. So the twist is predicted and updated at the start of the step, and then moves the pose.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Run a filter over a log."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import chain

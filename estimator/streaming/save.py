@@ -12,8 +12,6 @@ Numbers are written with all digits: reading returns them to the last bit. The c
 content.
 """
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ The types of the records have the bounds of single values; here are those of who
 must fit the filter.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

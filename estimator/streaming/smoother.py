@@ -36,8 +36,6 @@ for each row of the result (the upper triangle of its covariance). An hour at 10
 track speeds needs 1.3 GB.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Kernels of traced numbers as C99, for one lane."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Iterable

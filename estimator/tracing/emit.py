@@ -5,8 +5,6 @@ A kernel reads and writes rows of one flat workspace: row r has a number of each
 the machine's registers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from operator import attrgetter
 from typing import Any

@@ -7,8 +7,6 @@ machine code depends on. A file contains its key and a checksum, and is moved in
 Import it inside functions only, or from kernels: numba takes half a second to load.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import pickle
