@@ -45,12 +45,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.filter.ekf import (
-    WHOLE,
-    Ekf,
-    fade_wander,
-    replaced_states,
-)
+from icreckon.estimator.filter.ekf import WHOLE, Ekf, fade_wander, replaced_states
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
