@@ -51,6 +51,11 @@ class SharedRecord(ctypes.Structure):
         return getattr, (whole, next(parts))
 
 
+def zeros(count: int) -> Any:
+    """Default of a field of a record: a list of zeros."""
+    return msgspec.field(default_factory=lambda: [0.0] * count)
+
+
 def or_none(stamp: int) -> int | None:
     """Stamp of a record [ns]; None for one that has not come yet."""
     return None if stamp == NEVER else stamp

@@ -18,7 +18,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import beside_lowest, jackknife_sigma
-from icreckon.estimator.base.records import NEVER, Stamp
+from icreckon.estimator.base.records import NEVER, Stamp, zeros
 
 GRID = 20_000_000
 """Spacing of the candidate latencies [ns]."""
@@ -59,8 +59,8 @@ class RateRecord(msgspec.Struct):
 
     begin: Stamp = NEVER
     count: Annotated[int, msgspec.Meta(ge=0, le=ROOM)] = 0
-    times: Buffer = msgspec.field(default_factory=lambda: [0.0] * ROOM)
-    rates: Buffer = msgspec.field(default_factory=lambda: [0.0] * ROOM)
+    times: Buffer = zeros(ROOM)
+    rates: Buffer = zeros(ROOM)
 
 
 def add_rate(of: RateRecord, stamp: int, rate: float) -> None:
