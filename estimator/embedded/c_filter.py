@@ -26,7 +26,7 @@ from icreckon.estimator.engine.filters import BatchFilter, work_places
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FAST, FilterShape
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
-from icreckon.estimator.engine.layout import FACTORS, INPUTS, MOTION, TREND, TURN, covariance_name
+from icreckon.estimator.engine.layout import FACTORS, INPUTS, MOTION, TREND, covariance_name
 from icreckon.estimator.engine.one_lane import OF_TIME
 from icreckon.estimator.engine.step import StepKind, step_kernel
 from icreckon.estimator.engine.work import Places, follow_in_lane, let_wander, relocate_lane
@@ -261,7 +261,7 @@ class _Export:
             "MOTION_COUNT": c_kernels.DERIVATIVES + 3 * len(self._all_states),
             "PARAMETERS": len(parameters),
             "FIRST_PARAMETER": self._states.index(parameters[0]) if parameters else 0,
-            "ROW_REGRESSORS": rows[TURN] - 3 * len(parameters),
+            "ROW_REGRESSORS": self._layout.regressors,
             "WANDERS": int(s.WANDER_X in self._shape.states),
             **{constant.upper(): places[constant] for constant in VARYING},
             **{f"ROW_{name}": rows[row] for name, row in ROWS.items()},

@@ -32,7 +32,6 @@ from icreckon.estimator.engine.layout import (
     MOTION,
     SLIP_SHARES,
     TREND,
-    TURN,
     TWIST,
     covariance_name,
 )
@@ -226,7 +225,7 @@ def places_of(shape: FilterShape, kernels: Any) -> LanePlaces:
         padded([rows[f"x{i}"] for i in states]),
         padded([[rows[covariance_name(i, j)] for j in states] for i in states]),
         np.array(by_state),
-        rows[TURN] - 3 * len(parameters),
+        layout.regressors,
         rows["memory0"] if memory else 0,
         memory,
         rows["stood"],
