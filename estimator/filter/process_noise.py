@@ -13,8 +13,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.choices import select
 from icreckon.estimator.log.measurements import Vector3
-from icreckon.estimator.robot.robot_file import Robot, Slip
-from icreckon.estimator.robot.slip import slip_components
+from icreckon.estimator.robot.robot_file import Robot, Slip, slip_components
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
