@@ -12,13 +12,11 @@ from icreckon.estimator.base.records import SharedRecord, array_on
 from icreckon.estimator.engine.constants import aligned, shared_constants
 from icreckon.estimator.engine.lane import FilterShape, Numbers
 from icreckon.estimator.engine.lane_functions import (
-    BEGIN,
     FULL,
     IMU_STEP,
     IMU_UPDATE,
     POSITION,
     POSITION_AHEAD,
-    PROPAGATE,
     TIME_STEP,
     evaluate_twist,
     feed_samples,
@@ -129,20 +127,13 @@ class LaneSteps:
                 return found
             readings.make_room()
 
-    def move(self, stamp: int) -> None:
-        """Take a step without an IMU sample to a later stamp [ns]."""
-        self._fill_move(self._records, self._inputs, stamp)
-        self._step(TIME_STEP, stamp)
+    def move(self, stamp: int, which: int = TIME_STEP) -> None:
+        """Take a step without an IMU sample to a later stamp [ns].
 
-    def begin(self, stamp: int) -> None:
-        """Begin a step to a later stamp [ns], with a new fast slip."""
+        With `BEGIN` it only begins, with a new fast slip; with `PROPAGATE` to the same stamp it ends.
+        """
         self._fill_move(self._records, self._inputs, stamp)
-        self._step(BEGIN, stamp)
-
-    def propagate(self, stamp: int) -> None:
-        """Finish a step that `begin` has begun to the same stamp [ns]."""
-        self._fill_move(self._records, self._inputs, stamp)
-        self._step(PROPAGATE, stamp)
+        self._step(which, stamp)
 
     def take_samples(
         self, samples: SampleArrays, mounting: Floats, rows: RunRows, *, uses_force: bool
