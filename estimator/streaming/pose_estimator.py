@@ -46,10 +46,10 @@ from icreckon.estimator.streaming.reckoning import Reckoning
 from icreckon.estimator.streaming.save import (
     SavedEstimator,
     read_saved,
+    require_sound,
     robot_constants,
     write_saved,
 )
-from icreckon.estimator.streaming.saved_checks import require_sound
 from icreckon.estimator.streaming.warm_up import warm_up
 
 
