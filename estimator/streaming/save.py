@@ -22,7 +22,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.atomic_write import write_whole
+from icreckon.estimator.base.files import write_whole
 from icreckon.estimator.base.checks import Bounded, Latency, clipped_correlations
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.records import Count
