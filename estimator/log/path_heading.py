@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.scores import interpolate, interpolate_poses
-from icreckon.estimator.log.series import PoseSeries, Truth
+from icreckon.estimator.log.series import PoseSeries, Truth, running_integral
 
 STEP = 0.5
 """Distance between the places whose course is compared with the heading [m]."""
