@@ -37,7 +37,7 @@ track speeds needs 1.3 GB.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -111,16 +111,8 @@ def smooth(
 class _TapedEstimator(PoseEstimator):
     """Pose estimator whose changes are recorded on a tape; fed in order only."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        variant: str,
-        *,
-        settings: Settings | None,
-        start: tuple[float, float, float],
-        start_sigma: tuple[float, float, float],
-    ) -> None:
-        super().__init__(robot, variant, settings=settings, start=start, start_sigma=start_sigma)
+    def __init__(self, robot: Robot, variant: str, **options: Any) -> None:
+        super().__init__(robot, variant, **options)
         self.tape = _Tape(self._reckoning.ekf, robot.vehicle.max_track_speed)
 
     def record_row(self) -> None:
