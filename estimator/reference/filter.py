@@ -143,8 +143,8 @@ class ReferenceFilter:
             sigma, slip = self._slip_sigma(), self._disturbances.slip
             for axis in range(2):
                 density = change_density(sigma[axis], slip.time_constant)
-                imu = self._sensors.constants
-                z, H, R = accelerometer(imu, axis, along[axis], at, ekf.x, density)
+                position = self._sensors.imu_position
+                z, H, R = accelerometer(position, axis, along[axis], at, ekf.x, density)
                 ekf.update_scalar(z.item(), H[0], R.item(), fixed=ekf.fixed_for_imu)
         ekf.keep_inside_bounds(by_imu=True)
         # Propagate the pose by the updated twist.

@@ -236,12 +236,6 @@ def assumed_noise(axis: AxisNoise, of_file: float, more: float, least: float) ->
     return density * density
 
 
-def noise_of_file(settings: InputSettings) -> ImuNoise:
-    """Noise of an IMU by its robot file."""
-    of_force = settings.accelerometer_noise_density**2
-    return ImuNoise(settings.gyro_noise_density**2, of_force, of_force)
-
-
 def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> ImuNoise:
     """Noise of an IMU that the filter assumes.
 
