@@ -1,7 +1,7 @@
 """Steps of one filter at one lane, compiled or in Python."""
 
 import math
-from functools import cache
+from functools import cache, partial
 from typing import Any, cast
 
 import numpy as np
@@ -104,7 +104,7 @@ class LaneSteps:
         ekf.evaluation = self.evaluate
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (self._made_of, self._compiles)
+        return partial(LaneSteps, compiles=self._compiles), self._made_of
 
     def take_track_speeds(
         self, stamp: int, left: float, right: float, only_if_usual: bool = False
@@ -210,7 +210,7 @@ class LaneSteps:
         return cast(bool, self._follow_scatter(self._records, fix, correction))
 
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
-        """Body velocity of a filter with the same model and settings, see `Evaluation`."""
+        """Body velocity of a filter with the same model and settings, see `Ekf`."""
         twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(ekf.x))), np.empty((3, 2))
         zeta, epsilon, eta, u, force = self._evaluate_twist(
             self._lane.places,
@@ -264,7 +264,3 @@ def events_of(shape: FilterShape, which: int) -> Events:
     with np.errstate(all="ignore"):
         made = make(*arguments, numbers=zeros)
     return Events(made.events)
-
-
-def _made_again(made_of: Any, compiles: bool) -> LaneSteps:
-    return LaneSteps(*made_of, compiles=compiles)

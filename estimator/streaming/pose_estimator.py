@@ -348,7 +348,7 @@ class PoseEstimator:
         """Set the clock so that these follow the newest; return True if one was used."""
         if not behind or not self._history.has_begun:
             return False
-        step = round(self._reckoning.imu_interval / NANOSECOND)
+        step = round(self._reckoning.record.imu.interval / NANOSECOND)
         self.set_clock(behind[0].stamp - step - self._history.newest)
         used = False
         for measurement in behind:

@@ -143,28 +143,18 @@ class Reckoning:
     @property
     def health(self) -> Health:
         """Copy of the counts of the measurements, with measured noise and slip."""
-        health = self._judged_counts()
+        health = self._counts.copy()
+        for name, gate in self._gates.items():
+            if gate.counts.judged:
+                health.sensor(name).add(gate.health())
         add_findings(health, self.record, self.ekf.x, self.ekf.P, self._prior)
         health.findings += self.own_faults.findings()
-        return health
-
-    def _judged_counts(self) -> Health:
-        """Copy of the counts, those of the gates included."""
-        health = self._counts.copy()
-        judged = {name: gate.health() for name, gate in self._gates.items() if gate.counts.judged}
-        for name, counts in judged.items():
-            health.sensor(name).add(counts)
         return health
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
         """Newest innovation of each sensor with a gate."""
         found = ((name, gate.newest) for name, gate in self._gates.items())
         return [(name, newest) for name, newest in found if newest is not None]
-
-    @property
-    def imu_interval(self) -> float:
-        """Time between the newest two IMU samples [s]."""
-        return self._imu.interval
 
     # --- checkpoints -----------------------------------------------------------------------------
 
@@ -484,7 +474,7 @@ class Reckoning:
         model = self.model_over(elapsed) if quantity == "pose" else self.model()
         density = self._fast_slip_density(stamp, model)
         if quantity == "twist":
-            return predictions.twist_ahead(x, model, density, self.imu_interval)
+            return predictions.twist_ahead(x, model, density, self._imu.interval)
         return predictions.pose_ahead(x, model, density, elapsed)
 
     def model_over(self, elapsed: float) -> TwistModel:

@@ -1,7 +1,7 @@
 """Run a filter over a log."""
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import chain
 from typing import Any
@@ -226,20 +226,15 @@ class InnovationRows:
             for axis, name in enumerate(self._components[sensor]):
                 variance = covariance[axis][axis]
                 if variance > 0.0:
-                    self.column(name)[row] = residual[axis] / math.sqrt(variance)
+                    if name not in self._columns:
+                        self._columns[name] = np.full(self._most, np.nan, np.float32)
+                    self._columns[name][row] = residual[axis] / math.sqrt(variance)
 
-    def put_all(self, names: Sequence[str], values: Floats) -> None:
-        """Fill columns (most, n) of components, but for those without any innovation."""
-        for name, column in zip(names, values.T, strict=True):
+    def put_all(self, values: Floats) -> None:
+        """Fill columns (most, 3) of the IMU's sensors, but for those without innovations."""
+        for name, column in zip(IMU_SENSORS, values.T, strict=True):
             if not np.isnan(column).all():
                 self._columns[name] = column.astype(np.float32)
-
-    def column(self, name: str) -> Singles:
-        """Column (most,) of a component, NaN if nothing was written."""
-        found = self._columns.get(name)
-        if found is None:
-            found = self._columns[name] = np.full(self._most, np.nan, np.float32)
-        return found
 
     def finish(self, count: int) -> tuple[tuple[str, ...], Singles]:
         """Names (k,) of components with innovations, and the first rows (count, k) [-]."""
@@ -284,7 +279,7 @@ class Rows:
 
     def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
         """Run of the first `count` rows."""
-        self.innovations.put_all(IMU_SENSORS, self.arrays.innovations)
+        self.innovations.put_all(self.arrays.innovations)
         rows, filled = self.arrays, slice(0, count)
         states, sigmas = rows.states[filled], rows.sigmas[filled]
         trajectory = Trajectory(

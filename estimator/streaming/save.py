@@ -22,9 +22,9 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.files import write_whole
 from icreckon.estimator.base.checks import Bounded, Latency, clipped_correlations
 from icreckon.estimator.base.errors import EstimatorError
+from icreckon.estimator.base.files import write_whole
 from icreckon.estimator.base.records import Count
 from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.clones import MOST_MARKS
@@ -234,9 +234,6 @@ def _readable(value: Any, indent: str = "") -> str:
         rows = [f"{inner}{msgspec.json.encode(item).decode()}" for item in value]
         return "[\n" + ",\n".join(rows) + f"\n{indent}]"
     return text
-
-
-# --- checks of its content ------------------------------------------------------------------------------
 
 
 def require_64_bits(content: Any) -> None:
