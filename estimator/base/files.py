@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, and locks that a process holds until it ends.
+"""Files: written whole or not at all, and locked while their process lives.
 
 Locks show whether what a process was writing is still being written. On systems without them, and on file
 systems that refuse them, nothing is known.
