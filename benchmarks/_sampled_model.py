@@ -34,7 +34,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
-from icreckon.estimator.sensors.imu_noise import noise_of_file
+from icreckon.estimator.sensors.imu_noise import NoiseRecord, imu_noise
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import StandstillRecord
@@ -99,7 +99,7 @@ class ModelSampler:
         self._slip = self._disturbances.slip
         self._spread[s.POSE] = 0.0
         self._ekf = IcrEkf(model)
-        self._imu_constants = SensorModels(robot).constants
+        self._imu_position = SensorModels(robot).imu_position
 
     def run(self, speeds: Floats, dt: float, rng: Generator) -> SampledRun:
         """A run at given track speeds.
@@ -217,11 +217,12 @@ class ModelSampler:
         density = self._robot.tracks.speed_noise_density
         change = track_change(step_inputs(tracks, StandstillRecord(), begun, begun, self._inputs))
         change = change._replace(speed_variance=density**2 / dt)
-        at = StepTwist(model, x, dt, change, noise_of_file(self._inputs))
+        of_file = imu_noise(NoiseRecord(is_first=0), False, self._inputs)
+        at = StepTwist(model, x, dt, change, of_file)
         z, _, R = gyro(0.0, at, turn=0.0)
         rate = -z.item() + rng.standard_normal() * math.sqrt(R.item())
         along = []
-        imu = self._imu_constants
+        imu = self._imu_position
         for axis in range(2):
             density = change_density(sigma[axis], self._disturbances.slip.time_constant)
             force = accelerometer(imu, axis, 0.0, at, x, density)

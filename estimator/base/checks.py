@@ -1,7 +1,5 @@
 """Checks of values in settings and robot files, for Python and TOML alike."""
 
-from __future__ import annotations
-
 import math
 import numbers
 from collections.abc import Iterable

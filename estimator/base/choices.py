@@ -1,7 +1,5 @@
 """Branch-free selection, so that the same code serves one filter and many lanes."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

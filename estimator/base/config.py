@@ -1,7 +1,5 @@
 """Checked configuration from TOML; errors name the nearest valid key."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 import types

@@ -5,8 +5,6 @@ Angles are in radians, counter-clockwise about Z in both. The functions are plai
 accept floats and arrays alike (and complex numbers, for complex-step differentiation).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

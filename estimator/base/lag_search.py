@@ -1,7 +1,5 @@
 """Lag search: sub-step minimum of a cost on an even grid, and its standard error."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

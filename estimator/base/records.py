@@ -6,8 +6,6 @@ a record is written once for both. A shared record is both at once: in Python a 
 attributes, for numba an array on its memory (`array_on`).
 """
 
-from __future__ import annotations
-
 import ctypes
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypeVar, cast, get_args, get_type_hints
@@ -51,6 +49,11 @@ class SharedRecord(ctypes.Structure):
         offset = ctypes.addressof(self) - ctypes.addressof(whole)
         parts = (name for name, _ in whole._fields_ if getattr(type(whole), name).offset == offset)
         return getattr, (whole, next(parts))
+
+
+def zeros(count: int) -> Any:
+    """Default of a field of a record: a list of zeros."""
+    return msgspec.field(default_factory=lambda: [0.0] * count)
 
 
 def or_none(stamp: int) -> int | None:

@@ -3,8 +3,6 @@
 Pose, slip and biases are in REP-103 axes (x forward, y left); the index parameters are the paper's.
 """
 
-from __future__ import annotations
-
 from typing import Final
 
 STATE_NAMES: Final[tuple[str, ...]] = (

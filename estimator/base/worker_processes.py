@@ -1,7 +1,5 @@
 """Worker processes that end with their parent, and leave interrupts to it."""
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

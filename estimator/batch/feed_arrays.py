@@ -1,7 +1,5 @@
 """Feed arrays of track speeds and IMU samples to a pose estimator."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

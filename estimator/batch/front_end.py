@@ -17,13 +17,7 @@ from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
 from icreckon.estimator.base.records import record_array
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
 from icreckon.estimator.engine.layout import FIX_INPUTS, INPUTS
-from icreckon.estimator.engine.schedule import (
-    HEADING,
-    MOVE_AND_UPDATE,
-    POSITION,
-    UPDATE,
-    Steps,
-)
+from icreckon.estimator.engine.schedule import HEADING, MOVE_AND_UPDATE, POSITION, UPDATE, Steps
 from icreckon.estimator.faults.repeating_fixes import PlaceRecord, repeats
 from icreckon.estimator.filter.filter_record import FilterRecord, sides_of, take_track_sample
 from icreckon.estimator.filter.gate import GATED, LONGEST_COUNTED, SKIPPED

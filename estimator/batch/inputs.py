@@ -1,7 +1,5 @@
 """Measurements of logs with the same stamps, as arrays for filters side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,7 +9,7 @@ from icreckon.estimator.base.errors import BatchError
 from icreckon.estimator.batch.front_end import FIX_VALUES, Measured
 from icreckon.estimator.filter.samples import NO_STAMPS, wheels_of
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import FixSeries, ImuSeries
+from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
@@ -35,7 +33,7 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
             raise BatchError(
                 f"the log {log.name!r} holds {kinds}, which filters side by side do not support"
             )
-    imus = [_imu(log) for log in logs]
+    imus, forces = zip(*map(_imu_and_forces, logs), strict=True)
     imu_stamps, fix_stamps = imus[0].stamps, _fix_stamps(logs[0])
     for log, imu in zip(logs, imus, strict=True):
         if not np.array_equal(imu.stamps, imu_stamps):
@@ -64,34 +62,24 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
             values[row, at] = one
     sensors = SensorModels(robot)
     rates = np.stack([sensors.rates(imu.angular_velocity) for imu in imus])
-    forces = np.stack([sensors.along_ground_of(_forces(imu)) for imu in imus])
+    along = np.stack([sensors.along_ground_of(one) for one in forces])
     fixes = np.zeros((len(logs), len(fix_stamps), FIX_VALUES))
     for row, log in enumerate(logs):
         if log.fixes is not None and len(fix_stamps):
-            fixes[row] = fix_rows(log.fixes)
+            of_log = log.fixes
+            fixes[row] = np.column_stack([of_log.poses, of_log.variances, of_log.lever_arms])
     of_tracks = track_stamps, tracks, left, right
-    return Measured(*of_tracks, imu_stamps, rates, forces, fix_stamps, fixes)
+    return Measured(*of_tracks, imu_stamps, rates, along, fix_stamps, fixes)
 
 
-def _imu(log: Log) -> ImuSeries:
+def _imu_and_forces(log: Log) -> tuple[ImuSeries, Floats]:
     if log.imu is None or log.imu.linear_acceleration is None:
         raise BatchError(f"the log {log.name!r} holds no IMU with gyros and accelerometers")
-    return log.imu
-
-
-def _forces(imu: ImuSeries) -> Floats:
-    if imu.linear_acceleration is None:
-        raise BatchError("the IMU has no accelerometers")
-    return imu.linear_acceleration
+    return log.imu, log.imu.linear_acceleration
 
 
 def _fix_stamps(log: Log) -> Stamps:
     return NO_STAMPS if log.fixes is None else log.fixes.stamps
-
-
-def fix_rows(fixes: FixSeries) -> Floats:
-    """Rows (n, 7) of fixes: pose, variances of position and yaw, place of the antenna."""
-    return np.column_stack([fixes.poses, fixes.variances, fixes.lever_arms])
 
 
 def has_heading(fixes: Floats) -> bool:

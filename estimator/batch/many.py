@@ -1,7 +1,5 @@
 """Run one filter variant over many logs, side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

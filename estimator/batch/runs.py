@@ -1,7 +1,5 @@
 """Runs of several filters over the same measurements, side by side, in parts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Assembly of fits: the calibrated robot, its parameters, and a verdict."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace

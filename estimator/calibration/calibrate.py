@@ -1,13 +1,12 @@
 """Calibration of a robot from logs, from segments to a calibrated robot file."""
 
-from __future__ import annotations
-
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.calibration.assembly import as_found, assembled, with_difference
 from icreckon.estimator.calibration.common_values import with_common
@@ -15,16 +14,23 @@ from icreckon.estimator.calibration.cross_validation import likeliest, validate
 from icreckon.estimator.calibration.fit import Fit, fit
 from icreckon.estimator.calibration.ground_forces import ground_forces
 from icreckon.estimator.calibration.models import MODELS, model_of
-from icreckon.estimator.calibration.position_truth import with_headings
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Recording, motion_of, record
-from icreckon.estimator.log.integral import running_integral
-from icreckon.estimator.log.lag import NOWHERE
+from icreckon.estimator.log.lag import (
+    LEAST_SPEEDING,
+    NOWHERE,
+    NoLag,
+    find_lag,
+    places_of,
+    plain_path,
+)
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
 from icreckon.estimator.log.scores import path_length
-from icreckon.estimator.log.series import require_part
+from icreckon.estimator.log.series import PoseSeries, require_part, running_integral
 from icreckon.estimator.robot.robot_file import Robot, require_robot
+from icreckon.estimator.sensors.sensor_models import SensorModels
 
 SEGMENT = 3.0
 """Length of a segment [s]."""
@@ -90,7 +96,7 @@ def calibrate(
         )
     report = progress or (lambda _: None)
     _check_truths(logs)
-    headed = [with_headings(log, robot) for log in logs]
+    headed = [_with_headings(log, robot) for log in logs]
     motions = [replace(motion_of(log, robot), own_headings=not remarks) for log, remarks in headed]
     recording = record(motions, robot, segment, difference=robot.tracks.difference)
     imu_place_known = any(robot.imu.position)
@@ -161,6 +167,43 @@ def _check_truths(logs: Sequence[Log]) -> None:
                 f"log {log.name!r}: its truth moves {moved:.3g} m while the tracks drive {driven:.3g} m; "
                 "look at its topic, unit and receiver"
             )
+
+
+def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
+    """Log with headings in its truth, and remarks if these are from the path.
+
+    Args:
+        log: the log; one without truth, IMU or tracks stays as it is.
+        robot: the robot, for its gyro and the size of its sprockets.
+
+    Raises:
+        EstimatorError: the truth has no headings, and the robot moves too little to find them.
+    """
+    truth, imu = log.truth, log.imu
+    if truth is None or imu is None or len(imu.stamps) < 2 or len(log.tracks.stamps) < 2:
+        return log, ()
+    rates = SensorModels(robot).yaw_rates(imu.angular_velocity)
+    fault = heading_fault(truth, (imu.stamps, rates)) if truth.headings else "are missing"
+    if fault is None:
+        return log, ()
+    path = plain_path(log.tracks, imu, rates)
+    lag = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
+    late = 0 if isinstance(lag, NoLag) else round(lag.seconds / NANOSECOND)
+    found = headings_by_path(truth.poses, PoseSeries(path.stamps + late, path.poses))
+    if found is None:
+        raise EstimatorError(
+            f"log {log.name!r}: the headings of the truth {fault}, and the robot moves too little to "
+            "find them from its path; drive a longer way, or give a truth with headings"
+        )
+    remark = (
+        f"{log.name}: the headings of the truth {fault}; they were found from the path of tracks and "
+        f"gyro, ± {math.degrees(found.sigma):.1f}°. Sideslip looks like a heading then: zeta0, zeta1, "
+        "y_ICR and the difference of the radii are less certain than stated. Of the gyro such headings "
+        "show nothing: its scale and bias are by the tracks and the positions"
+    )
+    # Twists of such a truth are not used.
+    truth = replace(truth, poses=found.poses, twists=None, headings=True)
+    return replace(log, truth=truth), (remark,)
 
 
 def _models(wanted: Sequence[str]) -> list[str]:

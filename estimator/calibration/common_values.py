@@ -1,7 +1,5 @@
 """Values of the robot file that every model has: radius, tracks, IMU, latency."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -5,8 +5,6 @@ by the likelihood of their segments, and by the drift of dead reckoning from the
 of a few segments.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -6,8 +6,6 @@ and a slope is not taken for inertia. What gravity has in the robot's own axes o
 be an offset of the accelerometers: a robot that turns sees a slope from all sides.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Track speeds in, twist of base_link out (REP-103: v_x forward, v_y left). Parame
 the robot file.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 

@@ -6,8 +6,6 @@ Student-t: each row has the weight (nu + 1) / (nu + u²) of its standardised res
 Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

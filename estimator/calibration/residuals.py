@@ -9,8 +9,6 @@ The heading within a segment is the gyro's, aligned with the truth's at both end
 errors in turning nor noise of the truth's heading affect the displacement.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any

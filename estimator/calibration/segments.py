@@ -4,8 +4,6 @@ A segment is a few seconds in which no stream has a gap. Track speeds and gyro a
 of some 50 ms, the truth is averaged about the ends of segments (knots). Axes are those of REP-103.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ and functions over the record (`tracing.c_functions`). A template puts them toge
 `streaming.reckoning` does.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -21,16 +19,16 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.base.records import shared_record
-from icreckon.estimator.embedded import c_kernels
 from icreckon.estimator.embedded.c_records import Records
+from icreckon.estimator.engine import model
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
 from icreckon.estimator.engine.filters import BatchFilter, work_places
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
-from icreckon.estimator.engine.lane import FAST, FilterShape
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, array_rows
 from icreckon.estimator.engine.lane_functions import move_inputs, sample_inputs
-from icreckon.estimator.engine.layout import FACTORS, INPUTS, MOTION, TREND, TURN, covariance_name
+from icreckon.estimator.engine.layout import FACTORS, INPUTS, MOTION, TREND, covariance_name
 from icreckon.estimator.engine.one_lane import OF_TIME
-from icreckon.estimator.engine.step import StepKind, step_kernel
+from icreckon.estimator.engine.step import Step, StepKind, step_kernel
 from icreckon.estimator.engine.work import Places, follow_in_lane, let_wander, relocate_lane
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import ScatterRecord, wanders
@@ -64,7 +62,7 @@ from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.c_functions import Functions
 from icreckon.estimator.tracing.c_kernel import function_name, kernel_in_c, literal
 from icreckon.estimator.tracing.c_types import INT, REAL, Code, Type
-from icreckon.estimator.tracing.kernel import Kernel
+from icreckon.estimator.tracing.kernel import Kernel, Store
 
 TEMPLATES = Path(__file__).parent / "templates"
 SOURCE = TEMPLATES / "icreckon_filter.c.in"
@@ -97,6 +95,47 @@ ROWS = {
 BEGIN = OF_TIME._replace(moves=False)
 PART = StepKind(draws=False, moves=False, resumes=True, fast_slip=True, in_step=True)
 AHEAD = FixKind(fast_slip=True, ahead=True, updated=False)
+# Places of the indices and of the derivatives in what `_motion_kernel` stores.
+INDICES, DERIVATIVES = 9, 12
+
+
+def _first_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make the kernel of the first track speeds: a moving robot may slip already."""
+    lane = Lane(shape)
+    slip = model.SlipConstants(*(lane.constant(field) for field in model.SlipConstants._fields))
+    smooth, factor = (
+        (lane.input("smooth_left"), lane.input("smooth_right")),
+        lane.row("slip_factor"),
+    )
+    sigmas = model.slip_at(*smooth, slip, lane.constant("gauge"), lane.eta, False, factor)
+    for state, sigma in zip((s.SLIP_X, s.SLIP_Y, s.SLIP_W), sigmas, strict=True):
+        lane.P.add(state, state, sigma * sigma)
+    return lane.kernel(name)
+
+
+def _motion_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make the kernel of a body velocity.
+
+    It stores into an array: the twist (3,), the density of the fast slip (3, 3) above its diagonal, the
+    indices (3,), and the derivatives (3, n) of the twist by all states, which are not smoothed.
+    """
+    lane = Lane(shape, with_fast_slip=True)
+    now = lane.twist_model(lane.input("left"), lane.input("right"))
+    density = Step(lane, StepKind(draws=False, moves=False, imu=False)).density(now)
+    values = [*now.twist, *(density[i][j] for i in range(3) for j in range(i, 3))]
+    values += now.motion.indices
+    values += [row.get(i, 0.0) for row in now.rows for i in (*shape.states, *FAST)]
+    stores = [Store("found", place, trace.lift(value)) for place, value in enumerate(values)]
+    return Kernel(name, array_rows(shape.layout), stores, (), [])
+
+
+def _inside_kernel(name: str, shape: FilterShape) -> Kernel:
+    """Make the kernel that projects the parameters onto their bounds."""
+    lane = Lane(shape, with_fast_slip=True)
+    lane.keep_inside_bounds()
+    return lane.kernel(name, with_fast_slip=True)
+
+
 # Kernels by their names in C.
 KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
     "begin": partial(step_kernel, kind=BEGIN),
@@ -105,9 +144,9 @@ KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
     "propagate": partial(step_kernel, kind=PART._replace(imu=False, moves=True)),
     "position": partial(position_kernel, kind=AHEAD),
     "heading": partial(heading_kernel, kind=AHEAD),
-    "start": c_kernels.first_kernel,
-    "motion": c_kernels.motion_kernel,
-    "inside": c_kernels.inside_kernel,
+    "start": _first_kernel,
+    "motion": _motion_kernel,
+    "inside": _inside_kernel,
 }
 
 
@@ -258,12 +297,12 @@ class _Export:
             "STATES": len(self._states),
             "STATES_AND_WANDER": len(self._shape.states),
             "ALL": len(self._all_states),
-            "INDICES": c_kernels.INDICES,
-            "DERIVATIVES": c_kernels.DERIVATIVES,
-            "MOTION_COUNT": c_kernels.DERIVATIVES + 3 * len(self._all_states),
+            "INDICES": INDICES,
+            "DERIVATIVES": DERIVATIVES,
+            "MOTION_COUNT": DERIVATIVES + 3 * len(self._all_states),
             "PARAMETERS": len(parameters),
             "FIRST_PARAMETER": self._states.index(parameters[0]) if parameters else 0,
-            "ROW_REGRESSORS": rows[TURN] - 3 * len(parameters),
+            "ROW_REGRESSORS": self._layout.regressors,
             "WANDERS": int(s.WANDER_X in self._shape.states),
             **{constant.upper(): places[constant] for constant in VARYING},
             **{f"ROW_{name}": rows[row] for name, row in ROWS.items()},

@@ -1,7 +1,5 @@
 """Records of the filter as C structures, and their initial values."""
 
-from __future__ import annotations
-
 import ctypes
 from typing import Any
 

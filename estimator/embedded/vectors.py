@@ -1,7 +1,5 @@
 """Test vectors of a filter in C: measurements and the estimates in Python."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from icreckon.estimator.log.input_checks import RANKS

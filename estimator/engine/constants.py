@@ -1,7 +1,5 @@
 """Constants that all lanes of a filter share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np
@@ -16,7 +14,6 @@ from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import smoothing_share
-from icreckon.estimator.sensors.sensor_models import SensorModels
 
 # NumPy types by number of bits.
 PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
@@ -53,15 +50,15 @@ def shared_constants(
     """
     names = shape.layout.constants
     values: Floats = aligned(len(names), PRECISIONS[shape.bits])
-    slip, sensors = disturbances.slip, SensorModels(robot).constants
+    slip, (imu_x, imu_y, _) = disturbances.slip, robot.imu.position
     walks = all_walks(disturbances)
     named = {
         **model.vehicle._asdict(),
         "slope_forgetting": disturbances.slope_forgetting,
         "fastest": robot.vehicle.max_track_speed,
         **{name: getattr(slip, name) for name in SlipConstants._fields},
-        "imu_x": sensors.x,
-        "imu_y": sensors.y,
+        "imu_x": imu_x,
+        "imu_y": imu_y,
         "threshold": CHI_SQUARE_1E4[1],
         "position_threshold": CHI_SQUARE_1E4[2],
         **dict.fromkeys(SLIP_SHARES, 1.0),

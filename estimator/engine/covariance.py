@@ -4,8 +4,6 @@ An update with a scalar measurement is stored as the product of two vectors, and
 entries that are used. So a step of several updates reads and writes each entry once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 

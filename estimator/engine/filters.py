@@ -1,7 +1,5 @@
 """Filters of one robot and variant, side by side in lanes of vector registers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple
@@ -21,13 +19,7 @@ from icreckon.estimator.engine.constants import (
 )
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FilterShape
-from icreckon.estimator.engine.layout import (
-    COUNTS,
-    PLACES,
-    TWIST,
-    Layout,
-    covariance_name,
-)
+from icreckon.estimator.engine.layout import COUNTS, PLACES, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import traced_model
 from icreckon.estimator.engine.schedule import (
     HEADING,
@@ -39,13 +31,7 @@ from icreckon.estimator.engine.schedule import (
     fill_step_constants,
 )
 from icreckon.estimator.engine.step import StepKind, step_kernel
-from icreckon.estimator.engine.work import (
-    ESTIMATE,
-    LaneKernels,
-    Places,
-    time_of_fix,
-    work_through,
-)
+from icreckon.estimator.engine.work import ESTIMATE, LaneKernels, Places, time_of_fix, work_through
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.estimator.filter.filter_record import FixesRecord
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
@@ -190,7 +176,7 @@ class BatchFilter:
         Args:
             lanes: lanes from `begin`.
             inputs: (n, rows, width) inputs of each step, see `icreckon.estimator.engine.layout`.
-            steps: n steps of a run that `prepare` or `compile_for` was called with.
+            steps: n steps of a run that `prepare` was called with.
             table: (n, k) constants of each step, from `prepare`.
             estimates: (ticks, rows, width) written to: pose, twist and their covariances at the ticks; of
                 the first lanes, if it is less wide.
@@ -235,13 +221,13 @@ class BatchFilter:
         return {name: lanes.workspace[self.rows[name]].copy() for name in COUNTS}
 
     def prepare(self, steps: Steps) -> Floats:
-        """Compile the kernels of a run, and compute the constants of its steps.
+        """Compile or load the kernels of a run, and compute the constants of its steps.
 
         Args:
             steps: all steps of the run.
 
         Returns:
-            (n, k) constants of each step, for `work_through`.
+            (n, k) constants of each step, the interval of the IMU last, for `work_through`.
 
         Raises:
             BatchError: the IMU has a gap longer than `Settings.hold`.
@@ -252,17 +238,6 @@ class BatchFilter:
                 f"the IMU is silent for {longest:.2f} s, longer than Settings.hold, which filters side "
                 "by side cannot bridge; use run"
             )
-        self.compile_for(steps)
-        if self._prepared is None or self._prepared[0] is not steps:
-            self._prepared = steps, self._step_constants(steps)
-        return self._prepared[1]
-
-    def compile_for(self, steps: Steps) -> None:
-        """Compile the kernels of the steps of a run, or load them.
-
-        Args:
-            steps: all steps of the run.
-        """
         when, moves = time_of_fix(steps.kinds, steps.extras), steps.kinds == MOVE
         times = (
             (steps.extras[moves] & TICK) > 0,
@@ -270,12 +245,11 @@ class BatchFilter:
         )
         used = (frozenset(one.tolist()) for one in times)
         self._kernels = _kernels(self.shape, self.width, self._uses_force, *used)
-
-    def _step_constants(self, steps: Steps) -> Floats:
-        """Constants (n, k) of each step, the interval of the IMU last."""
-        table = np.zeros((len(steps.starts), STEP_COLUMNS))
-        fill_step_constants(table, steps.starts, steps.ends, steps.intervals)
-        return table
+        if self._prepared is None or self._prepared[0] is not steps:
+            table = np.zeros((len(steps.starts), STEP_COLUMNS))
+            fill_step_constants(table, steps.starts, steps.ends, steps.intervals)
+            self._prepared = steps, table
+        return self._prepared[1]
 
 
 @cache

@@ -1,9 +1,7 @@
 """Steps of one filter at one lane, compiled or in Python."""
 
-from __future__ import annotations
-
 import math
-from functools import cache
+from functools import cache, partial
 from typing import Any, cast
 
 import numpy as np
@@ -14,13 +12,11 @@ from icreckon.estimator.base.records import SharedRecord, array_on
 from icreckon.estimator.engine.constants import aligned, shared_constants
 from icreckon.estimator.engine.lane import FilterShape, Numbers
 from icreckon.estimator.engine.lane_functions import (
-    BEGIN,
     FULL,
     IMU_STEP,
     IMU_UPDATE,
     POSITION,
     POSITION_AHEAD,
-    PROPAGATE,
     TIME_STEP,
     evaluate_twist,
     feed_samples,
@@ -108,7 +104,7 @@ class LaneSteps:
         ekf.evaluation = self.evaluate
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _made_again, (self._made_of, self._compiles)
+        return partial(LaneSteps, compiles=self._compiles), self._made_of
 
     def take_track_speeds(
         self, stamp: int, left: float, right: float, only_if_usual: bool = False
@@ -131,20 +127,13 @@ class LaneSteps:
                 return found
             readings.make_room()
 
-    def move(self, stamp: int) -> None:
-        """Take a step without an IMU sample to a later stamp [ns]."""
-        self._fill_move(self._records, self._inputs, stamp)
-        self._step(TIME_STEP, stamp)
+    def move(self, stamp: int, which: int = TIME_STEP) -> None:
+        """Take a step without an IMU sample to a later stamp [ns].
 
-    def begin(self, stamp: int) -> None:
-        """Begin a step to a later stamp [ns], with a new fast slip."""
+        With `BEGIN` it only begins, with a new fast slip; with `PROPAGATE` to the same stamp it ends.
+        """
         self._fill_move(self._records, self._inputs, stamp)
-        self._step(BEGIN, stamp)
-
-    def propagate(self, stamp: int) -> None:
-        """Finish a step that `begin` has begun to the same stamp [ns]."""
-        self._fill_move(self._records, self._inputs, stamp)
-        self._step(PROPAGATE, stamp)
+        self._step(which, stamp)
 
     def take_samples(
         self, samples: SampleArrays, mounting: Floats, rows: RunRows, *, uses_force: bool
@@ -221,7 +210,7 @@ class LaneSteps:
         return cast(bool, self._follow_scatter(self._records, fix, correction))
 
     def evaluate(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
-        """Body velocity of a filter with the same model and settings, see `Evaluation`."""
+        """Body velocity of a filter with the same model and settings, see `Ekf`."""
         twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(ekf.x))), np.empty((3, 2))
         zeta, epsilon, eta, u, force = self._evaluate_twist(
             self._lane.places,
@@ -275,7 +264,3 @@ def events_of(shape: FilterShape, which: int) -> Events:
     with np.errstate(all="ignore"):
         made = make(*arguments, numbers=zeros)
     return Events(made.events)
-
-
-def _made_again(made_of: Any, compiles: bool) -> LaneSteps:
-    return LaneSteps(*made_of, compiles=compiles)

@@ -1,7 +1,5 @@
 """Inputs and steps of one filter at one lane; plain Python, for numba too."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

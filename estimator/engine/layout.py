@@ -1,7 +1,5 @@
 """Layout of the workspace of a group of lanes: places by name."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,6 +7,7 @@ from functools import cached_property
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.model import TracedModel
 from icreckon.estimator.filter.filter_record import DEPARTURE
+from icreckon.estimator.robot.robot_file import Slip
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
 # Inputs of a step: those of each lane, and those that all lanes share.
@@ -50,14 +49,7 @@ CONSTANTS = (
     "rolling_resistance",
     "load_lag",
     "slope_forgetting",
-    "turning_x",
-    "turning_y",
-    "turning_w",
-    "driving_x",
-    "driving_y",
-    "driving_w",
-    "time_constant",
-    "white_time",
+    *Slip.__struct_fields__,
     "imu_x",
     "imu_y",
     "threshold",
@@ -148,6 +140,11 @@ class Layout:
     def parameters(self) -> tuple[int, ...]:
         """Indices of the uncertain parameters."""
         return tuple(i for i in self.states if s.PARAMETERS.start <= i < s.PARAMETERS.stop)
+
+    @property
+    def regressors(self) -> int:
+        """Row of the first regressor; that of the turn is behind them."""
+        return self.rows[TURN] - 3 * len(self.parameters)
 
     @cached_property
     def rows(self) -> Names:

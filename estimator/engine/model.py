@@ -16,12 +16,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.covariance import Vector
 from icreckon.estimator.faults import departing_fixes
 from icreckon.estimator.filter import gate, process_noise, slip_factor
-from icreckon.estimator.motion import (
-    lagged_index_model,
-    linear_model,
-    motion_model,
-    propagation,
-)
+from icreckon.estimator.motion import lagged_index_model, linear_model, motion_model, propagation
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.motion.motion_model import (

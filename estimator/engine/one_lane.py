@@ -5,8 +5,6 @@ covariance are copied to the workspace of a kernel before each call, and back af
 are compiled, or executed in Python (`Settings.engine`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
@@ -34,7 +32,6 @@ from icreckon.estimator.engine.layout import (
     MOTION,
     SLIP_SHARES,
     TREND,
-    TURN,
     TWIST,
     covariance_name,
 )
@@ -228,7 +225,7 @@ def places_of(shape: FilterShape, kernels: Any) -> LanePlaces:
         padded([rows[f"x{i}"] for i in states]),
         padded([[rows[covariance_name(i, j)] for j in states] for i in states]),
         np.array(by_state),
-        rows[TURN] - 3 * len(parameters),
+        layout.regressors,
         rows["memory0"] if memory else 0,
         memory,
         rows["stood"],

@@ -17,15 +17,8 @@ from icreckon.estimator.base.errors import WRONG_SIZE, BatchError
 from icreckon.estimator.base.records import record_array
 from icreckon.estimator.engine.constants import PER_STEP, step_constants
 from icreckon.estimator.robot.settings import LONGEST_TIME
-from icreckon.estimator.sensors.held_tracks import (
-    USUAL_TRACK_INTERVAL,
-)
-from icreckon.estimator.sensors.imu_clock import (
-    LEAST_WAIT,
-    ClockRecord,
-    is_due_after,
-    take_stamp,
-)
+from icreckon.estimator.sensors.held_tracks import USUAL_TRACK_INTERVAL
+from icreckon.estimator.sensors.imu_clock import LEAST_WAIT, ClockRecord, is_due_after, take_stamp
 from icreckon.estimator.tracing.jit_kernel import entry
 
 Bytes = NDArray[np.int8]

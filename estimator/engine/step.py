@@ -16,7 +16,7 @@ from icreckon.estimator.filter.changes import moved_values
 from icreckon.estimator.motion.propagation import GaussMarkov
 from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
-from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, ImuConstants, TrackChange
+from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, TrackChange
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential
 from icreckon.estimator.tracing.kernel import Kernel
@@ -126,7 +126,7 @@ class Step:
         step_input: Any = lane.input
         constant: Any = lane.constant
         self.slip = model.SlipConstants(*map(constant, model.SlipConstants._fields))
-        self.imu = ImuConstants(constant("imu_x"), constant("imu_y"))
+        self.imu_position = constant("imu_x"), constant("imu_y")
         self.noise = ImuNoise(*(step_input(f"{gate}_density") for gate in IMU_GATES))
         self.smooth = step_input("smooth_left"), step_input("smooth_right")
         self.change = TrackChange(
@@ -304,7 +304,7 @@ class Step:
         lane, now, across = self.lane, self.model, 1 - axis
         rough = model.change_density(self._sigma()[axis], self.slip.time_constant)
         forecast = model.accelerometer_forecast(
-            self.imu,
+            self.imu_position,
             axis,
             self.noise[1 + axis],
             lane.constant("interval"),

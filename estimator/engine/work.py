@@ -1,7 +1,5 @@
 """Loop over the steps of filters side by side, for numba."""
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

@@ -9,8 +9,6 @@ rejected as any others.
 Functions of plain numbers are written for plain Python and, traced, for lanes.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -11,8 +11,6 @@ is used: tracks slip every day.
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

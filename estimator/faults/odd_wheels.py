@@ -8,8 +8,6 @@ does, and its error grows with the time. Wheels that are coupled never disagree.
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple, TypeAlias

@@ -6,8 +6,6 @@ fresh stamps. A position that is measured again differs from the one before, if 
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND

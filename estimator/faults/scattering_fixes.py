@@ -20,8 +20,6 @@ taken for a minute, as of plain GPS: the fixes of that time count as one.
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 
@@ -29,7 +27,7 @@ import msgspec
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 
 # Most and fewest fixes that are aligned with the path, and time between two of them [s]: at first less,
 # this share of the time since the oldest.
@@ -70,11 +68,6 @@ OfFixes = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
 OfStates = Annotated[list[float], msgspec.Meta(min_length=s.SIZE, max_length=s.SIZE)]
 
 
-def no_fixes() -> list[float]:
-    """Values of fixes before there are any."""
-    return [0.0] * ROOM
-
-
 class ScatterRecord(msgspec.Struct):
     """Record of the scatter of the newest position fixes.
 
@@ -113,19 +106,19 @@ class ScatterRecord(msgspec.Struct):
     newest: Stamp = NEVER
     laid: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0
     waiting: Annotated[int, msgspec.Meta(ge=0, lt=ROW)] = 0
-    time: OfFixes = msgspec.field(default_factory=no_fixes)
-    x: OfFixes = msgspec.field(default_factory=no_fixes)
-    y: OfFixes = msgspec.field(default_factory=no_fixes)
-    path_x: OfFixes = msgspec.field(default_factory=no_fixes)
-    path_y: OfFixes = msgspec.field(default_factory=no_fixes)
-    yaw: OfFixes = msgspec.field(default_factory=no_fixes)
+    time: OfFixes = zeros(ROOM)
+    x: OfFixes = zeros(ROOM)
+    y: OfFixes = zeros(ROOM)
+    path_x: OfFixes = zeros(ROOM)
+    path_y: OfFixes = zeros(ROOM)
+    yaw: OfFixes = zeros(ROOM)
     newest_x: float = 0.0
     newest_y: float = 0.0
     interval: Size = 0.0
     antenna_x: float = 0.0
     antenna_y: float = 0.0
     turn: float = 0.0
-    moved: OfStates = msgspec.field(default_factory=lambda: [0.0] * s.SIZE)
+    moved: OfStates = zeros(s.SIZE)
     likeness: float = LIKENESS_AT_START
     variance: Size = 0.0
     used: Count = 0
@@ -275,9 +268,13 @@ def measure(scatter: ScatterRecord, stated: float) -> None:
 
 
 def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
+<<<<<<< HEAD
     """Return True if most of the newest steps are off, along and across.
 
     They are, if no turn and stretch of the path makes half of its steps fit those of the fixes.
+=======
+    """Return True if no turn and stretch of the path makes half of its steps fit.
+>>>>>>> cut-estimator
 
     Args:
         scatter: the record.
@@ -297,7 +294,11 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
 def steps_fit(
     scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
 ) -> bool:
+<<<<<<< HEAD
     """Return True if half of the steps of the turned path fit, along or across."""
+=======
+    """Return True if half of the turned, stretched steps fit, along or across."""
+>>>>>>> cut-estimator
     back, number = stretch.conjugate() * (1.0 / size_of(stretch)), scatter.laid - first
     beyond = MEDIAN * least * (1.0 + OF_FEW / (number - 1.0) ** 2)
     along = across = 0

@@ -9,8 +9,6 @@ begins slowly is not. It ends with the opposite change, or is forgotten after so
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 
 import msgspec
@@ -35,7 +33,7 @@ LONGEST_INTERVAL = 0.1
 
 
 class SlideRecord(msgspec.Struct):
-    """Record of slides along one axis of the robot.
+    """Record of slides along the robot.
 
     Attributes:
         stamp: stamp of the newest sample of the IMU [ns], or NEVER.
@@ -65,17 +63,14 @@ def slides(slide: SlideRecord) -> bool:
     return slide.since != NEVER
 
 
-def watch_slide(
-    slide: SlideRecord, stamp: int, force: float, tracks: float, turning: float
-) -> None:
-    """Add a sample of the IMU, and decide whether the robot slides along an axis.
+def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> None:
+    """Add a sample of the IMU, and decide whether the robot slides.
 
     Args:
         slide: record, changed in place.
         stamp: stamp of the sample [ns].
-        force: specific force along the axis [m/s²], or NaN.
-        tracks: velocity along the axis by the tracks [m/s]; 0 to the side.
-        turning: acceleration along the axis that the tracks' velocity has by the turning [m/s²].
+        force: specific force forward [m/s²], or NaN.
+        tracks: forward speed by the tracks [m/s].
     """
     dt = (stamp - slide.stamp) * NANOSECOND if slide.stamp != NEVER else 0.0
     change = tracks - slide.tracks
@@ -83,11 +78,11 @@ def watch_slide(
         return
     slide.stamp, slide.tracks = stamp, tracks
     if dt == 0.0:
-        slide.mean = force - turning
+        slide.mean = force
     if not 0.0 < dt < LONGEST_INTERVAL:
         slide.difference = 0.0
         return
-    more = (force - turning) * dt - change
+    more = force * dt - change
     slide.difference += more - slide.mean * dt - min(1.0, dt / FORGETTING) * slide.difference
     slide.mean += (more - slide.mean * dt) / GRAVITY_AVERAGING
     limit = max(LEAST_SPEED, SIGMAS * math.sqrt(slide.square))

@@ -9,8 +9,6 @@ which the tracks turn as the gyro does. A track sensor that fails looks the same
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

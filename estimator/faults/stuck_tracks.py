@@ -8,14 +8,12 @@ themselves, it has to last for longer still: then a driver, or a bus, repeats it
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec
 
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 
 # Required number of different readings of the other track, and of its own before.
 OTHERS, OWN = 10, 20
@@ -46,8 +44,8 @@ class Repeating(msgspec.Struct):
     changes: Count = 0
     longest: Size = 0.0
     other_count: Annotated[int, msgspec.Meta(ge=0, le=OTHERS)] = 0
-    others: Annotated[list[float], msgspec.Meta(min_length=OTHERS, max_length=OTHERS)] = (
-        msgspec.field(default_factory=lambda: [0.0] * OTHERS)
+    others: Annotated[list[float], msgspec.Meta(min_length=OTHERS, max_length=OTHERS)] = zeros(
+        OTHERS
     )
 
 

@@ -5,8 +5,6 @@ Which changes these are, and of which states, is the same in each call (`Event`)
 `Events` reports them to a listener.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, NamedTuple, Protocol

@@ -21,7 +21,7 @@ carry the same information as z (Simon, Optimal State Estimation, section 6.1).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -74,14 +74,6 @@ class Observer(Protocol):
         """Projection of the state to its bounds by this change (SIZE,)."""
 
 
-class Evaluation(Protocol):
-    """Evaluation of the motion model of a filter."""
-
-    def __call__(self, ekf: Ekf, left: float, right: float, slip_shares: Triple) -> TwistModel:
-        """Body velocity at track speeds [m/s] and factors on the slip."""
-        ...
-
-
 class Ekf:
     """State and covariance of a filter.
 
@@ -98,10 +90,11 @@ class Ekf:
         observer: observer of all changes, or None.
         considered: consider states: updates do not move them, but their covariance counts
             (Schmidt-Kalman).
-        evaluation: evaluation of its motion model; its engine sets it.
+        evaluation: body velocity of a filter at track speeds [m/s] and factors on the slip; its engine
+            sets it.
     """
 
-    evaluation: Evaluation
+    evaluation: Callable[[Ekf, float, float, Triple], TwistModel]
 
     def __init__(self, model: MotionModel) -> None:
         self.regressors: Floats = np.zeros((3, s.REGRESSOR_COUNT))
@@ -245,10 +238,6 @@ class Ekf:
         self.P[np.ix_(states, states)] += covariance
         self.inflated(states, covariance, self.x.item(s.YAW) if of_motion else None)
 
-    def innovation_covariance(self, H: Floats, R: Floats) -> Floats:
-        """S (n, n) of a measurement with Jacobian H (n, SIZE) and noise R (n, n)."""
-        return np.asarray(H.dot(self.P).dot(H.T) + R)
-
     def update_scalar(self, z: float, h: Floats, r: float, *, fixed: tuple[int, ...] = ()) -> None:
         """Update with one scalar measurement, in Joseph form.
 
@@ -302,7 +291,7 @@ def update(
     *,
     fastest: float,
 ) -> bool:
-    """Update with a measurement, all of its components or none.
+    """Update with a measurement, with all of its components in turn or none.
 
     Args:
         ekf: the filter.
@@ -318,15 +307,21 @@ def update(
     """
     linearised = _resolved(linearised)
     z, H, R = linearised
-    S = ekf.innovation_covariance(H, R)
+    S = np.asarray(H.dot(ekf.P).dot(H.T) + R)
     nis = normalised_square(z, S)
     square = float(z[:2] @ z[:2]) if model.is_place else 0.0
     verdict = gate.judge(nis, interval, patience_for(square, gate.patience, fastest))
     if verdict == REACQUIRED:
         R = _inflated(ekf, model, linearised, S)
     if verdict != REJECTED:
-        correct(ekf, z, H, R, fixed=model.fixed, correlated=model.correlated)
-    gate.keep(stamp, verdict, z, S)
+        if model.correlated and len(z) > 1:
+            z, H, R = decorrelated(z, H, R)
+        x = ekf.x.copy()
+        for k in range(len(z)):
+            # Each component is linearised at the state before the first.
+            moved = shift(H[k], ekf.x, x) if k else 0.0
+            ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=model.fixed)
+    gate.keep(stamp, verdict, linearised.z, S)
     return verdict != REJECTED
 
 
@@ -336,34 +331,6 @@ def normalised_square(z: Floats, S: Floats) -> float:
         return z.item() * z.item() / S.item()
     # The prediction alone may be singular, next to which a sharp measurement vanishes.
     return float(z @ np.linalg.solve(S + ROUNDING_SHARE * np.diag(S.diagonal()), z))
-
-
-def correct(
-    ekf: Ekf,
-    z: Floats,
-    H: Floats,
-    R: Floats,
-    *,
-    fixed: tuple[int, ...] = (),
-    correlated: bool = True,
-) -> None:
-    """Update with each component of a measurement in turn, without a gate.
-
-    Args:
-        ekf: the filter.
-        z: (n,) innovation at the present state.
-        H: (n, SIZE) Jacobian of the predicted measurement.
-        R: (n, n) covariance of the measurement noise.
-        fixed: states that are not to be moved.
-        correlated: use the correlations of R.
-    """
-    if correlated and len(z) > 1:
-        z, H, R = decorrelated(z, H, R)
-    x = ekf.x.copy()
-    for k in range(len(z)):
-        # Each component is linearised at the state before the first.
-        moved = shift(H[k], ekf.x, x) if k else 0.0
-        ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=fixed)
 
 
 def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:

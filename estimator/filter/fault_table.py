@@ -4,8 +4,6 @@ The rules stand in `icreckon.estimator.faults` and `sensors`; a row reads the re
 `add_fault` adds a fault of a user.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NamedTuple, Protocol

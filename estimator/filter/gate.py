@@ -5,8 +5,6 @@ time of rejections the next one is used. A position has to wait for longer, the 
 robot that was carried, or that slid, has moved at some speed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sized
 from typing import Annotated, Any
@@ -15,14 +13,8 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
-from icreckon.estimator.filter.health import (
-    ADMITTED,
-    REACQUIRED,
-    REJECTED,
-    Judged,
-    SensorHealth,
-)
+from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
+from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED, Judged, SensorHealth
 from icreckon.estimator.robot.settings import GateSettings
 
 # Quantiles of the chi-square distribution at a right-tail probability of 1e-4, by degrees of freedom
@@ -96,12 +88,8 @@ class GateRecord(msgspec.Struct):
     recent_nis: float = 0.0
     stamp: Stamp = NEVER
     verdict: Annotated[int, msgspec.Meta(ge=ADMITTED, le=REACQUIRED)] = ADMITTED
-    z: Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOST)] = msgspec.field(
-        default_factory=lambda: [0.0] * MOST
-    )
-    S: Annotated[list[float], msgspec.Meta(min_length=MOST**2, max_length=MOST**2)] = msgspec.field(
-        default_factory=lambda: [0.0] * MOST**2
-    )
+    z: Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOST)] = zeros(MOST)
+    S: Annotated[list[float], msgspec.Meta(min_length=MOST**2, max_length=MOST**2)] = zeros(MOST**2)
 
 
 def count_verdict(

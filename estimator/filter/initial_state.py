@@ -1,7 +1,5 @@
 """Prior of a filter: motion model, initial state, process noise."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -20,7 +18,6 @@ from icreckon.estimator.robot.variants import (
     initial_parameters,
     motion_model,
     parameter_sigmas,
-    parameter_walks,
     slip_of,
     state_names,
 )
@@ -62,8 +59,7 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
     sigmas[s.TRACK_DIFFERENCE] = robot.tracks.difference_sigma
     sigmas[s.GYRO_SCALE] = robot.imu.gyro_scale_sigma
     slip = settings.slip or slip_of(robot, variant)
-    walks = parameter_walks(robot, variant, adaptation)
-    disturbances = Disturbances(robot, slip, walks)
+    disturbances = Disturbances(robot, slip, sigmas[s.PARAMETERS] * adaptation.walk)
     if robot.imu.gyro_axes == "xyz":
         # Biases of roll and pitch rate may be as large as that of the yaw rate is.
         of_tilt = math.hypot(robot.imu.gyro_bias, robot.imu.gyro_bias_sigma)

@@ -4,8 +4,6 @@ The functions are written for plain Python, for numba (`icreckon.estimator.traci
 traced, for lanes (`icreckon.estimator.engine.model`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 
@@ -15,8 +13,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.choices import select
 from icreckon.estimator.log.measurements import Vector3
-from icreckon.estimator.robot.robot_file import Robot, Slip
-from icreckon.estimator.robot.slip import slip_components
+from icreckon.estimator.robot.robot_file import Robot, Slip, slip_components
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
@@ -39,43 +36,27 @@ class Disturbances:
         parameter_walk: (9,) random walk of the parameters at its full rate, per √s.
 
     Attributes:
+        slip: slip of the variant.
+        bias_walk: (SIZE,) random walk of the biases, zero elsewhere, per √s.
+        parameter_walk: (SIZE,) random walk of the parameters at its full rate, zero elsewhere, per √s.
+        slope_walk: (SIZE,) random walk of gravity, zero elsewhere, per √m of travel.
         slope_forgetting: rate at which the slope is forgotten [1/m].
     """
 
     def __init__(self, robot: Robot, slip: Slip, parameter_walk: Floats) -> None:
-        self._slip = slip
+        self.slip = slip
         self._track_gauge = robot.vehicle.track_gauge
-        self._bias_walk = np.zeros(s.SIZE)
-        self._bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
-        self._bias_walk[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_walk
-        self._bias_walk[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_walk
-        self._slope_walk = np.zeros(s.SIZE)
+        self.bias_walk = np.zeros(s.SIZE)
+        self.bias_walk[s.GYRO_BIAS] = robot.imu.gyro_bias_walk
+        self.bias_walk[s.ACCELEROMETER_BIAS_X] = robot.imu.accelerometer_bias_walk
+        self.bias_walk[s.ACCELEROMETER_BIAS_Y] = robot.imu.accelerometer_bias_walk
+        self.slope_walk = np.zeros(s.SIZE)
         slope = robot.slope
-        self._slope_walk[s.GRAVITY] = slope.walk if slope.sigma > 0.0 else 0.0
+        self.slope_walk[s.GRAVITY] = slope.walk if slope.sigma > 0.0 else 0.0
         # A Gauss-Markov process in the distance, of this standard deviation.
         self.slope_forgetting = 0.5 * (slope.walk / slope.sigma) ** 2 if slope.sigma > 0.0 else 0.0
-        self._parameter_walk = np.zeros(s.SIZE)
-        self._parameter_walk[s.PARAMETERS] = parameter_walk
-
-    @property
-    def slip(self) -> Slip:
-        """Slip of the variant."""
-        return self._slip
-
-    @property
-    def bias_walk(self) -> Floats:
-        """(SIZE,) random walk of the biases, zero elsewhere, per √s."""
-        return self._bias_walk
-
-    @property
-    def parameter_walk(self) -> Floats:
-        """(SIZE,) random walk of the parameters at its full rate, zero elsewhere, per √s."""
-        return self._parameter_walk
-
-    @property
-    def slope_walk(self) -> Floats:
-        """(SIZE,) random walk of gravity, zero elsewhere, per √m of travel."""
-        return self._slope_walk
+        self.parameter_walk = np.zeros(s.SIZE)
+        self.parameter_walk[s.PARAMETERS] = parameter_walk
 
     def slip_sigma(
         self, tracks: TrackRecord, eta: float, *, pushed: bool, factor: float = 1.0
@@ -98,7 +79,7 @@ class Disturbances:
         self, left: float, right: float, eta: float, *, pushed: bool = False, factor: float = 1.0
     ) -> Vector3:
         """Standard deviation of the slip at given track speeds [m/s]."""
-        return slip_at(left, right, self._slip, self._track_gauge, eta, pushed, factor)
+        return slip_at(left, right, self.slip, self._track_gauge, eta, pushed, factor)
 
     def fast_slip_density(self, inputs: StepInputs, by_speeds: Floats, sigma: Vector3) -> Floats:
         """(3, 3) density of the fast slip over a step.
@@ -115,7 +96,7 @@ class Disturbances:
             by_speeds.tolist(),
             inputs.left_density,
             inputs.right_density,
-            self._slip.white_time,
+            self.slip.white_time,
             sigma[2],
             inputs.gap_density,
             inputs.slide_x_density,

@@ -10,14 +10,13 @@ the residuals agree with the variances of the fixes.
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 
 import msgspec
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.records import zeros
 
 # Least number of rejected fixes, and most that are kept.
 FEWEST, MOST = 5, 64
@@ -27,11 +26,6 @@ KNOWN_TURN, CLEAR_TURN = 0.3, 4.0
 # Largest residuals: multiple of the variance of the fixes, and share of the path's extent, for its drift.
 LEFT_OVER, WARPED = 4.0, 0.05
 OfRejected = Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOST)]
-
-
-def none_rejected() -> list[float]:
-    """Values of rejected fixes before there are any."""
-    return [0.0] * MOST
 
 
 class RejectedRecord(msgspec.Struct):
@@ -47,11 +41,11 @@ class RejectedRecord(msgspec.Struct):
     """
 
     count: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0
-    x: OfRejected = msgspec.field(default_factory=none_rejected)
-    y: OfRejected = msgspec.field(default_factory=none_rejected)
-    variance: OfRejected = msgspec.field(default_factory=none_rejected)
-    predicted_x: OfRejected = msgspec.field(default_factory=none_rejected)
-    predicted_y: OfRejected = msgspec.field(default_factory=none_rejected)
+    x: OfRejected = zeros(MOST)
+    y: OfRejected = zeros(MOST)
+    variance: OfRejected = zeros(MOST)
+    predicted_x: OfRejected = zeros(MOST)
+    predicted_y: OfRejected = zeros(MOST)
 
 
 def add_rejected(

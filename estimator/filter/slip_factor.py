@@ -12,8 +12,6 @@ less.
 Functions of plain numbers are written for plain Python, for numba and, traced, for lanes.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

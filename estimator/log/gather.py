@@ -1,7 +1,5 @@
 """Conversion of single measurements to series."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

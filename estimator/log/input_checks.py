@@ -1,7 +1,5 @@
 """Input validation: reject measurements that are implausible on their own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress

@@ -7,8 +7,6 @@ minimum. A standard error follows from leaving out blocks of the windows. A lag 
 show is a `NoLag`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,9 +15,8 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, jackknife_sigma
-from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.scores import even_grid, pieces
-from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, running_integral
 
 NEAR = np.arange(-0.5, 1.2001, 0.02)
 """Candidate lags [s]; negative if the reference is late."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -186,11 +187,15 @@ class Log:
 
         At equal stamps the order is tracks, IMU, fixes, others.
         """
-        streams: list[tuple[Stamps, _Maker]] = [(self.tracks.stamps, _tracks_of(self.tracks))]
+        streams: list[tuple[Stamps, _Maker]] = [
+            (self.tracks.stamps, partial(_track_speeds, self.tracks))
+        ]
         if self.imu is not None:
-            streams.append((self.imu.stamps, _imu_samples_of(self.imu)))
+            streams.append((self.imu.stamps, partial(_imu_samples, self.imu)))
         if self.fixes is not None:
-            streams += _fixes_of(self.fixes)
+            fixes, headed = self.fixes, np.flatnonzero(np.isfinite(self.fixes.poses[:, 2]))
+            streams.append((fixes.stamps, partial(_positions, fixes)))
+            streams.append((fixes.stamps[headed], lambda which: _headings(fixes, headed[which])))
         stamps_of_others = np.array([one.stamp for one in self.others], dtype=np.int64)
         streams.append((stamps_of_others, lambda which: [self.others[k] for k in which.tolist()]))
         stamps = np.concatenate([stream[0] for stream in streams])
@@ -285,47 +290,32 @@ def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bo
     return chosen
 
 
-def _tracks_of(tracks: TrackSpeedSeries) -> _Maker:
-    def make(which: NDArray[np.int64]) -> list[Measurement]:
-        columns = [tracks.stamps[which].tolist(), *tracks.speeds[which].T.tolist()]
-        wheels = (tracks.left_wheels, tracks.right_wheels)
-        columns += [list(map(tuple, one[which].tolist())) for one in wheels if one is not None]
-        return [TrackSpeeds(*row) for row in zip(*columns, strict=True)]
-
-    return make
+def _track_speeds(tracks: TrackSpeedSeries, which: NDArray[np.int64]) -> list[Measurement]:
+    columns = [tracks.stamps[which].tolist(), *tracks.speeds[which].T.tolist()]
+    wheels = (tracks.left_wheels, tracks.right_wheels)
+    columns += [list(map(tuple, one[which].tolist())) for one in wheels if one is not None]
+    return [TrackSpeeds(*row) for row in zip(*columns, strict=True)]
 
 
-def _imu_samples_of(imu: ImuSeries) -> _Maker:
-    def make(which: NDArray[np.int64]) -> list[Measurement]:
-        rates = [tuple(row) for row in imu.angular_velocity[which].tolist()]
-        forces: list[Any] = [None] * len(rates)
-        if imu.linear_acceleration is not None:
-            read = imu.linear_acceleration[which]
-            absent = np.asarray(np.isnan(read).all(axis=1)).tolist()
-            rows = zip(read.tolist(), absent, strict=True)
-            forces = [None if none else tuple(row) for row, none in rows]
-        return [
-            ImuSample(stamp, rate, force)
-            for stamp, rate, force in zip(imu.stamps[which].tolist(), rates, forces, strict=True)
-        ]
-
-    return make
+def _imu_samples(imu: ImuSeries, which: NDArray[np.int64]) -> list[Measurement]:
+    rates = [tuple(row) for row in imu.angular_velocity[which].tolist()]
+    forces: list[Any] = [None] * len(rates)
+    if imu.linear_acceleration is not None:
+        read = imu.linear_acceleration[which]
+        absent = np.asarray(np.isnan(read).all(axis=1)).tolist()
+        rows = zip(read.tolist(), absent, strict=True)
+        forces = [None if none else tuple(row) for row, none in rows]
+    return [ImuSample(*row) for row in zip(imu.stamps[which].tolist(), rates, forces, strict=True)]
 
 
-def _fixes_of(fixes: FixSeries) -> list[tuple[Stamps, _Maker]]:
-    """Positions, then headings of the fixes that have one."""
-    headed, lever_arms = np.flatnonzero(np.isfinite(fixes.poses[:, 2])), fixes.lever_arms
+def _positions(fixes: FixSeries, which: NDArray[np.int64]) -> list[Measurement]:
+    place, variances = fixes.poses[which, :2].T, fixes.variances[which, 0]
+    return _made(PositionFix, fixes.stamps[which], *place, variances, *fixes.lever_arms[which].T)
 
-    def positions(which: NDArray[np.int64]) -> list[Measurement]:
-        place, variances = fixes.poses[which, :2].T, fixes.variances[which, 0]
-        return _made(PositionFix, fixes.stamps[which], *place, variances, *lever_arms[which].T)
 
-    def headings(which: NDArray[np.int64]) -> list[Measurement]:
-        place = headed[which]
-        yaw, variances = fixes.poses[place, 2], fixes.variances[place, 1]
-        return _made(HeadingFix, fixes.stamps[place], yaw, variances)
-
-    return [(fixes.stamps, positions), (fixes.stamps[headed], headings)]
+def _headings(fixes: FixSeries, which: NDArray[np.int64]) -> list[Measurement]:
+    yaw, variances = fixes.poses[which, 2], fixes.variances[which, 1]
+    return _made(HeadingFix, fixes.stamps[which], yaw, variances)
 
 
 def _made(kind: Callable[..., Measurement], *columns: NDArray[Any]) -> list[Measurement]:

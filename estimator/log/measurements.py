@@ -5,8 +5,6 @@ planar kind are in REP-103 axes (x forward, y left, yaw counter-clockwise); the 
 IMU's own axes, as a driver publishes them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 

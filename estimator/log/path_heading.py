@@ -4,16 +4,13 @@ A position in a map shows no heading. But over some metres the path by tracks an
 shape. The turn that lays it over the positions around a stamp, plus its own yaw there, is the heading.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.scores import interpolate, interpolate_poses
-from icreckon.estimator.log.series import PoseSeries, Truth
+from icreckon.estimator.log.series import PoseSeries, Truth, running_integral
 
 STEP = 0.5
 """Distance between the places whose course is compared with the heading [m]."""

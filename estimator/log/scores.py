@@ -4,8 +4,6 @@ All scores compare at the stamps of the truth, to which the estimate is interpol
 after estimate and truth are aligned at the start of a segment, so they need not share a frame.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

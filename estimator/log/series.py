@@ -1,4 +1,4 @@
-"""Time series of each sensor, and the truth."""
+"""Time series of each sensor, the truth, and integrals of samples."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.checks import require_kind, require_nanoseconds
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_quaternion
@@ -161,6 +162,24 @@ class Truth:
         poses[:, 2] = np.nan
         known = replace(self.poses, poses=poses)
         return replace(self, poses=known, twists=None, tracks=None, headings=False)
+
+
+def running_integral(stamps: Stamps, values: NDArray[Any]) -> NDArray[Any]:
+    """Integrate samples, which change steadily in between, up to each of them.
+
+    scipy's `cumulative_trapezoid` is the same, and takes 0.7 s to load.
+
+    Args:
+        stamps: (n,) their stamps [ns].
+        values: (n, ...) samples.
+
+    Returns:
+        Integrals (n, ...), in the samples' unit times seconds; zero at the first.
+    """
+    seconds = (np.diff(stamps) * NANOSECOND).reshape(-1, *[1] * (values.ndim - 1))
+    steps = np.zeros(values.shape, np.result_type(values, float))
+    steps[1:] = 0.5 * seconds * (values[1:] + values[:-1])
+    return np.cumsum(steps, axis=0, out=steps)
 
 
 def require_part(name: str, value: object, kind: type, *, or_none: bool = False) -> None:

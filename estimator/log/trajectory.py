@@ -1,7 +1,5 @@
 """Estimated motion over a log."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

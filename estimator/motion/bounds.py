@@ -3,10 +3,7 @@
 Bounds of parameters p are rows of a (9,) and b in a p >= b.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -27,23 +24,12 @@ def index_bounds(gauge: float) -> Floats:
     Args:
         gauge: L [m].
     """
-    return np.array(bound_rows(gauge))
-
-
-def bound_rows(gauge: Any) -> tuple[tuple[Any, ...], ...]:
-    """Bounds of index parameters as tuples; the gauge may be any kind of number."""
     half = 0.5 * gauge
-    return (
-        _row(1.0, 0.0, 1.0),
-        _row(half, 1.0, BOUND_MARGIN),
-        _row(half, -1.0, BOUND_MARGIN),
-    )
-
-
-def _row(eta0: Any, epsilon0: float, least: float) -> tuple[Any, ...]:
-    row: list[Any] = [0.0] * (s.PARAMETER_COUNT + 1)
-    row[ETA0], row[EPSILON0], row[-1] = eta0, epsilon0, least
-    return tuple(row)
+    rows = np.zeros((3, s.PARAMETER_COUNT + 1))
+    rows[0, [ETA0, -1]] = 1.0, 1.0
+    rows[1, [ETA0, EPSILON0, -1]] = half, 1.0, BOUND_MARGIN
+    rows[2, [ETA0, EPSILON0, -1]] = half, -1.0, BOUND_MARGIN
+    return rows
 
 
 def inside(x: Floats, P: Floats, bounds: Floats, fixed: Sequence[int]) -> Floats:

@@ -8,8 +8,6 @@ Source: "Inertia-based ICR Kinematic Model for Tracked Skid-Steer Robots"; the c
 that of Martinez et al., "Approximating kinematics for tracked mobile robots", IJRR 24(10), 2005.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

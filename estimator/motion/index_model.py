@@ -22,8 +22,6 @@ Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Argument
 floats. The filter's model is `icreckon.estimator.motion.lagged_index_model`.
 """
 
-from __future__ import annotations
-
 from typing import Any, Literal, NamedTuple
 
 from icreckon.estimator.base.choices import every, some

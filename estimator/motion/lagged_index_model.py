@@ -25,8 +25,6 @@ Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`). Floats, 
 numbers pass through, see `icreckon.estimator.motion.motion_model`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any, NamedTuple

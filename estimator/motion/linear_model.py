@@ -11,8 +11,6 @@ odometry with an online calibration of a kinematic model for skid-steering robot
 Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Final
 

@@ -8,8 +8,6 @@ written for floats, complex numbers and arrays, and for numba (`icreckon.estimat
 comparisons use real parts only, and branches plain flags only.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pose and twist in three dimensions: height, and roll and pitch by gravity."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

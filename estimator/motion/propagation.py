@@ -5,8 +5,6 @@ All functions work on scalars.
 Written for plain Python and for numba (`icreckon.estimator.tracing.jit_kernel`).
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -21,8 +21,6 @@ the derivatives by the parameters are smoothed in time: their noise is that of t
 in the innovation, too.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

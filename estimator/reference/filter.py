@@ -4,8 +4,6 @@ A step goes from one IMU sample to the next. The IMU measures the twist of the s
 end. So the twist is predicted and updated at the start of the step, and then moves the pose.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 
@@ -145,8 +143,8 @@ class ReferenceFilter:
             sigma, slip = self._slip_sigma(), self._disturbances.slip
             for axis in range(2):
                 density = change_density(sigma[axis], slip.time_constant)
-                imu = self._sensors.constants
-                z, H, R = accelerometer(imu, axis, along[axis], at, ekf.x, density)
+                position = self._sensors.imu_position
+                z, H, R = accelerometer(position, axis, along[axis], at, ekf.x, density)
                 ekf.update_scalar(z.item(), H[0], R.item(), fixed=ekf.fixed_for_imu)
         ekf.keep_inside_bounds(by_imu=True)
         # Propagate the pose by the updated twist.

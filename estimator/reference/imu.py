@@ -1,7 +1,5 @@
 """Measurement models of the IMU: z, H and R of the gyro and of the accelerometers."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +10,6 @@ from icreckon.estimator.motion.motion_model import TwistModel
 from icreckon.estimator.sensors.imu_noise import ImuNoise
 from icreckon.estimator.sensors.measurement_models import Linearised
 from icreckon.estimator.sensors.sensor_models import (
-    ImuConstants,
     TrackChange,
     accelerometer_forecast,
     gyro_variance,
@@ -57,12 +54,17 @@ def gyro(rate: float, at: StepTwist, turn: float) -> Linearised:
 
 
 def accelerometer(
-    imu: ImuConstants, axis: int, force: float, at: StepTwist, x: Floats, slip_density: float
+    position: tuple[float, float],
+    axis: int,
+    force: float,
+    at: StepTwist,
+    x: Floats,
+    slip_density: float,
 ) -> Linearised:
     """Compare a specific force with acceleration less gravity, plus bias.
 
     Args:
-        imu: mounting of the IMU.
+        position: position of the IMU in base_link, forward and left [m].
         axis: axis of base_link, 0 for forward, 1 for left.
         force: specific force along the axis [m/s²].
         at: twist and inputs at the state of the linearisation.
@@ -71,7 +73,7 @@ def accelerometer(
     """
     model = at.model
     forecast = accelerometer_forecast(
-        imu,
+        position,
         axis,
         at.noise[1 + axis],
         at.interval,

@@ -4,8 +4,6 @@ Axes are those of REP-103 (x forward, y left, z up, origin at the centre of the 
 except in `[indices]` and `[constant_icr]`, which use the paper's symbols and axes (X right, Y forward).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from pathlib import Path
@@ -246,6 +244,26 @@ class Slip(Bounded, frozen=True):
     driving_w: Share = 0.01
     time_constant: Positive = 1.0
     white_time: NotNegative = 0.1
+
+
+def slip_components(V_l: Any, V_r: Any, slip: Slip, effective_gauge: float) -> tuple[Any, Any, Any]:
+    """Standard deviations of the slip residual of v_x, v_y, w (REP-103), see `Slip`.
+
+    Args:
+        V_l: speed of the left track [m/s], (n,) or a float.
+        V_r: speed of the right track [m/s], (n,) or a float.
+        slip: shares of turning and driving.
+        effective_gauge: L eta0 [m].
+
+    Returns:
+        Three (n,) or floats [m/s, m/s, rad/s].
+    """
+    turning, driving = abs(V_r - V_l), 0.5 * abs(V_l + V_r)
+    return (
+        slip.turning_x * turning + slip.driving_x * driving,
+        slip.turning_y * turning + slip.driving_y * driving,
+        slip.turning_w / effective_gauge * turning + slip.driving_w * driving,
+    )
 
 
 class UndetectedSlip(Bounded, frozen=True):

@@ -1,7 +1,5 @@
 """Robot file of a robot, as text."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """Ground under the tracks, as the `[soil]` of a robot file describes it."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from icreckon.estimator.base.checks import Bound, Bounded, NotNegative, Positive

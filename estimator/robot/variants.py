@@ -7,8 +7,6 @@ it: a poorer model needs more. The defaults here apply if the robot file has no 
 `register` adds a variant with a motion model of one's own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -328,8 +326,3 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     if variant.model == "constant":
         sigmas[[2, 4, 6, 7, 8]] = 0.0
     return sigmas
-
-
-def parameter_walks(robot: Robot, variant: Variant, adaptation: Adaptation) -> Floats:
-    """Random walks of the nine parameters (9,) at full rate [1/√s]; zero like sigmas."""
-    return np.asarray(parameter_sigmas(robot, variant, adaptation) * adaptation.walk)

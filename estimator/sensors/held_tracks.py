@@ -3,8 +3,6 @@
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 
 import msgspec
@@ -204,7 +202,7 @@ def take_motion(
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
     mean = 0.5 * (held.left + held.right)
-    watch_slide(held.forward, stamp, force_x, mean, 0.0)
+    watch_slide(held.forward, stamp, force_x, mean)
     left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right

@@ -3,8 +3,6 @@
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 from typing import Protocol
 
 import msgspec

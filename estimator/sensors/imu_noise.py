@@ -6,8 +6,6 @@ blocks, which show slow vibration to a fast IMU; the larger counts. The function
 Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Annotated, NamedTuple
 
@@ -236,12 +234,6 @@ def assumed_noise(axis: AxisNoise, of_file: float, more: float, least: float) ->
     elif 0.0 < measured * LESS < of_file:
         density = max(measured, measured * measured * (LESS * LESS) / of_file, least * of_file)
     return density * density
-
-
-def noise_of_file(settings: InputSettings) -> ImuNoise:
-    """Noise of an IMU by its robot file."""
-    of_force = settings.accelerometer_noise_density**2
-    return ImuNoise(settings.gyro_noise_density**2, of_force, of_force)
 
 
 def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> ImuNoise:

@@ -6,8 +6,6 @@ of that turning as rates of roll and pitch: a regression by the yaw rate, with t
 The functions are written for plain Python and for numba, see `icreckon.estimator.base.records`.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import msgspec

@@ -1,7 +1,5 @@
 """Settings of everything that turns samples into inputs of a step."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from icreckon.estimator.base.array_types import NANOSECOND

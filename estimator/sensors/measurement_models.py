@@ -4,8 +4,6 @@
 a twist, linearise, gate, update, record. `register` adds a sensor that is no part of the package.
 """
 
-from __future__ import annotations
-
 from typing import Any, ClassVar, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np

@@ -6,8 +6,6 @@ compared with a prediction ahead, and corrects the state where it stands. Until 
 constant, except for a new fast slip of unknown value.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

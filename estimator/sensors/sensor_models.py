@@ -3,8 +3,6 @@
 The equations serve plain Python and compiled code (`icreckon.estimator.tracing`).
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,18 +18,6 @@ ACCELERATION_DOUBT = 0.3
 # Time for which an error lasts that is as large as the centripetal acceleration [s]. In turns the
 # accelerometers show errors of the model, which are not to be taken for slopes and biases.
 CENTRIPETAL_DOUBT = 1.0
-
-
-class ImuConstants(NamedTuple):
-    """Constants of an IMU.
-
-    Attributes:
-        x: position of the IMU in base_link, forward [m].
-        y: position of the IMU in base_link, to the left [m].
-    """
-
-    x: float
-    y: float
 
 
 class Forecast(NamedTuple):
@@ -73,7 +59,7 @@ class SensorModels:
         robot: the robot.
 
     Attributes:
-        constants: constants of its IMU.
+        imu_position: position of its IMU in base_link, forward and left [m].
         mounting: (6, 3) rates of base_link by the gyros: yaw, roll and pitch, these NaN with a gyro of
             one axis or on level ground; the reading of the gyro that shows most of the yaw; specific
             force forward and left by the accelerometers.
@@ -81,7 +67,7 @@ class SensorModels:
 
     def __init__(self, robot: Robot) -> None:
         imu = robot.imu
-        self.constants = ImuConstants(imu.position[0], imu.position[1])
+        self.imu_position = imu.position[:2]
         forward, leftward, upward = robot.imu_rotation.tolist()
         of_rates = np.array([upward, forward, leftward])
         if imu.gyro_axes == "z":
@@ -119,7 +105,7 @@ def gyro_variance(density: float, interval: float, by_turning: Any, change: Trac
 
 
 def accelerometer_forecast(
-    imu: ImuConstants,
+    position: Any,
     axis: int,
     density: float,
     interval: float,
@@ -134,7 +120,7 @@ def accelerometer_forecast(
     IMU at (x, y): a_x = dv_x/dt - w v_y - y dw/dt - x w², a_y = dv_y/dt + w v_x + x dw/dt - y w².
 
     Args:
-        imu: the IMU.
+        position: position of the IMU in base_link, forward and left [m].
         axis: 0 for forward, 1 for left.
         density: noise density of the accelerometer [m²/s³].
         interval: time between samples [s].
@@ -145,7 +131,7 @@ def accelerometer_forecast(
     """
     across, w = twist[1 - axis], twist[2]
     side = 1.0 if axis else -1.0
-    lever, along = (side * imu.x, imu.y) if axis else (side * imu.y, imu.x)
+    lever, along = side * position[1 - axis], position[axis]
     by_axis, by_turning = (by_speeds[1] if axis else (0.5, 0.5)), by_speeds[2]
     # Change of the kinematic twist, from the change of the track speeds.
     dv, dw = _along(by_axis, change.acceleration), _along(by_turning, change.acceleration)

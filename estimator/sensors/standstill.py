@@ -7,8 +7,6 @@ The functions are written for plain Python and for numba, see `icreckon.estimato
 readings lie in a buffer outside the record, for their number is known only when a log is.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, NamedTuple
 

@@ -1,7 +1,5 @@
 """Inputs of a filter step from the track speeds; for plain Python and for numba."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from icreckon.estimator.faults.odd_wheels import wheel_density

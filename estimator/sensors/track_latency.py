@@ -7,12 +7,10 @@ from leaving out one block at a time. A batch version that looks at a whole log 
 `icreckon.replay.inspection.latency`.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from itertools import pairwise
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
@@ -20,7 +18,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import beside_lowest, jackknife_sigma
-from icreckon.estimator.base.records import NEVER, Stamp
+from icreckon.estimator.base.records import NEVER, Stamp, zeros
+from icreckon.estimator.log.lag import Lag
 
 GRID = 20_000_000
 """Spacing of the candidate latencies [ns]."""
@@ -61,8 +60,8 @@ class RateRecord(msgspec.Struct):
 
     begin: Stamp = NEVER
     count: Annotated[int, msgspec.Meta(ge=0, le=ROOM)] = 0
-    times: Buffer = msgspec.field(default_factory=lambda: [0.0] * ROOM)
-    rates: Buffer = msgspec.field(default_factory=lambda: [0.0] * ROOM)
+    times: Buffer = zeros(ROOM)
+    rates: Buffer = zeros(ROOM)
 
 
 def add_rate(of: RateRecord, stamp: int, rate: float) -> None:
@@ -74,13 +73,6 @@ def add_rate(of: RateRecord, stamp: int, rate: float) -> None:
         of.begin = stamp
     of.times[count], of.rates[count] = float(stamp - of.begin), rate
     of.count = count + 1
-
-
-class TrackLatency(NamedTuple):
-    """Latency of the track speeds behind the gyro, and its standard error [s]."""
-
-    seconds: float
-    sigma: float
 
 
 class RateMemory(msgspec.Struct, frozen=True):
@@ -200,7 +192,7 @@ class TrackLatencyEstimator:
         self._blocks: deque[Floats] = deque(maxlen=MOST_BLOCKS)
         self._open = np.zeros((6, len(SHIFTS)))
         self._turned, self.completed = 0.0, 0
-        self._found: tuple[int, TrackLatency | None] = (0, None)
+        self._found: tuple[int, Lag | None] = (0, None)
         self._begin()
 
     def take(
@@ -233,19 +225,19 @@ class TrackLatencyEstimator:
                 (a, x), (b, y) = given
                 given = (a[a >= cut], x[a >= cut]), (b[b >= cut], y[b >= cut])
 
-    def estimate(self) -> TrackLatency | None:
-        """Estimate the latency; None while it is not observable."""
+    def estimate(self) -> Lag | None:
+        """Estimate the lag behind the gyro; None while it is not observable."""
         if self._found[0] != self.completed:
             self._found = self.completed, self._estimate()
         return self._found[1]
 
-    def _estimate(self) -> TrackLatency | None:
+    def _estimate(self) -> Lag | None:
         if len(self._blocks) < FEWEST_BLOCKS:
             return None
         total = np.sum(self._blocks, axis=0)
         best, *without = _best(np.stack([total, *(total - self._blocks)])).tolist()
         sigma = jackknife_sigma(np.array(without))
-        return None if math.isnan(best + sigma) else TrackLatency(best, sigma)
+        return None if math.isnan(best + sigma) else Lag(best, sigma)
 
     def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the estimator."""

@@ -1,7 +1,5 @@
 """Recent measurements and checkpoints, for re-runs after late measurements."""
 
-from __future__ import annotations
-
 import logging
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable

@@ -159,8 +159,11 @@ class StampCorrection:
 
     def corrected(self, measurement: Measurement) -> Measurement:
         """Return the measurement with its stamp corrected."""
-        late = self._late.get(type(measurement), 0)
-        return _shifted(measurement, late) if late else measurement
+        late = self.late(type(measurement))
+        if not late:
+            return measurement
+        # Measurements are dataclasses, but their protocol only asks for a stamp.
+        return replace(measurement, stamp=measurement.stamp - late)  # type: ignore[type-var]
 
     def watch(self, record: FilterRecord) -> None:
         """Take the newest samples of a filter's record, for the watch."""
@@ -215,12 +218,6 @@ class StampCorrection:
         if abs(seconds - self.estimated) > max(LEAST_CHANGE, found.sigma):
             self.estimated = seconds
             self._late[TrackSpeeds] = _nanoseconds(self.latencies.tracks + seconds)
-
-
-def _shifted(measurement: Measurement, late: int) -> Measurement:
-    # Measurements are dataclasses, but their protocol only asks for a stamp.
-    shifted: Measurement = replace(measurement, stamp=measurement.stamp - late)  # type: ignore[type-var]
-    return shifted
 
 
 def _nanoseconds(seconds: float) -> int:

@@ -1,7 +1,5 @@
 """Detection of lost filters, whose estimates are not finite or absurd."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,11 +1,10 @@
 """Outputs of the estimator: snapshot, predicted pose, ICRs, run over a log."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import paper_to_rep103
@@ -13,8 +12,8 @@ from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.motion.pose3d import Pose3d, Twist3d, pose3d_of, twist3d_of
-from icreckon.estimator.streaming.innovation_rows import Singles
 
+Singles = NDArray[np.float32]
 UNKNOWN_RATES = np.full(2, np.nan)
 
 
@@ -99,8 +98,7 @@ class Run:
         states: (n, SIZE) states of the filter.
         state_sigmas: (n, SIZE) standard deviations of the states.
         health: counts of the measurements.
-        innovation_names: (k,) components of the sensors with innovations, see
-            `icreckon.estimator.streaming.innovation_rows`.
+        innovation_names: (k,) components of the sensors with innovations.
         innovations: (n, k) newest innovation of each component since the row before, over its predicted
             standard deviation [-]; NaN if there was none. A smoothed run has no innovations.
     """

@@ -1,7 +1,5 @@
 """Faults of users in a filter: watched, with their effects and their memory."""
 
-from __future__ import annotations
-
 import math
 from copy import deepcopy
 from typing import Any

@@ -46,10 +46,10 @@ from icreckon.estimator.streaming.reckoning import Reckoning
 from icreckon.estimator.streaming.save import (
     SavedEstimator,
     read_saved,
+    require_sound,
     robot_constants,
     write_saved,
 )
-from icreckon.estimator.streaming.saved_checks import require_sound
 from icreckon.estimator.streaming.warm_up import warm_up
 
 
@@ -348,7 +348,7 @@ class PoseEstimator:
         """Set the clock so that these follow the newest; return True if one was used."""
         if not behind or not self._history.has_begun:
             return False
-        step = round(self._reckoning.imu_interval / NANOSECOND)
+        step = round(self._reckoning.record.imu.interval / NANOSECOND)
         self.set_clock(behind[0].stamp - step - self._history.newest)
         used = False
         for measurement in behind:

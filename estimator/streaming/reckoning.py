@@ -4,8 +4,6 @@ A step goes from one IMU sample to the next. The IMU measures the twist of the s
 end. So the twist is predicted and updated at the start of the step, and then moves the pose.
 """
 
-from __future__ import annotations
-
 from functools import partial
 
 import numpy as np
@@ -14,7 +12,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, assign, copied, or_none, shared_record
 from icreckon.estimator.engine.lane_filter import LaneSteps
-from icreckon.estimator.engine.lane_functions import REFUSED
+from icreckon.estimator.engine.lane_functions import BEGIN, PROPAGATE, REFUSED
 from icreckon.estimator.faults.repeating_fixes import repeats
 from icreckon.estimator.faults.scattering_fixes import ScatterRecord
 from icreckon.estimator.filter import slip_factor
@@ -86,6 +84,8 @@ class Reckoning:
     Attributes:
         ekf: the extended Kalman filter.
         parameter_sigmas: (9,) initial standard deviations of the parameters.
+        own_faults: faults that users have added.
+        record: record of the inputs, of which only the rates for the watch may be taken.
 
     Raises:
         EstimatorError: `Settings.considered` has a name that the variant has not.
@@ -114,56 +114,41 @@ class Reckoning:
         # Counts of all but the gates, which count themselves.
         self._counts = Health()
         admission = Admission(settings.longest_gap, robot.vehicle.max_track_speed)
-        self._own_faults = OwnFaults(state_names(variant), admission)
+        self.own_faults = OwnFaults(state_names(variant), admission)
         self._settings = settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self._mounting = SensorModels(robot).mounting
         self._prior = robot.imu
         compiles = settings.engine == "compiled"
         make_record = shared_record if compiles else copied
-        self._record = make_record(FilterRecord(input_settings(robot, settings)))
-        self._tracks, self._imu = self._record.tracks, self._record.imu
+        self.record = make_record(FilterRecord(input_settings(robot, settings)))
+        self._tracks, self._imu = self.record.tracks, self.record.imu
         self._readings = QuietReadings()
-        of_imu = {name: getattr(self._record, name) for name in IMU_SENSORS}
+        of_imu = {name: getattr(self.record, name) for name in IMU_SENSORS}
         self._gates = gates_of(innovation_components(), settings.gates, of_imu, make_record)
         self._fix_gates = {n: gate for n, gate in self._gates.items() if n not in of_imu}
-        parts = self.ekf, self._disturbances, robot, settings, self._record, self._readings
+        parts = self.ekf, self._disturbances, robot, settings, self.record, self._readings
         self._steps = LaneSteps(*parts, compiles=compiles)
 
     @property
     def stamp(self) -> int | None:
         """Time of the estimate [ns]; None before the first track speeds or fix."""
-        return or_none(self._record.stamp)
-
-    @property
-    def own_faults(self) -> OwnFaults:
-        """Faults that users have added."""
-        return self._own_faults
-
-    @property
-    def record(self) -> FilterRecord:
-        """Record of the inputs, of which only the rates for the watch may be taken."""
-        return self._record
+        return or_none(self.record.stamp)
 
     @property
     def stands(self) -> bool:
         """True if the robot was found standing at the newest IMU sample."""
-        return bool(self._record.stands)
+        return bool(self.record.stands)
 
     @property
     def health(self) -> Health:
         """Copy of the counts of the measurements, with measured noise and slip."""
-        health = self._judged_counts()
-        add_findings(health, self._record, self.ekf.x, self.ekf.P, self._prior)
-        health.findings += self._own_faults.findings()
-        return health
-
-    def _judged_counts(self) -> Health:
-        """Copy of the counts, those of the gates included."""
         health = self._counts.copy()
-        judged = {name: gate.health() for name, gate in self._gates.items() if gate.counts.judged}
-        for name, counts in judged.items():
-            health.sensor(name).add(counts)
+        for name, gate in self._gates.items():
+            if gate.counts.judged:
+                health.sensor(name).add(gate.health())
+        add_findings(health, self.record, self.ekf.x, self.ekf.P, self._prior)
+        health.findings += self.own_faults.findings()
         return health
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
@@ -171,16 +156,11 @@ class Reckoning:
         found = ((name, gate.newest) for name, gate in self._gates.items())
         return [(name, newest) for name, newest in found if newest is not None]
 
-    @property
-    def imu_interval(self) -> float:
-        """Time between the newest two IMU samples [s]."""
-        return self._imu.interval
-
     # --- checkpoints -----------------------------------------------------------------------------
 
     def checkpoint(self) -> FilterCheckpoint:
         """Copy all that measurements change."""
-        ekf, record, gates = self.ekf, copied(self._record), self._fix_gates.items()
+        ekf, record, gates = self.ekf, copied(self.record), self._fix_gates.items()
         return FilterCheckpoint(
             ekf.x.copy(),
             ekf.P.copy(),
@@ -191,7 +171,7 @@ class Reckoning:
             ekf.clones,
             ekf.model.memory.copy(),
             ekf.regressors.copy(),
-            self._own_faults.memory(),
+            self.own_faults.memory(),
         )
 
     def restore(self, checkpoint: FilterCheckpoint) -> None:
@@ -201,14 +181,14 @@ class Reckoning:
         ekf.clones = checkpoint.clones
         ekf.regressors = checkpoint.regressors.copy()
         ekf.model.recall(checkpoint.model.copy())
-        assign(self._record, checkpoint.record)
+        assign(self.record, checkpoint.record)
         self._readings.recall(checkpoint.quiet)
         for gate in self._fix_gates.values():
             assign(gate.counts, GateRecord())
         for name, counts in checkpoint.gates.items():
             assign(self._fix_gates[name].counts, counts)
         self._counts = checkpoint.counts.copy()
-        self._own_faults.restore(checkpoint.own_faults)
+        self.own_faults.restore(checkpoint.own_faults)
 
     def warm_start(self, checkpoint: FilterCheckpoint, off: float) -> None:
         """Start with parameters, biases and scales of a checkpoint.
@@ -236,15 +216,15 @@ class Reckoning:
     @property
     def track_speeds(self) -> tuple[float, float]:
         """Present speeds of the left and the right track [m/s]."""
-        record = self._record
+        record = self.record
         return speeds_at(self._tracks, record.stamp, record.settings.hold_ns)
 
     def snapshot(self) -> Snapshot:
         """State, twist and indices; see `PoseEstimator.snapshot`."""
         model, ekf, n = self.model(), self.ekf, s.SIZE
         x, P, twist = ekf.x[:n].copy(), ekf.P[:n, :n].copy(), model.twist.copy()
-        of_twist = twist_covariance(model.jacobian[:, :n], P, self._record.settings.fastest)
-        record, indices = self._record, model.motion.indices
+        of_twist = twist_covariance(model.jacobian[:, :n], P, self.record.settings.fastest)
+        record, indices = self.record, model.motion.indices
         motion = int(record.stamp), x, P, twist, of_twist, indices
         if record.tilt.time == 0.0:
             return Snapshot(*motion)
@@ -272,7 +252,7 @@ class Reckoning:
         Args:
             pushed: the robot may be turning with its tracks at rest; None to decide by the inputs.
         """
-        record = self._record
+        record = self.record
         eta = self.ekf.model.steering_efficiency(self.ekf.x[s.PARAMETERS])
         if pushed is None:
             pushed = not record.stands and may_be_pushed(record)
@@ -287,8 +267,8 @@ class Reckoning:
         Returns:
             True if it was used.
         """
-        if self._own_faults and not isinstance(event, Mark):
-            event, excluded = self._own_faults.watch(event, self, self.ekf)
+        if self.own_faults and not isinstance(event, Mark):
+            event, excluded = self.own_faults.watch(event, self, self.ekf)
             if excluded is not None:
                 self._counts.sensor(STREAMS[type(event)]).reject(excluded)
                 return False
@@ -307,7 +287,7 @@ class Reckoning:
         if is_plain and take(m.stamp, m.left, m.right, True) != REFUSED:
             self._counts.sensor("tracks").used += 1
             return True
-        record, tracks = self._record, self._tracks
+        record, tracks = self.record, self._tracks
         hold, begins = self._settings.hold, tracks.stamp == NEVER
         if begins:
             record.stamp = m.stamp
@@ -341,13 +321,13 @@ class Reckoning:
             imu_clock.take_stamp(self._imu, m.stamp, self._settings.hold)
             self._advance(imu_clock.interval_start(self._imu, m.stamp))
             used = self._steps.take_imu(m, self._mounting, self._uses_force, after_gap=True)
-        self._counts.standstill_updates += self._record.stands
+        self._counts.standstill_updates += self.record.stands
         return used > 0
 
     def take_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
         """Update with samples, and fill rows, see `PoseEstimator.feed_samples`."""
         ekf = self.ekf
-        has_watchers = ekf.clones is not None or ekf.observer is not None or bool(self._own_faults)
+        has_watchers = ekf.clones is not None or ekf.observer is not None or bool(self.own_faults)
         if has_watchers or self._tracks.stamp == NEVER:
             return 0, 0, 0
         arrays = samples, self._mounting, rows
@@ -358,7 +338,7 @@ class Reckoning:
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
-        model, ekf, record = MODELS[type(m)], self.ekf, self._record
+        model, ekf, record = MODELS[type(m)], self.ekf, self.record
         # Predict. A zero velocity at the end of a step is about the next one.
         at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
@@ -369,7 +349,7 @@ class Reckoning:
             begun = NEVER != record.stamp < m.stamp
             record.stamp = self._start(m.stamp)
             if begun:
-                self._steps.begin(m.stamp)
+                self._steps.move(m.stamp, BEGIN)
         if isinstance(m, PositionFix | PoseFix) and self._repeats(m):
             record.fixes.rejected.count = 0
             return False
@@ -402,19 +382,19 @@ class Reckoning:
             # The fast slip of the last step is over.
             ekf.renew_fast_slip(predicted.R)
         if begun:
-            self._steps.propagate(m.stamp)
+            self._steps.move(m.stamp, PROPAGATE)
         return used
 
     def _repeats(self, m: PositionFix | PoseFix) -> bool:
         """Return True for a fix that repeats a position while driving."""
-        record = self._record
+        record = self.record
         place = record.positions if isinstance(m, PositionFix) else record.poses
         speeds = speeds_at(self._tracks, m.stamp, record.settings.hold_ns)
         return repeats(place, m.stamp, m.x, m.y, 0.5 * sum(speeds))
 
     def _take_position(self, m: PositionFix, *, ahead: bool) -> bool:
         """Update with a position fix; relocate after rejected ones."""
-        ekf, gate, fixes = self.ekf, self._gates["position"], self._record.fixes
+        ekf, gate, fixes = self.ekf, self._gates["position"], self.record.fixes
         wandered, before = self._let_wander(m.stamp), ekf.x.copy()
         variance = max(m.variance, fixes.scatter.variance)
         interval = gate.interval_to(m.stamp)
@@ -460,7 +440,7 @@ class Reckoning:
         The path has the right shape but the wrong place: the heading is wrong, too.
         """
         pose, P = self.ekf.x[s.POSE].copy(), np.zeros((5, 5))
-        found = relocate(self._record.fixes.rejected, pose, P, self._wander.sigma)
+        found = relocate(self.record.fixes.rejected, pose, P, self._wander.sigma)
         if found:
             size = 5 if self.ekf.wanders else 3
             self.ekf.replace_pose(pose, P[:size, :size])
@@ -471,13 +451,13 @@ class Reckoning:
         wander = self._wander
         if not wander.sigma:
             return 0.0
-        decay, variance = wander_after(self._record.fixes, stamp, wander.sigma, wander.time)
+        decay, variance = wander_after(self.record.fixes, stamp, wander.sigma, wander.time)
         self.ekf.let_wander(decay, variance)
         return variance
 
     def _waits_for_imu(self, stamp: int) -> bool:
         """Return True if a stamp [ns] lies in a step that the next IMU sample will end."""
-        record = self._record
+        record = self.record
         began = record.stamp != NEVER and self._tracks.stamp != NEVER
         return began and stamp > record.stamp and imu_clock.is_due_after(self._imu, stamp)
 
@@ -494,12 +474,12 @@ class Reckoning:
         model = self.model_over(elapsed) if quantity == "pose" else self.model()
         density = self._fast_slip_density(stamp, model)
         if quantity == "twist":
-            return predictions.twist_ahead(x, model, density, self.imu_interval)
+            return predictions.twist_ahead(x, model, density, self._imu.interval)
         return predictions.pose_ahead(x, model, density, elapsed)
 
     def model_over(self, elapsed: float) -> TwistModel:
         """Body velocity with the mean of the slip, which fades, over some time [s]."""
-        times = slip_times(self._disturbances.slip.time_constant, self._record.slip_factor)
+        times = slip_times(self._disturbances.slip.time_constant, self.record.slip_factor)
         x, y, w = (gauss_markov(elapsed, tau).mean for tau in times)
         return self.ekf.twist_model(*self.track_speeds, (x, y, w))
 
@@ -514,16 +494,16 @@ class Reckoning:
 
     def _inputs(self, stamp: int) -> StepInputs:
         """Inputs of a step from the estimate's stamp to a later one [ns]."""
-        record = self._record
+        record = self.record
         return step_inputs(self._tracks, record.still, self._start(stamp), stamp, record.settings)
 
     def _start(self, stamp: int) -> int:
         """Stamp of the estimate [ns]; before the first it starts at a given stamp."""
-        return stamp if self._record.stamp == NEVER else self._record.stamp
+        return stamp if self.record.stamp == NEVER else self.record.stamp
 
     def _advance(self, stamp: int) -> None:
         """Propagate to a stamp [ns], if it is later than the estimate."""
-        record = self._record
+        record = self.record
         if record.stamp == NEVER:
             record.stamp = stamp
         elif record.stamp < stamp:

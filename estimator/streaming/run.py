@@ -1,7 +1,6 @@
 """Run a filter over a log."""
 
-from __future__ import annotations
-
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import chain
@@ -10,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from icreckon.estimator.base import state as s
+from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.base.records import NEVER
-from icreckon.estimator.filter.health import Health
+from icreckon.estimator.filter.health import Health, Judged
 from icreckon.estimator.filter.samples import (
     COUNT,
     DUE,
@@ -33,10 +33,9 @@ from icreckon.estimator.motion.pose3d import spatial_of
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import state_names
-from icreckon.estimator.sensors.measurement_models import IMU_SENSORS
-from icreckon.estimator.streaming.innovation_rows import InnovationRows
+from icreckon.estimator.sensors.measurement_models import IMU_SENSORS, innovation_components
 from icreckon.estimator.streaming.lost import loss_of, stopped_by
-from icreckon.estimator.streaming.outputs import Run, Snapshot
+from icreckon.estimator.streaming.outputs import Run, Singles, Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 # Number of measurements between two reports of progress.
@@ -202,6 +201,51 @@ class _Working:
         return part.after(tracks, imu)
 
 
+class InnovationRows:
+    """Normalised innovations of a run, filled one row at a time.
+
+    A row has the newest innovation of each sensor since the row before, of rejected measurements too, and
+    NaN if there was none.
+
+    Args:
+        most: highest number of rows.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._components = innovation_components()
+        self._columns: dict[str, Singles] = {}
+        self._most = most
+        self._written: dict[str, int] = {}
+
+    def put(self, row: int, judged: Iterable[tuple[str, Judged]]) -> None:
+        """Fill a row with those of the newest innovations of fixes that are in no row yet."""
+        for sensor, (stamp, _, residual, covariance) in judged:
+            if sensor in IMU_SENSORS or self._written.get(sensor) == stamp:
+                continue
+            self._written[sensor] = stamp
+            for axis, name in enumerate(self._components[sensor]):
+                variance = covariance[axis][axis]
+                if variance > 0.0:
+                    if name not in self._columns:
+                        self._columns[name] = np.full(self._most, np.nan, np.float32)
+                    self._columns[name][row] = residual[axis] / math.sqrt(variance)
+
+    def put_all(self, values: Floats) -> None:
+        """Fill columns (most, 3) of the IMU's sensors, but for those without innovations."""
+        for name, column in zip(IMU_SENSORS, values.T, strict=True):
+            if not np.isnan(column).all():
+                self._columns[name] = column.astype(np.float32)
+
+    def finish(self, count: int) -> tuple[tuple[str, ...], Singles]:
+        """Names (k,) of components with innovations, and the first rows (count, k) [-]."""
+        components = (name for names in self._components.values() for name in names)
+        names = tuple(name for name in components if name in self._columns)
+        rows = np.empty((count, len(names)), np.float32)
+        for column, name in enumerate(names):
+            rows[:, column] = self._columns[name][:count]
+        return names, rows
+
+
 class Rows:
     """Rows of a run, filled by the filters.
 
@@ -235,7 +279,7 @@ class Rows:
 
     def finish(self, count: int, variant: str, state_names: tuple[str, ...], health: Health) -> Run:
         """Run of the first `count` rows."""
-        self.innovations.put_all(IMU_SENSORS, self.arrays.innovations)
+        self.innovations.put_all(self.arrays.innovations)
         rows, filled = self.arrays, slice(0, count)
         states, sigmas = rows.states[filled], rows.sigmas[filled]
         trajectory = Trajectory(

@@ -36,10 +36,8 @@ for each row of the result (the upper triangle of its covariance). An hour at 10
 track speeds needs 1.3 GB.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,12 +45,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.filter.ekf import (
-    WHOLE,
-    Ekf,
-    fade_wander,
-    replaced_states,
-)
+from icreckon.estimator.filter.ekf import WHOLE, Ekf, fade_wander, replaced_states
 from icreckon.estimator.filter.process_noise import twist_covariance
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
@@ -118,16 +111,8 @@ def smooth(
 class _TapedEstimator(PoseEstimator):
     """Pose estimator whose changes are recorded on a tape; fed in order only."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        variant: str,
-        *,
-        settings: Settings | None,
-        start: tuple[float, float, float],
-        start_sigma: tuple[float, float, float],
-    ) -> None:
-        super().__init__(robot, variant, settings=settings, start=start, start_sigma=start_sigma)
+    def __init__(self, robot: Robot, variant: str, **options: Any) -> None:
+        super().__init__(robot, variant, **options)
         self.tape = _Tape(self._reckoning.ekf, robot.vehicle.max_track_speed)
 
     def record_row(self) -> None:

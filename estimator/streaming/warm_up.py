@@ -4,8 +4,6 @@ A filter that is thrown away processes measurements of each kind, in motion, at 
 Afterwards every kernel that a filter of this motion model calls is compiled, or loaded from disk.
 """
 
-from __future__ import annotations
-
 import logging
 import time
 from collections.abc import Iterator

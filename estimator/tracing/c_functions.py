@@ -6,8 +6,6 @@ them open, from the first call. Checks that raise are left out: their callers ar
 The C file defines `real`, `complex_number` with its arithmetic, `smaller` and `larger`.
 """
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, get_args, get_origin, get_type_hints

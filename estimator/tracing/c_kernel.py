@@ -1,13 +1,11 @@
 """Kernels of traced numbers as C99, for one lane."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Iterable
 
 from icreckon.estimator.tracing.kernel import FLAG_BITS, Kernel
-from icreckon.estimator.tracing.trace import Loop, Traced, reachable
+from icreckon.estimator.tracing.trace import IN_ORDER, Loop, Traced, reachable
 
 OPERATORS = {"add": "+", "sub": "-", "mul": "*", "and": "&&", "or": "||"}
 FUNCTIONS = {"sqrt": "sqrt", "abs": "fabs", "round": "rint"}
@@ -61,7 +59,7 @@ class _Writer:
             node.extra: node for node in reachable(wanted, with_bodies=True) if node.op == "load"
         }
         last_uses = _last_uses(nodes, kernel.flags)
-        for node in sorted(nodes, key=_number):
+        for node in sorted(nodes, key=IN_ORDER):
             self._name(node)
             for store in waiting.get(node, ()):
                 value = self._name(node)
@@ -152,7 +150,7 @@ class _Writer:
         known = dict(self._names)
         self._names.update(zip(loop.carried, names, strict=True))
         inside = reachable([*loop.results, loop.again]) - set(known) - set(loop.carried)
-        for node in sorted(inside, key=_number):
+        for node in sorted(inside, key=IN_ORDER):
             self._name(node)
         results = [self._name(result) for result in loop.results]
         for k, result in enumerate(results):
@@ -167,10 +165,6 @@ class _Writer:
         for name, found in zip([*names, again], _results_of(of), strict=True):
             if found is not None:
                 self._names[found] = name
-
-
-def _number(node: Traced) -> int:
-    return node.number
 
 
 def _results_of(of: Traced) -> list[Traced | None]:

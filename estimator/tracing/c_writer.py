@@ -1,7 +1,5 @@
 """Body of one Python function as C99, statement by statement, see `c_functions`."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import math

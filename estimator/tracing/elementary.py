@@ -1,7 +1,5 @@
 """Elementary functions of traced numbers, and traced copies of plain functions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from types import FunctionType, SimpleNamespace

@@ -5,17 +5,14 @@ A kernel reads and writes rows of one flat workspace: row r has a number of each
 the machine's registers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from operator import attrgetter
 from typing import Any
 
 import llvmlite.binding as llvm
 from llvmlite import ir
 
 from icreckon.estimator.tracing.kernel import ARRAYS, FLAG_BITS, Kernel, Store
-from icreckon.estimator.tracing.trace import Traced, reachable
+from icreckon.estimator.tracing.trace import IN_ORDER, Traced, reachable
 
 BOOL, INT, LONG = ir.IntType(1), ir.IntType(32), ir.IntType(64)
 # Multiply-add may round once instead of twice; no other change of rounding is allowed.
@@ -274,5 +271,4 @@ class _Emitter:
                 self._compute(node)
 
 
-IN_ORDER = attrgetter("number")
 INTRINSICS = {"sqrt": "llvm.sqrt", "abs": "llvm.fabs", "round": "llvm.rint"}

@@ -11,8 +11,6 @@ its machine code depends on. numba's own counter is not enough: it starts again 
 Import it inside functions only, or from other kernels: numba takes half a second to load.
 """
 
-from __future__ import annotations
-
 import dis
 from collections.abc import Callable
 from functools import cache

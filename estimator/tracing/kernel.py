@@ -1,7 +1,5 @@
 """Kernel in numbers: what it stores and returns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 

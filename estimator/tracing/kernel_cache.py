@@ -7,8 +7,6 @@ machine code depends on. A file contains its key and a checksum, and is moved in
 Import it inside functions only, or from kernels: numba takes half a second to load.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import pickle
@@ -28,7 +26,7 @@ from numba.core.compiler import CompileResult
 from numba.core.serialize import dumps
 from numba.misc.appdirs import AppDirs
 
-from icreckon.estimator.base.atomic_write import write_whole
+from icreckon.estimator.base.files import write_whole
 
 CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size

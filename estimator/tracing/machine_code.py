@@ -6,8 +6,6 @@ disk.
 Import it inside functions only, or from other kernels: numba takes half a second to load.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Hashable
 from functools import cache

@@ -21,6 +21,8 @@ from typing import Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 
+# Order in which numbers were made.
+IN_ORDER = operator.attrgetter("number")
 # Operations whose arguments may be exchanged.
 COMMUTATIVE = {"add", "mul", "and", "or"}
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from icreckon.estimator.base.owned_files import alone_in, is_held, owned
+from icreckon.estimator.base.files import alone_in, is_held, owned
 from icreckon.replay.base.errors import ReplayError, os_errors
 
 # List of the files of a result folder, in it: others that are there were put there by a person.

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import pieces
+from icreckon.estimator.log.series import running_integral
 
 WINDOW = 120.0
 """Length of a window [s]."""

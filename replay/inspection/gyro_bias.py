@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.lag_search import BLOCKS
-from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.scores import even_grid
+from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection.imu_mounting import (
     CLEAR_TURNING,
     ENOUGH_STILL,

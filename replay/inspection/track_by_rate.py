@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
-from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection.imu_mounting import are_usable
 
 WINDOW = 0.5

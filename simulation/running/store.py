@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.atomic_write import write_whole
-from icreckon.estimator.base.owned_files import alone_in
+from icreckon.estimator.base.files import alone_in, write_whole
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.manifest import as_json, differences
 from icreckon.simulation.study.cells import Plan

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
-from icreckon.estimator.robot.slip import slip_components
+from icreckon.estimator.robot.robot_file import Indices, Robot, Slip, slip_components
 from icreckon.simulation.drives.trajectories import Command
 
 DEFAULT_SPREAD = 0.15

@@ -46,7 +46,7 @@ def watched(
     forces += shaking * np.random.default_rng(1).standard_normal(len(forces))
     slide, found = shifted(start, 0), []
     for k, (force, speed) in enumerate(zip(forces, tracks, strict=True)):
-        watch_slide(slide, k * step, float(force), float(speed), 0.0)
+        watch_slide(slide, k * step, float(force), float(speed))
         found.append(shifted(slide, 0))
     return found
 
@@ -119,11 +119,11 @@ def test_the_rate_of_the_imu_does_not_matter(every: int) -> None:
 
 def test_gaps_and_missing_readings_are_no_slides() -> None:
     slide = SlideRecord(square=1e-3)
-    watch_slide(slide, 0, 0.0, 0.0, 0.0)
-    watch_slide(slide, SECOND, 0.0, 2.0, 0.0)
+    watch_slide(slide, 0, 0.0, 0.0)
+    watch_slide(slide, SECOND, 0.0, 2.0)
     assert not slides(slide)
     before = shifted(slide, 0)
-    watch_slide(slide, SECOND + STEP, math.nan, 0.0, 0.0)
+    watch_slide(slide, SECOND + STEP, math.nan, 0.0)
     assert slide == before
     assert shifted(slide, SECOND).stamp == 2 * SECOND
     assert shifted(SlideRecord(), SECOND) == SlideRecord()

@@ -13,7 +13,6 @@ from conftest import make_log
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.input_checks import STREAMS, key_of
-from icreckon.estimator.log.integral import running_integral
 from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -30,6 +29,7 @@ from icreckon.estimator.log.series import (
     ImuSeries,
     TrackSpeedSeries,
     Truth,
+    running_integral,
 )
 
 

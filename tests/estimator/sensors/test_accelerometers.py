@@ -61,7 +61,7 @@ def test_a_forecast_is_the_acceleration_of_its_place(axis, place):
     acceleration = (path(step) - 2.0 * path(0.0) + path(-step)) / step**2
     change = CALM._replace(acceleration=tuple(rise.tolist()))
     found = accelerometer_forecast(
-        sensors.constants, axis, 1e-4, 0.01, motion(0.0), by_speeds, change, 0.0
+        sensors.imu_position, axis, 1e-4, 0.01, motion(0.0), by_speeds, change, 0.0
     )
     assert found.predicted == pytest.approx(acceleration[axis], abs=1e-6)
 
@@ -81,7 +81,7 @@ def linearised(
 ) -> Linearised:
     ekf.x = x
     at = StepTwist(ekf.twist_model(0.2, 0.7), x.copy(), 0.01, CALM, NOISE)
-    return accelerometer(SensorModels(mounted(place)).constants, axis, force, at, x, 0.0)
+    return accelerometer(SensorModels(mounted(place)).imu_position, axis, force, at, x, 0.0)
 
 
 @AXES
@@ -111,7 +111,7 @@ def test_it_reads_minus_gravity_and_bias_at_rest(axis: int) -> None:
     ekf.x[s.SLIP] = 0.0
     gravity, bias = ekf.x[s.GRAVITY_X + axis], ekf.x[s.ACCELEROMETER_BIAS_X + axis]
     at = StepTwist(ekf.twist_model(0.0, 0.0), ekf.x.copy(), 0.01, CALM, NOISE)
-    found = accelerometer(SensorModels(ALPHA).constants, axis, bias - gravity, at, ekf.x, 0.0)
+    found = accelerometer(SensorModels(ALPHA).imu_position, axis, bias - gravity, at, ekf.x, 0.0)
     assert found.z.item() == pytest.approx(0.0, abs=1e-12)
 
 
@@ -120,7 +120,7 @@ def test_an_update_between_moves_the_prediction_along_its_jacobian(axis: int) ->
     ekf = some_ekf(np.random.default_rng(4), "inertia-online")
     x = ekf.x.copy()
     at = StepTwist(ekf.twist_model(0.2, 0.7), x, 0.01, CALM, NOISE)
-    imu = SensorModels(ALPHA).constants
+    imu = SensorModels(ALPHA).imu_position
     moved = x + 0.01 * np.random.default_rng(5).normal(size=s.SIZE)
     before, after = (accelerometer(imu, axis, 0.4, at, state, 0.0) for state in (x, moved))
     assert (after.H == before.H).all()

@@ -9,16 +9,18 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.imu_noise import (
     LEAST,
+    ImuNoise,
     NoiseRecord,
     imu_noise,
     measure_noise,
     measured_noise,
-    noise_of_file,
 )
 from icreckon.estimator.sensors.input_settings import input_settings
 
 SETTINGS = input_settings(load_robot("auriga-alpha"), Settings())
 OF_FILE = SETTINGS.gyro_noise_density
+OF_FORCE = SETTINGS.accelerometer_noise_density**2
+NOISE_OF_FILE = ImuNoise(OF_FILE**2, OF_FORCE, OF_FORCE)
 EPOCH = 1_700_000_000_123_456_789
 RATES = pytest.mark.parametrize("rate", [20, 50, 100, 200, 400])
 
@@ -106,7 +108,7 @@ def test_constant_and_missing_readings_say_nothing():
     stamps = stamps_at(100, 300)
     record = measured(stamps, np.tile([0.1, math.nan, math.nan], (300, 1)))
     assert densities(record) == [0.0, 0.0, 0.0]
-    assert imu_noise(record, True, SETTINGS) == noise_of_file(SETTINGS)
+    assert imu_noise(record, True, SETTINGS) == NOISE_OF_FILE
     # An accelerometer that begins later is measured then.
     _, readings = white(100, 3.0)
     readings[:100, 1:] = math.nan
@@ -116,8 +118,8 @@ def test_constant_and_missing_readings_say_nothing():
 def test_the_first_sample_is_uncertain_by_a_factor_of_thirty():
     stamps, readings = white(100, 0.02, OF_FILE)
     first = imu_noise(measured(stamps[:1], readings[:1]), True, SETTINGS)
-    assert first == pytest.approx(900.0 * np.array(noise_of_file(SETTINGS)))
-    assert imu_noise(measured(stamps, readings), True, SETTINGS) == noise_of_file(SETTINGS)
+    assert first == pytest.approx(900.0 * np.array(NOISE_OF_FILE))
+    assert imu_noise(measured(stamps, readings), True, SETTINGS) == NOISE_OF_FILE
 
 
 @pytest.mark.parametrize("at_rest", [True, False])
@@ -140,6 +142,5 @@ def test_noise_that_agrees_with_the_file_changes_nothing_and_other_noise_is_foll
 
 def test_accelerometers_are_never_better_than_the_file_says():
     noise = imu_noise(measured(*white(100, 2.0, 1e-9)), True, SETTINGS)
-    of_file = noise_of_file(SETTINGS)
-    assert noise.gyro < of_file.gyro
-    assert noise[1:] == of_file[1:]
+    assert noise.gyro < NOISE_OF_FILE.gyro
+    assert noise[1:] == NOISE_OF_FILE[1:]

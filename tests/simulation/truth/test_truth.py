@@ -10,8 +10,7 @@ from icreckon.estimator.motion.icr import (
     icrs_from_twist,
     indices_from_icrs,
 )
-from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
-from icreckon.estimator.robot.slip import slip_components
+from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot, slip_components
 from icreckon.estimator.robot.variants import find_variant, initial_parameters
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.truth.kinematic import KinematicTruth, draw_parameters

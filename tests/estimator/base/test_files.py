@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from icreckon.estimator.base.atomic_write import write_whole
-from icreckon.estimator.base.owned_files import is_held
+from icreckon.estimator.base.files import is_held, write_whole
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
 
@@ -16,7 +15,7 @@ def test_a_killed_process_holds_nothing(tmp_path: Path) -> None:
     mark = tmp_path / "mark"
     script = (
         "import sys, time; from pathlib import Path\n"
-        "from icreckon.estimator.base.owned_files import owned\n"
+        "from icreckon.estimator.base.files import owned\n"
         "with owned(Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", script, mark], stdout=subprocess.PIPE) as process:

@@ -1,19 +1,43 @@
-"""Locks on files that a process holds until it ends, however it ends.
+"""Files: written whole or not at all, and locked while their process lives.
 
-They show whether what a process was writing is still being written. On systems without such locks, and on
-file systems that refuse them, nothing is known.
+Locks show whether what a process was writing is still being written. On systems without them, and on file
+systems that refuse them, nothing is known.
 """
 
-from __future__ import annotations
-
 import os
+import shutil
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from uuid import uuid4
 
 if sys.platform != "win32":
     import fcntl
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file next to its place, and move it there.
+
+    It has the mode of the file that it replaces. A symbolic link stays: what it points to is replaced.
+
+    Raises:
+        OSError: the file cannot be written; nothing is left next to its place.
+    """
+    path = Path(os.path.realpath(path))
+    beside = path.with_name(f"{path.name}.{uuid4().hex}.tmp")
+    try:
+        with beside.open("wb") as file:
+            if path.exists():
+                shutil.copymode(path, beside)
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except BaseException:
+        with suppress(OSError):
+            beside.unlink()
+        raise
 
 
 @contextmanager
