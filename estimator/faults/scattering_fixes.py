@@ -268,13 +268,9 @@ def measure(scatter: ScatterRecord, stated: float) -> None:
 
 
 def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
-<<<<<<< HEAD
     """Return True if most of the newest steps are off, along and across.
 
     They are, if no turn and stretch of the path makes half of its steps fit those of the fixes.
-=======
-    """Return True if no turn and stretch of the path makes half of its steps fit.
->>>>>>> cut-estimator
 
     Args:
         scatter: the record.
@@ -294,11 +290,7 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
 def steps_fit(
     scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
 ) -> bool:
-<<<<<<< HEAD
     """Return True if half of the steps of the turned path fit, along or across."""
-=======
-    """Return True if half of the turned, stretched steps fit, along or across."""
->>>>>>> cut-estimator
     back, number = stretch.conjugate() * (1.0 / size_of(stretch)), scatter.laid - first
     beyond = MEDIAN * least * (1.0 + OF_FEW / (number - 1.0) ** 2)
     along = across = 0
