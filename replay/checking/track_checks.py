@@ -123,9 +123,12 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         yield found
         return
     minus = 'with a minus before each name, as "-motor"'
+    exchange = "exchange left and right in [log.tracks]"
+    if "right_topic" in robot.log.get("tracks", {}):
+        exchange = "exchange topic and right_topic in [log.tracks]"
     if correlation > 0.0:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
-        remedy = f"exchange left and right in [log.tracks], {minus}"
+        remedy = f"{exchange}, {minus}"
         correction = with_speeds(lambda speeds: -speeds[:, ::-1])
     elif backward or (
         backward is None and _accelerates_backward(log.tracks, log.imu, vertical, force)
@@ -138,7 +141,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             remedy += " (or left and right are swapped, and the IMU is turned by 180 deg)"
     else:
         text = "left and right are swapped: the tracks turn the other way than the gyro"
-        remedy = "exchange left and right in [log.tracks] (or the gyro's z axis points down)"
+        remedy = f"{exchange} (or the gyro's z axis points down)"
         correction = with_speeds(lambda speeds: speeds[:, ::-1].copy())
     yield found.contradicted(text, remedy, correction)
 

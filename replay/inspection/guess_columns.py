@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.guess_topics import (
     COUNTER,
@@ -27,7 +26,7 @@ from icreckon.replay.mapping.columns import (
     TimeUnit,
     TrackColumns,
 )
-from icreckon.replay.mapping.track_units import TrackUnit
+from icreckon.replay.mapping.track_units import TrackUnit, counter_range
 from icreckon.replay.reading.tables import Table
 
 TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
@@ -110,15 +109,13 @@ def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumn
     column = left[0].lower()
     if COUNTER.search(column):
         counts = TrackColumns(left=left, right=right, unit="counts", counts_per_turn=1.0, time=time)
-        return counts if len(left) > 1 else replace(counts, wrap=_wrap(table.numbers(counts.names)))
+        return (
+            counts
+            if len(left) > 1
+            else replace(counts, wrap=counter_range(table.numbers(counts.names)))
+        )
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
     return TrackColumns(left=left, right=right, unit=unit, time=time)
-
-
-def _wrap(counts: Floats) -> float | None:
-    """Range of counters of 16 or 32 bits that start again; None if they do not."""
-    step = np.abs(np.diff(counts[~np.isnan(counts).any(axis=1)], axis=0)).max(initial=0.0)
-    return next((size for size in (2.0**16, 2.0**32) if 0.5 * size < step < size), None)
 
 
 def _is_bare(name: str) -> bool:

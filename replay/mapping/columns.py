@@ -63,7 +63,9 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
                 if sides[side].count(name) > 1:
                     raise ValueError(f"{side} names {name!r} twice")
             if not getattr(self, "right_topic", None):
-                raise ValueError(f"left and right must not share {name!r}")
+                raise ValueError(
+                    f"left and right must not share {name!r}; sides with a topic each need right_topic"
+                )
         if (unit == "counts") != (self.counts_per_turn is not None):
             raise ValueError('unit = "counts" and counts_per_turn need each other')
         if self.wrap is not None and unit not in ADDS_UP:

@@ -39,6 +39,13 @@ def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | Non
     return angle * sprocket_radius
 
 
+def counter_range(counts: Floats) -> float | None:
+    """Range of counters (n, k) of 16 or 32 bits that start again; None if they do not."""
+    columns = (column[np.isfinite(column)] for column in counts.T)
+    step = max(float(np.abs(np.diff(one)).max(initial=0.0)) for one in columns)
+    return next((size for size in (2.0**16, 2.0**32) if 0.5 * size < step < size), None)
+
+
 def differences(
     stamps: Stamps, distances: Floats, wrap: float | None, fastest: float
 ) -> tuple[Stamps, Floats, dict[str, int]]:

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +16,10 @@ from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measureme
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
+from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
-from icreckon.replay.mapping.track_units import ADDS_UP, differences
+from icreckon.replay.mapping.topics import TrackTopic
+from icreckon.replay.mapping.track_units import ADDS_UP, counter_range, differences
 from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.gather import Gathered
@@ -162,6 +164,8 @@ class _Assembly:
         stamps, values = interpolated(stamps, read.values, read.wrap)
         keep = self._screened(stream, stamps, values)
         stamps, values = stamps[keep], values[keep]
+        if stream.purpose == "tracks":
+            self.notes += _wrap_notes(rows, spec)
         if read.adds_up and len(stamps):
             stamps, values, lost = differences(stamps, values, read.wrap, vehicle.max_track_speed)
             for reason, count in lost.items():
@@ -304,3 +308,15 @@ class _Assembly:
         stamps, rows = self._arrays(stream, 3)
         keep = self._screened(stream, stamps, rows)
         return series.TwistSeries(stamps[keep], rows[keep]) if keep.any() else None
+
+
+def _wrap_notes(rows: Floats, mapped: TrackTopic | TrackColumns) -> Iterator[str]:
+    """Note a range of counters that their readings contradict."""
+    if mapped.unit not in ADDS_UP or not len(rows):
+        return
+    where, found = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
+    span = float(np.max(np.nanmax(rows, axis=0) - np.nanmin(rows, axis=0)))
+    if found is not None and mapped.wrap != found:
+        yield f"{where} start again after {found:g}: set wrap = {found:.1f}"
+    elif mapped.wrap is not None and span > mapped.wrap:
+        yield f"{where} span {span:g}, more than wrap = {mapped.wrap:g}: set their range, or none"

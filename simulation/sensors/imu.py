@@ -5,9 +5,10 @@ errors of scale and alignment, white noise n and a bias b. Noise is a density (p
 IMU samples twice as often, each sample's noise is larger by the root of two, and the noise of their
 integral stays. Every parameter has its own random numbers, so that changing one changes no other error.
 
-A bias is the sum of three parts: the turn-on bias, a random walk (rate or acceleration random walk, K),
-and the bias instability B. A data sheet reads B off the Allan deviation of the sensor, whose floor is
-sqrt(2 ln 2 / pi) B = 0.664 B for flicker noise (IEEE Std 952-1997, annex C). Flicker noise has no finite
+A bias is the sum of three parts: the turn-on bias (of the gyro about that of the robot file), a random
+walk (rate or acceleration random walk, K), and the bias instability B. A data sheet reads B off the Allan
+deviation of the sensor, whose floor is sqrt(2 ln 2 / pi) B = 0.664 B for flicker noise (IEEE Std
+952-1997, annex C). Flicker noise has no finite
 model. As usual a first-order Gauss-Markov process of correlation time T approximates it, scaled so that
 its Allan deviation peaks at that floor. With x = tau / T its Allan variance is
 
@@ -125,8 +126,10 @@ def with_inertial_errors(
         accelerometer_rng: draws the errors of the accelerometer.
     """
     rates, forces = perfect
-    angular_velocity, gyro_bias = _read(rates, rate, gyro, gyro_rng)
-    force, force_bias = _read(forces, rate, accelerometer, accelerometer_rng)
+    # The bias of the robot file is about the vertical of base_link.
+    usual = robot.imu.gyro_bias * robot.imu_rotation[2]
+    angular_velocity, gyro_bias = _read(rates, rate, gyro, gyro_rng, usual)
+    force, force_bias = _read(forces, rate, accelerometer, accelerometer_rng, np.zeros(3))
     if robot.imu.gyro_axes == "z":
         angular_velocity[:, :2] = 0.0
     return Imu(ImuSeries(to_stamps(times), angular_velocity, force), gyro_bias, force_bias)
@@ -200,12 +203,12 @@ def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Flo
 
 
 def _read(
-    true: Floats, rate: float, errors: InertialErrors, rng: Generator
+    true: Floats, rate: float, errors: InertialErrors, rng: Generator, usual: Floats
 ) -> tuple[Floats, Floats]:
     """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias [unit]."""
     constants, instabilities = rng.spawn(2)
     count = len(true)
-    start = errors.bias_sigma * rng.standard_normal(3)
+    start = usual + errors.bias_sigma * rng.standard_normal(3)
     draws = rng.standard_normal((count, 2, 3))
     bias = np.zeros((count, 3))
     if errors.bias_instability > 0.0:

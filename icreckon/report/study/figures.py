@@ -78,6 +78,9 @@ def study_figures(results: Results) -> list[Picture]:
     """Draw all figures of a study."""
     figures, drift = [], results["drift"]
     others = ", over all else that is swept" if len(swept(results)) > 1 else ""
+    is_grid = len(swept(results)) == 2 and not any(axis["sampled"] for axis, _ in swept(results))
+    if is_grid and _known(results, drift):
+        figures.append(_grid(results))
     for axis, effect in swept(results):
         draw = partial(_draw_effect, results=results, axis=axis, effect=effect)
         for short, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
@@ -95,9 +98,6 @@ def study_figures(results: Results) -> list[Picture]:
             )
             name = f"ratio-{_file_name(axis['name'])}"
             figures.append(_drawn(name, caption, partial(draw, statistic=drift, key="ratio")))
-    is_grid = len(swept(results)) == 2 and not any(axis["sampled"] for axis, _ in swept(results))
-    if is_grid and _known(results, drift):
-        figures.append(_grid(results))
     if _known(results, NEES):
         figures.append(
             _drawn(
@@ -228,7 +228,7 @@ def _grid(results: Results) -> Picture:
             image = axes.imshow(values, "cividis_r", aspect="auto", norm=scale)
             for (row, column), value in np.ndenumerate(values):
                 colour = "white" if np.isfinite(value) and scale(value) > 0.5 else "black"
-                text = f"{value:.3g}" if np.isfinite(value) else "x"
+                text = f"{value:#.3g}".rstrip(".") if np.isfinite(value) else "x"
                 axes.text(column, row, text, ha="center", va="center", color=colour, size=10)
             axes.set_title(label, fontsize=11)
             axes.set_xticks(range(len(groups[1])), [one["name"] for one in groups[1]])

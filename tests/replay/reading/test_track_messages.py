@@ -132,3 +132,22 @@ def test_four_wheels_that_wrap_are_refused(tmp_path: Path) -> None:
     mapped = {"topic": "/js", "left": ["a", "b"], "right": ["c", "d"], "unit": "rad", "wrap": 6.28}
     with pytest.raises(ReplayError, match="one counter a side"):
         read_log(tmp_path, robot_with(tracks=mapped))
+
+
+@pytest.mark.parametrize(
+    ("wrap", "note"),
+    [
+        (None, "start again after 65536: set wrap = 65536.0"),
+        (65536.0, None),
+        (1200.0, "start again after 65536: set wrap = 65536.0"),
+    ],
+)
+def test_a_range_that_the_counters_contradict_is_noted(wrap, note, tmp_path: Path) -> None:
+    counts = [(65000 + 100 * k) % 65536 for k in range(20)]
+    drives = [(k * SECOND // 10, (0.0, 0.0), (one, one)) for k, one in enumerate(counts, start=1)]
+    path = drive_bag(tmp_path / "bag", drives)
+    mapped = {"unit": "counts", "counts_per_turn": 1e4} | ({"wrap": wrap} if wrap else {})
+    notes = read(path, left=["ticks[0]"], right=["ticks[1]"], **mapped).notes
+    assert [one for one in notes if "counters" in one] == (
+        [] if note is None else [f"robot file: the counters of the tracks {note}"]
+    )

@@ -391,3 +391,13 @@ def test_fixes_that_wander():
     assert abs(np.corrcoef(wander.T)[0, 1]) < 0.15
     with pytest.raises(SimulationError, match="wander_time must be"):
         FixSpec(wander_sigma=1.0, wander_time=0.0)
+
+
+def test_the_gyro_has_the_bias_of_the_robot_file():
+    """About the vertical of base_link, however the IMU is mounted."""
+    turned = msgspec.structs.replace(ALPHA.imu, rotation_rpy_deg=(180.0, 0.0, 30.0))
+    files = (turned, msgspec.structs.replace(turned, gyro_bias=0.02))
+    robots = [msgspec.structs.replace(ALPHA, imu=one) for one in files]
+    without, biased = (imu(circle(), one).series for one in robots)
+    off = (biased.angular_velocity - without.angular_velocity) @ robots[0].imu_rotation.T
+    np.testing.assert_allclose(off, np.tile([0.0, 0.0, 0.02], (len(off), 1)), atol=1e-12)
