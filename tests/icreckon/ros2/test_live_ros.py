@@ -440,10 +440,18 @@ def test_qos_overrides_act(ros: dict[str, str], short_bag: Path, tmp_path: Path)
     """Of a publisher and of a subscription, by what other nodes see of them."""
     names = ("/odom.publisher", "/joint_states.subscription")
     options = {f"qos_overrides.{one}.reliability": "best_effort" for one in names}
+    # Nodes find each other within a second, on a busy machine within some.
     look = (
-        "import rclpy, time; rclpy.init(); n = rclpy.create_node('look'); time.sleep(2.0); "
-        "print(n.get_publishers_info_by_topic('/odom')[0].qos_profile.reliability.name, "
-        "n.get_subscriptions_info_by_topic('/joint_states')[0].qos_profile.reliability.name)"
+        "import rclpy, time\n"
+        "rclpy.init()\n"
+        "node, found = rclpy.create_node('look'), []\n"
+        "ends = time.monotonic() + 60.0\n"
+        "while not (found and all(found)):\n"
+        "    assert time.monotonic() < ends, found\n"
+        "    time.sleep(0.5)\n"
+        "    found = [node.get_publishers_info_by_topic('/odom')]\n"
+        "    found += [node.get_subscriptions_info_by_topic('/joint_states')]\n"
+        "print(*(of[0].qos_profile.reliability.name for of in found))\n"
     )
     with node(ros, tmp_path / "node.log", **options) as running:
         until(lambda: "ready:" in running.text(), running)
