@@ -38,7 +38,8 @@ IN_ORDER = 8
 LONGEST = 15.0
 # Error of a step of the path, as a share of it; after more than a second, times the number of seconds.
 OF_STEP = 0.08
-# Number of the newest steps, most of which are off if fixes scatter.
+# Number of the newest steps, most of which are off if fixes scatter. With 15 an error that wanders is
+# found too late, with 3 hardly (`scoreboard.py --parts healthy faults`).
 STEPS = 7
 # Variance of steps over the expected one, from which on fixes scatter, and from which on they still do;
 # of few fixes it must be larger. Median of squares of normal errors over their variance.

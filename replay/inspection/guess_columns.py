@@ -112,7 +112,7 @@ def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumn
         return (
             counts
             if len(left) > 1
-            else replace(counts, wrap=counter_range(table.numbers(counts.names)))
+            else replace(counts, wrap=counter_range(table.numbers(counts.names))[0])
         )
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
     return TrackColumns(left=left, right=right, unit=unit, time=time)

@@ -57,15 +57,14 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         check_bounds(self)
         names, unit = self.names, self.unit
         sides = {"left": names[: len(self.left)], "right": names[len(self.left) :]}
-        for name in (one for one in names if names.count(one) > 1):
-            there = [side for side, of in sides.items() if name in of]
-            for side in there:
-                if sides[side].count(name) > 1:
-                    raise ValueError(f"{side} names {name!r} twice")
-            if not getattr(self, "right_topic", None):
-                raise ValueError(
-                    f"left and right must not share {name!r}; sides with a topic each need right_topic"
-                )
+        for side, of in sides.items():
+            if twice := [name for name in of if of.count(name) > 1]:
+                raise ValueError(f"{side} names {twice[0]!r} twice")
+        if not self.has_topic_for_each_side and (shared := {*sides["left"]} & {*sides["right"]}):
+            raise ValueError(
+                f"left and right must not share {min(shared)!r}; sides with a topic each need "
+                "right_topic"
+            )
         if (unit == "counts") != (self.counts_per_turn is not None):
             raise ValueError('unit = "counts" and counts_per_turn need each other')
         if self.wrap is not None and unit not in ADDS_UP:
@@ -73,6 +72,11 @@ class TrackKeys(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
             raise ValueError(f"wrap is for what adds up ({sums}), not for {unit}")
         if self.wrap is not None and max(map(len, sides.values())) > 1:
             raise ValueError("wrap is for one counter a side: the mean of several does not wrap")
+
+    @property
+    def has_topic_for_each_side(self) -> bool:
+        """Return True if the names of the sides are those of two topics."""
+        return False
 
     @property
     def names(self) -> tuple[str, ...]:

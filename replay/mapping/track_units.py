@@ -39,11 +39,12 @@ def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | Non
     return angle * sprocket_radius
 
 
-def counter_range(counts: Floats) -> float | None:
-    """Range of counters (n, k) of 16 or 32 bits that start again; None if they do not."""
-    columns = (column[np.isfinite(column)] for column in counts.T)
+def counter_range(counts: Floats) -> tuple[float | None, float]:
+    """Range of counters (n, k) that start again, or None; span of their readings."""
+    columns = [column[np.isfinite(column)] for column in counts.T]
     step = max(float(np.abs(np.diff(one)).max(initial=0.0)) for one in columns)
-    return next((size for size in (2.0**16, 2.0**32) if 0.5 * size < step < size), None)
+    span = max(float(np.ptp(one)) if len(one) else 0.0 for one in columns)
+    return next((size for size in (2.0**16, 2.0**32) if 0.5 * size < step < size), None), span
 
 
 def differences(

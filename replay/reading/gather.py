@@ -15,14 +15,7 @@ from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRI
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.field_paths import field_reader
-from icreckon.replay.mapping.topics import (
-    MAPPING_TOPIC,
-    Clock,
-    FixTopic,
-    TopicMap,
-    TrackTopic,
-    TruthTopic,
-)
+from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
 from icreckon.replay.mapping.track_units import ADDS_UP
 from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
@@ -241,20 +234,14 @@ def wanted_streams(
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
 
-    def of_side(
-        topic: str, names: Sequence[str], before: int, after: int, mapped: TrackTopic
-    ) -> Stream:
-        joints = message_rows.JointReader(names, mapped.unit in ADDS_UP)
-        by_name, by_field = (
-            message_rows.of_one_side(one, before, after) for one in (joints, field_reader(names))
-        )
-        return stream("tracks", topic, mapped.time, {JOINT_STATE: by_name}, by_field)
-
     tracks = mapping.tracks
     if tracks and tracks.right_topic:
         left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
-        both = of_side(tracks.topic, left, 0, len(right), tracks)
-        both.right = of_side(tracks.right_topic, right, len(left), 0, tracks)
+        adds_up = tracks.unit in ADDS_UP
+        of_left = message_rows.side_readers(left, 0, len(right), adds_up)
+        of_right = message_rows.side_readers(right, len(left), 0, adds_up)
+        both = stream("tracks", tracks.topic, tracks.time, *of_left)
+        both.right = stream("tracks", tracks.right_topic, tracks.time, *of_right)
         yield both
     elif tracks:
         readers = message_rows.track_readers(tracks.names, tracks.unit in ADDS_UP)

@@ -1,6 +1,6 @@
 """Row readers: from messages of each type to the rows of numbers of a stream."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import quaternion_to_rpy, quaternion_to_yaw
 from icreckon.replay.bags import message_types as ros
+from icreckon.replay.mapping.field_paths import field_reader
 from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, UnusableError
 
 
@@ -57,14 +58,19 @@ class JointReader:
         return tuple(row) if places else None
 
 
-def of_one_side(read: Callable[[Any], Row | None], before: int, after: int) -> RowReader:
-    """Reader of a topic of one side, with NaN for the wheels of the other one."""
+def side_readers(
+    names: Sequence[str], before: int, after: int, positions: bool
+) -> tuple[dict[str, RowReader], RowReader]:
+    """Build readers of one side's topic (JointState, other types), NaN for the other."""
 
-    def row(message: Any) -> Row | None:
-        found = read(message)
-        return None if found is None else (*[NAN] * before, *found, *[NAN] * after)
+    def padded(read: RowReader) -> RowReader:
+        def row(message: Any) -> Row | None:
+            found = read(message)
+            return None if found is None else (*[NAN] * before, *found, *[NAN] * after)
 
-    return row
+        return row
+
+    return {ros.JOINT_STATE: padded(JointReader(names, positions))}, padded(field_reader(names))
 
 
 def _speeds(twist: Any) -> Row:

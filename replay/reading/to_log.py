@@ -314,8 +314,7 @@ def _wrap_notes(rows: Floats, mapped: TrackTopic | TrackColumns) -> Iterator[str
     """Note a range of counters that their readings contradict."""
     if mapped.unit not in ADDS_UP or not len(rows):
         return
-    where, found = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
-    span = float(np.max(np.nanmax(rows, axis=0) - np.nanmin(rows, axis=0)))
+    where, (found, span) = f"{OF_ROBOT_FILE}the counters of the tracks", counter_range(rows)
     if found is not None and mapped.wrap != found:
         yield f"{where} start again after {found:g}: set wrap = {found:.1f}"
     elif mapped.wrap is not None and span > mapped.wrap:

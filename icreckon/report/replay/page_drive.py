@@ -114,7 +114,7 @@ def known(values: Numbers) -> bool:
     return any(value is not None for value in values)
 
 
-def floats(values: Numbers) -> Any:
+def floats(values: Numbers | list[Numbers]) -> Any:
     """Array of numbers, NaN for None."""
     return np.array(values, dtype=float)
 

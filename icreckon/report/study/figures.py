@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable
 from functools import partial
-from itertools import cycle, product
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -206,14 +206,16 @@ def _grid(results: Results) -> Picture:
     drift, variants = results["drift"], results["variants"]
     (down, by_row), (across, by_column) = swept(results)
     groups = by_row["groups"], by_column["groups"]
-    panels = {}
-    for label in variants:
-        values = np.full((len(groups[0]), len(groups[1])), np.nan)
-        for (row, one), (column, other) in product(*map(enumerate, groups)):
-            for cell in set(one["cells"]) & set(other["cells"]):
-                mean = results["cells"][cell]["variants"][label][drift]["mean"]
-                values[row, column] = np.nan if mean is None else mean
-        panels[label] = values
+
+    def mean_in(one: dict[str, Any], other: dict[str, Any], label: str) -> float | None:
+        (cell,) = {*one["cells"]} & {*other["cells"]}
+        found: float | None = results["cells"][cell]["variants"][label][drift]["mean"]
+        return found
+
+    panels = {
+        label: floats([[mean_in(one, other, label) for other in groups[1]] for one in groups[0]])
+        for label in variants
+    }
     every = np.concatenate([one[np.isfinite(one)] for one in panels.values()])
     columns = min(len(variants), 2)
     rows = -(-len(variants) // columns)

@@ -151,3 +151,11 @@ def test_a_range_that_the_counters_contradict_is_noted(wrap, note, tmp_path: Pat
     assert [one for one in notes if "counters" in one] == (
         [] if note is None else [f"robot file: the counters of the tracks {note}"]
     )
+
+
+def test_counters_of_which_one_never_comes_have_no_range(tmp_path: Path) -> None:
+    """The missing joint is reported; its readings, which are none, have no span."""
+    stream = [("/js", joints(k * SECOND, [float(k)], ["l"])) for k in range(1, 5)]
+    mapped = JOINTS | {"unit": "counts", "counts_per_turn": 1e4, "wrap": 100.0}
+    with pytest.raises(ReplayError, match="wanted are the positions of the joints l, r"):
+        read_log(write_bag(tmp_path / "bag", stream), robot_with(tracks=mapped))
