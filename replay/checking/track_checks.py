@@ -59,6 +59,7 @@ USUAL_ERRORS = (
     (math.pi / 30.0, "are the rates in rpm?"),
     (math.pi / 180.0, "are the rates in deg/s?"),
 )
+OF_COUNTS = "is counts_per_turn off by that (lines or edges, gears), or the radius a diameter?"
 # Windows in which driving backward is looked for [s].
 BACKWARD_WINDOW = 0.5
 # Largest relative distance from a usual error [-].
@@ -286,9 +287,10 @@ def _guess(ratio: float, robot: Robot) -> str:
         if in_rates_of(robot)
         else (radius, "are they rates in rad/s, read as m/s?")
     )
-    off, question = min(
-        (abs(math.log(ratio / size)), text) for size, text in (*USUAL_ERRORS, of_radius)
-    )
+    usual, tracks = [*USUAL_ERRORS, of_radius], mapped_tracks(robot)
+    if tracks is not None and tracks.unit == "counts":
+        usual[:2] = [(size, OF_COUNTS) for size in (0.25, 0.5, 2.0, 4.0)]
+    off, question = min((abs(math.log(ratio / size)), text) for size, text in usual)
     return f": {question}" if off < USUAL_ERROR else ""
 
 
@@ -356,13 +358,17 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
             lambda log, robot: (log, _with_track(robot, track, 1.0)),
         )
         return
+    keys, also = _keys_of_track(robot, round(eta0, 2)), ""
+    if robot.constant_icr is not None:
+        left, right = keys["constant_icr.x_ICRl"], keys["constant_icr.x_ICRr"]
+        also = f" and x_ICRl = {left}, x_ICRr = {right} in [constant_icr]"
     yield check.contradicted(
         f"the effective track is {track:.2f} m by the gyro, {ratio:.2f} times that of the file: wheel "
         f"odometry turns {ratio:.2f} times as far as the robot",
-        f"eta0 = {eta0:.2f} in [indices]{_also(robot, eta0)}, or calibrate; where sprocket_radius is "
+        f"eta0 = {eta0:.2f} in [indices]{also}, or calibrate; where sprocket_radius is "
         "wrong, this is, too",
         lambda log, robot: (log, _with_track(robot, gauge, eta0)),
-        _keys_of_track(robot, round(eta0, 2)),
+        keys,
     )
 
 
@@ -376,15 +382,6 @@ def _keys_of_track(robot: Robot, eta0: float) -> dict[str, float | list[float]]:
         keys["constant_icr.x_ICRr"] = round(middle + half, 4)
         keys["constant_icr.y_ICR"] = icr.y_ICR
     return keys
-
-
-def _also(robot: Robot, eta0: float) -> str:
-    """Text of the other keys that state the effective track."""
-    keys = _keys_of_track(robot, eta0)
-    if robot.constant_icr is None:
-        return ""
-    left, right = keys["constant_icr.x_ICRl"], keys["constant_icr.x_ICRr"]
-    return f" and x_ICRl = {left}, x_ICRr = {right} in [constant_icr]"
 
 
 def _with_track(robot: Robot, gauge: float, eta0: float) -> Robot:

@@ -12,7 +12,7 @@ from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import LATENCY, Check, corrected
+from icreckon.replay.checking.check import LATENCY, TRACK, Check, corrected
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
@@ -70,16 +70,12 @@ def worth_of(
         path = other.trajectory.pose_series
         return drift(path, reference if own_truth is None else own_truth, horizon).percent_mean
 
-    costs = []
+    as_it_is, costs = drift_without([]) if wrong else drift_of_best, []
     for place, one in enumerate(wrong):
-        cost = float("nan")
-        if one.correction is not None and len(wrong) > 1:
-            cost = drift_without([other for other in wrong if other is not one]) - drift_of_best
-        costs.append(cost)
         report((2 + place) / count)
-    as_it_is = drift_without([]) if wrong else drift_of_best
-    if len(wrong) == 1 and wrong[0].correction is not None:
-        costs = [as_it_is - drift_of_best]
+        others = [other for other in wrong if other is not one]
+        without = drift_without(others) if others and one.correction else as_it_is
+        costs.append(without - drift_of_best if one.correction else float("nan"))
     report(1.0)
     missing = missing_manoeuvres(run.state_names, run.state_sigmas[-1])
     known = drift_of_best if truth is not None else np.nan
@@ -98,7 +94,7 @@ def judged(
     wrong = [one for one in checks if one.problem]
     kept = list(checks)
     for one, cost in zip(wrong, worth.costs, strict=True):
-        if one.name == LATENCY and log.truth is not None and cost < -LEAST_COST:
+        if one.name in (LATENCY, TRACK) and log.truth is not None and cost < -LEAST_COST:
             notes.append(
                 f"{one.problem}; but with that set {VARIANT} drifts {-cost:.1f} points more after "
                 f"{worth.horizon:g} s: file value kept"

@@ -18,6 +18,7 @@ KEY = re.compile(r"(\w+)\s*=")
 STAND_IN_GAUGE = re.compile(
     r"^track_gauge = ([\d.e+-]+) *# .*the effective track \(\1\).*$", re.MULTILINE
 )
+OF_TOPICS = {"topic", "right_topic", "left", "right", "unit", "wrap"}
 MARK = "#~"
 MARKS = f"# Values as proposed, by marks ({MARK}): inspect --overwrite keeps all others."
 
@@ -82,13 +83,19 @@ def has_stand_in_gauge(proposed: str) -> bool:
 def filled_in_sizes(path: Path) -> Sizes:
     """Lengths and streams by a person, in an earlier proposal that can be read."""
     try:
-        own = _own(path)[1]
+        text, own = _own(path)
     except ReplayError:
         return NO_SIZES
+    former = _values(tomllib.loads(text))
     vehicle, tracks = own.get("vehicle", {}), own.get("log.tracks", {})
     found = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
     lengths = (one if isinstance(one, float | int) and one > 0.0 else None for one in found)
-    log = {name[4:]: keys for name, keys in own.items() if name.startswith("log.")}
+    # Keys of a person belong to the topics of the same table, in any log.
+    log = {
+        name[4:]: {key: former[name][key] for key in OF_TOPICS & {*former[name]}} | keys
+        for name, keys in own.items()
+        if name.startswith("log.")
+    }
     gauge, radius, of_controller = lengths
     return Sizes(gauge, radius, of_controller, log)
 

@@ -4,7 +4,6 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from msgspec.structs import replace
 
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.guess_topics import (
@@ -26,7 +25,7 @@ from icreckon.replay.mapping.columns import (
     TimeUnit,
     TrackColumns,
 )
-from icreckon.replay.mapping.track_units import TrackUnit, counter_range
+from icreckon.replay.mapping.track_units import UNKNOWN_COUNTS, TrackUnit, counter_range
 from icreckon.replay.reading.tables import Table
 
 TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
@@ -108,11 +107,15 @@ def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumn
         return None
     column = left[0].lower()
     if COUNTER.search(column):
-        counts = TrackColumns(left=left, right=right, unit="counts", counts_per_turn=1.0, time=time)
-        return (
-            counts
-            if len(left) > 1
-            else replace(counts, wrap=counter_range(table.numbers(counts.names))[0])
+        numbers = table.numbers((*left, *right))
+        wrap = counter_range(numbers)[0] if len(left) == 1 else None
+        return TrackColumns(
+            left=left,
+            right=right,
+            unit="counts",
+            counts_per_turn=UNKNOWN_COUNTS,
+            wrap=wrap,
+            time=time,
         )
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
     return TrackColumns(left=left, right=right, unit=unit, time=time)

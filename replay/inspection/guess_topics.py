@@ -15,7 +15,7 @@ from icreckon.replay.mapping.topics import (
     TrackTopic,
     TruthTopic,
 )
-from icreckon.replay.mapping.track_units import TrackUnit
+from icreckon.replay.mapping.track_units import UNKNOWN_COUNTS, TrackUnit
 from icreckon.replay.reading.stream import ABSENT
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
@@ -132,22 +132,25 @@ def _pair_of_topics(samples: Mapping[str, Survey]) -> TrackTopic | None:
             [
                 topic
                 for topic, sample in samples.items()
-                if sample.channel.msgtype == f"std_msgs/msg/{kind}" and _is_speed(topic.lower())
+                if sample.channel.msgtype == f"std_msgs/msg/{kind}" and may_be_a_side(sample)
             ]
         )
         if len(left) == len(right) == 1 and left != right:
             pair = TrackTopic(left[0], right[0], left=("data",), right=("data",))
             if "Int" in kind or COUNTER.search(left[0].lower()):
-                return replace(pair, unit="counts", counts_per_turn=1.0, wrap=wrap)
+                return replace(pair, unit="counts", counts_per_turn=UNKNOWN_COUNTS, wrap=wrap)
             units = (unit for word, unit in UNIT_WORDS if word in left[0].lower())
             return replace(pair, unit=next(units, "rad/s"))
     return None
 
 
-def _is_speed(topic: str) -> bool:
-    if is_command(topic) or NO_SPEED.search(topic):
+def may_be_a_side(sample: Survey) -> bool:
+    """Test for a number named like the speed or count of a wheel, on its own topic."""
+    topic, kind = sample.channel.topic.lower(), sample.channel.msgtype.split("/")
+    if kind[0] != "std_msgs" or kind[-1] not in NUMBERS or is_command(topic):
         return False
-    return bool(SPEED.search(topic)) or any(word in topic for word in DRIVE_WORDS)
+    words = SPEED.search(topic) or any(word in topic for word in DRIVE_WORDS)
+    return bool(words) and not NO_SPEED.search(topic)
 
 
 def _measures_rates(sample: Survey) -> bool:

@@ -1,7 +1,7 @@
 """Inspection of a log, topic by topic, with a proposed robot file."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from dataclasses import replace as with_changed
@@ -28,7 +28,7 @@ from icreckon.replay.inspection import imu_mounting, robot_file, topic_survey, w
 from icreckon.replay.inspection import track_by_rate as by_rate
 from icreckon.replay.inspection.fix_wander import FixWanderEstimate, estimate_wander
 from icreckon.replay.inspection.guess_columns import guess_columns
-from icreckon.replay.inspection.guess_topics import guess_topics
+from icreckon.replay.inspection.guess_topics import guess_topics, may_be_a_side
 from icreckon.replay.inspection.gyro_bias import GyroBias, gyro_bias
 from icreckon.replay.inspection.latency import objection, track_latency, truth_lag, without_lag
 from icreckon.replay.mapping.columns import ColumnMap
@@ -95,7 +95,8 @@ def inspect(
             ones, the lengths give `eta0` of the proposed robot file.
 
     Raises:
-        ReplayError: no such file, no bag or table, or nothing of it is readable.
+        ReplayError: no such file, no bag or table, nothing of it is readable, or not the streams that
+            a person filled in.
     """
     paths = as_paths(path)
     surveys, notes, tables = _look_through(paths, definitions)
@@ -120,6 +121,8 @@ def inspect(
     except EqualStampsError:
         raise
     except ReplayError as problem:
+        if sizes.log:
+            raise ReplayError(f"the streams of the robot file: {problem}") from None
         if not tables or mapping.columns is not None:
             notes.append(f"the proposed topics cannot be read: {problem}")
     for purpose, repeated in (_repeated_shares(log) if log is not None else {}).items():
@@ -163,7 +166,7 @@ def _estimates(
     mounting = imu_mounting.estimate_mounting(log)
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     latencies = _latencies(log, vertical)
-    in_time = _in_time(log, latencies)
+    in_time, unscaled = _in_time(log, latencies), robot_file.lacks_counts_per_turn(mapping)
     correlation = mounting.turning_correlation if mounting else None
     return robot_file.LogEstimates(
         mapping,
@@ -172,7 +175,7 @@ def _estimates(
         sizes,
         mounting,
         vertical,
-        wheels.wheel_estimates(in_time, vertical, correlation),
+        wheels.NO_WHEELS if unscaled else wheels.wheel_estimates(in_time, vertical, correlation),
         latencies,
         None if vertical is None else gyro_bias(in_time, vertical),
         estimate_wander(log, vertical) if log.fixes is not None else None,
@@ -320,13 +323,16 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
         )
 
 
-def _no_tracks(surveys: Iterable[topic_survey.Survey]) -> str:
+def _no_tracks(surveys: Collection[topic_survey.Survey]) -> str:
+    """Finding that no track speeds are proposed, with all that could be some."""
     states = [one for survey in surveys for one in survey.messages if hasattr(one, "velocity")]
     joints = ", ".join(dict.fromkeys(name for one in states for name in one.name))
+    numbers = ", ".join(survey.channel.topic for survey in surveys if may_be_a_side(survey))
     return (
         "no track speeds: nothing here looks like them, and without them nothing can be replayed; name "
         "joints, fields or columns in [log.tracks] or [log.columns.tracks] of the robot file, and "
         f"inspect again with --overwrite{joints and f'; joints here are {joints}'}"
+        + (numbers and f"; topics with a number: {numbers} (one of each side: topic, right_topic)")
     )
 
 
@@ -353,11 +359,22 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
         against = "the tracks (by speed)" if places else "the gyro (by yaw rate)"
         why = objection(latency)
         yield (
-            f"{purpose}: stamps {lags} {against} by {abs(latency.seconds):.2f} s (± {latency.sigma:.3f})"
+            f"{purpose}: stamps {lags} {against} by {abs(latency.seconds):.2f} s (± {latency.sigma:.1g})"
             + (f"; {why}: no latency is proposed" if why else "")
+        )
+    if robot_file.lacks_counts_per_turn(mapping):
+        yield (
+            "tracks: counters; fill in counts_per_turn, and inspect again with --overwrite for the "
+            "effective track and radius"
         )
     if seen.wheels.track_ratio is not None:
         yield _of_track(seen)
+    if mounting is not None and (mounting.turning_correlation or 0.0) < -0.3:
+        yield (
+            "tracks: they turn the other way than the gyro (correlation "
+            f"{mounting.turning_correlation:.2f}): left and right may be swapped, or the IMU is "
+            "upside down"
+        )
     if len(log.tracks.stamps):
         stops = wheels.standstills(log)
         total = sum(end - begin for begin, end in stops)
@@ -377,6 +394,7 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
 def unit_suspicions(seen: robot_file.LogEstimates, log: Log) -> Iterator[str]:
     """Report values of a log that seem to be in another unit."""
     rates, estimates = robot_file.in_rates(seen.mapping), seen.wheels
+    unscaled = robot_file.lacks_counts_per_turn(seen.mapping)
     if seen.mounting is not None and seen.mounting.specific_force is not None:
         force = float(np.linalg.norm(seen.mounting.specific_force))
         if abs(force - wheels.GRAVITY) > wheels.WRONG_GRAVITY * wheels.GRAVITY:
@@ -390,7 +408,7 @@ def unit_suspicions(seen: robot_file.LogEstimates, log: Log) -> Iterator[str]:
             yield from wheels.turning_suspicion(log, seen.vertical)
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
-        if rates and fast > FAST_RATE:
+        if rates and fast > FAST_RATE and not unscaled:
             yield f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?"
         if not rates and fast > FAST_SPEED:
             yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"

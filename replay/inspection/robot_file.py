@@ -18,7 +18,7 @@ from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import TopicMap
-from icreckon.replay.mapping.track_units import OF_GROUND
+from icreckon.replay.mapping.track_units import OF_GROUND, UNKNOWN_COUNTS
 from icreckon.replay.reading.clocks import Choice
 
 FIRST_WORDS = "# Proposed by inspecting"
@@ -112,6 +112,12 @@ def in_rates(mapping: TopicMap) -> bool:
     return tracks is not None and bool(tracks.left) and tracks.unit not in OF_GROUND
 
 
+def lacks_counts_per_turn(mapping: TopicMap) -> bool:
+    """Test for counters whose counts of a turn are not filled in."""
+    tracks = mapping.columns.tracks if mapping.columns else mapping.tracks
+    return tracks is not None and tracks.counts_per_turn == UNKNOWN_COUNTS
+
+
 def has_tracks(mapping: TopicMap) -> bool:
     """Test for track speeds in the mapping."""
     return mapping.tracks is not None or bool(mapping.columns and mapping.columns.tracks)
@@ -119,7 +125,7 @@ def has_tracks(mapping: TopicMap) -> bool:
 
 def _vehicle(seen: LogEstimates) -> list[str]:
     fastest, log = None, seen.log
-    if log is not None and len(log.tracks.speeds):
+    if log is not None and len(log.tracks.speeds) and not lacks_counts_per_turn(seen.mapping):
         fastest = float(np.abs(log.tracks.speeds).max())
     # Not a number, so that an incomplete robot file is refused.
     lines = [
@@ -168,6 +174,9 @@ def _gauge(track: float | None) -> str:
 def _indices(seen: LogEstimates) -> list[str]:
     """Steering efficiency of constant ICRs by the gyro."""
     ratio, track = seen.wheels.track_ratio, seen.effective_track
+    if lacks_counts_per_turn(seen.mapping):
+        again = "(or fill in the rest, and inspect again with --overwrite)"
+        return ["", "[indices]", f"eta0 = nan    {FILL_IN} {again}"]
     if ratio is None:
         return []
     if track is not None:
@@ -311,10 +320,10 @@ def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
         return []
     if why := objection(latency):
         return [
-            f"# Latency against the gyro: {latency.seconds:.3f} ± {latency.sigma:.3f} s, {why}: not "
+            f"# Latency against the gyro: {latency.seconds:.3f} ± {latency.sigma:.1g} s, {why}: not "
             "written."
         ]
-    return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.3f}: late against the gyro"]
+    return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.1g}: late against the gyro"]
 
 
 def _log(seen: LogEstimates, track_latency: list[str], wander: list[str]) -> list[str]:

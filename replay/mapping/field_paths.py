@@ -41,7 +41,8 @@ def field_getter(path: str) -> Callable[[Any], float]:
             elif hasattr(value, step):
                 value = getattr(value, step)
             else:
-                raise ReplayError(f"no field {step!r} of {path!r}{_fields_of(value)}")
+                within = "" if step == path else f" of {path!r}"
+                raise ReplayError(f"no field {step!r}{within}{_fields_of(value)}")
         try:
             return float(value)
         except (TypeError, ValueError):

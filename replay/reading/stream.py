@@ -244,13 +244,13 @@ class Stream:
         if channel.msgtype not in side.readers and side.any_reader is None:
             problem = unreadable(channel.topic, [channel.msgtype], self.purpose, side.readers)
             raise ReplayError(f"{self.source}: {problem}")
-        if self.msgtype not in ("", channel.msgtype):
+        if side.msgtype not in ("", channel.msgtype):
             raise ReplayError(
                 f"{self.source}: topic {channel.topic!r} carries two types of message, "
-                f"{self.msgtype!r} and {channel.msgtype!r}"
+                f"{side.msgtype!r} and {channel.msgtype!r}"
             )
         self._decode[channel] = decoder(channel, self.source, self.definitions)
-        self.msgtype = channel.msgtype
+        side.msgtype = channel.msgtype
         return self._decode[channel]
 
     def _take(self, record: Record, message: Any) -> None:

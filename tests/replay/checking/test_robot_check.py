@@ -75,11 +75,17 @@ def scaled_imu(log: Log, rates: float = 1.0, forces: float = 1.0, bias: float = 
     )
 
 
+COUNTERS = {"topic": "/t", "left": ["l"], "right": ["r"], "unit": "counts", "counts_per_turn": 512}
 ERRORS = {
     "diameter": (
         lambda log: speeds(log, lambda v: 2.0 * v),
         lambda robot: with_vehicle(robot, sprocket_radius=2.0 * RADIUS),
         {SCALE: "is the radius a diameter?"},
+    ),
+    "lines of an encoder": (
+        lambda log: speeds(log, lambda v: 0.25 * v),
+        lambda robot: with_values(robot, log={"tracks": COUNTERS}),
+        {SCALE: "is counts_per_turn off"},
     ),
     "rates in rpm": (
         lambda log: speeds(log, lambda v: v * 30.0 / np.pi),

@@ -8,6 +8,8 @@ import pytest
 
 from bag_messages import T, imu, joints, odometry, pose_stamped, robot_with, write_bag
 from icreckon.estimator.log.series import TrackSpeedSeries
+from icreckon.estimator.robot.robot_file import load_robot
+from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import SCALE
 from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.export.log_bag import write_log
@@ -232,27 +234,70 @@ def test_a_spike_makes_no_standstill() -> None:
     assert still[SECONDS < 4.0].mean() > 0.8
 
 
-def test_a_number_for_each_side_on_two_topics(tmp_path: Path) -> None:
-    """Counters of two encoder boards are proposed; currents of the same type are none."""
+def counters(path: Path, left: str = "/enc_left", right: str = "/enc_right", **types: str) -> Path:
+    """Counters of two encoder boards, with currents of the same type, and an IMU."""
     messages, times = [], []
     ticks = np.cumsum(np.column_stack([LEFT, RIGHT]) * 0.05 * 2000.0 / (2.0 * np.pi), axis=0)
     for k in range(len(SECONDS)):
         stamp = START + k * STEP
         turn, up = (0.0, 0.0, TURN[k]), (0.0, SPEED[k] * TURN[k], 9.80665)
-        numbers = zip(
-            ("/enc_left", "/enc_right"), ticks[k].round().astype(int) % 2**32, strict=True
-        )
-        messages += [(topic, T["std_msgs/msg/UInt32"](int(one))) for topic, one in numbers]
+        for topic, one in zip((left, right), ticks[k].round().astype(int) % 2**32, strict=True):
+            kind = types.get(topic[1:], "UInt32")
+            messages.append((topic, T[f"std_msgs/msg/{kind}"](int(one))))
         messages += [(f"/current_{one}", T["std_msgs/msg/UInt32"](k)) for one in ("left", "right")]
         messages.append(("/imu", imu(stamp, turn, up)))
         times += [stamp] * 5
-    log, robot = write_bag(tmp_path / "bag", messages, times=times), tmp_path / "robot.toml"
-    proposed = inspect(log).proposed_robot_file
-    tracks = tomllib.loads(proposed)["log"]["tracks"]
+    return write_bag(path, messages, times=times)
+
+
+def test_a_number_for_each_side_on_two_topics(tmp_path: Path) -> None:
+    """Counters are proposed, currents are none; nothing is said in radians before counts are known."""
+    log, robot = counters(tmp_path / "bag"), tmp_path / "robot.toml"
+    found = inspect(log)
+    tracks = tomllib.loads(found.proposed_robot_file)["log"]["tracks"]
     assert (tracks["topic"], tracks["right_topic"]) == ("/enc_left", "/enc_right")
     assert (tracks["left"], tracks["right"], tracks["unit"]) == (["data"], ["data"], "counts")
     assert tracks["wrap"] == 2.0**32
-    robot.write_text(proposed.replace("counts_per_turn = nan", "counts_per_turn = 2000"), "utf-8")
+    assert any("fill in counts_per_turn" in one for one in found.findings)
+    assert not any("effective radius" in one or "joint rates" in one for one in found.findings)
+    filled_in = found.proposed_robot_file.replace("counts_per_turn = nan", "counts_per_turn = 2000")
+    robot.write_text(filled_in, "utf-8")
     again = proposed_with(log, robot)
     assert again["log"]["tracks"]["counts_per_turn"] == 2000
     assert again["log"]["tracks"]["right_topic"] == "/enc_right"
+
+
+def test_swapped_topics_are_reported(tmp_path: Path) -> None:
+    findings = inspect(counters(tmp_path / "bag", "/enc_right", "/enc_left")).findings
+    assert any("turn the other way than the gyro" in one for one in findings)
+
+
+def test_numbers_on_topics_that_name_no_side_are_listed(tmp_path: Path) -> None:
+    (found,) = (
+        one
+        for one in inspect(counters(tmp_path / "bag", "/enc/a", "/enc/b")).findings
+        if one.startswith("no track speeds")
+    )
+    assert found.endswith(
+        "topics with a number: /enc/a, /enc/b (one of each side: topic, right_topic)"
+    )
+
+
+def test_sides_with_messages_of_two_types(tmp_path: Path) -> None:
+    """One robot file fits a log with counters of one type, and another one with two."""
+    one, two = counters(tmp_path / "one"), counters(tmp_path / "two", enc_right="Int64")
+    text = inspect(one).proposed_robot_file.replace(
+        "counts_per_turn = nan", "counts_per_turn = 2000"
+    )
+    robot = tmp_path / "robot.toml"
+    robot.write_text(text.replace("= nan", "= 1.5"), "utf-8")
+    logs = [read_log(log, load_robot(robot)) for log in (one, two)]
+    np.testing.assert_array_equal(logs[0].tracks.speeds, logs[1].tracks.speeds)
+
+
+def test_a_stream_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
+    """A wrong name by a person must not make a proposal without all that the log shows."""
+    log, robot = bag(tmp_path / "bag"), tmp_path / "robot.toml"
+    robot.write_text(WHEELS.replace("m1", "m9"), "utf-8")
+    with pytest.raises(ReplayError, match=r"streams of the robot file: .* m9"):
+        inspect(log, sizes=filled_in_sizes(robot))
