@@ -1,14 +1,14 @@
 """Digests of the sources that a figure depends on, as short hexadecimal words.
 
-Comments, docstrings and empty lines of Python count for nothing.
+Comments, docstrings and the layout of Python count for nothing.
 """
 
 from __future__ import annotations
 
 import ast
 import hashlib
-import io
 import json
+import re
 import tokenize
 from collections.abc import Iterable
 from functools import cache
@@ -30,6 +30,14 @@ ESTIMATED_LATENCY = ": late"
 """End of the names of runs that estimate the latency of the tracks, which no table does."""
 KINDS = (".py", ".toml")
 LENGTH = 8
+LAYOUT = {
+    tokenize.COMMENT: "",
+    tokenize.NL: "",
+    tokenize.NEWLINE: "\n",
+    tokenize.INDENT: ">",
+    tokenize.DEDENT: "<",
+}
+"""What stands for tokens of the layout."""
 
 
 def sources(names: Iterable[str]) -> list[Path]:
@@ -45,19 +53,21 @@ def sources(names: Iterable[str]) -> list[Path]:
 
 
 def code_of(source: str) -> str:
-    """Python without comments, docstrings and empty lines."""
-    lines = source.splitlines()
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.COMMENT:
-            line, column = token.start
-            lines[line - 1] = lines[line - 1][:column].rstrip()
+    """Python without comments and docstrings, whatever its layout."""
+    lines = source.splitlines(keepends=True)
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(
             node
         ):
             begin, end = node.body[0].lineno - 1, node.body[0].end_lineno
-            lines[begin:end] = [""] * len(lines[begin:end])
-    return "\n".join(line for line in lines if line.strip())
+            lines[begin:end] = ["\n"] * len(lines[begin:end])
+    words = [
+        LAYOUT.get(token.type, token.string)
+        for token in tokenize.generate_tokens(iter(lines).__next__)
+    ]
+    # Python 3.12 takes f-strings apart, without spaces and doubled braces.
+    text = re.sub(r"[ \t]|(?<=\{)\{|(?<=\})\}", "", "".join(words))
+    return re.sub(r"(?<=import)\((.*),?\)", r"\1", re.sub(r",(?=[)\]}])", "", text))
 
 
 @cache

@@ -21,12 +21,7 @@ from icreckon.estimator.base.array_types import Floats, Stamps
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.filter.initial_state import assumptions
 from icreckon.estimator.filter.process_noise import change_density
-from icreckon.estimator.log.measurements import (
-    ImuSample,
-    Measurement,
-    PositionFix,
-    TrackSpeeds,
-)
+from icreckon.estimator.log.measurements import ImuSample, Measurement, PositionFix, TrackSpeeds
 from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.reference.filter import process_noise
 from icreckon.estimator.reference.imu import StepTwist, accelerometer, gyro
@@ -86,11 +81,7 @@ class ModelSampler:
     """
 
     def __init__(
-        self,
-        robot: Robot,
-        variant: Variant,
-        settings: Settings,
-        fixes: Fixes | None = None,
+        self, robot: Robot, variant: Variant, settings: Settings, fixes: Fixes | None = None
     ) -> None:
         self._robot, self._variant = robot, variant
         self._inputs = input_settings(robot, settings)

@@ -127,9 +127,4 @@ def worse_cost(now: dict[str, Any], then: dict[str, Any]) -> Iterator[str]:
             yield f"{name}: {old:.2f} -> {new:.2f} times filterpy's step"
 
 
-COMPARISONS = {
-    "healthy": worse_drive,
-    "faults": worse_fault,
-    "real": worse_log,
-    "cost": worse_cost,
-}
+COMPARISONS = {"healthy": worse_drive, "faults": worse_fault, "real": worse_log, "cost": worse_cost}

@@ -18,17 +18,7 @@ import numpy as np
 from _logs import GRASS
 from _scoreboard_cells import SEED, Job, data_folder, excluded, flags, rules_disabled
 from _scoreboard_drives import robot_of
-from _scoreboard_put import (
-    BEFORE,
-    FAST,
-    FAULTS,
-    MOVING,
-    NEVER,
-    POWER_UP,
-    RTK,
-    SECOND,
-    Fault,
-)
+from _scoreboard_put import BEFORE, FAST, FAULTS, MOVING, NEVER, POWER_UP, RTK, SECOND, Fault
 from numpy.random import Generator
 
 from icreckon.estimator.base.array_types import Floats

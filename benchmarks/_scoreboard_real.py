@@ -17,14 +17,7 @@ import msgspec
 import numpy as np
 import pyarrow.parquet as pq
 from _logs import LOGS
-from _scoreboard_cells import (
-    Job,
-    data_folder,
-    excluded,
-    flags,
-    interval_of_ratio,
-    rules_disabled,
-)
+from _scoreboard_cells import Job, data_folder, excluded, flags, interval_of_ratio, rules_disabled
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.log import Log

@@ -245,12 +245,7 @@ def cut(log: Log, piece: Piece) -> Log:
 
 
 def scored(
-    fold: Fold,
-    log: Log,
-    robot: Robot,
-    variant: str,
-    who: str,
-    settings: Settings | None = None,
+    fold: Fold, log: Log, robot: Robot, variant: str, who: str, settings: Settings | None = None
 ) -> Score:
     """Run a variant over a log, and score it."""
     if log.truth is None:
@@ -406,12 +401,7 @@ def pooled(scores: Iterable[Score], horizon: float) -> Pooled:
         ]
     percent, low, high = (100.0 * one for one in bootstrap(ratio_of_sums, np.array(sums), DRAWS))
     nees = np.concatenate([one.nees[horizon] for one in scores])
-    return Pooled(
-        percent,
-        low,
-        high,
-        float(nees.mean()) if len(nees) else float("nan"),
-    )
+    return Pooled(percent, low, high, float(nees.mean()) if len(nees) else float("nan"))
 
 
 class Ratio(NamedTuple):

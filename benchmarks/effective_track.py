@@ -16,11 +16,7 @@ from icreckon.simulation.contact.of_robot import contact_of, slow_turns
 def row_of(robot: Robot) -> tuple[str, ...]:
     """A row of the table."""
     of_contact = float(np.mean(slow_turns(contact_of(robot)).eta))
-    return (
-        robot.name,
-        f"{of_contact:.3f}",
-        f"{robot.constant_indices.eta0:.3f}",
-    )
+    return (robot.name, f"{of_contact:.3f}", f"{robot.constant_indices.eta0:.3f}")
 
 
 def main() -> None:

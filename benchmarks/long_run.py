@@ -29,11 +29,7 @@ from msgspec import structs
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose, relative, wrap_angle
-from icreckon.estimator.log.measurements import (
-    ImuSample,
-    Measurement,
-    PositionFix,
-)
+from icreckon.estimator.log.measurements import ImuSample, Measurement, PositionFix
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.robot.variants import find_variant

@@ -39,14 +39,7 @@ import _scoreboard_drives as drives
 import _scoreboard_faults as faults
 import _scoreboard_real as real
 from _digests import ESTIMATES, digest
-from _scoreboard_cells import (
-    RULES,
-    VARIANTS,
-    Cache,
-    depends_on,
-    rounded,
-    work_off,
-)
+from _scoreboard_cells import RULES, VARIANTS, Cache, depends_on, rounded, work_off
 from _scoreboard_check import worse
 from _scoreboard_cost import cost
 from _scoreboard_file import read_results, write_results

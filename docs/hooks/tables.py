@@ -38,10 +38,7 @@ PAGES = Path(__file__).parents[1]
 TYPES = {
     name: getattr(module, name)
     for module, names in (
-        (
-            robot_file,
-            "Vehicle Indices ConstantIcr Imu Tracks Slope UndetectedSlip Slip",
-        ),
+        (robot_file, "Vehicle Indices ConstantIcr Imu Tracks Slope UndetectedSlip Slip"),
         (topics, "TrackTopic ImuTopic FixTopic HeadingTopic TruthTopic"),
         (columns, "ColumnMap TrackColumns ImuColumns PoseColumns HeadingColumns"),
         (scenario, "Scenario"),

@@ -347,8 +347,7 @@ class _Export:
             "FIXED": self._array("uint8_t FIXED[ALL]", fixed)
             + self._array("uint8_t SLIP_PLACE[3]", [states.index(i) for i in SLIP_STATES]),
             "COVARIANCES": self._array(
-                "uint16_t COVARIANCES[ALL * ALL]",
-                [rows[covariance_name(i, j)] for i, j in pairs],
+                "uint16_t COVARIANCES[ALL * ALL]", [rows[covariance_name(i, j)] for i, j in pairs]
             ),
             "LEARNT": self._array("uint16_t LEARNT[]", learnt),
             "WALKS": self._array("real WALKS[]", [walks[self._states[k]] for k in learnt]),

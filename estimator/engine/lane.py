@@ -244,13 +244,7 @@ class Lane:
     # --- updates ---------------------------------------------------------------------------------
 
     def update(
-        self,
-        z: Any,
-        H: Vector,
-        R: Any,
-        *parts: Part,
-        fixed: Iterable[int] = (),
-        only: Any = True,
+        self, z: Any, H: Vector, R: Any, *parts: Part, fixed: Iterable[int] = (), only: Any = True
     ) -> None:
         """Update with a scalar measurement, without a gate; for the arguments see `gated`."""
         cross = self.P.times(_rest(H, parts), *parts)
@@ -323,9 +317,7 @@ class Lane:
         along = H.get(inflated, 0.0)
 
         added, inverse_S = trace.where_needed(
-            reacquired,
-            [0.0, inverse_S],
-            lambda: [more, 1.0 / (S + more * along * along)],
+            reacquired, [0.0, inverse_S], lambda: [more, 1.0 / (S + more * along * along)]
         )
         if inflated not in self.shape.considered:
             # A considered state cannot be moved: R is inflated instead.

@@ -106,11 +106,7 @@ def compare_many(
                 )
                 drifts = comparison_drifts(comparison)
                 summary = summarise(
-                    comparison,
-                    robot,
-                    command="compare_many",
-                    drifts=drifts,
-                    series=False,
+                    comparison, robot, command="compare_many", drifts=drifts, series=False
                 )
                 scored.append(case_scores(case, comparison, summary, drifts))
             except Exception as problem:
