@@ -12,10 +12,10 @@ BEYOND = 2.36
 """Standard errors of `BLOCKS` blocks in half a 95 % interval (Student's t)."""
 
 
-def jackknife_sigma(without: Floats) -> float:
-    """Standard error of an estimate, from estimates (b,) without one block each."""
-    blocks = len(without)
-    return float(np.sqrt((blocks - 1) / blocks * ((without - without.mean()) ** 2).sum()))
+def jackknife_sigma(without: Floats) -> Floats:
+    """Standard errors (...) of estimates (b, ...) without one block each."""
+    blocks, apart = len(without), without - without.mean(axis=0)
+    return np.asarray(np.sqrt((blocks - 1) / blocks * (apart**2).sum(axis=0)))
 
 
 def beside_lowest(costs: Floats, lowest: Any) -> Floats:

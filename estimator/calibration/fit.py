@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
+from icreckon.estimator.base.lag_search import jackknife_sigma
 from icreckon.estimator.calibration.noise import (
     Noise,
     channels_of,
@@ -327,6 +328,5 @@ def _jackknife(result: Fit) -> Floats:
     blocks = len(result.fisher)
     if blocks < 3:
         return np.zeros(len(result.values))
-    left = np.array([result.without(np.arange(blocks) == number) for number in range(blocks)])
-    apart = left - left.mean(axis=0)
-    return np.asarray(np.sqrt((blocks - 1) / blocks * (apart**2).sum(axis=0)))
+    left = [result.without(np.arange(blocks) == number) for number in range(blocks)]
+    return jackknife_sigma(np.array(left))

@@ -161,7 +161,7 @@ def _search(
         return NOWHERE
     blocks = np.array_split(np.arange(len(starts)), BLOCKS)
     without = [_lowest(np.delete(residuals, block, axis=1).mean(axis=1), lags) for block in blocks]
-    found = Lag(_lowest(costs, lags), jackknife_sigma(np.array(without)))
+    found = Lag(_lowest(costs, lags), float(jackknife_sigma(np.array(without))))
     if found.sigma > CERTAIN and abs(found.seconds) <= BEYOND * found.sigma:
         return NoLag(f"{found.seconds:.2f} ± {found.sigma:.2f} s is within its error")
     return found

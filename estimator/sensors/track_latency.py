@@ -236,7 +236,7 @@ class TrackLatencyEstimator:
             return None
         total = np.sum(self._blocks, axis=0)
         best, *without = _best(np.stack([total, *(total - self._blocks)])).tolist()
-        sigma = jackknife_sigma(np.array(without))
+        sigma = float(jackknife_sigma(np.array(without)))
         return None if math.isnan(best + sigma) else Lag(best, sigma)
 
     def memory(self) -> TrackLatencyMemory:

@@ -94,7 +94,7 @@ def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tup
     """Estimate from all rows, and its standard error: blocks are left out in turn."""
     every = np.arange(count)
     without = [estimate(np.delete(every, one)) for one in np.array_split(every, BLOCKS)]
-    return estimate(every), jackknife_sigma(np.array(without))
+    return estimate(every), float(jackknife_sigma(np.array(without)))
 
 
 def _distance_ratio(

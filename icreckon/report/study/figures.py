@@ -23,7 +23,7 @@ from icreckon.simulation.study.summary import CONFIDENCE
 # Custom labels have the colours that the variants leave.
 OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
-STYLE = {"font.size": 12, "legend.framealpha": 0.9}
+STYLE = {"font.size": 12, "legend.framealpha": 0.9, "text.parse_math": False}
 # Without the version of matplotlib, so that equal figures are equal bytes.
 METADATA = {"Software": None}
 # Most names on an axis, or letters in them, without rotation; most cells named by their values.
@@ -108,7 +108,7 @@ def study_figures(results: Results) -> list[Picture]:
                 lambda axes: _draw_consistency(axes, results),
             )
         )
-    figures.append(_distribution(results))
+    figures.append(_distribution(results, others))
     return figures
 
 
@@ -242,7 +242,8 @@ def _grid(results: Results) -> Picture:
         figure.supxlabel(with_unit(across["name"]), fontsize=12)
         figure.supylabel(with_unit(down["name"]).replace(" [", "\n["), fontsize=12, ma="center")
         named = f"{title_of(results, drift)}\n[{unit_of(results, drift)}]"
-        bar = figure.colorbar(image, ax=places, label=named, ticks=LogLocator(subs=(1.0, 2.0, 5.0)))
+        ticks = LogLocator(subs=(1.0, 2.0, 5.0)) if top > 5.0 * low else MaxNLocator(5)
+        bar = figure.colorbar(image, ax=places, label=named, ticks=ticks)
         bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         bar.ax.yaxis.set_minor_locator(NullLocator())
         caption = (
@@ -308,7 +309,7 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     axes.legend(fontsize=10)
 
 
-def _distribution(results: Results) -> Picture:
+def _distribution(results: Results, others: str) -> Picture:
     """Draw the cumulative distribution of final errors, in a panel for each group."""
     kept = [one for one in results["final_errors"] if one["percentiles"]]
     rows = max(1, (len(kept) + 1) // 2)
@@ -330,14 +331,16 @@ def _distribution(results: Results) -> Picture:
             panels[0].set_xscale("log")
         for axes in panels[len(kept) :]:
             axes.set_visible(False)
-        for axes in grid[-1]:
+        for axes in panels[max(0, len(kept) - columns) : len(kept) or 1]:
+            axes.tick_params(labelbottom=True)
             axes.set_xlabel("position error at the end [m]")
         for axes in grid[:, 0]:
             axes.set_ylabel("share of runs")
         if kept:
             panels[0].legend(fontsize=10, loc="lower right")
         caption = (
-            "Distribution of the position error at the end of the run: share of runs up to it."
+            "Distribution of the position error at the end of the run: share of runs up to it"
+            f"{others}."
         )
         return Picture("final-error-distribution", caption, png(figure, METADATA))
 
