@@ -312,7 +312,7 @@ def _check_is_bag(file: Path) -> None:
         raise ReplayError(f"{file}: only version 2.0 of ROS 1 bags is read; try `rosbag migrate`")
     known = (ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC[: len(ROS1_MAGIC)])
     if not magic.startswith(known):
-        raise ReplayError(f"{file}: not a bag (neither ROS 1 .bag, nor .mcap, nor .db3)")
+        raise ReplayError(f"{file}: neither a bag (.bag, .mcap, .db3) nor a table (.csv, .parquet)")
 
 
 def _magic(file: Path) -> bytes:

@@ -41,6 +41,7 @@ GYRO = re.compile(
 ACCELEROMETER = re.compile(
     r"^(?:imu_?)?(?:acc(?:el(?:eration|erometer)?)?|lin(?:ear)?_?acc(?:el(?:eration)?)?|a)[_.]?([xyz])$"
 )
+YAW_RATE = re.compile(r"(?:^|imu_)(?:yaw_?rate|gyro(?:_?yaw)?|angular_?vel(?:ocity)?|omega)$")
 LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_){short}({long})?(_deg)?$")
     for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
@@ -138,7 +139,7 @@ def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
     # Bare x, y and z are a position rather than rates.
     named = [name for name in names if len(_plain(name)) > 1]
     rates, forces = _axes(named, GYRO), _axes(named, ACCELEROMETER)
-    if not rates:
+    if not (rates := rates or tuple(filter(None, [_first(names, YAW_RATE)]))):
         return None
     unit: RateUnit = "deg/s" if any(map(_in_degrees, rates)) else "rad/s"
     forces = forces if len(forces) == 3 else ()

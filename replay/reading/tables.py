@@ -1,5 +1,6 @@
 """Table reader: CSV and Parquet files to streams, by a column map."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -85,6 +86,10 @@ class Table:
             reason = " ".join(str(problem).split())
             raise ReplayError(f"{path}: the table cannot be read: {reason}") from None
         names = [name.lstrip("\ufeff").lstrip("#").strip() for name in columns]
+        if all(re.match(NUMBER_OR_EMPTY, name) for name in names):
+            raise ReplayError(
+                f"{path}: the first line has numbers; add a line of names, as time,left,right,gyro_z"
+            )
         twice = sorted(name for name, count in Counter(names).items() if count > 1)
         if twice:
             named = ", ".join(map(repr, twice[:MOST_NAMED]))

@@ -174,6 +174,16 @@ def test_a_gyro_is_told_from_a_position(tmp_path: Path, names: str, found: bool)
     assert ("imu" in columns) == found
 
 
+@pytest.mark.parametrize("name", ["yaw_rate [rad/s]", "imu_yawrate", "gyro", "cmd_yaw_rate"])
+def test_a_yaw_rate_alone_is_a_gyro(tmp_path: Path, name: str) -> None:
+    rows = zip(SECONDS, LEFT, RIGHT, TURN, strict=True)
+    text = "".join(f"{t:.2f},{left:.4f},{right:.4f},{turn:.5f}\n" for t, left, right, turn in rows)
+    path = tmp_path / "own.csv"
+    path.write_text(f"t,left_rad_s,right_rad_s,{name}\n{text}", encoding="utf-8")
+    columns = tomllib.loads(inspect(path).proposed_robot_file)["log"]["columns"]
+    assert columns.get("imu", {}).get("angular_velocity") == (None if "cmd" in name else [name])
+
+
 def test_a_time_in_another_language_is_all_that_is_filled_in(tmp_path: Path) -> None:
     log, robot = (
         table(tmp_path / "own.csv", f"Zeit;left_rpm;right_rpm;{REST}"),

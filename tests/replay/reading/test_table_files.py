@@ -209,6 +209,7 @@ def test_headings_without_a_position(tmp_path: Path, keys: dict[str, object], ya
         ("t,l,r\n1.7e18,2,3\n", "too much for times in s; set time_unit"),
         ("t,l,r\n", "no rows"),
         ("t,l,l,r\n1,2,3,4\n", "several columns are named 'l'"),
+        ("0.0,1.5,-2,\n0.1,2,3,4\n", "add a line of names, as time,left,right,gyro_z"),
         ("t,l,r\n1,2\n1,2,3\n", "cannot be read"),
         ("", "cannot be read"),
     ],
