@@ -204,6 +204,10 @@ def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ..
         )
     if len(stamps):
         require_nanoseconds(int(stamps.min()), int(stamps.max()), len(stamps))
+        if (stamps[1:] < stamps[:-1]).any():
+            raise EstimatorError(
+                f"stamps of {name} go back; sort the rows by numpy.argsort(stamps), or cut them there"
+            )
     if values.shape != (len(stamps), *width):
         raise EstimatorError(
             f"{name} must have shape {(len(stamps), *width)} to go with {len(stamps)} stamps, "

@@ -59,9 +59,9 @@ def within_reach(run: Run, holes: Sequence[Interval], fastest: float) -> Run:
     yaws = np.sqrt(trajectory.pose_covariances[:, 2, 2])
     scale = np.ones((len(stamps), 3))
     after = slice(first + 1, None)
-    with np.errstate(divide="ignore"):
-        scale[after, :2] = np.minimum(1.0, reach / sigmas)[after, None]
-        scale[after, 2] = np.minimum(1.0, UNKNOWN_YAW / yaws)[after]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale[after, :2] = np.fmin(1.0, reach / sigmas)[after, None]
+        scale[after, 2] = np.fmin(1.0, UNKNOWN_YAW / yaws)[after]
     covariances = trajectory.pose_covariances * scale[:, :, None] * scale[:, None, :]
     return replace(run, trajectory=replace(trajectory, pose_covariances=covariances))
 

@@ -273,6 +273,7 @@ LOG = Log("a", TRACKS, IMU)
     [
         (lambda: TrackSpeedSeries(STAMPS * 1e-9, np.zeros((50, 2))), r"integers \[ns\].*astype"),
         (lambda: TrackSpeedSeries([1, 2], np.zeros((2, 2))), "stamps must be a numpy array"),
+        (lambda: ImuSeries(np.array([1, 3, 2]), np.zeros((3, 3))), "stamps of angular_velocity go"),
         (lambda: Truth(np.zeros((3, 3))), r"poses must be PoseSeries\(\.\.\.\), found ndarray"),
         (lambda: Log("x", IMU), r"tracks must be TrackSpeedSeries\(\.\.\.\), found ImuSeries"),
         (lambda: Log("x", TRACKS, imu=TRACKS), "imu must be ImuSeries.* or None, found TrackSp"),
