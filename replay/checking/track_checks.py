@@ -100,7 +100,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             side, signs = reversed_side
             found = found.contradicted(
                 f"the {side} side counts backward: the robot turns as the sum of both sides",
-                f'a minus before the names of {side} in [log.tracks], as "-motor"',
+                f'a minus before the names of {side} in [{tracks_table(robot)}], as "-motor"',
                 with_speeds(lambda speeds: speeds * signs),
             )
         yield found
@@ -124,7 +124,8 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         yield found
         return
     minus = 'with a minus before each name, as "-motor"'
-    exchange = "exchange left and right in [log.tracks]"
+    table = tracks_table(robot)
+    exchange = f"exchange left and right in [{table}]"
     if "right_topic" in robot.log.get("tracks", {}):
         exchange = "exchange topic and right_topic in [log.tracks]"
     if correlation > 0.0:
@@ -135,7 +136,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         backward is None and _accelerates_backward(log.tracks, log.imu, vertical, force)
     ):
         text = "both tracks count backward: they turn the other way than the gyro"
-        remedy = f"left and right in [log.tracks] {minus}"
+        remedy = f"left and right in [{table}] {minus}"
         correction = with_speeds(lambda speeds: -speeds)
         if backward is None:
             text += " and accelerate the other way than the IMU"

@@ -168,6 +168,14 @@ def test_an_error_is_named_alone_and_mended(log: Log, name: str):
     assert problems(*corrected(wrong, robot)) == {}
 
 
+@pytest.mark.parametrize("error", ["left and right", "backward"])
+def test_the_remedy_names_the_table_of_the_file(log: Log, error: str):
+    columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"], "unit": "m/s"}}
+    robot = with_values(ALPHA, log={"columns": columns})
+    (found,) = (one for one in check_robot(ERRORS[error][0](log), robot) if one.problem)
+    assert "[log.columns.tracks]" in found.remedy
+
+
 @pytest.mark.parametrize(
     ("trajectory", "imu", "rates"),
     [
