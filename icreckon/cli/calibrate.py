@@ -29,7 +29,6 @@ from icreckon.replay.calibration.robot_file import FIRST_WORDS, robot_file_text
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, ros_settings
 from icreckon.replay.checking.worth import VARIANT
 from icreckon.replay.comparison.results import json_types, write_results
-from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.mapping.topics import topic_map, with_column_keys
 from icreckon.replay.reading.gather import refuse_twice, source_name
 from icreckon.replay.reading.read_log import read_log
@@ -103,7 +102,7 @@ def command(
                     segment=segment,
                     lever_arm=arm,
                     models=names,
-                    speeds_by_radius=in_rates(topic_map(robot, robot_name)),
+                    speeds_by_radius=topic_map(robot, robot_name).in_rates,
                     progress=report_progress,
                 )
             except IcreckonError as problem:

@@ -18,7 +18,7 @@ from icreckon.replay.base.outputs import check_replaceable, written_beside
 from icreckon.replay.checking.ros_settings import ROS_FIRST_WORDS, proposed_ros_settings
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.inspect import Inspection, inspect
-from icreckon.replay.inspection.robot_file import FILL_IN, FIRST_WORDS, NO_SIZES, has_tracks
+from icreckon.replay.inspection.robot_file import FILL_IN, FIRST_WORDS, NO_SIZES
 from icreckon.replay.inspection.topic_survey import TopicReport
 from icreckon.replay.reading.gather import source_name
 from icreckon.report.printable import printable
@@ -79,7 +79,7 @@ def command(
         )
         then = (
             f"{again}then: icreckon replay {' '.join(map(str, paths))} --robot {write}"
-            if has_tracks(found.mapping)
+            if found.mapping.track_keys
             else "and name the track speeds in [log.tracks]: without them nothing can be replayed"
         )
         if FILL_IN in proposed:

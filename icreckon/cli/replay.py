@@ -136,7 +136,7 @@ def command(
     if any(
         are_parts(paths, topic_map(one, one.name).columns) for one in robots.values() if one.log
     ):
-        say(f"read as one log, of which each table has a part: {', '.join(map(str, paths))}")
+        say(f"read as one log, of which each file has a part: {', '.join(map(str, paths))}")
         files_of = [paths]
     names = None if variants is None else [name.strip() for name in variants.split(",")]
     for name in names or []:

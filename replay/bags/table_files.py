@@ -5,11 +5,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from icreckon.estimator.base.frames import quaternion_to_yaw
 from icreckon.replay.bags.unpacking import limit, too_large
 from icreckon.replay.base.errors import ReplayError
 
 PARQUET_MAGIC = b"PAR1"
-CSV_SUFFIXES = (".csv", ".tsv", ".txt")
+CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".tum")
 PACKED_CSV_SUFFIXES = (".csv.gz", ".csv.bz2")
 DELIMITERS = "\t;,"
 FIRST_BYTES = 1 << 20
@@ -17,7 +20,7 @@ FIRST_BYTES = 1 << 20
 FRACTION = re.compile(r"[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?")
 """Number with a fraction; in many countries 0,25."""
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-MOST_COLUMNS = 10_000
+MOST_COLUMNS, POSE_CELLS = 10_000, 8
 FEW = 0.01
 """Share of the rows that may be damaged: they are left out."""
 ENOUGH = 20
@@ -63,7 +66,8 @@ def read_table(path: Path) -> Read:
 
     Args:
         path: the file; Parquet by its first bytes, otherwise CSV with a line of names, its delimiter
-            a comma, a semicolon or a tab; with the latter two, numbers may have decimal commas.
+            a comma, a semicolon or a tab; with the latter two, numbers may have decimal commas. A
+            trajectory (time x y z qx qy qz qw in each line, as of TUM and evo) is a table of a truth.
 
     Raises:
         ReplayError: it has more than `MOST_COLUMNS` columns, unpacks to more than the limit, or many rows
@@ -71,7 +75,32 @@ def read_table(path: Path) -> Read:
         pyarrow.ArrowException: it is no such table.
         OSError: it cannot be read.
     """
-    return _read_parquet(path) if _is_parquet(path) else _read_csv(path)
+    if _is_parquet(path):
+        return _read_parquet(path)
+    return _read_trajectory(path) if _is_trajectory(path) else _read_csv(path)
+
+
+def _is_trajectory(path: Path) -> bool:
+    """Test for a first line of eight numbers, apart from comments."""
+    with path.open(encoding="utf-8", errors="replace") as file:
+        first = next((line for line in file if line.strip() and line[0] != "#"), "")
+    try:
+        return len(np.array(first.split(), dtype=float)) == POSE_CELLS
+    except ValueError:
+        return False
+
+
+def _read_trajectory(path: Path) -> Read:
+    """Read the planar poses of a trajectory, with timestamps."""
+    from pyarrow import table
+
+    try:
+        rows = np.loadtxt(path, ndmin=2)
+    except ValueError as problem:
+        raise ReplayError(f"the trajectory cannot be read: {problem}") from None
+    time = np.round(rows[:, 0] * 1e9).astype(np.int64).astype("datetime64[ns]")
+    poses = {"true_x": rows[:, 1], "true_y": rows[:, 2], "true_yaw": quaternion_to_yaw(rows[:, 4:])}
+    return table({"time": time} | poses), {}, []
 
 
 def _read_csv(path: Path) -> Read:

@@ -15,7 +15,6 @@ from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Imu, Robot
 from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.robot_file import in_rates
 from icreckon.replay.inspection.wheels import STRAIGHT as BENDS
 from icreckon.replay.inspection.wheels import wheel_estimates
 from icreckon.replay.mapping.columns import TrackKeys
@@ -99,7 +98,7 @@ def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
 
 def in_rates_of(robot: Robot) -> bool:
     """True if the track speeds of a robot's logs are rates, multiplied by its radius."""
-    return in_rates(topic_map(robot, robot.name)) if robot.log else True
+    return topic_map(robot, robot.name).in_rates if robot.log else True
 
 
 def from_twist(robot: Robot) -> bool:
@@ -110,17 +109,13 @@ def from_twist(robot: Robot) -> bool:
 
 def mapped_tracks(robot: Robot) -> TrackKeys | None:
     """Map of the track speeds of a robot's logs; None if there is none."""
-    mapping = topic_map(robot, robot.name)
-    return mapping.columns.tracks if mapping.columns and not mapping.tracks else mapping.tracks
+    return topic_map(robot, robot.name).track_keys
 
 
 def tracks_table(robot: Robot) -> str:
     """Table of a robot file that maps the track speeds."""
-    return (
-        "log.columns.tracks"
-        if "columns" in robot.log and "tracks" not in robot.log
-        else "log.tracks"
-    )
+    only_columns = "columns" in robot.log and "tracks" not in robot.log
+    return "log.columns.tracks" if only_columns else "log.tracks"
 
 
 def with_imu(**values: object) -> Correction:

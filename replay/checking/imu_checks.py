@@ -118,10 +118,8 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
         return
     up = up / np.linalg.norm(up)
     tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
-    angles, in_log = (
-        angles_text(robot.imu.rotation_rpy_deg),
-        f"{tilt:.1f} deg off the file, by gravity",
-    )
+    angles = angles_text(robot.imu.rotation_rpy_deg)
+    in_log = f"{tilt:.1f} deg off the file, by gravity"
     found = Check(MOUNTING, angles, in_log, measured=Measured(tilt, "deg", 0.0))
     if tilt <= LEAST_TILT + _tilt_by_turning(log.tracks, log.imu, rate, robot):
         yield found

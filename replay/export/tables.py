@@ -27,22 +27,9 @@ from icreckon.replay.comparison.scores import truths_of
 
 Format = Literal["csv", "parquet"]
 
-POSE_COVARIANCES = {
-    "cov_x_x_m2": (0, 0),
-    "cov_x_y_m2": (0, 1),
-    "cov_x_yaw_m_rad": (0, 2),
-    "cov_y_y_m2": (1, 1),
-    "cov_y_yaw_m_rad": (1, 2),
-    "cov_yaw_yaw_rad2": (2, 2),
-}
-TWIST_COVARIANCES = {
-    "cov_v_x_v_x_m2_s2": (0, 0),
-    "cov_v_x_v_y_m2_s2": (0, 1),
-    "cov_v_x_w_m_rad_s2": (0, 2),
-    "cov_v_y_v_y_m2_s2": (1, 1),
-    "cov_v_y_w_m_rad_s2": (1, 2),
-    "cov_w_w_rad2_s2": (2, 2),
-}
+# Names of the upper triangles of both covariances, row by row.
+OF_POSE = ("x_x_m2", "x_y_m2", "x_yaw_m_rad", "y_y_m2", "y_yaw_m_rad", "yaw_yaw_rad2")
+OF_TWIST = ("v_x_v_x_m2", "v_x_v_y_m2", "v_x_w_m_rad", "v_y_v_y_m2", "v_y_w_m_rad", "w_w_rad2")
 # Noise compresses badly, but better if bytes of equal significance are grouped.
 ENCODING = "BYTE_STREAM_SPLIT"
 
@@ -65,10 +52,12 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
     single: dict[str, Any] = dict(
         zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), moved.twists.T, strict=True)
     )
-    for name, (row, other) in POSE_COVARIANCES.items():
-        single[name] = moved.pose_covariances[:, row, other]
-    for name, (row, other) in TWIST_COVARIANCES.items():
-        single[name] = moved.twist_covariances[:, row, other]
+    upper = (slice(None), *np.triu_indices(3))
+    for keys, covariances in (
+        ([f"cov_{one}" for one in OF_POSE], moved.pose_covariances),
+        ([f"cov_{one}_s2" for one in OF_TWIST], moved.twist_covariances),
+    ):
+        single |= dict(zip(keys, covariances[upper].T, strict=True))
     if moved.spatial_sigmas is not None:
         names = ("sigma_z_m", "sigma_roll_rad", "sigma_pitch_rad")
         single |= dict(zip(names, moved.spatial_sigmas.T, strict=True))

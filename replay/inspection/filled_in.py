@@ -96,8 +96,7 @@ def filled_in_sizes(path: Path) -> Sizes:
         for name, keys in own.items()
         if name.startswith("log.")
     }
-    gauge, radius, of_controller = lengths
-    return Sizes(gauge, radius, of_controller, log)
+    return Sizes(*lengths, log=log)
 
 
 def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:

@@ -149,8 +149,8 @@ def may_be_a_side(sample: Survey) -> bool:
     topic, kind = sample.channel.topic.lower(), sample.channel.msgtype.split("/")
     if kind[0] != "std_msgs" or kind[-1] not in NUMBERS or is_command(topic):
         return False
-    words = SPEED.search(topic) or any(word in topic for word in DRIVE_WORDS)
-    return bool(words) and not NO_SPEED.search(topic)
+    is_wheel = SPEED.search(topic) or any(word in topic for word in DRIVE_WORDS)
+    return bool(is_wheel) and not NO_SPEED.search(topic)
 
 
 def _measures_rates(sample: Survey) -> bool:

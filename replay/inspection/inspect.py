@@ -144,7 +144,7 @@ def inspect(
         mapping=mapping,
         mounting=seen.mounting,
         findings=(
-            *(() if robot_file.has_tracks(mapping) else (_no_tracks(surveys.values()),)),
+            *(() if mapping.track_keys else (_no_tracks(surveys.values()),)),
             *_findings(seen),
             *_of_rates(track),
             *_of_bias(seen.bias),
@@ -166,8 +166,8 @@ def _estimates(
     mounting = imu_mounting.estimate_mounting(log)
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     latencies = _latencies(log, vertical)
-    in_time, unscaled = _in_time(log, latencies), robot_file.lacks_counts_per_turn(mapping)
     correlation = mounting.turning_correlation if mounting else None
+    in_time, scaled = _in_time(log, latencies), None if mapping.lacks_counts_per_turn else vertical
     return robot_file.LogEstimates(
         mapping,
         clocks,
@@ -175,7 +175,7 @@ def _estimates(
         sizes,
         mounting,
         vertical,
-        wheels.NO_WHEELS if unscaled else wheels.wheel_estimates(in_time, vertical, correlation),
+        wheels.wheel_estimates(in_time, scaled, correlation),
         latencies,
         None if vertical is None else gyro_bias(in_time, vertical),
         estimate_wander(log, vertical) if log.fixes is not None else None,
@@ -189,11 +189,7 @@ def _track_by_rate(seen: robot_file.LogEstimates) -> by_rate.TrackByRate | None:
         return None
     whole, unit = seen.effective_track, "m"
     if whole is None:
-        unit = (
-            "the effective radius"
-            if robot_file.in_rates(seen.mapping)
-            else "the controller's gauge"
-        )
+        unit = "the effective radius" if seen.mapping.in_rates else "the controller's gauge"
         whole, unit = ratio, f"times {unit}"
     is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
     value = bias.value if bias is not None and is_clear else 0.0
@@ -362,7 +358,7 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
             f"{purpose}: stamps {lags} {against} by {abs(latency.seconds):.2f} s (± {latency.sigma:.1g})"
             + (f"; {why}: no latency is proposed" if why else "")
         )
-    if robot_file.lacks_counts_per_turn(mapping):
+    if mapping.lacks_counts_per_turn:
         yield (
             "tracks: counters; fill in counts_per_turn, and inspect again with --overwrite for the "
             "effective track and radius"
@@ -393,8 +389,7 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
 
 def unit_suspicions(seen: robot_file.LogEstimates, log: Log) -> Iterator[str]:
     """Report values of a log that seem to be in another unit."""
-    rates, estimates = robot_file.in_rates(seen.mapping), seen.wheels
-    unscaled = robot_file.lacks_counts_per_turn(seen.mapping)
+    rates, estimates = seen.mapping.in_rates, seen.wheels
     if seen.mounting is not None and seen.mounting.specific_force is not None:
         force = float(np.linalg.norm(seen.mounting.specific_force))
         if abs(force - wheels.GRAVITY) > wheels.WRONG_GRAVITY * wheels.GRAVITY:
@@ -408,7 +403,7 @@ def unit_suspicions(seen: robot_file.LogEstimates, log: Log) -> Iterator[str]:
             yield from wheels.turning_suspicion(log, seen.vertical)
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
-        if rates and fast > FAST_RATE and not unscaled:
+        if rates and fast > FAST_RATE and not seen.mapping.lacks_counts_per_turn:
             yield f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?"
         if not rates and fast > FAST_SPEED:
             yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
@@ -433,7 +428,7 @@ def _of_track(seen: robot_file.LogEstimates) -> str:
             f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"
         )
-    unit = "times the effective radius" if robot_file.in_rates(seen.mapping) else "m"
+    unit = "times the effective radius" if seen.mapping.in_rates else "m"
     return (
         f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"

@@ -18,7 +18,6 @@ from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
 from icreckon.replay.mapping.topics import TopicMap
-from icreckon.replay.mapping.track_units import OF_GROUND, UNKNOWN_COUNTS
 from icreckon.replay.reading.clocks import Choice
 
 FIRST_WORDS = "# Proposed by inspecting"
@@ -78,7 +77,7 @@ class LogEstimates:
         scale: float | None = 1.0
         if self.from_twist:
             scale = self.sizes.of_controller
-        elif in_rates(self.mapping):
+        elif self.mapping.in_rates:
             scale = self.sizes.radius or self.wheels.way_ratio
         if self.wheels.track_ratio is None or scale is None:
             return None
@@ -104,28 +103,9 @@ def robot_file_text(path: Path, seen: LogEstimates) -> str:
     return "\n".join(lines) + "\n"
 
 
-def in_rates(mapping: TopicMap) -> bool:
-    """Test for track speeds that are multiplied by the sprocket radius."""
-    if mapping.columns is not None and mapping.columns.tracks is not None:
-        return mapping.columns.tracks.unit not in OF_GROUND
-    tracks = mapping.tracks
-    return tracks is not None and bool(tracks.left) and tracks.unit not in OF_GROUND
-
-
-def lacks_counts_per_turn(mapping: TopicMap) -> bool:
-    """Test for counters whose counts of a turn are not filled in."""
-    tracks = mapping.columns.tracks if mapping.columns else mapping.tracks
-    return tracks is not None and tracks.counts_per_turn == UNKNOWN_COUNTS
-
-
-def has_tracks(mapping: TopicMap) -> bool:
-    """Test for track speeds in the mapping."""
-    return mapping.tracks is not None or bool(mapping.columns and mapping.columns.tracks)
-
-
 def _vehicle(seen: LogEstimates) -> list[str]:
     fastest, log = None, seen.log
-    if log is not None and len(log.tracks.speeds) and not lacks_counts_per_turn(seen.mapping):
+    if log is not None and len(log.tracks.speeds) and not seen.mapping.lacks_counts_per_turn:
         fastest = float(np.abs(log.tracks.speeds).max())
     # Not a number, so that an incomplete robot file is refused.
     lines = [
@@ -134,7 +114,7 @@ def _vehicle(seen: LogEstimates) -> list[str]:
         _gauge(seen.effective_track),
         _radius(seen),
     ]
-    size = (seen.sizes.radius or seen.wheels.way_ratio) if in_rates(seen.mapping) else 1.0
+    size = (seen.sizes.radius or seen.wheels.way_ratio) if seen.mapping.in_rates else 1.0
     if fastest and size is not None and fastest < ABSURD:
         top = MARGIN * fastest * size
         lines.append(
@@ -144,13 +124,13 @@ def _vehicle(seen: LogEstimates) -> list[str]:
         lines.append(f"max_track_speed = 2.0    {FILL_IN} (m/s)")
         if fastest:
             lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
-    if not has_tracks(seen.mapping):
+    if seen.mapping.track_keys is None:
         lines.append("# Nothing in the log looks like track speeds: no track speeds, no replay.")
     return lines + _indices(seen)
 
 
 def _radius(seen: LogEstimates) -> str:
-    if has_tracks(seen.mapping) and not in_rates(seen.mapping):
+    if seen.mapping.track_keys is not None and not seen.mapping.in_rates:
         return "sprocket_radius = 0.1    # not used for this log"
     radius, sigma = seen.wheels.way_ratio, seen.wheels.way_sigma
     if radius is None:
@@ -174,26 +154,21 @@ def _gauge(track: float | None) -> str:
 def _indices(seen: LogEstimates) -> list[str]:
     """Steering efficiency of constant ICRs by the gyro."""
     ratio, track = seen.wheels.track_ratio, seen.effective_track
-    if lacks_counts_per_turn(seen.mapping):
-        again = "(or fill in the rest, and inspect again with --overwrite)"
-        return ["", "[indices]", f"eta0 = nan    {FILL_IN} {again}"]
-    if ratio is None:
+    if ratio is None and not seen.mapping.lacks_counts_per_turn:
         return []
     if track is not None:
         eta0 = max(1.0, track / (seen.sizes.gauge or track))
         line = (
             f"eta0 = {eta0:.3g}    # effective track by the gyro, {track:.3g} m, over track_gauge"
         )
-    elif seen.from_twist:
+    elif ratio is not None and seen.from_twist:
         line = (
             f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the "
             "controller's gauge ([log.tracks]), over track_gauge"
         )
     else:
-        line = (
-            f"eta0 = nan    {FILL_IN} ({ratio:.3g} sprocket_radius / track_gauge, by the gyro; or fill "
-            "these in, and inspect again with --overwrite)"
-        )
+        shown = f"{ratio:.3g} sprocket_radius / track_gauge, by the gyro; " if ratio else ""
+        line = f"eta0 = nan    {FILL_IN} ({shown}or fill in the rest, and inspect again with --overwrite)"
     return ["", "[indices]", line]
 
 
@@ -278,9 +253,9 @@ def _mounting(mounting: Mounting) -> list[str]:
 
 def _tracks(seen: LogEstimates) -> list[str]:
     """Uncertainty of the effective radius, or of speeds that need none."""
-    if not has_tracks(seen.mapping):
+    if seen.mapping.track_keys is None:
         return []
-    estimates, rates = seen.wheels, in_rates(seen.mapping)
+    estimates, rates = seen.wheels, seen.mapping.in_rates
     sigma, remark = USUAL_SCALE_SIGMA, "what is usually not known of an effective radius"
     if (
         estimates.way_ratio is not None

@@ -15,6 +15,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import ColumnMap, ImuKeys, PoseKeys, TrackKeys
 from icreckon.replay.mapping.geodesy import check_origin
+from icreckon.replay.mapping.track_units import OF_GROUND, UNKNOWN_COUNTS
 
 Clock = Literal["auto", "header", "recording"]
 """Clock of a stream: header stamps, time of recording, or the choice of
@@ -176,6 +177,22 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if self.truth and self.truth.tracks and not (self.tracks and self.tracks.left):
             raise ValueError("truth.tracks needs the joints left and right of tracks")
+
+    @property
+    def track_keys(self) -> TrackKeys | None:
+        """Topic or columns of the track speeds."""
+        return self.tracks or (self.columns.tracks if self.columns else None)
+
+    @property
+    def in_rates(self) -> bool:
+        """True for track speeds that are multiplied by the sprocket radius."""
+        keys = self.track_keys
+        return keys is not None and bool(keys.left) and keys.unit not in OF_GROUND
+
+    @property
+    def lacks_counts_per_turn(self) -> bool:
+        """True for counters whose counts of a turn are not filled in."""
+        return self.track_keys is not None and self.track_keys.counts_per_turn == UNKNOWN_COUNTS
 
 
 # Topics of written bags for streams that the robot file does not map.

@@ -284,10 +284,13 @@ def _coarse(column: str, stamps: Stamps) -> str | None:
 
 
 def are_parts(paths: Sequence[Path], columns: ColumnMap | None) -> bool:
-    """Return True for several tables of which only some have the track speeds."""
-    if columns is None or columns.tracks is None or not all(map(is_table, paths)):
-        return False
-    return len({Table(path).has(columns.tracks.names) for path in paths}) > 1
+    """Return True for bags and tables of which only some have the track speeds."""
+    tracks = columns.tracks if columns else None
+    has_tracks = (
+        not is_table(path) or (tracks is not None and Table(path).has(tracks.names))
+        for path in paths
+    )
+    return columns is not None and len(set(has_tracks)) > 1
 
 
 Columns = TrackColumns | ImuColumns | PoseColumns | HeadingColumns

@@ -51,7 +51,7 @@ def test_tables_that_are_named_together_are_one_log(folder: Path) -> None:
     names = ("imu.csv", "wheels.csv", "truth.csv")
     done = succeeds("replay", *names, *REPLAY, "--formats", "none", cwd=folder)
     assert (
-        "read as one log, of which each table has a part: imu.csv, wheels.csv, truth.csv"
+        "read as one log, of which each file has a part: imu.csv, wheels.csv, truth.csv"
         in done.stderr
     )
     results = results_in(folder / "out")

@@ -16,7 +16,9 @@ from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.imu_mounting import standstill
 from icreckon.replay.inspection.inspect import inspect
+from icreckon.replay.mapping.topics import topic_map
 from icreckon.replay.reading.read_log import read_log
+from icreckon.replay.reading.tables import are_parts
 
 START, STEP = 1_700_000_000_000_000_000, 50_000_000
 SECONDS = np.arange(0.0, 60.0, 0.05)
@@ -311,3 +313,23 @@ def test_a_stream_that_cannot_be_read_is_refused(tmp_path: Path) -> None:
     robot.write_text(WHEELS.replace("m1", "m9"), "utf-8")
     with pytest.raises(ReplayError, match=r"streams of the robot file: .* m9"):
         inspect(log, sizes=filled_in_sizes(robot))
+
+
+def test_a_bag_and_a_trajectory_are_one_log(tmp_path: Path) -> None:
+    """The usual dataset: a bag of the robot, and its ground truth as a TUM file."""
+    log, robot = counters(tmp_path / "bag"), tmp_path / "robot.toml"
+    x, y = (np.cumsum(SPEED * one(YAW)) * 0.05 for one in (np.cos, np.sin))
+    none, stamps = np.zeros_like(x), START * 1e-9 + SECONDS
+    rows = np.column_stack([stamps, x, y, none, none, none, np.sin(YAW / 2), np.cos(YAW / 2)])
+    np.savetxt(truth := tmp_path / "truth.tum", rows, fmt="%.9f")
+    found = inspect([log, truth])
+    assert any("fill in counts_per_turn" in one for one in found.findings)
+    filled_in = found.proposed_robot_file.replace("counts_per_turn = nan", "counts_per_turn = 2000")
+    robot.write_text(filled_in.replace("mass = nan", "mass = 50.0"), "utf-8")
+    text = inspect([log, truth], sizes=filled_in_sizes(robot)).proposed_robot_file
+    robot.write_text(with_filled_in(text, robot)[0], "utf-8")
+    known = load_robot(robot)
+    assert known.vehicle.sprocket_radius == pytest.approx(RADIUS, rel=0.01)
+    assert are_parts([log, truth], topic_map(known, "").columns)
+    assert not are_parts([log, log], topic_map(known, "").columns)
+    assert len(read_log([log, truth], known).truth.poses.stamps) == len(rows)

@@ -128,6 +128,21 @@ def test_streams_in_files_of_their_own(tmp_path: Path) -> None:
     assert len(log.tracks.stamps) == 2
 
 
+@pytest.mark.parametrize("name", ["truth.tum", "groundtruth.txt"])
+def test_a_trajectory_is_a_truth(tmp_path: Path, name: str) -> None:
+    """Its times are seconds, whatever the unit of the other tables."""
+    tracks = write(tmp_path / "tracks.csv", "t,l,r\n1500,0.1,0.2\n1600,0.3,0.4\n")
+    poses = "# timestamp tx ty tz qx qy qz qw\n1.5 1 2 9 0 0 0.6 0.8\n1.6 1.5 2.5 9 0 0 0.8 0.6\n"
+    truth = {"x": "true_x", "y": "true_y", "yaw": "true_yaw", "time": "time"}
+    robot = robot_with(time_unit="ms", tracks=SPEEDS, truth=truth)
+    found = read_log([tracks, write(tmp_path / name, poses)], robot).truth.poses
+    np.testing.assert_array_equal(found.stamps, [1_500_000_000, 1_600_000_000])
+    yaws = 2.0 * np.arctan2([0.6, 0.8], [0.8, 0.6])
+    np.testing.assert_allclose(found.poses, np.column_stack([[1.0, 1.5], [2.0, 2.5], yaws]))
+    with pytest.raises(ReplayError, match=f"{name}: the trajectory cannot be read: .* row"):
+        read_log([tracks, write(tmp_path / name, f"{poses}1.7 2 3\n")], robot)
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet", "named otherwise"])
 @pytest.mark.parametrize("unit", ["s", "ns", "date"])
 def test_times_since_1970(tmp_path: Path, kind: str, unit: str) -> None:
