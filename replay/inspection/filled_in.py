@@ -89,14 +89,16 @@ def filled_in_sizes(path: Path) -> Sizes:
     former = _values(tomllib.loads(text))
     vehicle, tracks = own.get("vehicle", {}), own.get("log.tracks", {})
     found = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
-    lengths = (one if isinstance(one, float | int) and one > 0.0 else None for one in found)
+    gauge, radius, of_controller = (
+        one if isinstance(one, float | int) and one > 0.0 else None for one in found
+    )
     # Keys of a person belong to the topics of the same table, in any log.
     log = {
         name[4:]: {key: former[name][key] for key in OF_TOPICS & {*former[name]}} | keys
         for name, keys in own.items()
         if name.startswith("log.")
     }
-    return Sizes(*lengths, log=log)
+    return Sizes(gauge, radius, of_controller, log)
 
 
 def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:

@@ -25,7 +25,7 @@ from icreckon.replay.mapping.columns import (
     TimeUnit,
     TrackColumns,
 )
-from icreckon.replay.mapping.track_units import UNKNOWN_COUNTS, TrackUnit, counter_range
+from icreckon.replay.mapping.track_units import ANY_COUNTS, TrackUnit, counter_range
 from icreckon.replay.reading.tables import Table
 
 TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
@@ -111,12 +111,7 @@ def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumn
         numbers = table.numbers((*left, *right))
         wrap = counter_range(numbers)[0] if len(left) == 1 else None
         return TrackColumns(
-            left=left,
-            right=right,
-            unit="counts",
-            counts_per_turn=UNKNOWN_COUNTS,
-            wrap=wrap,
-            time=time,
+            left=left, right=right, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap, time=time
         )
     unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
     return TrackColumns(left=left, right=right, unit=unit, time=time)

@@ -15,7 +15,7 @@ from icreckon.replay.mapping.topics import (
     TrackTopic,
     TruthTopic,
 )
-from icreckon.replay.mapping.track_units import UNKNOWN_COUNTS, TrackUnit
+from icreckon.replay.mapping.track_units import ANY_COUNTS, TrackUnit
 from icreckon.replay.reading.stream import ABSENT
 
 DRIVE_WORDS = ("wheel", "track", "sprocket", "drive")
@@ -138,7 +138,7 @@ def _pair_of_topics(samples: Mapping[str, Survey]) -> TrackTopic | None:
         if len(left) == len(right) == 1 and left != right:
             pair = TrackTopic(left[0], right[0], left=("data",), right=("data",))
             if "Int" in kind or COUNTER.search(left[0].lower()):
-                return replace(pair, unit="counts", counts_per_turn=UNKNOWN_COUNTS, wrap=wrap)
+                return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
             units = (unit for word, unit in UNIT_WORDS if word in left[0].lower())
             return replace(pair, unit=next(units, "rad/s"))
     return None
@@ -149,8 +149,8 @@ def may_be_a_side(sample: Survey) -> bool:
     topic, kind = sample.channel.topic.lower(), sample.channel.msgtype.split("/")
     if kind[0] != "std_msgs" or kind[-1] not in NUMBERS or is_command(topic):
         return False
-    is_wheel = SPEED.search(topic) or any(word in topic for word in DRIVE_WORDS)
-    return bool(is_wheel) and not NO_SPEED.search(topic)
+    is_wheel = any(word in topic for word in DRIVE_WORDS) or SPEED.search(topic) is not None
+    return is_wheel and not NO_SPEED.search(topic)
 
 
 def _measures_rates(sample: Survey) -> bool:

@@ -15,7 +15,7 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.mapping.columns import ColumnMap, ImuKeys, PoseKeys, TrackKeys
 from icreckon.replay.mapping.geodesy import check_origin
-from icreckon.replay.mapping.track_units import OF_GROUND, UNKNOWN_COUNTS
+from icreckon.replay.mapping.track_units import ANY_COUNTS, OF_GROUND
 
 Clock = Literal["auto", "header", "recording"]
 """Clock of a stream: header stamps, time of recording, or the choice of
@@ -192,7 +192,7 @@ class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def lacks_counts_per_turn(self) -> bool:
         """True for counters whose counts of a turn are not filled in."""
-        return self.track_keys is not None and self.track_keys.counts_per_turn == UNKNOWN_COUNTS
+        return self.track_keys is not None and self.track_keys.counts_per_turn == ANY_COUNTS
 
 
 # Topics of written bags for streams that the robot file does not map.

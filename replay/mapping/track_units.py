@@ -24,7 +24,7 @@ OF_GROUND = {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1.0 / 3.6, "m": 1.0, "mm": 1e-3}
 """Speeds and distances of the track in m/s and m."""
 ADDS_UP = {"rad", "deg", "turns", "counts", "m", "mm"}
 """Cumulative units, whose differences are the motion."""
-UNKNOWN_COUNTS = 1.0
+ANY_COUNTS = 1.0
 """Counts of a turn with which counters are read until a person fills them in."""
 LONGEST_DIFFERENCE = 1.0
 """Longest interval between two samples of a counter that gives a speed [s]."""
@@ -37,9 +37,7 @@ def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | Non
     if unit in OF_GROUND:
         return OF_GROUND[unit]
     angle = (
-        2.0 * math.pi / (counts_per_turn or UNKNOWN_COUNTS)
-        if unit == "counts"
-        else OF_SPROCKET[unit]
+        2.0 * math.pi / (counts_per_turn or ANY_COUNTS) if unit == "counts" else OF_SPROCKET[unit]
     )
     return angle * sprocket_radius
 
