@@ -37,7 +37,7 @@ from icreckon.report.calibration.tables import WIDE_FROM, calibration_page, cali
 from icreckon.report.pages import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
-SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".parquet")
+SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".tum", ".parquet")
 BAG_FOLDER = "metadata.yaml"
 
 
