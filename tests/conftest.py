@@ -39,12 +39,13 @@ os.environ.pop("COLUMNS", None)
 settings.register_profile("same-examples", derandomize=True, database=None, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same-examples"))
 LONG = (
-    "test_how_to.py", "test_fresh_cache.py", "test_pages.py", "test_live_ros.py",
-    "test_readme.py", "test_ros2.py", "test_sample_logs.py", "test_calibrate_command.py",
-    "test_compiled.py", "test_cli.py", "test_study_command.py", "test_stopping.py",
-    "test_extreme_configurations.py", "test_calibrate.py", "test_scattering_fixes.py",
-    "test_agreement.py", "test_truth_tables.py", "test_considered.py", "test_position_truth.py",
-    "test_paper_command.py", "test_robot_check.py",
+    "test_live_ros.py", "test_how_to.py", "test_pages.py", "test_fresh_cache.py",
+    "test_c_hostile.py", "test_readme.py", "test_calibrate_command.py", "test_ros2.py",
+    "test_sample_logs.py", "test_cortex_m.py", "test_c_day.py", "test_c_agreement.py",
+    "test_agreement.py", "test_calibrate.py", "test_compiled.py", "test_study_engines.py",
+    "test_stopping.py", "test_study_command.py", "test_cli.py", "test_scattering_fixes.py",
+    "test_considered.py", "test_embedding.py", "test_robot_check.py", "test_two_at_once.py",
+    "test_worlds.py", "test_paper_command.py", "test_position_truth.py", "test_truth_tables.py",
 )  # fmt: skip
 """Files that take longest. They begin first, so that no worker is left with one at the end."""
 

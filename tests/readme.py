@@ -1,5 +1,6 @@
 """The code blocks of README and docs, for the tests that run them."""
 
+import ast
 import math
 import os
 import re
@@ -104,3 +105,25 @@ def alike(printed: str, shown: str) -> bool:
 
 def _decimals(number: str) -> int:
     return len(number.partition(".")[2])
+
+
+def literals(*sources: str) -> set[str]:
+    """All strings of some files, with … where values are filled in."""
+    found: set[str] = set()
+    for source in sources:
+        nodes = list(ast.walk(ast.parse((ROOT / source).read_text(encoding="utf-8"))))
+        inside = {part for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
+        for node in nodes:
+            if isinstance(node, ast.JoinedStr):
+                parts = (
+                    str(part.value) if isinstance(part, ast.Constant) else "…"
+                    for part in node.values
+                )
+                found.add("".join(parts))
+            elif (
+                isinstance(node, ast.Constant)
+                and isinstance(node.value, str)
+                and node not in inside
+            ):
+                found.add(node.value)
+    return found

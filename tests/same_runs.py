@@ -61,7 +61,12 @@ def every(log: Log, stream: str, step: int) -> Log:
     """A log of which the IMU or the track speeds are slower."""
     series: Any = getattr(log, stream)
     columns = ("stamps", "speeds", "angular_velocity", "linear_acceleration")
-    changes = {name: getattr(series, name)[::step] for name in columns if hasattr(series, name)}
+    # Contiguous as what readers of logs give: for others numba compiles the loop again.
+    changes = {
+        name: np.ascontiguousarray(getattr(series, name)[::step])
+        for name in columns
+        if hasattr(series, name)
+    }
     return replace(log, **{stream: replace(series, **changes)})
 
 

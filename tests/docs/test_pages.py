@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import re
 import shutil
@@ -13,12 +12,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from command_line import fails, icreckon
+from command_line import icreckon
 from conftest import sample_log
 from icreckon.replay.export.log_bag import write_log
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
-from readme import ROOT, blocks, code_blocks, run_page
+from readme import ROOT, blocks, code_blocks, literals, run_page
 from tum import read_tum
 
 FIRST = "docs/tutorials/first-bag.md"
@@ -26,6 +25,7 @@ OTHER = "docs/how-to/from-robot-localization.md"
 CHECK = "docs/how-to/check.md"
 REAL, SIMULATED = "A log of a real robot", "A log with a ground truth"
 BOTH = "The same bag in both"
+PACKAGES = ("estimator", "replay", "icreckon")
 
 
 @pytest.fixture
@@ -97,34 +97,6 @@ def copied(source: Path, topic: str, folder: Path) -> None:
             writer.write(target, stamp, raw)
 
 
-def test_a_short_log_goes_the_way_of_the_page(tmp_path: Path) -> None:
-    """The commands of the simulated log, in little: from a bag to the page."""
-    words = ("--fix-rate", 0, "--duration", 20)
-    assert icreckon("simulate", "--out", "drive", *words, cwd=tmp_path).returncode == 0
-    found = icreckon("inspect", "drive", "--write", "robot.toml", cwd=tmp_path)
-    assert "complete the lines marked «fill in», run this again with --overwrite" in found.stderr
-    said = fails("replay", "drive", "--robot", "robot.toml", cwd=tmp_path)
-    assert (
-        "robot.toml: [vehicle]: mass must be a positive number, found nan: it is not filled in"
-        in said
-    )
-    file = tmp_path / "robot.toml"
-    text = file.read_text(encoding="utf-8")
-    for pattern, new in re.findall(
-        r"s/(\S.*?)/(.*?)/[;']", "".join(code_blocks("sh", FIRST, SIMULATED))
-    ):
-        text, count = re.subn(pattern, new, text, flags=re.MULTILINE)
-        assert count == 1, pattern
-    file.write_text(text, encoding="utf-8")
-    again = icreckon("inspect", "drive", "--write", "robot.toml", "--overwrite", cwd=tmp_path)
-    assert "kept from the file before: vehicle.mass, vehicle.track_gauge" in again.stderr
-    words = ("--robot", "robot.toml", "--fixes", "0:40%", "--variants", "inertia-online")
-    done = icreckon("replay", "drive", *words, "--out", "first", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    page = (tmp_path / "first" / "page.html").read_text(encoding="utf-8")
-    assert "The robot file is not calibrated: icreckon calibrate drive --robot robot.toml" in page
-
-
 def test_a_log_without_track_speeds_is_told_so(tmp_path: Path, robot) -> None:
     log = simulate(Scenario(duration=2.0, include_truth=False), robot)
     write_log(log, tmp_path / "whole", "mcap", robot)
@@ -153,21 +125,8 @@ def test_the_messages_that_are_explained_are_those_that_are_said() -> None:
     )
     messages = re.findall(r"^\| `(.+?)` \|", table, flags=re.MULTILINE)
     assert len(messages) == len(table.splitlines())
-    said = literals()
+    sources = [file for one in PACKAGES for file in (ROOT / one).rglob("*.py")]
+    said = literals(*(str(file.relative_to(ROOT)) for file in sources))
     for message in messages:
         parts = [part.strip() for part in message.split("…")]
         assert any(all(part in literal for part in parts) for literal in said), message
-
-
-def literals() -> set[str]:
-    """All strings of the program, with nothing where values are filled in."""
-    found: set[str] = set()
-    for package in ("estimator", "replay", "icreckon"):
-        for file in (ROOT / package).rglob("*.py"):
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.JoinedStr):
-                    parts = (part.value for part in node.values if isinstance(part, ast.Constant))
-                    found.add("".join(map(str, parts)))
-                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
-                    found.add(node.value)
-    return found

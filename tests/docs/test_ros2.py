@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import os
 import re
@@ -20,7 +19,7 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.live.odometry import live_topics
 from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions
-from readme import ROOT, blocks, code_blocks, run_page
+from readme import ROOT, blocks, code_blocks, literals, run_page
 
 LIVE, NODE = "docs/tutorials/live.md", "docs/reference/ros2-node.md"
 FROM_A_BAG, WITHOUT_ROS = "A robot file from a bag", "Without a ROS installation"
@@ -80,28 +79,6 @@ def test_every_parameter_that_is_set_exists() -> None:
         for name in re.findall(r"-p ([a-z_]+):=", (ROOT / one).read_text(encoding="utf-8"))
     ]
     assert {"publish_tf", "state_file"} <= set(ours) <= names
-
-
-def literals(*sources: str) -> set[str]:
-    """All strings of some files, with … where values are filled in."""
-    found: set[str] = set()
-    for source in sources:
-        nodes = list(ast.walk(ast.parse((ROOT / source).read_text(encoding="utf-8"))))
-        inside = {part for node in nodes if isinstance(node, ast.JoinedStr) for part in node.values}
-        for node in nodes:
-            if isinstance(node, ast.JoinedStr):
-                parts = (
-                    str(part.value) if isinstance(part, ast.Constant) else "…"
-                    for part in node.values
-                )
-                found.add("".join(parts))
-            elif (
-                isinstance(node, ast.Constant)
-                and isinstance(node.value, str)
-                and node not in inside
-            ):
-                found.add(node.value)
-    return found
 
 
 def test_the_diagnostics_that_are_explained_are_those_that_are_sent() -> None:

@@ -10,18 +10,12 @@ import pytest
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.inputs import measured_of
 from icreckon.estimator.batch.many import run_many
-from icreckon.estimator.batch.runs import work_through_runs
-from icreckon.estimator.engine.filters import BatchFilter
-from icreckon.estimator.engine.schedule import steps_of
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ZeroVelocity
 from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
@@ -37,29 +31,6 @@ def logs_of(scenario: Scenario, count: int) -> tuple[Log, ...]:
 def _logs_of(scenario: bytes, count: int) -> tuple[Log, ...]:
     decoded = msgspec.json.decode(scenario, type=Scenario)
     return tuple(simulate(decoded, ROBOT, run_index=run) for run in range(count))
-
-
-def test_a_filter_does_not_depend_on_those_beside_it() -> None:
-    """To rounding: if one lane stands, all take another kernel, which rounds in its own way."""
-    scenario = msgspec.structs.replace(
-        BASE, trajectory="aggressive", fixes=FixSpec(outlier_share=0.2)
-    )
-    logs = logs_of(scenario, 4)
-    found = []
-    for order in ((0, 1, 2, 3), (3, 0, 0, 0), (2, 2, 1, 3)):
-        filters = BatchFilter(ROBOT, VARIANTS["inertia-online"], Settings())
-        chosen = [logs[order[lane % 4]] for lane in range(filters.width)]
-        measured = measured_of(chosen, ROBOT)
-        stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
-        steps = steps_of(*stamps, measured.imu_stamps[::10], heading=False)
-        zero = np.zeros(3)
-        (worked,) = work_through_runs([filters], [measured], steps, start=zero, start_sigma=zero)
-        found.append({run: worked.lanes.workspace[:, order.index(run)] for run in set(order)})
-    for run in range(4):
-        columns = [columns[run] for columns in found if run in columns]
-        for column in columns[1:]:
-            scale = np.maximum(np.abs(columns[0]), 1e-6)
-            assert (np.abs(column - columns[0]) / scale).max() < 1e-7
 
 
 def test_runs_of_other_stamps_are_refused() -> None:

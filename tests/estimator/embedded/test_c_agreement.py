@@ -130,7 +130,7 @@ def test_real_logs(data_dir: Path, name: str, robot_name: str) -> None:
     robot = load_robot(robot_name)
     log = sample(data_dir, name, robot_name)
     for bits, most in ((64, DOUBLE), (32, FLOAT)):
-        found = CFilter(robot, "inertia-online", bits=bits, flags=("-O1",))
+        found = CFilter(robot, "inertia-online", bits=bits)
         expected = PoseEstimator(robot, "inertia-online")
         off = compare(found, expected, taken(log), every=97)
         assert off.results <= 3 * (bits == 32), off.at
@@ -154,7 +154,7 @@ def test_float_agrees_over_long_drives(duration: float, fix_rate: float) -> None
     scenario = Scenario(duration=duration, seed=7, trajectory="random", fix_rate=fix_rate)
     log = simulate(scenario, ROBOT)
     for variant in ("gyro", "inertia-online"):
-        found = CFilter(ROBOT, variant, bits=32, flags=("-O1",))
+        found = CFilter(ROBOT, variant, bits=32)
         off = compare(found, PoseEstimator(ROBOT, variant), log.measurements(), every=997)
         assert off.state < 0.5 * FLOAT, off.at
         assert off.covariance < FLOAT, off.at

@@ -40,15 +40,17 @@ def survives(folder: Path, seconds: float, seed: int, cc: str = "gcc") -> None:
     assert done.stderr == ""
 
 
-@pytest.mark.parametrize("bits", [64, 32])
-def test_a_hostile_minute(bits: int, tmp_path: Path) -> None:
-    survives(written(tmp_path, "inertia-online", bits), 90.0, 1)
+def test_a_hostile_minute(tmp_path: Path) -> None:
+    survives(written(tmp_path, "inertia-online", 32), 90.0, 1)
+
+
+ALL = [(one, bits, "gcc") for one in ("gyro", "full-linear", "inertia-online") for bits in (64, 32)]
+# Clang takes twice as long.
+OTHERS = [("gyro", 32, "clang"), ("full-linear", 64, "clang"), ("inertia-online", 32, "clang")]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cc", ["gcc", "clang"])
-@pytest.mark.parametrize("bits", [64, 32])
-@pytest.mark.parametrize("variant", ["gyro", "full-linear", "inertia-online"])
+@pytest.mark.parametrize(("variant", "bits", "cc"), ALL + OTHERS)
 def test_ten_hostile_minutes(variant: str, bits: int, cc: str, tmp_path: Path) -> None:
     folder = written(tmp_path, variant, bits)
     for seed in range(1, 4):

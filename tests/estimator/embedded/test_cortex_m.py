@@ -68,14 +68,26 @@ def tool(name: str) -> str:
     return name
 
 
-def built(board: Board, folder: Path, program: Path) -> Path:
-    target = folder / f"{program.stem}.elf"
-    sources = [PROGRAM / "boot.c", program, folder / "icreckon_filter.c"]
+def compiler_of(board: Board) -> list[str]:
     command = [tool("arm-none-eabi-gcc"), "-std=c99", *OPTIMISED, "-mthumb", "-mfloat-abi=hard"]
-    command += [*board.flags, "--specs=rdimon.specs", "-T", str(PROGRAM / "mps2.ld"), f"-I{folder}"]
-    subprocess.run(
-        [*command, *map(str, sources), "-lm", "-o", str(target)], check=True, timeout=300
-    )
+    return [*command, *board.flags]
+
+
+def filter_of(board: Board, folder: Path) -> Path:
+    """The filter alone, compiled."""
+    target = folder / "filter.o"
+    command = [*compiler_of(board), "-c", str(folder / "icreckon_filter.c"), "-o", str(target)]
+    subprocess.run(command, check=True, timeout=300)
+    return target
+
+
+def built(board: Board, of: Path, program: Path) -> Path:
+    """A program with a compiled filter."""
+    target = of.parent / f"{program.stem}.elf"
+    script = str(PROGRAM / "mps2.ld")
+    command = [*compiler_of(board), "--specs=rdimon.specs", "-T", script, f"-I{of.parent}"]
+    command += [*map(str, (PROGRAM / "boot.c", program, of)), "-lm", "-o", str(target)]
+    subprocess.run(command, check=True, timeout=300)
     return target
 
 
@@ -94,14 +106,10 @@ def output_of(board: Board, program: Path) -> str:
     return done.stdout
 
 
-def code_size(board: Board, folder: Path) -> int:
+def code_size(of: Path) -> int:
     """Code and constants of the filter alone [bytes]."""
-    target = folder / "filter.o"
-    command = [tool("arm-none-eabi-gcc"), "-std=c99", *OPTIMISED, "-mthumb", "-mfloat-abi=hard"]
-    command += [*board.flags, "-c", str(folder / "icreckon_filter.c"), "-o", str(target)]
-    subprocess.run(command, check=True, timeout=300)
     sizes = subprocess.run(
-        ["arm-none-eabi-size", str(target)], check=True, capture_output=True, text=True
+        ["arm-none-eabi-size", str(of)], check=True, capture_output=True, text=True
     )
     return int(sizes.stdout.splitlines()[1].split()[0])
 
@@ -117,11 +125,12 @@ def test_on_a_cortex_m(name: str, variant: str, tmp_path: Path) -> None:
     log = simulate(Scenario(duration=20.0, fix_rate=1.0), ROBOT)
     vectors = vectors_of(ROBOT, VARIANTS[variant], exported.states, log.measurements())
     (tmp_path / "test_vectors.csv").write_text(vectors, encoding="utf-8")
-    result = output_of(board, built(board, tmp_path, tmp_path / "selftest.c"))
+    of = filter_of(board, tmp_path)
+    result = output_of(board, built(board, of, tmp_path / "selftest.c"))
     mean, most, struct, stack = map(
-        int, output_of(board, built(board, tmp_path, PROGRAM / "cost.c")).split()
+        int, output_of(board, built(board, of, PROGRAM / "cost.c")).split()
     )
-    code = code_size(board, tmp_path)
+    code = code_size(of)
     share = 100.0 * mean / board.clock
     of_step = f"{mean} instructions a pair, {most} at most: {share:.2%} of {board.clock:.3g} Hz"
     sizes = f"code {code / KIB:.0f} KiB, filter {struct} B, stack {stack} B"

@@ -234,9 +234,9 @@ def test_a_wander_that_does_not_scatter_shows_in_the_innovations(variant):
 
 
 def test_a_stated_wander_is_not_measured_as_scatter():
-    settings = Settings(wander=FixWander(5.0, 60.0))
-    log = driven(0.05, 5.0)
-    assert "scattering" not in run(log, ALPHA, "constant-online", settings=settings).health.times
+    settings, log = Settings(wander=FixWander(5.0, 60.0)), driven(0.05, 5.0)
+    assert "scattering" in run(log, ALPHA, "inertia-online").health.times
+    assert "scattering" not in run(log, ALPHA, "inertia-online", settings=settings).health.times
 
 
 def test_a_pose_fix_begins_anew():

@@ -1,7 +1,7 @@
 """Any sequence of calls: documented errors only, a positive covariance, and copies that go on alike."""
 
 import threading
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, settings
@@ -271,22 +271,55 @@ def fed(estimator, measurements):
 THREADS = ("gyro", "full-linear", "inertia-online")
 
 
+def together(*functions):
+    """Run functions in threads that start at the same time."""
+    begin, failed = threading.Barrier(len(functions)), []
+
+    def work(function):
+        begin.wait()
+        try:
+            function()
+        except Exception as problem:
+            failed.append(problem)
+
+    threads = [threading.Thread(target=work, args=(function,)) for function in functions]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failed
+
+
 def test_estimators_in_several_threads_are_those_of_one():
     jobs = [(variant, seed) for variant in THREADS for seed in range(2)]
     options = {"start_sigma": (0.1, 0.1, 0.1)}
     drives = {seed: list(drive(seed)) for seed in range(2)}
     alone = [fed(PoseEstimator(ALPHA, name, **options), drives[seed]) for name, seed in jobs]
-    together = [None] * len(jobs)
-    begin = threading.Barrier(len(jobs))
+    found = {}
 
-    def work(place):
-        name, seed = jobs[place]
-        begin.wait()
-        together[place] = fed(PoseEstimator(ALPHA, name, **options), drives[seed])
+    def work(name, seed):
+        found[name, seed] = fed(PoseEstimator(ALPHA, name, **options), drives[seed])
 
-    threads = [threading.Thread(target=work, args=(place,)) for place in range(len(jobs))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert together == alone
+    together(*(partial(work, *job) for job in jobs))
+    assert [found[job] for job in jobs] == alone
+
+
+def test_threads_that_share_an_estimator_behind_a_lock_feed_as_one_thread_does():
+    alone, shared = (PoseEstimator(ALPHA, settings=Settings(history=10.0)) for _ in range(2))
+    measurements = list(drive(1))
+    shared.feed(measurements[0])
+    lock, read = threading.Lock(), []
+
+    def feed(wanted):
+        for one in measurements[1:]:
+            if isinstance(one, TrackSpeeds) is wanted:
+                with lock:
+                    shared.feed(one)
+                    read.append(shared.snapshot())
+
+    together(lambda: feed(True), lambda: feed(False))
+    for one in measurements:
+        alone.feed(one)
+    assert len(read) == len(measurements) - 1
+    assert all(np.isfinite(one.state).all() for one in read)
+    assert known(shared)[4:] == known(alone)[4:]

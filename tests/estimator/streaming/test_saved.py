@@ -89,6 +89,7 @@ def test_a_copy_goes_on_as_if_nothing_had_been(variant, way, tmp_path):
     original = feed_all(PoseEstimator(ALPHA, variant), MEASUREMENTS[:HALF])
     copied = COPIES[way](original, tmp_path)
     assert known(copied) == known(original)
+    assert len(pickle.dumps(original)) < 2_000_000, "it carries a table"
     for m in MEASUREMENTS[HALF:]:
         assert original.feed(m) is copied.feed(m)
     assert known(copied) == known(original)

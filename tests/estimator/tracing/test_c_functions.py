@@ -3,7 +3,7 @@
 import ctypes
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +20,6 @@ HEAD = """#include <math.h>
 typedef double real;
 """
 FIVE = Type("array", "real", shape=(5,))
-
-
-class Pair(NamedTuple):
-    """Sum and difference."""
-
-    first: float
-    second: float
 
 
 def powers(x: float, y: float) -> float:
@@ -62,19 +55,6 @@ def turned(x: float, y: float) -> float:
     z = complex(x, y) * complex(math.cos(0.3), math.sin(0.3)) - 0.5
     w = z * z.conjugate() + 1j * x
     return w.real + 2.0 * w.imag if w != 0.0 else 0.0
-
-
-def pair_of(x: float, y: float) -> Pair:
-    return Pair(x + y, x - y)
-
-
-def unpacked(x: float, y: float) -> float:
-    (a, b), scale = pair_of(x, y), (2.0, 3.0)
-    total = 0.0
-    for k in range(2):
-        total += scale[k] * (a if k else b)
-    a, b = b, a
-    return total + a * 10.0 + b
 
 
 def counted(x: float, n: int) -> int:

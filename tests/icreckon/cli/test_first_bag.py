@@ -9,6 +9,7 @@ from rich.console import Console
 
 from command_line import fails, icreckon, results_in, succeeds
 from icreckon import Scenario, load_robot, robot_toml, simulate
+from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_text import calibration_hint, ends_text, noise_text
 from icreckon.report.replay.tables import results_table
 from small_robot import COLUMNS
@@ -99,6 +100,7 @@ def test_an_uncalibrated_file_is_named_beside_a_truth(results: dict) -> None:
         < shown.index("The robot file is not calibrated")
         < shown.index("variant")
     )
+    assert line in replay_page(results)
     results["robot"]["indices"]["zeta1"] = 1e-3
     assert calibration_hint(results) == []
 

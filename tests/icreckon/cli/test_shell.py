@@ -1,28 +1,12 @@
 """What a shell gets beyond results: completion of names, and what is logged."""
 
 import logging
-import os
-import subprocess
-import sys
 
 import pytest
 
 from command_line import icreckon_alone
+from icreckon.cli.main import app
 from small_robot import drive, write_robot
-
-
-def completed(words):
-    """Words that the shell proposes for the last one."""
-    environment = os.environ | {
-        "_ICRECKON_COMPLETE": "complete_bash",
-        "COMP_WORDS": f"icreckon {words}",
-        "COMP_CWORD": str(len(words.split())),
-    }
-    code = "import sys; sys.argv[0] = 'icreckon'; from icreckon.cli.main import main; main()"
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
-    )
-    return done.stdout.split()
 
 
 @pytest.mark.parametrize(
@@ -36,8 +20,14 @@ def completed(words):
         ("study dri", ["driving-style"]),
     ],
 )
-def test_names_are_completed(words, proposed):
-    assert completed(words) == proposed
+def test_names_are_completed(words, proposed, monkeypatch, capsys):
+    """What the shell proposes for the last word."""
+    monkeypatch.setenv("_ICRECKON_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", f"icreckon {words}")
+    monkeypatch.setenv("COMP_CWORD", str(len(words.split())))
+    with pytest.raises(SystemExit):
+        app(prog_name="icreckon")
+    assert capsys.readouterr().out.split() == proposed
 
 
 def test_what_is_logged_is_printed_from_a_level_on(tmp_path):
