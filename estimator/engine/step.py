@@ -9,7 +9,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
-from icreckon.estimator.engine.covariance import Covariance, Vector, dot
+from icreckon.estimator.engine.covariance import Covariance, CovarianceInC, Vector, dot
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, x_of
 from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
@@ -435,7 +435,16 @@ class Step:
             self._report_motion(
                 rows, M_dt, yaws, with_rows, with_pose, walk, sigma, fades, step, faded
             )
-        lane.P = Covariance(after)
+        if isinstance(P, CovarianceInC):
+            self._move_in_c(P, rows, M_dt, yaws, with_pose, faded)
+            for i in states:
+                own = walk.get(i, 0.0) * dt
+                if _is_slip(i):
+                    axis = i - s.SLIP.start
+                    own = own + sigma[axis] * sigma[axis] * fades[axis].final
+                P.add(i, i, own)
+        else:
+            lane.P = Covariance(after)
         before = x.copy()
         for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
             along = {k: faded[i][k] for k in GRAVITY}
@@ -445,6 +454,28 @@ class Step:
         for i in range(3):
             x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
         self.model = now
+
+    def _move_in_c(
+        self,
+        P: CovarianceInC,
+        rows: Sequence[Vector],
+        M_dt: Sequence[Sequence[Any]],
+        yaws: Sequence[Any],
+        with_pose: dict[tuple[int, int], Any],
+        faded: dict[int, Vector],
+    ) -> None:
+        """Propagate the covariance in loops; the noise of the states alone is added elsewhere."""
+        changes: dict[int, Vector] = {}
+        for i, of in enumerate(M_dt):
+            changes[i] = {s.YAW: yaws[i]}
+            for factor, row in zip(of, rows, strict=True):
+                for j, by in row.items():
+                    changes[i][j] = changes[i].get(j, 0.0) + factor * by
+        P.transform(changes)
+        for group in (GRAVITY, range(s.SLIP.start, s.SLIP.stop)):
+            P.transform({i: {**faded[i], i: faded[i][i] - 1.0} for i in group})
+        for pair, more in with_pose.items():
+            P.add(*pair, more)
 
     def _report_motion(
         self,

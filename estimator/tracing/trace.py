@@ -45,6 +45,9 @@ class Traced:
     __array_ufunc__ = None
     _nodes: ClassVar[dict[Any, Traced]] = {}
     _known: ClassVar[Mapping[tuple[str, int], float]] = {}
+    # Effects, and the last on each row of the workspace.
+    effects: ClassVar[list[Traced]] = []
+    writers: ClassVar[dict[tuple[str, int], Traced]] = {}
     bits: ClassVar[int] = 64
 
     op: str
@@ -140,6 +143,7 @@ def start(bits: int = 64) -> None:
         bits: number of bits of each number, 64 or 32.
     """
     Traced._nodes, Traced.bits = {}, bits
+    Traced.effects, Traced.writers = [], {}
 
 
 @contextmanager
@@ -160,8 +164,28 @@ def lift(value: Any) -> Traced:
 
 
 def lane_input(array: str, row: int) -> Traced:
-    """Input of each lane, from a row of an array."""
-    return _make("load", (), (array, row))
+    """Input of each lane, from a row of an array, as the last effect on it has left it."""
+    writer = Traced.writers.get((array, row))
+    return _make("load", () if writer is None else (writer,), (array, row))
+
+
+def in_c(code: str, *args: Any) -> Traced:
+    """Value of an expression in C, or vector that statements fill.
+
+    Args:
+        code: the expression, or statements with `{out}` for the vector; `{0}` stands for the first
+            argument.
+        args: numbers and vectors.
+    """
+    return _make("vector" if "{out}" in code else "code", tuple(map(lift, args)), (code, ()))
+
+
+def effect(code: str, *args: Any, rows: Iterable[int] = ()) -> None:
+    """Add a statement in C, which changes a vector or these rows of the workspace."""
+    written = tuple(("lanes", row) for row in rows)
+    node = _fresh("effect", (code, written), tuple(map(lift, args)))
+    Traced.effects.append(node)
+    Traced.writers.update(dict.fromkeys(written, node))
 
 
 def uniform_input(array: str, index: int) -> Traced:
