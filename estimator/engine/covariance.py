@@ -137,6 +137,15 @@ def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tupl
     return held, dot(held, {i: by for i, by in H.items() if i in held}) / H[state]
 
 
+def combined(row: Vector, *parts: tuple[Any, Vector]) -> Vector:
+    """Sum of a sparse vector and of others times their factors."""
+    found = dict(row)
+    for factor, part in parts:
+        for i, value in part.items():
+            found[i] = found.get(i, 0.0) + factor * value
+    return found
+
+
 def dot(a: Vector, b: Vector) -> Any:
     """Dot product of two sparse vectors."""
     if isinstance(a, Product):
@@ -176,12 +185,8 @@ class CovarianceInC(Covariance):
 
     def times(self, row: Vector, *parts: tuple[Any, Vector]) -> Vector:
         """Product with a vector, see `Covariance.times`."""
-        whole = dict(row)
-        for factor, part in parts:
-            for i, value in part.items():
-                whole[i] = whole.get(i, 0.0) + factor * value
-        code = "real {out}[ALL]; times(lanes, {0}, {out})"
-        return Product(self, trace.in_c(code, self.array(whole), *trace.Traced.effects[-1:]))
+        code, whole = "real {out}[ALL]; times(lanes, {0}, {out})", self.array(combined(row, *parts))
+        return Product(self, trace.in_c(code, whole, *trace.Traced.effects[-1:]))
 
     def add(self, a: int, b: int, value: Any) -> None:
         """Add to the entry of a pair of states."""
