@@ -150,11 +150,7 @@ class FrontEnd:
 
 
 def fill_inputs(
-    inputs: Floats,
-    lanes: LaneRecords,
-    measured: Measured,
-    steps: Steps,
-    added: int,
+    inputs: Floats, lanes: LaneRecords, measured: Measured, steps: Steps, added: int
 ) -> None:
     """Compute the inputs of some steps; see `FrontEnd.fill`.
 

@@ -81,6 +81,8 @@ SLIP_STATES = s.SLIP_X, s.SLIP_Y, s.SLIP_W
 FASTEST_IMU = 10_000.0
 # Constants of a kernel that differ from step to step.
 VARYING = ("dt", "smoothing", "interval")
+# Limits of `input_checks`.
+ABSURD = ("RATE", "FORCE", "DISTANCE", "LEVER")
 # Gates whose number of used measurements the filter reads.
 GATES = ("gyro", "heading")
 # Rows that the filter reads, by their names in C.
@@ -163,7 +165,13 @@ class Exported(NamedTuple):
 
 
 def filter_in_c(
-    robot: Robot, variant: Variant, settings: Settings | None = None, *, bits: int, imu_rate: float, compact: bool = False
+    robot: Robot,
+    variant: Variant,
+    settings: Settings | None = None,
+    *,
+    bits: int,
+    imu_rate: float,
+    compact: bool = False,
 ) -> Exported:
     """Write the filter of a robot and variant in C99.
 
@@ -189,7 +197,13 @@ class _Export:
     """Export of one filter."""
 
     def __init__(
-        self, robot: Robot, variant: Variant, settings: Settings, bits: int, imu_rate: float, compact: bool
+        self,
+        robot: Robot,
+        variant: Variant,
+        settings: Settings,
+        bits: int,
+        imu_rate: float,
+        compact: bool,
     ) -> None:
         self._robot, self._variant, self._settings, self._bits = robot, variant, settings, bits
         self._imu_rate, self._readings = imu_rate, int(settings.standstill.duration * imu_rate) + 4
@@ -338,7 +352,8 @@ class _Export:
         pairs = product(states, states)
         of_velocity, of_standing = ({*fixed, *unmoved} for fixed in (POSE_FIXED, STANDING_FIXED))
         fixed = [
-            sum(1 << k for k, i in enumerate(states) if i in of) for of in (of_velocity, of_standing)
+            sum(1 << k for k, i in enumerate(states) if i in of)
+            for of in (of_velocity, of_standing)
         ]
         values = enumerate(self._workspace)
         start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
@@ -352,8 +367,7 @@ class _Export:
             "FIXED": self._array("uint32_t FIXED[2]", fixed)
             + self._array("uint8_t SLIP_PLACE[3]", [states.index(i) for i in SLIP_STATES]),
             "COVARIANCES": self._array(
-                "uint16_t COVARIANCES[ALL * ALL]",
-                [rows[covariance_name(i, j)] for i, j in pairs],
+                "uint16_t COVARIANCES[ALL * ALL]", [rows[covariance_name(i, j)] for i, j in pairs]
             ),
             "LEARNT": self._array("uint16_t LEARNT[]", learnt),
             "WALKS": self._array("real WALKS[]", [walks[self._states[k]] for k in learnt]),
@@ -380,10 +394,7 @@ class _Export:
             "EARLIEST": f"INT64_C({input_checks.EARLIEST})",
             "LATEST": f"INT64_C({input_checks.LATEST})",
             "ABSURD_SPEED": number(input_checks.ABSURD_SPEED * fastest),
-            "ABSURD_RATE": number(input_checks.ABSURD_RATE),
-            "ABSURD_FORCE": number(input_checks.ABSURD_FORCE),
-            "ABSURD_DISTANCE": number(input_checks.ABSURD_DISTANCE),
-            "ABSURD_LEVER": number(input_checks.ABSURD_LEVER),
+            **{f"ABSURD_{of}": number(getattr(input_checks, f"ABSURD_{of}")) for of in ABSURD},
         }
 
     def _number(self, value: float) -> str:

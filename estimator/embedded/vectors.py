@@ -22,10 +22,7 @@ EVERY = 50
 
 
 def vectors_of(
-    robot: Robot,
-    variant: Variant,
-    states: list[int],
-    measurements: Iterable[Measurement],
+    robot: Robot, variant: Variant, states: list[int], measurements: Iterable[Measurement]
 ) -> str:
     """Make the rows of `test_vectors.csv`.
 

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 from icreckon.estimator.tracing import trace
 
 Vector = dict[int, Any]
+# State that moves in place of fixed ones, and the Jacobian of the predicted measurement.
+StandIn = tuple[int, Vector] | None
 
 
 class ScalarUpdate(NamedTuple):
@@ -86,11 +88,7 @@ class Covariance:
         self._entries[pair] = self._entries.get(pair, 0.0) + value
 
     def update(
-        self,
-        cross: Vector,
-        inverse_S: Any,
-        fixed: Iterable[int] = (),
-        stand_in: tuple[int, Vector] | None = None,
+        self, cross: Vector, inverse_S: Any, fixed: Iterable[int] = (), stand_in: StandIn = None
     ) -> Vector:
         """Update with a scalar measurement.
 
@@ -195,13 +193,7 @@ class CovarianceInC(Covariance):
             trace.effect(f"lanes[{row}] += {{0}}", value, rows=[row])
 
     def correct(
-        self,
-        x: Any,
-        z: Any,
-        cross: Any,
-        inverse_S: Any,
-        fixed: Iterable[int],
-        stand_in: tuple[int, Vector] | None,
+        self, x: Any, z: Any, cross: Any, inverse_S: Any, fixed: Iterable[int], stand_in: StandIn
     ) -> None:
         """Update with a scalar measurement and move the states, see `Covariance.update`."""
         if self._before is None:
@@ -231,7 +223,7 @@ class CovarianceInC(Covariance):
     def transform(self, rows: Mapping[int, Vector]) -> None:
         """Make it F P F', by the rows of F - 1 of some states."""
         arrays = [self.array(row) for row in rows.values()]
-        names = ", ".join(f"{{{k}}}" for k in range(len(rows)))
+        names = ", ".join(f"{{{k}}}" for k in range(len(arrays)))
         places = ", ".join(str(self.places[i]) for i in rows)
         code = f"const real *const {{out}}[] = {{{{{names}}}}}"
         code += f"; static const uint8_t {{out}}_at[] = {{{{{places}}}}}"

@@ -164,12 +164,7 @@ class BatchFilter:
         return Lanes(lanes, record_array(FixesRecord(), self.width), constants)
 
     def work_through(
-        self,
-        lanes: Lanes,
-        inputs: Floats,
-        steps: Steps,
-        table: Floats,
-        estimates: Floats,
+        self, lanes: Lanes, inputs: Floats, steps: Steps, table: Floats, estimates: Floats
     ) -> None:
         """Run all lanes through some steps, in place.
 

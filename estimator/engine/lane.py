@@ -123,8 +123,7 @@ class Lane:
         pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]
         if shape.compact and with_fast_slip:
             rows = {pair: self.rows[covariance_name(*pair)] for pair in pairs}
-            x_rows = {i: self.rows[f"x{i}"] for i in states}
-            self.P: Covariance = CovarianceInC(x_rows, rows)
+            self.P: Covariance = CovarianceInC({i: self.rows[f"x{i}"] for i in states}, rows)
         else:
             self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
         self.stores: dict[str, Any] = {}
@@ -251,13 +250,7 @@ class Lane:
     # --- updates ---------------------------------------------------------------------------------
 
     def update(
-        self,
-        z: Any,
-        H: Vector,
-        R: Any,
-        *parts: Part,
-        fixed: Iterable[int] = (),
-        only: Any = True,
+        self, z: Any, H: Vector, R: Any, *parts: Part, fixed: Iterable[int] = (), only: Any = True
     ) -> None:
         """Update with a scalar measurement, without a gate; for the arguments see `gated`."""
         cross = self.P.times(_rest(H, parts), *parts)
@@ -279,7 +272,8 @@ class Lane:
         self._sharp, fixed = self._sharp + more, tuple(fixed)
         if isinstance(self.P, CovarianceInC):
             instead = None if stand_in is None else (stand_in, H)
-            return self.P.correct(self.x, z, cross, inverse_S, fixed, instead)
+            self.P.correct(self.x, z, cross, inverse_S, fixed, instead)
+            return
         gains = self.P.update(cross, inverse_S, fixed, None if stand_in is None else (stand_in, H))
         for i, gain in gains.items():
             self.x[i] = self.x[i] + gain * z
@@ -333,9 +327,7 @@ class Lane:
         along = H.get(inflated, 0.0)
 
         added, inverse_S = trace.where_needed(
-            reacquired,
-            [0.0, inverse_S],
-            lambda: [more, 1.0 / (S + more * along * along)],
+            reacquired, [0.0, inverse_S], lambda: [more, 1.0 / (S + more * along * along)]
         )
         if inflated not in self.shape.considered:
             # A considered state cannot be moved: R is inflated instead.
@@ -396,7 +388,8 @@ class Lane:
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `bounds.inside`, if a lane is outside."""
         if isinstance(self.P, CovarianceInC) and not by_imu:
-            return self.P.change(self.x, "(void)inside(lanes, inputs, constants)")
+            self.P.change(self.x, "(void)inside(lanes, inputs, constants)")
+            return
         states, least_short = self.P.states, OUTSIDE[self.shape.bits]
         fixed = self.fixed_for_gyro if by_imu else (*POSE_FIXED, *self.shape.considered)
         bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*fixed}]

@@ -161,12 +161,7 @@ class SlipConstants(NamedTuple):
 
 
 def twist_model(
-    x: Any,
-    inputs: ModelInputs,
-    left: Any,
-    right: Any,
-    slip_shares: Any,
-    states: tuple[int, ...],
+    x: Any, inputs: ModelInputs, left: Any, right: Any, slip_shares: Any, states: tuple[int, ...]
 ) -> TracedTwist:
     """Evaluate the body velocity.
 

@@ -188,10 +188,7 @@ def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
 
 
 def _plain(
-    model: TracedModel,
-    considered: tuple[int, ...],
-    wanders: bool,
-    of_user: MotionModel | None,
+    model: TracedModel, considered: tuple[int, ...], wanders: bool, of_user: MotionModel | None
 ) -> OneLane:
     shape = shape_of(model, considered, wanders)
 

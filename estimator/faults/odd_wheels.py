@@ -197,12 +197,7 @@ def speed_of(
 
 
 def take_side(
-    side: WheelsRecord,
-    stamp: int,
-    middle: Middle,
-    wheels: Wheels,
-    speed: float,
-    is_certain: bool,
+    side: WheelsRecord, stamp: int, middle: Middle, wheels: Wheels, speed: float, is_certain: bool
 ) -> None:
     """Add a sample of one side, with its speed [m/s], by `speed_of` and `decides`."""
     if middle.agrees:

@@ -106,13 +106,7 @@ class Disturbances:
 
 
 def slip_at(
-    left: float,
-    right: float,
-    slip: Any,
-    gauge: float,
-    eta: float,
-    pushed: bool,
-    factor: float,
+    left: float, right: float, slip: Any, gauge: float, eta: float, pushed: bool, factor: float
 ) -> Vector3:
     """Standard deviation of the slip [m/s, m/s, rad/s].
 

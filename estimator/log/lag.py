@@ -142,12 +142,7 @@ def find_lag(late: Curve, reference: Curve, *, least: float = 0.0) -> Lag | NoLa
 
 
 def _search(
-    late: Curve,
-    reference: Curve,
-    lags: Floats,
-    fewest: int,
-    least_agreement: float,
-    least: float,
+    late: Curve, reference: Curve, lags: Floats, fewest: int, least_agreement: float, least: float
 ) -> Lag | NoLag:
     """Search lags (m,) [s]; `NOWHERE` if none agrees, or the best is at an end."""
     origin = int(late.stamps[0])

@@ -45,12 +45,7 @@ SMALLEST_SLOPE = 0.25
 
 
 def solve(
-    V_l: Number,
-    V_r: Number,
-    parameters: Any,
-    vehicle: VehicleConstants,
-    *,
-    form: Form = "smooth",
+    V_l: Number, V_r: Number, parameters: Any, vehicle: VehicleConstants, *, form: Form = "smooth"
 ) -> Motion:
     """Body velocity, indices and inertia from track speeds.
 

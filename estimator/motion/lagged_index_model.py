@@ -237,11 +237,7 @@ def linearise(
     half = 0.5 * gauge
     limit_epsilon = (1.0 - epsilon_free) * sign(epsilon) * (1.0 - CLOSEST) * half
     limit_zeta = (1.0 - zeta_free) * sign(zeta) * 2.0 * half
-    by_eta_all = (
-        per_eta * zeta + w * limit_zeta,
-        -per_eta * epsilon - w * limit_epsilon,
-        per_eta,
-    )
+    by_eta_all = (per_eta * zeta + w * limit_zeta, -per_eta * epsilon - w * limit_epsilon, per_eta)
     by_eta = (eta_free * by_eta_all[0], eta_free * by_eta_all[1], eta_free * by_eta_all[2])
     zeta1, epsilon1, epsilon_F = parameters[2], parameters[4], parameters[8]
     by_right, by_forward = at.by_gravity

@@ -346,11 +346,7 @@ class Robot(msgspec.Struct, frozen=True, forbid_unknown_fields=True, dict=True):
         vehicle = self.vehicle
         rolling = TYPICAL_ROLLING if self.soil is None else self.soil.rolling_resistance
         return VehicleConstants(
-            vehicle.track_gauge,
-            vehicle.mass,
-            *self.centre_of_mass_paper,
-            rolling,
-            vehicle.load_lag,
+            vehicle.track_gauge, vehicle.mass, *self.centre_of_mass_paper, rolling, vehicle.load_lag
         )
 
     @cached_property

@@ -33,12 +33,7 @@ POSE_FIXED = (s.X, s.Y, s.YAW, s.Z)
 STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop), s.GRAVITY_X, s.GRAVITY_Y)
 
 # A height moves itself, the slope, and the biases that are known together with it.
-WITH_HEIGHT = (
-    s.Z,
-    *range(s.ACCELEROMETER_BIAS_X, s.GYRO_BIAS_Y + 1),
-    s.GRAVITY_X,
-    s.GRAVITY_Y,
-)
+WITH_HEIGHT = (s.Z, *range(s.ACCELEROMETER_BIAS_X, s.GYRO_BIAS_Y + 1), s.GRAVITY_X, s.GRAVITY_Y)
 
 # Names of the accelerometers, forward and left, and of all sensors of the IMU.
 ACCELEROMETERS = ("accelerometer_x", "accelerometer_y")

@@ -139,10 +139,7 @@ class StampCorrection:
     """
 
     def __init__(
-        self,
-        latencies: Latencies,
-        estimated: float = 0.0,
-        watch: TrackLatencyMemory | None = None,
+        self, latencies: Latencies, estimated: float = 0.0, watch: TrackLatencyMemory | None = None
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
         # Samples of the tracks and of the gyro that the watch has not taken yet.

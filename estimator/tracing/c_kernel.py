@@ -114,9 +114,6 @@ class _Writer:
             case "loop":
                 self._loop(node)
                 return ""
-            case "result":
-                self._name(node.args[0])
-                return self._names[node]
         return self._keep(node)
 
     def _keep(self, node: Traced) -> str:

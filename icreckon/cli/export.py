@@ -32,9 +32,7 @@ def command(
     imu_rate: Annotated[
         float, typer.Option(help="Highest rate of the IMU in Hz, for the size of a buffer.")
     ] = 200.0,
-    compact: Annotated[
-        bool, typer.Option("--compact", help="PLACEHOLDER")
-    ] = False,
+    compact: Annotated[bool, typer.Option("--compact", help="PLACEHOLDER")] = False,
     overwrite: Overwrite = False,
 ) -> None:
     """Write the filter of a robot in C, for microcontrollers and C++ programs.
@@ -50,7 +48,9 @@ def command(
     with written_beside(
         out, overwrite=overwrite, marker="icreckon_filter.h", mark=b"written by icreckon"
     ) as folder:
-        exported = filter_in_c(loaded, found, bits=BITS[precision], imu_rate=imu_rate, compact=compact)
+        exported = filter_in_c(
+            loaded, found, bits=BITS[precision], imu_rate=imu_rate, compact=compact
+        )
         folder.mkdir()
         for name, text in exported.files.items():
             (folder / name).write_text(text, encoding="utf-8")
