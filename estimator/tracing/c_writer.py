@@ -137,6 +137,8 @@ class FunctionWriter:
                 self._add("return;")
             case ast.Return(value=value) if value is not None:
                 self._return(value)
+            case ast.Break() | ast.Continue():
+                self._add(f"{type(node).__name__.lower()};")
             case _:
                 raise self._fail(node)
 

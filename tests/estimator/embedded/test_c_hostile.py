@@ -17,12 +17,13 @@ WARNINGS = "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werro
 
 
 @cache
-def files(variant: str, bits: int) -> dict[str, str]:
-    return filter_in_c(ROBOT, VARIANTS[variant], bits=bits, imu_rate=100.0).files
+def files(variant: str, bits: int, compact: bool) -> dict[str, str]:
+    of = VARIANTS[variant]
+    return filter_in_c(ROBOT, of, bits=bits, imu_rate=100.0, compact=compact).files
 
 
-def written(folder: Path, variant: str, bits: int) -> Path:
-    for name, text in files(variant, bits).items():
+def written(folder: Path, variant: str, bits: int, compact: bool = False) -> Path:
+    for name, text in files(variant, bits, compact).items():
         (folder / name).write_text(text, encoding="utf-8")
     return folder
 
@@ -40,21 +41,25 @@ def survives(folder: Path, seconds: float, seed: int, cc: str = "gcc") -> None:
     assert done.stderr == ""
 
 
-@pytest.mark.parametrize("bits", [64, 32])
-def test_a_hostile_minute(bits: int, tmp_path: Path) -> None:
-    survives(written(tmp_path, "inertia-online", bits), 90.0, 1)
+@pytest.mark.parametrize(("bits", "compact"), [(64, False), (32, False), (32, True)])
+def test_a_hostile_minute(bits: int, compact: bool, tmp_path: Path) -> None:
+    survives(written(tmp_path, "inertia-online", bits, compact), 90.0, 1)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("cc", ["gcc", "clang"])
 @pytest.mark.parametrize("bits", [64, 32])
+@pytest.mark.parametrize("compact", [False, True])
 @pytest.mark.parametrize("variant", ["gyro", "full-linear", "inertia-online"])
-def test_ten_hostile_minutes(variant: str, bits: int, cc: str, tmp_path: Path) -> None:
-    folder = written(tmp_path, variant, bits)
+def test_ten_hostile_minutes(
+    variant: str, compact: bool, bits: int, cc: str, tmp_path: Path
+) -> None:
+    folder = written(tmp_path, variant, bits, compact)
     for seed in range(1, 4):
         survives(folder, 600.0, seed, cc)
 
 
+@pytest.mark.parametrize("compact", [False, True])
 @pytest.mark.parametrize(
     ("cc", "language"),
     [
@@ -64,8 +69,10 @@ def test_ten_hostile_minutes(variant: str, bits: int, cc: str, tmp_path: Path) -
         pytest.param("clang++", ("-std=c++17", "-x", "c++"), marks=pytest.mark.slow),
     ],
 )
-def test_compilers_do_not_warn(cc: str, language: tuple[str, ...], tmp_path: Path) -> None:
-    folder = written(tmp_path, "inertia-online", 32)
+def test_compilers_do_not_warn(
+    cc: str, language: tuple[str, ...], compact: bool, tmp_path: Path
+) -> None:
+    folder = written(tmp_path, "inertia-online", 32, compact)
     user = folder / "user.cpp"
     user.write_text('#include "icreckon_filter.hpp"\nicreckon::Filter filter(1.0f, 2.0f, 0.5f);\n')
     sources = ["icreckon_filter.c", "example.c", "selftest.c"]
