@@ -81,6 +81,8 @@ SLIP_STATES = s.SLIP_X, s.SLIP_Y, s.SLIP_W
 FASTEST_IMU = 10_000.0
 # Constants of a kernel that differ from step to step.
 VARYING = ("dt", "smoothing", "interval")
+# Limits of `input_checks`.
+ABSURD = ("RATE", "FORCE", "DISTANCE", "LEVER")
 # Gates whose number of used measurements the filter reads.
 GATES = ("gyro", "heading")
 # Rows that the filter reads, by their names in C.
@@ -131,13 +133,14 @@ def _motion_kernel(name: str, shape: FilterShape) -> Kernel:
 
 def _inside_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make the kernel that projects the parameters onto their bounds."""
-    lane = Lane(shape, with_fast_slip=True)
+    lane = Lane(shape._replace(compact=False), with_fast_slip=True)
     lane.keep_inside_bounds()
     return lane.kernel(name, with_fast_slip=True)
 
 
 # Kernels by their names in C.
 KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
+    "inside": _inside_kernel,
     "begin": partial(step_kernel, kind=BEGIN),
     "stand": partial(step_kernel, kind=PART._replace(imu=False, stands=True)),
     "update": partial(step_kernel, kind=PART._replace(may_lack_force=True)),
@@ -146,7 +149,6 @@ KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
     "heading": partial(heading_kernel, kind=AHEAD),
     "start": _first_kernel,
     "motion": _motion_kernel,
-    "inside": _inside_kernel,
 }
 
 
@@ -163,7 +165,13 @@ class Exported(NamedTuple):
 
 
 def filter_in_c(
-    robot: Robot, variant: Variant, settings: Settings | None = None, *, bits: int, imu_rate: float
+    robot: Robot,
+    variant: Variant,
+    settings: Settings | None = None,
+    *,
+    bits: int,
+    imu_rate: float,
+    compact: bool = False,
 ) -> Exported:
     """Write the filter of a robot and variant in C99.
 
@@ -173,6 +181,7 @@ def filter_in_c(
         settings: settings of the filter; None for the usual ones.
         bits: number of bits of each number, 64 or 32.
         imu_rate: highest rate of the IMU, for the size of a buffer [Hz].
+        compact: smaller and slower code, with loops over the covariance.
 
     Raises:
         EstimatorError: the rate is not above zero, or the variant has no form in C.
@@ -181,14 +190,20 @@ def filter_in_c(
         raise EstimatorError(
             f"the rate of the IMU must be above 0 and at most {FASTEST_IMU:g} Hz, found {imu_rate!r}"
         )
-    return _Export(robot, variant, settings or Settings(), bits, imu_rate).exported()
+    return _Export(robot, variant, settings or Settings(), bits, imu_rate, compact).exported()
 
 
 class _Export:
     """Export of one filter."""
 
     def __init__(
-        self, robot: Robot, variant: Variant, settings: Settings, bits: int, imu_rate: float
+        self,
+        robot: Robot,
+        variant: Variant,
+        settings: Settings,
+        bits: int,
+        imu_rate: float,
+        compact: bool,
     ) -> None:
         self._robot, self._variant, self._settings, self._bits = robot, variant, settings, bits
         self._imu_rate, self._readings = imu_rate, int(settings.standstill.duration * imu_rate) + 4
@@ -196,7 +211,8 @@ class _Export:
             filter_ = BatchFilter(robot, variant, settings, bits, width=1)
         except BatchError as problem:
             raise EstimatorError(f"{variant.name!r} has no form in C: {problem}") from None
-        self._shape, self._layout, self._rows = filter_.shape, filter_.layout, filter_.rows
+        self._shape = filter_.shape._replace(compact=compact)
+        self._layout, self._rows = filter_.layout, filter_.rows
         self._states = [i for i in self._shape.states if i < s.SIZE]
         self._all_states = *self._shape.states, *FAST
         self._inputs = input_settings(robot, settings)
@@ -297,6 +313,7 @@ class _Export:
             "STATES": len(self._states),
             "STATES_AND_WANDER": len(self._shape.states),
             "ALL": len(self._all_states),
+            "COMPACT": int(self._shape.compact),
             "INDICES": INDICES,
             "DERIVATIVES": DERIVATIVES,
             "MOTION_COUNT": DERIVATIVES + 3 * len(self._all_states),
@@ -334,7 +351,10 @@ class _Export:
         states, unmoved = self._all_states, {*self._shape.considered, s.WANDER_X, s.WANDER_Y}
         pairs = product(states, states)
         of_velocity, of_standing = ({*fixed, *unmoved} for fixed in (POSE_FIXED, STANDING_FIXED))
-        fixed = [(i in of_velocity) + 2 * (i in of_standing) for i in states]
+        fixed = [
+            sum(1 << k for k, i in enumerate(states) if i in of)
+            for of in (of_velocity, of_standing)
+        ]
         values = enumerate(self._workspace)
         start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
         uses_force = settings.use_accelerometer and self._variant.accelerometers
@@ -344,7 +364,7 @@ class _Export:
                 "real MOUNTING[18]", SensorModels(self._robot).mounting.ravel()
             ),
             "VALUES": self._array("uint16_t VALUES[ALL]", [rows[f"x{i}"] for i in states]),
-            "FIXED": self._array("uint8_t FIXED[ALL]", fixed)
+            "FIXED": self._array("uint32_t FIXED[2]", fixed)
             + self._array("uint8_t SLIP_PLACE[3]", [states.index(i) for i in SLIP_STATES]),
             "COVARIANCES": self._array(
                 "uint16_t COVARIANCES[ALL * ALL]", [rows[covariance_name(i, j)] for i, j in pairs]
@@ -374,10 +394,7 @@ class _Export:
             "EARLIEST": f"INT64_C({input_checks.EARLIEST})",
             "LATEST": f"INT64_C({input_checks.LATEST})",
             "ABSURD_SPEED": number(input_checks.ABSURD_SPEED * fastest),
-            "ABSURD_RATE": number(input_checks.ABSURD_RATE),
-            "ABSURD_FORCE": number(input_checks.ABSURD_FORCE),
-            "ABSURD_DISTANCE": number(input_checks.ABSURD_DISTANCE),
-            "ABSURD_LEVER": number(input_checks.ABSURD_LEVER),
+            **{f"ABSURD_{of}": number(getattr(input_checks, f"ABSURD_{of}")) for of in ABSURD},
         }
 
     def _number(self, value: float) -> str:

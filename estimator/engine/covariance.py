@@ -4,10 +4,14 @@ An update with a scalar measurement is stored as the product of two vectors, and
 entries that are used. So a step of several updates reads and writes each entry once.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
+from icreckon.estimator.tracing import trace
+
 Vector = dict[int, Any]
+# State that moves in place of fixed ones, and the Jacobian of the predicted measurement.
+StandIn = tuple[int, Vector] | None
 
 
 class ScalarUpdate(NamedTuple):
@@ -84,11 +88,7 @@ class Covariance:
         self._entries[pair] = self._entries.get(pair, 0.0) + value
 
     def update(
-        self,
-        cross: Vector,
-        inverse_S: Any,
-        fixed: Iterable[int] = (),
-        stand_in: tuple[int, Vector] | None = None,
+        self, cross: Vector, inverse_S: Any, fixed: Iterable[int] = (), stand_in: StandIn = None
     ) -> Vector:
         """Update with a scalar measurement.
 
@@ -106,9 +106,8 @@ class Covariance:
         self._updates.append(ScalarUpdate(gain, cross, inverse_S))
         if stand_in is None:
             return gain
-        state, H = stand_in
-        held = {i: cross[i] for i in fixed if i in cross}
-        missing = dot(held, {i: by for i, by in H.items() if i in held}) / H[state]
+        state, _ = stand_in
+        held, missing = _missing(cross, fixed, *stand_in)
         more = missing * inverse_S
         for i, value in held.items():
             self.add(state, i, -(more * value))
@@ -130,10 +129,115 @@ class Covariance:
         return self._entries.get((a, b) if a <= b else (b, a), 0.0)
 
 
+def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tuple[Vector, Any]:
+    """Entries of fixed states, and the part of the innovation that a stand-in explains for them."""
+    held = {i: cross[i] for i in fixed if i in cross}
+    return held, dot(held, {i: by for i, by in H.items() if i in held}) / H[state]
+
+
+def combined(row: Vector, *parts: tuple[Any, Vector]) -> Vector:
+    """Sum of a sparse vector and of others times their factors."""
+    found = dict(row)
+    for factor, part in parts:
+        for i, value in part.items():
+            found[i] = found.get(i, 0.0) + factor * value
+    return found
+
+
 def dot(a: Vector, b: Vector) -> Any:
     """Dot product of two sparse vectors."""
+    if isinstance(a, Product):
+        return trace.in_c("inner({0}, {1})", a.array, a.P.array(b))
     total: Any = 0.0
     for state, value in b.items():
         if state in a:
             total = total + a[state] * value
     return total
+
+
+class CovarianceInC(Covariance):
+    """Covariance in the workspace, which functions in C change in loops; see their template.
+
+    Args:
+        x: rows of the states, in the order of the tables in C.
+        rows: rows of its entries, by pair of states, the smaller index first.
+    """
+
+    def __init__(self, x: dict[int, int], rows: dict[tuple[int, int], int]) -> None:
+        self.states, self._x, self._rows = sorted(x), x, rows
+        self.places = {state: place for place, state in enumerate(x)}
+        self._before: Any = None
+
+    def _row(self, a: int, b: int) -> int:
+        return self._rows[min(a, b), max(a, b)]
+
+    def entry(self, a: int, b: int) -> Any:
+        """Covariance of two states."""
+        return trace.lane_input("lanes", self._row(a, b))
+
+    def array(self, row: Vector) -> Any:
+        """Array in C with the entries of a vector."""
+        found = [(self.places[i], value) for i, value in row.items() if not trace.is_zero(value)]
+        fill = "".join(f"; {{out}}[{place}] = {{{k}}}" for k, (place, _) in enumerate(found))
+        return trace.in_c("real {out}[ALL] = {{0}}" + fill, *(value for _, value in found))
+
+    def times(self, row: Vector, *parts: tuple[Any, Vector]) -> Vector:
+        """Product with a vector, see `Covariance.times`."""
+        code, whole = "real {out}[ALL]; times(lanes, {0}, {out})", self.array(combined(row, *parts))
+        return Product(self, trace.in_c(code, whole, *trace.Traced.effects[-1:]))
+
+    def add(self, a: int, b: int, value: Any) -> None:
+        """Add to the entry of a pair of states."""
+        row = self._row(a, b)
+        if not trace.is_zero(value):
+            trace.effect(f"lanes[{row}] += {{0}}", value, rows=[row])
+
+    def correct(
+        self, x: Any, z: Any, cross: Any, inverse_S: Any, fixed: Iterable[int], stand_in: StandIn
+    ) -> None:
+        """Update with a scalar measurement and move the states, see `Covariance.update`."""
+        if self._before is None:
+            self._before = trace.in_c("real {out}[ALL]; variances(lanes, {out})")
+        stays = sum(1 << self.places[i] for i in self.places if i in fixed)
+        place, missing = -1, 0.0
+        if stand_in is not None:
+            place, missing = self.places[stand_in[0]], _missing(cross, fixed, *stand_in)[1]
+        code = f"correct(lanes, {{0}}, {{1}}, {{2}}, {stays:#x}u, {place}, {{3}})"
+        self.change(x, code, cross.array, inverse_S, z, missing)
+
+    def change(self, x: Any, code: str, *args: Any) -> None:
+        """Change states x and covariance by a statement in C."""
+        for i, row in self._x.items():
+            if x[i] is not trace.lane_input("lanes", row):
+                trace.effect(f"lanes[{row}] = {{0}}", x[i], rows=[row])
+        trace.effect(code, *args, rows=(*self._rows.values(), *self._x.values()))
+        for i, row in self._x.items():
+            x[i] = trace.lane_input("lanes", row)
+
+    def inflate(self, share: Any) -> Vector:
+        """Add a share of the variances before the first update."""
+        rows = [self._row(i, i) for i in self.states]
+        trace.effect("inflate(lanes, {0}, {1})", self._before, share, rows=rows)
+        return {}
+
+    def transform(self, rows: Mapping[int, Vector]) -> None:
+        """Make it F P F', by the rows of F - 1 of some states."""
+        arrays = [self.array(row) for row in rows.values()]
+        names = ", ".join(f"{{{k}}}" for k in range(len(arrays)))
+        places = ", ".join(str(self.places[i]) for i in rows)
+        code = f"const real *const {{out}}[] = {{{{{names}}}}}"
+        code += f"; static const uint8_t {{out}}_at[] = {{{{{places}}}}}"
+        code += f"; transform(lanes, {len(rows)}, {{out}}_at, {{out}})"
+        trace.effect(code, *arrays, rows=self._rows.values())
+
+
+class Product(Vector):
+    """Product with a covariance, in an array in C."""
+
+    def __init__(self, P: CovarianceInC, array: Any) -> None:
+        self.P, self.array = P, array
+        super().__init__({i: trace.in_c(f"{{0}}[{k}]", array) for i, k in P.places.items()})
+
+    def __setitem__(self, state: int, value: Any) -> None:
+        trace.effect(f"{{0}}[{self.P.places[state]}] = {{1}}", self.array, value)
+        super().__setitem__(state, value)

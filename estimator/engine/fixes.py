@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.engine.covariance import Vector, dot
+from icreckon.estimator.engine.covariance import Vector, combined, dot
 from icreckon.estimator.engine.lane import FilterShape, Lane, Numbers
 from icreckon.estimator.engine.layout import FACTORS, PLACE, TREND
 from icreckon.estimator.engine.model import (
@@ -199,7 +199,7 @@ def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     forward, left = lane.input("fix_forward"), lane.input("fix_left")
     cos, sin = turn(values[s.YAW])
     ahead, beside = cos * forward - sin * left, sin * forward + cos * left
-    rows = [_sum(of_x, -beside, of_yaw), _sum(of_y, ahead, of_yaw), of_yaw]
+    rows = [combined(of_x, (-beside, of_yaw)), combined(of_y, (ahead, of_yaw)), of_yaw]
     by_pose = [{s.X: 1.0, s.YAW: -beside}, {s.Y: 1.0, s.YAW: ahead}, {s.YAW: 1.0}]
     spread = [
         [dot(a, {i: dot(b, dict(enumerate(covariance[i]))) for i in range(3)}) for b in by_pose]
@@ -207,10 +207,6 @@ def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     ]
     at = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
     return PredictedPose(at, rows, spread)
-
-
-def _sum(row: Vector, factor: Any, more: Vector) -> Vector:
-    return {i: row.get(i, 0.0) + factor * more.get(i, 0.0) for i in {**row, **more}}
 
 
 def _finished(lane: Lane, name: str, flags: Sequence[Any], kind: FixKind) -> Kernel:

@@ -13,7 +13,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
-from icreckon.estimator.engine.covariance import Covariance, Vector, dot
+from icreckon.estimator.engine.covariance import Covariance, CovarianceInC, Vector, dot
 from icreckon.estimator.engine.layout import INPUTS, MOTION, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import ModelInputs, TracedModel, TracedTwist
 from icreckon.estimator.filter.changes import Event
@@ -47,6 +47,7 @@ class FilterShape(NamedTuple):
         considered: consider states, which no measurement moves.
         bits: number of bits of each number, 64 or 32.
         reports: kernels report all changes of the filter, see `icreckon.estimator.filter.changes`.
+        compact: kernels in C call functions that loop over the covariance.
     """
 
     states: tuple[int, ...]
@@ -55,6 +56,7 @@ class FilterShape(NamedTuple):
     considered: tuple[int, ...] = ()
     bits: int = 64
     reports: bool = False
+    compact: bool = False
 
     @property
     def layout(self) -> Layout:
@@ -119,7 +121,11 @@ class Lane:
         size = s.SIZE + len(wander)
         self.x = np.array([self._start(i) for i in range(size)], dtype=object)
         pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]
-        self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
+        if shape.compact and with_fast_slip:
+            rows = {pair: self.rows[covariance_name(*pair)] for pair in pairs}
+            self.P: Covariance = CovarianceInC({i: self.rows[f"x{i}"] for i in states}, rows)
+        else:
+            self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
         self.stores: dict[str, Any] = {}
         # Number of sharp updates.
         self._sharp: Any = 0.0
@@ -264,6 +270,10 @@ class Lane:
         is_sharp = (R * inverse_S < SHARP_UPDATES[self.shape.bits][0]) & (inverse_S > 0.0)
         more = select(is_sharp, 1.0, 0.0)
         self._sharp, fixed = self._sharp + more, tuple(fixed)
+        if isinstance(self.P, CovarianceInC):
+            instead = None if stand_in is None else (stand_in, H)
+            self.P.correct(self.x, z, cross, inverse_S, fixed, instead)
+            return
         gains = self.P.update(cross, inverse_S, fixed, None if stand_in is None else (stand_in, H))
         for i, gain in gains.items():
             self.x[i] = self.x[i] + gain * z
@@ -377,6 +387,9 @@ class Lane:
 
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `bounds.inside`, if a lane is outside."""
+        if isinstance(self.P, CovarianceInC) and not by_imu:
+            self.P.change(self.x, "(void)inside(lanes, inputs, constants)")
+            return
         states, least_short = self.P.states, OUTSIDE[self.shape.bits]
         fixed = self.fixed_for_gyro if by_imu else (*POSE_FIXED, *self.shape.considered)
         bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*fixed}]

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.engine.covariance import Vector
+from icreckon.estimator.engine.covariance import Vector, combined
 from icreckon.estimator.faults import departing_fixes
 from icreckon.estimator.filter import gate, process_noise, slip_factor
 from icreckon.estimator.motion import lagged_index_model, linear_model, motion_model, propagation
@@ -128,11 +128,7 @@ class Climb(NamedTuple):
         """Combine vectors of the twist and of gravity as they contribute to the height."""
         parts = (*zip(self.by_twist, of_twist[:2], strict=True),)
         parts += (*zip(self.by_gravity, of_gravity.values(), strict=True),)
-        found: Vector = {}
-        for factor, part in parts:
-            for i, value in part.items():
-                found[i] = found.get(i, 0.0) + factor * value
-        return found
+        return combined({}, *parts)
 
 
 class ModelInputs(NamedTuple):

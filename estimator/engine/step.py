@@ -9,7 +9,7 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
-from icreckon.estimator.engine.covariance import Covariance, Vector, dot
+from icreckon.estimator.engine.covariance import Covariance, CovarianceInC, Vector, combined, dot
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, x_of
 from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
@@ -313,10 +313,8 @@ class Step:
             self.change,
             rough,
         )
-        row: Vector = {}
-        for factor, part in ((forecast.by_w, now.rows[2]), (forecast.by_across, now.rows[across])):
-            for i, value in part.items():
-                row[i] = row.get(i, 0.0) + factor * value
+        turning, sideways = (forecast.by_w, now.rows[2]), (forecast.by_across, now.rows[across])
+        row = combined({}, turning, sideways)
         gravity, bias = s.GRAVITY_X + axis, s.ACCELEROMETER_BIAS_X + axis
         for state, more in ((gravity, -1.0), (bias, 1.0)):
             if state in lane.P.states:
@@ -397,6 +395,9 @@ class Step:
         for i, row in model.gravity_rows(now.twist[2] * dt, tilt, kept, dt).items():
             faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
         with_pose[s.YAW, s.YAW] = with_pose[s.YAW, s.YAW] + lane.input("turn_density") * dt
+        own = {i: walk.get(i, 0.0) * dt for i in lane.P.states}
+        for axis in range(3):
+            own[s.SLIP.start + axis] = sigma[axis] * sigma[axis] * fades[axis].final
         after: dict[tuple[int, int], Any] = {}
         for i in range(count):
             # The carried row times the derivatives of the twist.
@@ -418,10 +419,7 @@ class Step:
             for j in states[n:]:
                 if i >= s.MOVED.stop:
                     after[i, j] = _between(P, faded[i], faded[j])
-            after[i, i] = after[i, i] + walk.get(i, 0.0) * dt
-            if _is_slip(i):
-                axis = i - s.SLIP.start
-                after[i, i] = after[i, i] + sigma[axis] * sigma[axis] * fades[axis].final
+            after[i, i] = after[i, i] + own[i]
         if self.kind.fast_slip:
             for j in FAST:
                 for i in lane.P.states:
@@ -432,10 +430,19 @@ class Step:
                     elif i >= s.SIZE:
                         after[j, i] = _between(P, faded[i], {j: 1.0})
         if lane.shape.reports:
-            self._report_motion(
-                rows, M_dt, yaws, with_rows, with_pose, walk, sigma, fades, step, faded
-            )
-        lane.P = Covariance(after)
+            self._report_motion(rows, M_dt, yaws, with_rows, with_pose, own, fades, step, faded)
+        if isinstance(P, CovarianceInC):
+            moved_by = {
+                i: combined({s.YAW: yaws[i]}, *zip(M_dt[i], rows, strict=True))
+                for i in range(count)
+            }
+            P.transform(moved_by)
+            for group in (GRAVITY, range(s.SLIP.start, s.SLIP.stop)):
+                P.transform({i: {**faded[i], i: faded[i][i] - 1.0} for i in group})
+            for pair, more in (*with_pose.items(), *(((i, i), own[i]) for i in states)):
+                P.add(*pair, more)
+        else:
+            lane.P = Covariance(after)
         before = x.copy()
         for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
             along = {k: faded[i][k] for k in GRAVITY}
@@ -453,8 +460,7 @@ class Step:
         yaws: Sequence[Any],
         with_rows: Sequence[Vector],
         with_pose: dict[tuple[int, int], Any],
-        walk: Vector,
-        sigma: Any,
+        own: Vector,
         fades: Sequence[GaussMarkov],
         step: Sequence[Any],
         faded: dict[int, Vector],
@@ -474,10 +480,6 @@ class Step:
 
         moved = range(len(rows))
         noise = [[with_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
-        own = {i: walk.get(i, 0.0) * lane.constant("dt") for i in states}
-        for axis in range(3):
-            square = sigma[axis] * sigma[axis] * fades[axis].final
-            own[s.SLIP.start + axis] = own[s.SLIP.start + axis] + square
         own_noise = [own[i] for i in states]
         of_gravity = [[faded[k].get(i, 0.0) for i in states] for k in GRAVITY]
         values = moved_values(

@@ -72,13 +72,7 @@ class Functions:
 
     def of_annotation(self, hint: Any) -> Type | None:
         """Type that an annotation states; None if it leaves it open."""
-        plain: dict[Any, Type] = {
-            float: REAL,
-            int: INT,
-            bool: BOOL,
-            complex: COMPLEX,
-            type(None): NONE,
-        }
+        plain = {float: REAL, int: INT, bool: BOOL, complex: COMPLEX, type(None): NONE}
         if hint in plain:
             return plain[hint]
         if isinstance(hint, type) and hint in self.records:

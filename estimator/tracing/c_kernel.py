@@ -50,22 +50,25 @@ class _Writer:
     def function(self) -> str:
         """Write the function."""
         kernel = self._kernel
-        wanted = [store.value for store in kernel.stores] + list(kernel.flags)
+        wanted = [store.value for store in kernel.stores] + list(kernel.flags) + Traced.effects
         waiting = defaultdict(list)
         for store in kernel.stores:
-            waiting[store.value].append(store)
+            writer = Traced.writers.get((store.array, store.row), store.value)
+            waiting[max(store.value, writer, key=IN_ORDER)].append(store)
         nodes = reachable(wanted)
-        loads = {
-            node.extra: node for node in reachable(wanted, with_bodies=True) if node.op == "load"
-        }
+        loads = defaultdict(list)
+        for node in reachable(wanted, with_bodies=True):
+            if node.op == "load":
+                loads[node.extra].append(node)
         last_uses = _last_uses(nodes, kernel.flags)
         for node in sorted(nodes, key=IN_ORDER):
+            for place in node.extra[1] if node.op == "effect" else ():
+                earlier = [load for load in loads[place] if load.number < node.number]
+                self._keep_before(earlier, node, last_uses)
             self._name(node)
             for store in waiting.get(node, ()):
-                value = self._name(node)
-                before = loads.get((store.array, store.row))
-                if before is not None and self._is_read_after(before, node, last_uses):
-                    self._keep(before)
+                value = self._name(store.value)
+                self._keep_before(loads[store.array, store.row], node, last_uses)
                 self._add(f"{store.array}[{store.row}] = {value};")
         flags = [
             f"((uint32_t){self._name(flag)} << {place * FLAG_BITS})"
@@ -78,9 +81,14 @@ class _Writer:
         body = [*unused, *self._lines, f"    return {' | '.join(flags) or '0'};"]
         return "\n".join([f"static uint32_t {kernel.name}({parameters})", "{", *body, "}", ""])
 
-    def _is_read_after(self, load: Traced, node: Traced, last_uses: dict[Traced, int]) -> bool:
-        """Return True if a row is overwritten while its old value is still needed."""
-        return load not in self._names and (load is node or last_uses.get(load, -1) > node.number)
+    def _keep_before(
+        self, loads: Iterable[Traced], node: Traced, last_uses: dict[Traced, int]
+    ) -> None:
+        """Keep values of a row that is overwritten while they are still needed."""
+        for load in loads:
+            is_read = load is node or last_uses.get(load, -1) > node.number
+            if load not in self._names and is_read:
+                self._keep(load)
 
     def _add(self, line: str) -> None:
         self._lines.append(self._indent + line)
@@ -98,12 +106,14 @@ class _Writer:
             case "load" | "scalar":
                 array, row = node.extra
                 return f"{array}[{row}]"
+            case "effect" | "vector":
+                self._names[node] = name = f"o{node.number}"
+                args = map(self._name, node.args)
+                self._add(f"{node.extra[0].format(*args, out=name)};")
+                return name
             case "loop":
                 self._loop(node)
                 return ""
-            case "result":
-                self._name(node.args[0])
-                return self._names[node]
         return self._keep(node)
 
     def _keep(self, node: Traced) -> str:
@@ -117,6 +127,8 @@ class _Writer:
     def _code(self, node: Traced) -> str:
         args = [self._name(arg) for arg in node.args]
         match node.op:
+            case "code":
+                return str(node.extra[0].format(*args))
             case "neg":
                 return f"-({args[0]})"
             case "not":

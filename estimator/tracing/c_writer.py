@@ -1,11 +1,15 @@
 """Body of one Python function as C99, statement by statement, see `c_functions`."""
 
+from __future__ import annotations
+
 import ast
 import inspect
 import math
+import operator
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, Protocol, get_type_hints
+from collections.abc import Callable, Sequence
+from itertools import chain
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import numpy as np
 
@@ -22,54 +26,23 @@ from icreckon.estimator.tracing.c_types import (
     Type,
 )
 
+if TYPE_CHECKING:
+    from icreckon.estimator.tracing.c_functions import Functions
+
 LIBRARY = "icreckon."
 ARITHMETIC = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+COMPUTED: dict[type, Callable[[Any, Any], Any]]
+COMPUTED = dict(
+    zip(ARITHMETIC, (operator.add, operator.sub, operator.mul, operator.truediv), strict=True)
+)
 RELATION = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="} | {
     ast.Eq: "==",
     ast.NotEq: "!=",
 }
 OF_COMPLEX = {ast.Add: "sum", ast.Sub: "difference", ast.Mult: "product"}
-RESERVED = (
-    "new",
-    "this",
-    "real",
-    "short",
-    "long",
-    "int",
-    "float",
-    "double",
-    "j0",
-    "y0",
-    "y1",
-    "yn",
-)
+BESSEL = ("j0", "y0", "y1", "yn")
+RESERVED = ("new", "this", "real", "short", "long", "int", "float", "double", *BESSEL)
 OF_MATH = ("sqrt", "exp", "expm1", "cos", "sin", "atan2")
-
-
-class Translation(Protocol):
-    """Types and functions that a function in C refers to.
-
-    Attributes:
-        bits: number of bits of each number, 64 or 32.
-        constants: see `Functions`.
-        integers: see `Functions`.
-    """
-
-    bits: int
-    constants: dict[tuple[str, str], Code]
-    integers: dict[tuple[str, str], str]
-
-    def called(self, function: Callable[..., Any], types: Sequence[Type]) -> tuple[str, Type]:
-        """Name and result of a function for arguments of these types."""
-        ...
-
-    def of_annotation(self, hint: Any) -> Type | None:
-        """Type that an annotation states; None if it leaves it open."""
-        ...
-
-    def tuple_type(self, fields: Sequence[tuple[str, Type]], name: str = "") -> Type:
-        """Type of a tuple, which is defined if it is new."""
-        ...
 
 
 class FunctionWriter:
@@ -77,7 +50,7 @@ class FunctionWriter:
 
     def __init__(
         self,
-        functions: Translation,
+        functions: Functions,
         function: Callable[..., Any],
         parameters: dict[str, Type],
         result: Type | None,
@@ -98,7 +71,9 @@ class FunctionWriter:
         """Write the function with a name in C."""
         for statement in self._tree.body:
             self._statement(statement)
-        parameters = [f"{of.c}{_gap(of)}{_safe(one)}" for one, of in self._parameters.items()]
+        parameters = [
+            f"{of.c} {_safe(one)}".replace("* ", "*") for one, of in self._parameters.items()
+        ]
         head = f"static {(self.result or NONE).c} {name}({', '.join(parameters) or 'void'})"
         unused = [f"    (void){_safe(one)};" for one in self._parameters]
         return "\n".join([head, "{", *unused, *self._declared, *self._lines, "}", ""])
@@ -139,8 +114,6 @@ class FunctionWriter:
                 self._add(f"{self._code(value).text};")
             case ast.Assign(targets=targets, value=value):
                 self._assign(targets, value)
-            case ast.AnnAssign(target=target, value=value) if value is not None:
-                self._assign([target], value)
             case ast.AugAssign(target=target, op=op, value=value):
                 self._store(
                     target, self._arithmetic(node, op, self._code(target), self._code(value))
@@ -178,9 +151,7 @@ class FunctionWriter:
     def _for(self, name: str, over: ast.expr, body: Sequence[ast.stmt]) -> None:
         if isinstance(over, ast.Call) and _name_of(over.func) == "range":
             bounds = [self._code(arg) for arg in over.args]
-            start, stop = (
-                (bounds[0], bounds[1]) if len(bounds) > 1 else (Code("0", INT, 0), bounds[0])
-            )
+            start, stop = bounds[:2] if len(bounds) > 1 else (Code("0", INT, 0), bounds[0])
             if self._indexes_tuple(name, body):
                 for k in range(start.value, stop.value):
                     self._known[name] = k
@@ -214,7 +185,7 @@ class FunctionWriter:
 
     def _indexes_tuple(self, name: str, body: Sequence[ast.stmt]) -> bool:
         """Return True if a loop's variable is the index of a tuple."""
-        for node in _walk(body):
+        for node in chain.from_iterable(map(ast.walk, body)):
             if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
                 of = self._locals.get(node.value.id)
                 if of is not None and of.kind == "tuple" and _name_of(node.slice) == name:
@@ -231,13 +202,13 @@ class FunctionWriter:
         first = targets[0]
         if len(targets) > 1:
             found = self._code(value)
-            if not _is_simple(value):
+            if not isinstance(value, ast.Constant):
                 found = self._kept(found)
             for target in targets:
                 self._store(target, found)
         elif isinstance(first, ast.Tuple) and isinstance(value, ast.Tuple):
             kept = [
-                found if _is_simple(one) else self._kept(found)
+                found if isinstance(one, ast.Constant) else self._kept(found)
                 for one in value.elts
                 for found in [self._code(one)]
             ]
@@ -349,7 +320,8 @@ class FunctionWriter:
                     return self._constant(-found.value, node)
                 return Code(f"-({found.text})", INT if found.type == BOOL else found.type)
             case ast.BoolOp(op=op, values=values):
-                return self._boolean(op, values)
+                sign = " && " if isinstance(op, ast.And) else " || "
+                return Code("(" + sign.join(f"({self._truth(one)})" for one in values) + ")", BOOL)
             case ast.Compare():
                 return self._comparison(node)
             case ast.IfExp(test=test, body=body, orelse=orelse):
@@ -370,11 +342,7 @@ class FunctionWriter:
         if replaced is not None:
             return replaced
         of = owner.type.field(node.attr)
-        text = (
-            f"{owner.text}->{node.attr}"
-            if owner.type.kind == "record"
-            else f"{owner.text}.{node.attr}"
-        )
+        text = f"{owner.text}{'->' if owner.type.kind == 'record' else '.'}{node.attr}"
         return Code(f"(&{text})" if of.kind == "record" else text, of)
 
     def _subscript(self, node: ast.Subscript) -> Code:
@@ -408,7 +376,7 @@ class FunctionWriter:
             of = max(of, REAL, key=NUMBERS.index)
         of = INT if of == BOOL else of
         if left.value is not None and right.value is not None:
-            return self._constant(_computed(op, left.value, right.value), node)
+            return self._constant(COMPUTED[type(op)](left.value, right.value), node)
         a, b = self._as(left, of).text, self._as(right, of).text
         if of == COMPLEX:
             return Code(f"complex_{OF_COMPLEX[type(op)]}({a}, {b})", of)
@@ -424,21 +392,13 @@ class FunctionWriter:
         name = function_name("pow", self._all.bits)
         return Code(f"{name}({base.text}, {self._as(power, REAL).text})", REAL)
 
-    def _boolean(self, op: ast.boolop, values: Sequence[ast.expr]) -> Code:
-        sign = " && " if isinstance(op, ast.And) else " || "
-        return Code("(" + sign.join(f"({self._truth(one)})" for one in values) + ")", BOOL)
-
     def _comparison(self, node: ast.Compare) -> Code:
         found = [self._code(one) for one in (node.left, *node.comparators)]
         parts = []
         for op, a, b in zip(node.ops, found, found[1:], strict=False):
             of = max(a.type, b.type, key=NUMBERS.index)
             if of == COMPLEX:
-                zero = literal(0.0, self._all.bits)
-                if not isinstance(op, ast.NotEq) or b.value != 0.0:
-                    raise self._fail(node)
-                parts.append(f"({a.text}.re != {zero} || {a.text}.im != {zero})")
-                continue
+                raise self._fail(node)
             parts.append(f"({self._as(a, of).text} {RELATION[type(op)]} {self._as(b, of).text})")
         return Code(parts[0] if len(parts) == 1 else f"({' && '.join(parts)})", BOOL)
 
@@ -480,10 +440,9 @@ class FunctionWriter:
             case "min" | "max":
                 return self._extreme(name, args)
             case "int":
-                return (
-                    self._as(args[0], INT)
-                    if args[0].type in (INT, BOOL)
-                    else Code(f"(int64_t)({args[0].text})", INT)
+                is_whole = args[0].type in (INT, BOOL)
+                return self._as(
+                    args[0] if is_whole else Code(f"(int64_t)({args[0].text})", INT), INT
                 )
             case "float":
                 return self._as(args[0], REAL)
@@ -497,10 +456,6 @@ class FunctionWriter:
     def _call_of(self, node: ast.Call, called: Any, args: list[Code]) -> Code:
         if isinstance(called, type) and issubclass(called, tuple):
             return self._tuple(args, self._all.of_annotation(called))
-        if getattr(called, "__name__", "") == "select":
-            of = max(args[1].type, args[2].type, key=NUMBERS.index)
-            a, b = self._as(args[1], of).text, self._as(args[2], of).text
-            return Code(f"({self._as(args[0], BOOL).text} ? {a} : {b})", of)
         if not str(getattr(called, "__module__", "")).startswith(LIBRARY):
             raise self._fail(node)
         signature = inspect.signature(called)
@@ -555,23 +510,8 @@ def _safe(name: str) -> str:
     return f"{name}_" if name in (*OF_MATH, *RESERVED) else name
 
 
-def _gap(of: Type) -> str:
-    return "" if of.c.endswith("*") else " "
-
-
 def _whole(value: int) -> str:
     return str(value) if -(2**31) < value < 2**31 else f"INT64_C({value})"
-
-
-def _computed(op: ast.operator, a: Any, b: Any) -> Any:
-    match op:
-        case ast.Add():
-            return a + b
-        case ast.Sub():
-            return a - b
-        case ast.Mult():
-            return a * b
-    return a / b
 
 
 def _is_enclosed(text: str) -> bool:
@@ -586,13 +526,3 @@ def _is_enclosed(text: str) -> bool:
 
 def _name_of(node: ast.AST) -> str:
     return node.id if isinstance(node, ast.Name) else ""
-
-
-def _is_simple(node: ast.expr) -> bool:
-    """Return True for a constant, which no assignment changes."""
-    return isinstance(node, ast.Constant)
-
-
-def _walk(body: Sequence[ast.stmt]) -> Iterator[ast.AST]:
-    for statement in body:
-        yield from ast.walk(statement)

@@ -17,7 +17,7 @@ import math
 import operator
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, ClassVar, NamedTuple, cast
+from typing import Any, ClassVar, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
@@ -25,6 +25,16 @@ import numpy as np
 IN_ORDER = operator.attrgetter("number")
 # Operations whose arguments may be exchanged.
 COMMUTATIVE = {"add", "mul", "and", "or"}
+Operator: TypeAlias = "Callable[[Traced, Any], Traced]"
+
+
+def _both_ways(of: Callable[[Traced, Traced], Traced]) -> tuple[Operator, Operator]:
+    """Operator of a number with another, and of another with the number."""
+    return lambda a, b: of(a, lift(b)), lambda b, a: of(lift(a), b)
+
+
+def _comparison(relation: str) -> Operator:
+    return lambda a, b: _compare(relation, a, lift(b))
 
 
 class Traced:
@@ -45,6 +55,9 @@ class Traced:
     __array_ufunc__ = None
     _nodes: ClassVar[dict[Any, Traced]] = {}
     _known: ClassVar[Mapping[tuple[str, int], float]] = {}
+    # Effects, and the last on each row of the workspace.
+    effects: ClassVar[list[Traced]] = []
+    writers: ClassVar[dict[tuple[str, int], Traced]] = {}
     bits: ClassVar[int] = 64
 
     op: str
@@ -64,29 +77,13 @@ class Traced:
         """Value of a constant; None for any other number."""
         return cast(float, self.extra) if self.op == "constant" else None
 
-    def __add__(self, other: Any) -> Traced:
-        return _add(self, lift(other))
-
-    def __radd__(self, other: Any) -> Traced:
-        return _add(lift(other), self)
-
-    def __sub__(self, other: Any) -> Traced:
-        return _subtract(self, lift(other))
-
-    def __rsub__(self, other: Any) -> Traced:
-        return _subtract(lift(other), self)
-
-    def __mul__(self, other: Any) -> Traced:
-        return _multiply(self, lift(other))
-
-    def __rmul__(self, other: Any) -> Traced:
-        return _multiply(lift(other), self)
-
-    def __truediv__(self, other: Any) -> Traced:
-        return _multiply(self, _reciprocal(lift(other)))
-
-    def __rtruediv__(self, other: Any) -> Traced:
-        return _multiply(lift(other), _reciprocal(self))
+    __add__, __radd__ = _both_ways(lambda a, b: _add(a, b))  # noqa: PLW0108 - it is defined below
+    __sub__, __rsub__ = _both_ways(lambda a, b: _subtract(a, b))  # noqa: PLW0108 - it is defined below
+    __mul__, __rmul__ = _both_ways(lambda a, b: _multiply(a, b))  # noqa: PLW0108 - it is defined below
+    __truediv__, __rtruediv__ = _both_ways(lambda a, b: _multiply(a, _reciprocal(b)))
+    __gt__, __ge__ = _comparison(">"), _comparison(">=")
+    __lt__, __le__ = _comparison("<"), _comparison("<=")
+    __eq__ = _comparison("==")  # type: ignore[assignment]
 
     def __neg__(self) -> Traced:
         return _negate(self)
@@ -100,21 +97,6 @@ class Traced:
         if power == 2:
             return self * self
         raise NotImplementedError(f"a traced number to the power of {power!r}")
-
-    def __gt__(self, other: Any) -> Traced:
-        return _compare(">", self, lift(other))
-
-    def __ge__(self, other: Any) -> Traced:
-        return _compare(">=", self, lift(other))
-
-    def __lt__(self, other: Any) -> Traced:
-        return _compare("<", self, lift(other))
-
-    def __le__(self, other: Any) -> Traced:
-        return _compare("<=", self, lift(other))
-
-    def __eq__(self, other: object) -> Traced:  # type: ignore[override]
-        return _compare("==", self, lift(other))
 
     def __and__(self, other: Any) -> Traced:
         return _logical("and", self, other)
@@ -140,6 +122,7 @@ def start(bits: int = 64) -> None:
         bits: number of bits of each number, 64 or 32.
     """
     Traced._nodes, Traced.bits = {}, bits
+    Traced.effects, Traced.writers = [], {}
 
 
 @contextmanager
@@ -160,8 +143,22 @@ def lift(value: Any) -> Traced:
 
 
 def lane_input(array: str, row: int) -> Traced:
-    """Input of each lane, from a row of an array."""
-    return _make("load", (), (array, row))
+    """Input of each lane, from a row of an array, as the last effect on it has left it."""
+    writer = Traced.writers.get((array, row))
+    return _make("load", () if writer is None else (writer,), (array, row))
+
+
+def in_c(code: str, *args: Any) -> Traced:
+    """Value of an expression in C, `{0}` for the first argument; or a vector `{out}` of statements."""
+    return _make("vector" if "{out}" in code else "code", tuple(map(lift, args)), (code, ()))
+
+
+def effect(code: str, *args: Any, rows: Iterable[int] = ()) -> None:
+    """Add a statement in C, which changes a vector or these rows of the workspace."""
+    written = tuple(("lanes", row) for row in rows)
+    node = _fresh("effect", (code, written), tuple(map(lift, args)))
+    Traced.effects.append(node)
+    Traced.writers.update(dict.fromkeys(written, node))
 
 
 def uniform_input(array: str, index: int) -> Traced:

@@ -15,11 +15,11 @@ DAY = Path(__file__).parent / "day.c"
 HOURS = 24
 
 
-def rows_of(folder: Path, bits: int) -> np.ndarray:
+def rows_of(folder: Path, bits: int, compact: bool) -> np.ndarray:
     """Rows of `day.c`."""
-    for name, text in filter_in_c(
-        ROBOT, VARIANTS["inertia-online"], bits=bits, imu_rate=20.0
-    ).files.items():
+    of = VARIANTS["inertia-online"]
+    exported = filter_in_c(ROBOT, of, bits=bits, imu_rate=20.0, compact=compact)
+    for name, text in exported.files.items():
         (folder / name).write_text(text, encoding="utf-8")
     program, sources = folder / "day", [str(DAY), str(folder / "icreckon_filter.c")]
     command = [compiler(), "-std=c99", "-O1", f"-I{folder}", *sources, "-lm", "-o", str(program)]
@@ -32,11 +32,12 @@ def rows_of(folder: Path, bits: int) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_a_day_in_float_is_that_in_double(tmp_path: Path) -> None:
+@pytest.mark.parametrize("compact", [False, True])
+def test_a_day_in_float_is_that_in_double(compact: bool, tmp_path: Path) -> None:
     """Hours without fixes, to 1 km and more of sigma, then fixes of 5 cm: sums and covariance hold."""
     (tmp_path / "32").mkdir()
     (tmp_path / "64").mkdir()
-    found, expected = rows_of(tmp_path / "32", 32), rows_of(tmp_path / "64", 64)
+    found, expected = rows_of(tmp_path / "32", 32, compact), rows_of(tmp_path / "64", 64, False)
     assert len(expected) == HOURS * 6
     assert (found[:, :2] == expected[:, :2]).all()
     sigmas, of_float = np.sqrt(expected[:, 3::2]), np.sqrt(found[:, 3::2])

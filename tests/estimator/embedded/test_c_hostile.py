@@ -17,12 +17,13 @@ WARNINGS = "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werro
 
 
 @cache
-def files(variant: str, bits: int) -> dict[str, str]:
-    return filter_in_c(ROBOT, VARIANTS[variant], bits=bits, imu_rate=100.0).files
+def files(variant: str, bits: int, compact: bool) -> dict[str, str]:
+    of = VARIANTS[variant]
+    return filter_in_c(ROBOT, of, bits=bits, imu_rate=100.0, compact=compact).files
 
 
-def written(folder: Path, variant: str, bits: int) -> Path:
-    for name, text in files(variant, bits).items():
+def written(folder: Path, variant: str, bits: int, compact: bool = False) -> Path:
+    for name, text in files(variant, bits, compact).items():
         (folder / name).write_text(text, encoding="utf-8")
     return folder
 
@@ -40,23 +41,31 @@ def survives(folder: Path, seconds: float, seed: int, cc: str = "gcc") -> None:
     assert done.stderr == ""
 
 
-def test_a_hostile_minute(tmp_path: Path) -> None:
-    survives(written(tmp_path, "inertia-online", 32), 90.0, 1)
+@pytest.mark.parametrize("compact", [False, True])
+def test_a_hostile_minute(compact: bool, tmp_path: Path) -> None:
+    survives(written(tmp_path, "inertia-online", 32, compact), 90.0, 1)
 
 
 ALL = [(one, bits, "gcc") for one in ("gyro", "full-linear", "inertia-online") for bits in (64, 32)]
 # Clang takes twice as long.
 OTHERS = [("gyro", 32, "clang"), ("full-linear", 64, "clang"), ("inertia-online", 32, "clang")]
+COMPACT = [("inertia-online", 32, "gcc"), ("full-linear", 64, "clang")]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("variant", "bits", "cc"), ALL + OTHERS)
-def test_ten_hostile_minutes(variant: str, bits: int, cc: str, tmp_path: Path) -> None:
-    folder = written(tmp_path, variant, bits)
+@pytest.mark.parametrize(
+    ("variant", "bits", "cc", "compact"),
+    [*((*one, False) for one in ALL + OTHERS), *((*one, True) for one in COMPACT)],
+)
+def test_ten_hostile_minutes(
+    variant: str, bits: int, cc: str, compact: bool, tmp_path: Path
+) -> None:
+    folder = written(tmp_path, variant, bits, compact)
     for seed in range(1, 4):
         survives(folder, 600.0, seed, cc)
 
 
+@pytest.mark.parametrize("compact", [False, True])
 @pytest.mark.parametrize(
     ("cc", "language"),
     [
@@ -66,8 +75,10 @@ def test_ten_hostile_minutes(variant: str, bits: int, cc: str, tmp_path: Path) -
         pytest.param("clang++", ("-std=c++17", "-x", "c++"), marks=pytest.mark.slow),
     ],
 )
-def test_compilers_do_not_warn(cc: str, language: tuple[str, ...], tmp_path: Path) -> None:
-    folder = written(tmp_path, "inertia-online", 32)
+def test_compilers_do_not_warn(
+    cc: str, language: tuple[str, ...], compact: bool, tmp_path: Path
+) -> None:
+    folder = written(tmp_path, "inertia-online", 32, compact)
     user = folder / "user.cpp"
     user.write_text('#include "icreckon_filter.hpp"\nicreckon::Filter filter(1.0f, 2.0f, 0.5f);\n')
     sources = ["icreckon_filter.c", "example.c", "selftest.c"]

@@ -54,7 +54,7 @@ def reversed_weights(values: Any) -> float:
 def turned(x: float, y: float) -> float:
     z = complex(x, y) * complex(math.cos(0.3), math.sin(0.3)) - 0.5
     w = z * z.conjugate() + 1j * x
-    return w.real + 2.0 * w.imag if w != 0.0 else 0.0
+    return w.real + 2.0 * w.imag
 
 
 def counted(x: float, n: int) -> int:

@@ -17,8 +17,9 @@ from same_runs import ROBOT
 WORDS = ("export", "--robot", "auriga-alpha")
 
 
-def test_a_folder_that_builds_and_passes_its_self_test(tmp_path: Path) -> None:
-    done = succeeds(*WORDS, "--precision", "double", "--out", "filter", cwd=tmp_path)
+@pytest.mark.parametrize("words", [["--precision", "double"], ["--compact"]])
+def test_a_folder_that_builds_and_passes_its_self_test(words: list[str], tmp_path: Path) -> None:
+    done = succeeds(*WORDS, *words, "--out", "filter", cwd=tmp_path)
     assert "next: cmake -S filter" in done.stderr
     names = {one.name for one in (tmp_path / "filter").iterdir()}
     assert {"icreckon_filter.c", "icreckon_filter.hpp", "test_vectors.csv", "README.md"} <= names
