@@ -21,14 +21,7 @@ from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.terrain import Terrain
-from same_runs import (
-    FEW_DIGITS,
-    ROBOT,
-    ROUNDING,
-    drive,
-    every,
-    without,
-)
+from same_runs import FEW_DIGITS, ROBOT, ROUNDING, drive, every, without
 
 SECOND, DEFAULT = 1_000_000_000, Settings()
 EVERYDAY = ("gyro", "constant-online", "inertia-online")

@@ -18,11 +18,7 @@ FORBIDDEN = re.compile(
     r"|says? (nothing|little)|tells? of)\b",
     re.IGNORECASE,
 )
-PAGES = [
-    ROOT / "README.md",
-    ROOT / "CONTRIBUTING.md",
-    *sorted((ROOT / "docs").rglob("*.md")),
-]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def texts(source: Path) -> Iterator[tuple[int, str]]:

@@ -11,10 +11,7 @@ import pytest
 from PIL import Image
 
 from command_line import Done, icreckon
-from icreckon.estimator.robot.robot_file import (
-    Imu,
-    load_robot,
-)
+from icreckon.estimator.robot.robot_file import Imu, load_robot
 from icreckon.estimator.robot.variants import VARIANTS, used_parameters
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.simulation.drives.trajectories import trajectory_names, trajectory_options

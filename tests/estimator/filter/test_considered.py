@@ -101,10 +101,7 @@ def consistency():
     shares = {name: 0.1 * size for name, size in usual.items() if "time" not in name}
     little = msgspec.structs.replace(slip_of(ALPHA, variant), **shares)
     settings = Settings(
-        slip=little,
-        adaptation=adaptation,
-        considered=("eta0",),
-        standstill=standstill,
+        slip=little, adaptation=adaptation, considered=("eta0",), standstill=standstill
     )
     ignoring = msgspec.structs.replace(
         settings, adaptation=default_adaptation("inertia-online", eta0=0.0), considered=()

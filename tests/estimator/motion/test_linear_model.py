@@ -16,11 +16,7 @@ from icreckon.estimator.motion.linear_model import (
 )
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
 from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.variants import (
-    find_variant,
-    initial_parameters,
-    parameter_names,
-)
+from icreckon.estimator.robot.variants import find_variant, initial_parameters, parameter_names
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")

@@ -14,11 +14,7 @@ from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, slip_of
-from icreckon.estimator.sensors.held_tracks import (
-    SMOOTHING,
-    TrackRecord,
-    take_tracks,
-)
+from icreckon.estimator.sensors.held_tracks import SMOOTHING, TrackRecord, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario

@@ -11,10 +11,7 @@ from conftest import sample_log
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import (
-    Measurement,
-    TrackSpeeds,
-)
+from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.track_latency import TrackLatencyEstimator

@@ -14,9 +14,7 @@ from icreckon.estimator.tracing import kernel_cache
 from icreckon.estimator.tracing.emit import lanes_of_machine
 from icreckon.estimator.tracing.jit_kernel import compiled, entry
 from icreckon.estimator.tracing.kernel import Kernel, Store
-from icreckon.estimator.tracing.kernel_cache import (
-    cache_folder,
-)
+from icreckon.estimator.tracing.kernel_cache import cache_folder
 from icreckon.estimator.tracing.machine_code import address_of, compiled_library
 from icreckon.estimator.tracing.trace import lane_input, start
 

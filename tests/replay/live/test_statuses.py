@@ -8,12 +8,7 @@ from icreckon.replay.base.diagnostic_status import OK, STALE, WARN
 from icreckon.replay.live.inputs import LiveInputs
 from icreckon.replay.live.odometry import LiveOdometry
 from icreckon.replay.live.silence import MOST_NAMES, missing_joints, silent_topic
-from icreckon.replay.live.statuses import (
-    Counts,
-    LiveStatuses,
-    findings_status,
-    sensor_status,
-)
+from icreckon.replay.live.statuses import Counts, LiveStatuses, findings_status, sensor_status
 from icreckon.replay.mapping.topics import topic_map
 
 LEFT = Finding(

@@ -12,12 +12,7 @@ from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.robot.variants import coulomb_gains
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact import steady_state
-from icreckon.simulation.contact.contact import (
-    Body,
-    Contact,
-    ContactGeometry,
-    equally_spaced,
-)
+from icreckon.simulation.contact.contact import Body, Contact, ContactGeometry, equally_spaced
 from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.contact.steady_state import CONVERGED, solve_steady, track_speed_grid
 

@@ -10,11 +10,7 @@ from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
-from icreckon.simulation.paper.dynamic_map import (
-    DynamicMap,
-    map_of,
-    on_spot_line,
-)
+from icreckon.simulation.paper.dynamic_map import DynamicMap, map_of, on_spot_line
 from icreckon.simulation.paper.readings import Reading, read_errors, read_means, read_parameters
 
 AURIGA = Contact(

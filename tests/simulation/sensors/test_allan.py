@@ -6,11 +6,7 @@ import pytest
 
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.sampling import sample_times
-from icreckon.simulation.sensors.imu import (
-    INSTABILITY_FLOOR,
-    MARKOV_PEAK,
-    InertialErrors,
-)
+from icreckon.simulation.sensors.imu import INSTABILITY_FLOOR, MARKOV_PEAK, InertialErrors
 from icreckon.simulation.sensors.specs import (
     InertialSpec,
     accelerometer_errors,

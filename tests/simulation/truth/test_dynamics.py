@@ -23,12 +23,7 @@ from icreckon.simulation.contact.contact_forces import mass_matrix
 from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.contact.steady_state import solve_steady
 from icreckon.simulation.drives.trajectories import make_trajectory
-from icreckon.simulation.truth.friction import (
-    FrictionTruth,
-    draw_contact,
-    drive,
-    follow,
-)
+from icreckon.simulation.truth.friction import FrictionTruth, draw_contact, drive, follow
 from icreckon.simulation.truth.terrain import Patch, Payload
 
 GEOMETRY = equally_spaced(0.42, 0.4, 5)
