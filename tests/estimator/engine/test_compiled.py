@@ -1,5 +1,7 @@
 """The compiled filter and the plain one are the same filter."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -122,6 +124,7 @@ def test_explicit_models_are_the_same_compiled(name):
 # --- the estimator ----------------------------------------------------------------------------------
 
 
+@cache
 def everything():
     """All kinds of measurements: standstill, wrong ones that are gated and believed, holes, late ones."""
     scenario = Scenario(
@@ -180,12 +183,7 @@ def everything():
     return [measurements[index] for index in np.argsort(arrival, kind="stable")]
 
 
-EVERYTHING = everything()
-# A part of it, with late ones.
-SOME = EVERYTHING[200:270]
-
-
-def fed(engine, variant="inertia-online", measurements=EVERYTHING, **options):
+def fed(engine, variant, measurements, **options):
     settings = Settings(engine=engine, **options)
     estimator = PoseEstimator(ALPHA, variant, settings=settings, **START)
     used = [estimator.feed(m) for m in measurements]
@@ -211,7 +209,7 @@ def test_compiled_agrees_with_plain(variant):
     settings = [Settings(engine=engine, gates=gates) for engine in ("plain", "compiled")]
     plain, compiled = (PoseEstimator(ALPHA, variant, settings=one, **START) for one in settings)
     worst, before = np.zeros(2), 0.0
-    for number, m in enumerate(EVERYTHING):
+    for number, m in enumerate(everything()):
         assert plain.feed(m) == compiled.feed(m)
         if number % 20 == 0:
             worst = np.maximum(worst, apart(compiled, plain, before))
@@ -315,17 +313,18 @@ def sluggish():
 
 def test_what_a_model_remembers_goes_back_in_time_with_the_filter(sluggish, tmp_path):
     sluggish(0.2)
-    late, _ = fed("compiled", "sluggish", SOME, history=2.0)
-    in_order, _ = fed("compiled", "sluggish", sorted(SOME, key=lambda m: m.stamp), history=2.0)
+    some = everything()[200:270]  # with late ones
+    late, _ = fed("compiled", "sluggish", some, history=2.0)
+    in_order, _ = fed("compiled", "sluggish", sorted(some, key=lambda m: m.stamp), history=2.0)
     memory = late._reckoning.ekf.model.memory
     assert np.abs(memory).max() > 0.01
     assert (memory == in_order._reckoning.ekf.model.memory).all()
     assert (late.state == in_order.state).all()
 
-    before, _ = fed("compiled", "sluggish", SOME[:40])
+    before, _ = fed("compiled", "sluggish", some[:40])
     before.save(tmp_path / "saved.json")
     after = PoseEstimator.restore(tmp_path / "saved.json", ALPHA)
-    for m in SOME[40:]:
+    for m in some[40:]:
         assert before.feed(m) == after.feed(m)
     assert (before.state == after.state).all()
     assert (before._reckoning.ekf.model.memory == after._reckoning.ekf.model.memory).all()

@@ -1,5 +1,7 @@
 """Late measurements: the estimate is that of all measurements in order, whatever order they came in."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -88,11 +90,13 @@ def as_they_arrive(measurements, delays):
     return [measurements[i] for _, i in sorted(arrivals)]
 
 
-IN_ORDER = known(feed_all(MEASUREMENTS))
+@cache
+def in_order():
+    return known(feed_all(MEASUREMENTS))
 
 
 def test_the_measurements_of_these_tests_are_gated_and_coincide():
-    rejections = IN_ORDER[2].rejections()
+    rejections = in_order()[2].rejections()
     assert rejections["gyro: jumped"] > 2
     assert rejections["position: gate"] > 2
     stamps = [m.stamp for m in MEASUREMENTS]
@@ -110,14 +114,14 @@ def test_the_order_of_arrival_does_not_matter(seed, longest, share):
     delays = rng.integers(0, seconds(longest) + 1, len(MEASUREMENTS))
     delays[rng.random(len(MEASUREMENTS)) > share] = 0
     estimator = feed_all(as_they_arrive(MEASUREMENTS, delays.tolist()))
-    assert known(estimator) == IN_ORDER
+    assert known(estimator) == in_order()
 
 
 @settings(max_examples=8)
 @given(st.permutations(MEASUREMENTS[:12]), st.permutations(MEASUREMENTS[60:75]))
 def test_the_order_of_arrival_does_not_matter_at_the_start_and_on_the_way(first, later):
     mixed = [*first, *MEASUREMENTS[12:60], *later, *MEASUREMENTS[75:]]
-    assert known(feed_all(mixed)) == IN_ORDER
+    assert known(feed_all(mixed)) == in_order()
 
 
 def test_a_late_measurement_tells_whether_it_was_used():
@@ -146,7 +150,7 @@ def test_what_is_older_than_the_history_is_refused_and_what_is_as_old_is_not(spa
 def test_without_a_history_equal_stamps_still_have_their_order():
     backward = sorted(MEASUREMENTS, key=lambda m: (m.stamp, -key_of(m)[1]))
     assert backward != MEASUREMENTS
-    assert known(feed_all(backward, settings=Settings(history=0.0))) == IN_ORDER
+    assert known(feed_all(backward, settings=Settings(history=0.0))) == in_order()
 
 
 def test_the_first_of_two_with_one_stamp_counts():
@@ -225,4 +229,4 @@ def test_a_stamp_far_ahead_does_not_make_the_history_forget():
     )
     for m in MEASUREMENTS[200:]:
         estimator.feed(m)
-    assert known(estimator)[3:] == IN_ORDER[3:]
+    assert known(estimator)[3:] == in_order()[3:]

@@ -3,6 +3,7 @@
 import io
 import re
 from pathlib import Path
+from unittest import mock
 
 import msgspec
 import pytest
@@ -55,13 +56,26 @@ def test_a_narrow_terminal_gets_the_verdict_first_and_fewer_columns(folder: Path
     assert shown.count("acts in the literal form only") == 1
 
 
-def test_settings_for_ros_are_of_the_calibrated_radius_and_track(folder: Path) -> None:
-    """The truth of the log shows the radius that was found, not that times the correction again."""
+@pytest.fixture(scope="module")
+def left_early(folder: Path) -> Path:
+    """Folder after a calibration from another radius whose reader leaves, as `... | head -3` does."""
+
     text = robot_toml(changed_robot(load_robot("auriga-alpha"), {"vehicle.sprocket_radius": 0.11}))
     (folder / "wide.toml").write_text(text, encoding="utf-8")
-    words = ("--robot", "wide.toml", "--models", "constant", "--out", "wide")
-    succeeds("calibrate", "drive", *words, "--ros", "wide.yaml", cwd=folder)
-    settings = (folder / "wide.yaml").read_text(encoding="utf-8")
+    files = {"write": folder / "early.toml", "ros": folder / "wide.yaml", "out": folder / "wide"}
+    leaves = mock.patch("icreckon.cli.calibrate.show", side_effect=BrokenPipeError)
+    with leaves, pytest.raises(BrokenPipeError):
+        calibrated(folder, robot_name=str(folder / "wide.toml"), models="constant", **files)
+    return folder
+
+
+def test_a_reader_that_leaves_early_does_not_cost_the_robot_file(left_early: Path) -> None:
+    assert load_robot(left_early / "early.toml").name == "auriga-alpha"
+
+
+def test_settings_for_ros_are_of_the_calibrated_radius_and_track(left_early: Path) -> None:
+    """The truth of the log shows the radius that was found, not that times the correction again."""
+    settings = (left_early / "wide.yaml").read_text(encoding="utf-8")
     radius, shown = re.search(
         r"wheel_radius: (\S+)  # m, effective: by the truth of this log (\S+)", settings
     ).groups()
@@ -147,20 +161,6 @@ def test_what_is_there_is_not_overwritten_unasked(folder: Path) -> None:
         calibrated(folder, write=folder / "mine.toml", overwrite=True, out=folder / "other")
     assert (folder / "found.toml").read_text(encoding="utf-8") == before
     assert not (folder / "other").exists()
-
-
-def test_a_reader_that_leaves_early_does_not_cost_the_robot_file(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As `icreckon calibrate ... | head -3` does."""
-
-    def closed(*_: object, **__: object) -> None:
-        raise BrokenPipeError
-
-    monkeypatch.setattr("icreckon.cli.calibrate.show", closed)
-    with pytest.raises(BrokenPipeError):
-        calibrated(folder, models="constant", write=folder / "early.toml", out=folder / "early")
-    assert load_robot(folder / "early.toml").name == "auriga-alpha"
 
 
 def test_the_robot_file_keeps_all_of_its_tables(folder: Path) -> None:
