@@ -130,7 +130,7 @@ class Covariance:
 
 
 def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tuple[Vector, Any]:
-    """Entries of fixed states, and the part of the innovation that a stand-in explains for them."""
+    """Entries of fixed states, and their part of the innovation over the stand-in's."""
     held = {i: cross[i] for i in fixed if i in cross}
     return held, dot(held, {i: by for i, by in H.items() if i in held}) / H[state]
 
@@ -156,7 +156,7 @@ def dot(a: Vector, b: Vector) -> Any:
 
 
 class CovarianceInC(Covariance):
-    """Covariance in the workspace, which functions in C change in loops; see their template.
+    """Covariance in the workspace, changed by loops of the template in C.
 
     Args:
         x: rows of the states, in the order of the tables in C.

@@ -201,16 +201,6 @@ class BatchFilter:
             work_places(self.layout, self._wander),
         )
 
-    def state(self, lanes: Lanes, lane: int) -> tuple[Floats, Floats]:
-        """State (n,) and covariance (n, n) of one filter; two more if fixes wander."""
-        x = np.append(self._state, [0.0] * (2 * (s.WANDER_X in self.shape.states)))
-        P = np.zeros((len(x), len(x)))
-        for n, i in enumerate(self.shape.states):
-            x[i] = lanes.workspace[self.rows[f"x{i}"], lane]
-            for j in self.shape.states[n:]:
-                P[i, j] = P[j, i] = lanes.workspace[self.rows[covariance_name(i, j)], lane]
-        return x, P
-
     def counts(self, lanes: Lanes) -> dict[str, Floats]:
         """Counts (width,) by their names in `icreckon.estimator.engine.layout.COUNTS`."""
         return {name: lanes.workspace[self.rows[name]].copy() for name in COUNTS}

@@ -1,7 +1,5 @@
 """Body of one Python function as C99, statement by statement, see `c_functions`."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import math
@@ -9,7 +7,7 @@ import operator
 import textwrap
 from collections.abc import Callable, Sequence
 from itertools import chain
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -25,9 +23,6 @@ from icreckon.estimator.tracing.c_types import (
     Code,
     Type,
 )
-
-if TYPE_CHECKING:
-    from icreckon.estimator.tracing.c_functions import Functions
 
 LIBRARY = "icreckon."
 ARITHMETIC = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
@@ -46,11 +41,11 @@ OF_MATH = ("sqrt", "exp", "expm1", "cos", "sin", "atan2")
 
 
 class FunctionWriter:
-    """Writer of one function for certain types of its parameters."""
+    """Writer of one of the `Functions`, for certain types of its parameters."""
 
     def __init__(
         self,
-        functions: Functions,
+        functions: Any,
         function: Callable[..., Any],
         parameters: dict[str, Type],
         result: Type | None,
@@ -338,7 +333,7 @@ class FunctionWriter:
         owner = self._code(node.value)
         if owner.type == COMPLEX:
             return Code(f"({owner.text}).{node.attr[:2]}", REAL)
-        replaced = self._all.constants.get((owner.type.name, node.attr))
+        replaced: Code | None = self._all.constants.get((owner.type.name, node.attr))
         if replaced is not None:
             return replaced
         of = owner.type.field(node.attr)

@@ -143,13 +143,13 @@ def lift(value: Any) -> Traced:
 
 
 def lane_input(array: str, row: int) -> Traced:
-    """Input of each lane, from a row of an array, as the last effect on it has left it."""
+    """Input of each lane: a row of an array, after the last effect on it."""
     writer = Traced.writers.get((array, row))
     return _make("load", () if writer is None else (writer,), (array, row))
 
 
 def in_c(code: str, *args: Any) -> Traced:
-    """Value of an expression in C, `{0}` for the first argument; or a vector `{out}` of statements."""
+    """Value of an expression in C of arguments {0}, {1}, ...; or a vector {out}."""
     return _make("vector" if "{out}" in code else "code", tuple(map(lift, args)), (code, ()))
 
 
