@@ -12,7 +12,7 @@ from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.base.errors import ReplayError
-from icreckon.replay.checking.check import LATENCY, TRACK, Check, corrected
+from icreckon.replay.checking.check import LATENCY, Check, corrected
 from icreckon.replay.comparison.compare import compare
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
@@ -94,7 +94,7 @@ def judged(
     wrong = [one for one in checks if one.problem]
     kept = list(checks)
     for one, cost in zip(wrong, worth.costs, strict=True):
-        if one.name in (LATENCY, TRACK) and log.truth is not None and cost < -LEAST_COST:
+        if one.name == LATENCY and log.truth is not None and cost < -LEAST_COST:
             notes.append(
                 f"{one.problem}; but with that set {VARIANT} drifts {-cost:.1f} points more after "
                 f"{worth.horizon:g} s: file value kept"
