@@ -23,7 +23,7 @@ from icreckon.simulation.study.summary import CONFIDENCE
 # Custom labels have the colours that the variants leave.
 OTHER_COLOURS = ("#009E73", "black", "#F0E442", *COLOURS.values())
 MARKERS = "osD^vPX*"
-STYLE = {"font.size": 12, "legend.framealpha": 0.9, "text.parse_math": False}
+STYLE = {"font.size": 12, "legend.framealpha": 0.9}
 # Without the version of matplotlib, so that equal figures are equal bytes.
 METADATA = {"Software": None}
 # Most names on an axis, or letters in them, without rotation; most cells named by their values.
