@@ -67,7 +67,7 @@ def code_of(source: str) -> str:
     ]
     # Python 3.12 takes f-strings apart, without spaces and doubled braces.
     text = re.sub(r"[ \t]|(?<=\{)\{|(?<=\})\}", "", "".join(words))
-    return re.sub(r"(?<=import)\((.*),?\)", r"\1", re.sub(r",(?=[)\]}])", "", text))
+    return re.sub(r"(?<=import)\((.*)\)", r"\1", re.sub(r",(?=[)\]}])", "", text))
 
 
 @cache

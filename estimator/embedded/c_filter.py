@@ -81,8 +81,6 @@ SLIP_STATES = s.SLIP_X, s.SLIP_Y, s.SLIP_W
 FASTEST_IMU = 10_000.0
 # Constants of a kernel that differ from step to step.
 VARYING = ("dt", "smoothing", "interval")
-# Limits of `input_checks`.
-ABSURD = ("RATE", "FORCE", "DISTANCE", "LEVER")
 # Gates whose number of used measurements the filter reads.
 GATES = ("gyro", "heading")
 # Rows that the filter reads, by their names in C.
@@ -394,7 +392,10 @@ class _Export:
             "EARLIEST": f"INT64_C({input_checks.EARLIEST})",
             "LATEST": f"INT64_C({input_checks.LATEST})",
             "ABSURD_SPEED": number(input_checks.ABSURD_SPEED * fastest),
-            **{f"ABSURD_{of}": number(getattr(input_checks, f"ABSURD_{of}")) for of in ABSURD},
+            "ABSURD_RATE": number(input_checks.ABSURD_RATE),
+            "ABSURD_FORCE": number(input_checks.ABSURD_FORCE),
+            "ABSURD_DISTANCE": number(input_checks.ABSURD_DISTANCE),
+            "ABSURD_LEVER": number(input_checks.ABSURD_LEVER),
         }
 
     def _number(self, value: float) -> str:

@@ -114,6 +114,15 @@ class Covariance:
         self.add(state, state, more * missing)
         return gain | {state: gain[state] + more}
 
+    def correct(
+        self, x: Any, z: Any, cross: Vector, inverse_S: Any, fixed: Iterable[int], stand_in: StandIn
+    ) -> Vector:
+        """Update with a scalar measurement z, and move the states x; see `update`."""
+        gain = self.update(cross, inverse_S, fixed, stand_in)
+        for i, by in gain.items():
+            x[i] = x[i] + by * z
+        return gain
+
     def inflate(self, share: Any) -> Vector:
         """Add a share of the variances before the postponed updates to those after them.
 
@@ -194,8 +203,8 @@ class CovarianceInC(Covariance):
 
     def correct(
         self, x: Any, z: Any, cross: Any, inverse_S: Any, fixed: Iterable[int], stand_in: StandIn
-    ) -> None:
-        """Update with a scalar measurement and move the states, see `Covariance.update`."""
+    ) -> Vector:
+        """Update with a scalar measurement z, and move the states x; see `update`."""
         if self._before is None:
             self._before = trace.in_c("real {out}[ALL]; variances(lanes, {out})")
         stays = sum(1 << self.places[i] for i in self.places if i in fixed)
@@ -204,6 +213,7 @@ class CovarianceInC(Covariance):
             place, missing = self.places[stand_in[0]], _missing(cross, fixed, *stand_in)[1]
         code = f"correct(lanes, {{0}}, {{1}}, {{2}}, {stays:#x}u, {place}, {{3}})"
         self.change(x, code, cross.array, inverse_S, z, missing)
+        return {}
 
     def change(self, x: Any, code: str, *args: Any) -> None:
         """Change states x and covariance by a statement in C."""

@@ -270,13 +270,8 @@ class Lane:
         is_sharp = (R * inverse_S < SHARP_UPDATES[self.shape.bits][0]) & (inverse_S > 0.0)
         more = select(is_sharp, 1.0, 0.0)
         self._sharp, fixed = self._sharp + more, tuple(fixed)
-        if isinstance(self.P, CovarianceInC):
-            instead = None if stand_in is None else (stand_in, H)
-            self.P.correct(self.x, z, cross, inverse_S, fixed, instead)
-            return
-        gains = self.P.update(cross, inverse_S, fixed, None if stand_in is None else (stand_in, H))
-        for i, gain in gains.items():
-            self.x[i] = self.x[i] + gain * z
+        instead = None if stand_in is None else (stand_in, H)
+        gains = self.P.correct(self.x, z, cross, inverse_S, fixed, instead)
         vectors = (value for vector in (H, cross, gains) for value in self.of_states(vector))
         self.report("updated", (z, R, inverse_S, more, *vectors), self.P.states, fixed)
 

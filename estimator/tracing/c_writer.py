@@ -30,10 +30,7 @@ COMPUTED: dict[type, Callable[[Any, Any], Any]]
 COMPUTED = dict(
     zip(ARITHMETIC, (operator.add, operator.sub, operator.mul, operator.truediv), strict=True)
 )
-RELATION = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="} | {
-    ast.Eq: "==",
-    ast.NotEq: "!=",
-}
+RELATION = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 OF_COMPLEX = {ast.Add: "sum", ast.Sub: "difference", ast.Mult: "product"}
 BESSEL = ("j0", "y0", "y1", "yn")
 RESERVED = ("new", "this", "real", "short", "long", "int", "float", "double", *BESSEL)

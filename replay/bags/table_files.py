@@ -20,7 +20,9 @@ FIRST_BYTES = 1 << 20
 FRACTION = re.compile(r"[+-]?\d*([.,])\d+(?:[eE][+-]?\d+)?")
 """Number with a fraction; in many countries 0,25."""
 UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
-MOST_COLUMNS, POSE_CELLS = 10_000, 8
+MOST_COLUMNS = 10_000
+POSE_CELLS, UNIT_ERROR = 8, 0.01
+"""Cells of a line of a trajectory, and largest error of the norm of its quaternion [-]."""
 FEW = 0.01
 """Share of the rows that may be damaged: they are left out."""
 ENOUGH = 20
@@ -81,13 +83,15 @@ def read_table(path: Path) -> Read:
 
 
 def _is_trajectory(path: Path) -> bool:
-    """Test for a first line of eight numbers, apart from comments."""
+    """Test for a time, a place and a unit quaternion in the first line but comments."""
     with path.open(encoding="utf-8", errors="replace") as file:
-        first = next((line for line in file if line.strip() and line[0] != "#"), "")
+        lines = file.read(FIRST_BYTES).splitlines()
+    first = next((line for line in lines if line.strip() and line[0] != "#"), "")
     try:
-        return len(np.array(first.split(), dtype=float)) == POSE_CELLS
+        cells = np.array(first.split(), dtype=float)
     except ValueError:
         return False
+    return len(cells) == POSE_CELLS and bool(abs(np.linalg.norm(cells[4:]) - 1.0) < UNIT_ERROR)
 
 
 def _read_trajectory(path: Path) -> Read:

@@ -33,6 +33,7 @@ from icreckon.replay.reading.read_log import read_log
 
 # Longest time between the end of a log and the start of another that may be one recording [s].
 NEXT_PART = 5.0
+NO_RATIO = bootstrap.Estimate(math.nan, None)
 
 
 class Case(NamedTuple):
@@ -259,11 +260,7 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
         both = [one for one in logs if all(baseline in pair.names for pair in one.values())]
         joined = _joined(both, [name, baseline]) if both else {}
         for label in drift_table.horizon_labels():
-            ratio = (
-                joined[label].ratio(name, baseline)
-                if joined
-                else bootstrap.Estimate(math.nan, None)
-            )
+            ratio = joined[label].ratio(name, baseline) if joined else NO_RATIO
             variants[name][f"drift_ratio_{label}"] = ratio.value
             variants[name][f"drift_ratio_{label}_95"] = drift_table.listed(ratio)
     found = None

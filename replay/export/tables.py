@@ -130,11 +130,8 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
     """
     if variant not in comparison.runs:
         lost = comparison.failed.get(variant)
-        why = (
-            f"there are {', '.join(comparison.runs)}"
-            if lost is None
-            else f"it failed: {lost.reason}"
-        )
+        others = f"there are {', '.join(comparison.runs)}"
+        why = others if lost is None else f"it failed: {lost.reason}"
         raise ReplayError(f"the comparison has no run {variant!r}; {why}")
     one = comparison.runs[variant]
     columns: dict[str, NDArray[Any]] = run_columns(one, robot, comparison.log.start)

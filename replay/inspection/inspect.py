@@ -365,7 +365,7 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
         )
     if seen.wheels.track_ratio is not None:
         yield _of_track(seen)
-    if mounting is not None and (mounting.turning_correlation or 0.0) < -0.3:
+    if mounting is not None and (mounting.turning_correlation or 0.0) < -robot_file.CLEAR_SIGN:
         yield (
             "tracks: they turn the other way than the gyro (correlation "
             f"{mounting.turning_correlation:.2f}): left and right may be swapped, or the IMU is "

@@ -31,6 +31,8 @@ STANDING_BIAS_SIGMA = 0.002
 FILL_IN = "# not in the log: fill in"
 CHECKED = ("unit", "wrap", "rate_unit", "acceleration_unit", "yaw_unit")
 """Keys that are guessed from names and sizes."""
+CLEAR_SIGN = 0.3
+"""Correlation of the tracks' turning with the gyro from which its sign is shown [-]."""
 MARGIN = 1.2
 """Highest speed of a robot over the fastest in a log [-]."""
 
@@ -283,9 +285,9 @@ def _turning_comment(correlation: float | None) -> str:
     if correlation is None:
         return "# No track speeds to check the sign of turning with."
     text = f"# Track speeds and the rate about the vertical have a correlation of {correlation:.2f}"
-    if correlation > 0.3:
+    if correlation > CLEAR_SIGN:
         return f"{text}: the sign of turning is right."
-    if correlation < -0.3:
+    if correlation < -CLEAR_SIGN:
         return f"{text}: TURNS THE WRONG WAY, left and right may be swapped."
     return f"{text}: too little to check the sign of turning."
 

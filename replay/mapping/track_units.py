@@ -36,10 +36,8 @@ def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | Non
     """Factor from a unit to m/s, or to m for cumulative units."""
     if unit in OF_GROUND:
         return OF_GROUND[unit]
-    angle = (
-        2.0 * math.pi / (counts_per_turn or ANY_COUNTS) if unit == "counts" else OF_SPROCKET[unit]
-    )
-    return angle * sprocket_radius
+    of_count = 2.0 * math.pi / (counts_per_turn or ANY_COUNTS)
+    return sprocket_radius * (of_count if unit == "counts" else OF_SPROCKET[unit])
 
 
 def counter_range(counts: Floats) -> tuple[float | None, float]:

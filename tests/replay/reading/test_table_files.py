@@ -225,6 +225,7 @@ def test_headings_without_a_position(tmp_path: Path, keys: dict[str, object], ya
         ("t,l,r\n", "no rows"),
         ("t,l,l,r\n1,2,3,4\n", "several columns are named 'l'"),
         ("0.0,1.5,-2,\n0.1,2,3,4\n", "add a line of names, as time,left,right,gyro_z"),
+        ("0\t1\t1\t0.1\t0.2\t9.8\t0\t0\n", "add a line of names"),  # eight numbers, no trajectory
         ("t,l,r\n1,2\n1,2,3\n", "cannot be read"),
         ("", "cannot be read"),
     ],
