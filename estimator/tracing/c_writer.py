@@ -83,18 +83,13 @@ class FunctionWriter:
         if before is None:
             self._locals[name] = of
             name = _safe(name)
-            size = math.prod(of.shape)
-            if of.kind == "array" and is_alias:
-                self._declared.append(f"    {of.c}{name} = NULL;")
-            elif of.kind == "array":
-                self._declared.append(f"    {ELEMENTS[of.name]} {name}[{size}] = {{0}};")
-            elif of in NUMBERS and of != COMPLEX:
-                self._declared.append(f"    {of.c} {name} = 0;")
-            elif of.kind == "record":
-                self._declared.append(f"    {of.c}{name} = NULL;")
+            if of.kind == "array" and not is_alias:
+                declared = f"{ELEMENTS[of.name]} {name}[{math.prod(of.shape)}] = {{0}}"
+            elif of.kind in ("array", "record"):
+                declared = f"{of.c}{name} = NULL"
             else:
-                self._declared.append(f"    {of.c} {name};")
-            self._declared.append(f"    (void){name};")
+                declared = f"{of.c} {name}" + (" = 0" if of in NUMBERS and of != COMPLEX else "")
+            self._declared += [f"    {declared};", f"    (void){name};"]
 
     # --- statements ------------------------------------------------------------------------------
 
@@ -264,7 +259,7 @@ class FunctionWriter:
         if of == INT and code.type == BOOL:
             return Code(f"(int64_t)({code.text})", INT)
         if of == BOOL:
-            return Code(f"({code.text} != 0)", BOOL)
+            return Code(f"{code.text} != 0", BOOL)
         if of == COMPLEX:
             zero = literal(0.0, self._all.bits)
             return Code(f"complex_of({self._as(code, REAL).text}, {zero})", COMPLEX)
@@ -273,8 +268,7 @@ class FunctionWriter:
         )
 
     def _truth(self, node: ast.expr) -> str:
-        text = self._as(self._code(node), BOOL).text
-        return text[1:-1] if _is_enclosed(text) else text
+        return self._as(self._code(node), BOOL).text
 
     def _constant(self, value: Any, node: ast.AST) -> Code:
         if isinstance(value, bool | np.bool_):
@@ -313,7 +307,7 @@ class FunctionWriter:
                 return Code(f"-({found.text})", INT if found.type == BOOL else found.type)
             case ast.BoolOp(op=op, values=values):
                 sign = " && " if isinstance(op, ast.And) else " || "
-                return Code("(" + sign.join(f"({self._truth(one)})" for one in values) + ")", BOOL)
+                return Code(sign.join(f"({self._truth(one)})" for one in values), BOOL)
             case ast.Compare():
                 return self._comparison(node)
             case ast.IfExp(test=test, body=body, orelse=orelse):
@@ -388,11 +382,11 @@ class FunctionWriter:
         found = [self._code(one) for one in (node.left, *node.comparators)]
         parts = []
         for op, a, b in zip(node.ops, found, found[1:], strict=False):
-            of = max(a.type, b.type, key=NUMBERS.index)
+            of = max(a.type, b.type, INT, key=NUMBERS.index)
             if of == COMPLEX:
                 raise self._fail(node)
-            parts.append(f"({self._as(a, of).text} {RELATION[type(op)]} {self._as(b, of).text})")
-        return Code(parts[0] if len(parts) == 1 else f"({' && '.join(parts)})", BOOL)
+            parts.append(f"{self._as(a, of).text} {RELATION[type(op)]} {self._as(b, of).text}")
+        return Code(parts[0] if len(parts) == 1 else f"({') && ('.join(parts)})", BOOL)
 
     def _choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Code:
         one, other = self._code(body), self._code(orelse)
@@ -504,16 +498,6 @@ def _safe(name: str) -> str:
 
 def _whole(value: int) -> str:
     return str(value) if -(2**31) < value < 2**31 else f"INT64_C({value})"
-
-
-def _is_enclosed(text: str) -> bool:
-    """Return True if the first parenthesis of a text is closed by its last."""
-    depth = 0
-    for place, letter in enumerate(text):
-        depth += (letter == "(") - (letter == ")")
-        if depth == 0:
-            return letter == ")" and place == len(text) - 1
-    return False
 
 
 def _name_of(node: ast.AST) -> str:
