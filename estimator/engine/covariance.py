@@ -4,7 +4,7 @@ An update with a scalar measurement is stored as the product of two vectors, and
 entries that are used. So a step of several updates reads and writes each entry once.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from icreckon.estimator.tracing import trace
@@ -26,6 +26,26 @@ class ScalarUpdate(NamedTuple):
     gain: Vector
     cross: Vector
     inverse_S: Any
+
+
+class Motion(NamedTuple):
+    """Transition and noise of a propagation, F and Q.
+
+    Attributes:
+        rows: derivatives of the twist, and of the climb.
+        M_dt: derivatives of the pose, and of the height, by twist and climb.
+        yaws: derivatives of the pose by the yaw at the start.
+        faded: rows of the transition of all other states.
+        noise: covariances that pose and height gain, by pair of states.
+        own: variance that each state gains.
+    """
+
+    rows: Sequence[Vector]
+    M_dt: Sequence[Sequence[Any]]
+    yaws: Sequence[Any]
+    faded: dict[int, Vector]
+    noise: dict[tuple[int, int], Any]
+    own: Vector
 
 
 class Covariance:
@@ -51,6 +71,14 @@ class Covariance:
             elif b in gain:
                 value = value - gain[b] * cross.get(a, 0.0)
         return value
+
+    def between(self, a: Vector, b: Vector) -> Any:
+        """Covariance of two linear combinations of states."""
+        total: Any = 0.0
+        for i, by_i in a.items():
+            for j, by_j in b.items():
+                total = total + self.entry(i, j) * (by_i * by_j)
+        return total
 
     def times(self, row: Vector, *parts: tuple[Any, Vector]) -> Vector:
         """Product with a vector.
@@ -161,6 +189,16 @@ def dot(a: Vector, b: Vector) -> Any:
     for state, value in b.items():
         if state in a:
             total = total + a[state] * value
+    return total
+
+
+def shift_of(row: Vector, x: Any, since: Any) -> Any:
+    """Change of a predicted measurement since the state of its linearisation."""
+    total: Any = 0.0
+    for i, by in row.items():
+        moved = x[i] - since[i]
+        if not trace.is_zero(moved):
+            total = total + by * moved
     return total
 
 

@@ -8,7 +8,7 @@ from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.engine.covariance import Vector, combined, dot
+from icreckon.estimator.engine.covariance import Vector, combined, dot, shift_of
 from icreckon.estimator.engine.lane import FilterShape, Lane, Numbers
 from icreckon.estimator.engine.layout import FACTORS, PLACE, TREND
 from icreckon.estimator.engine.model import (
@@ -21,7 +21,7 @@ from icreckon.estimator.engine.model import (
     trend_after,
     turn,
 )
-from icreckon.estimator.engine.step import PredictedPose, Step, StepKind, shift_of
+from icreckon.estimator.engine.step import PredictedPose, Step, StepKind
 from icreckon.estimator.faults.departing_fixes import Departure, errors_of
 from icreckon.estimator.filter.ekf import LEAST_VARIANCE
 from icreckon.estimator.filter.filter_record import DEPARTURE

@@ -9,7 +9,15 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine import model
-from icreckon.estimator.engine.covariance import Covariance, CovarianceInC, Vector, combined, dot
+from icreckon.estimator.engine.covariance import (
+    Covariance,
+    CovarianceInC,
+    Motion,
+    Vector,
+    combined,
+    dot,
+    shift_of,
+)
 from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, x_of
 from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
@@ -363,41 +371,70 @@ class Step:
         M, step, yaws = _product(M, by_twist), list(step), [*by_yaw, 0.0]
         states, rows = lane.shape.states, list(now.rows)
         walk = self._walks(turning, travel, tilt)
-        # With J the derivatives of the twist and F the transition: with_rows = P J', of_twist = J P J',
-        # carried = (F P) in the rows that move, after = F P F' + Q.
-        with_rows = [
-            P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
-            for row, part in zip(now.rows, self.regressors, strict=True)
-        ]
-        by_slip = M
+        by_slip, climb = M, None
         if s.Z in states:
             climb = model.climb(now, slope)
             step, yaws = [*step, climb.rate * dt], [*yaws, 0.0]
             rows.append(climb.times(now.rows, {i: {i: 1.0} for i in GRAVITY}))
-            by_gravity = {i: {j: P.entry(i, j) for j in lane.P.states} for i in GRAVITY}
-            with_rows.append(climb.times(with_rows, by_gravity))
             by_slip = [*M, [*climb.by_twist, 0.0]]
             M = [*([*row, 0.0] for row in M), [0.0, 0.0, 0.0, 1.0]]
+        noise = _noise_of_pose(rows, M, by_slip, walk, sigma, fades, dt)
+        noise[s.YAW, s.YAW] = noise[s.YAW, s.YAW] + lane.input("turn_density") * dt
+        own = {i: walk.get(i, 0.0) * dt for i in lane.P.states}
+        for axis in range(3):
+            own[s.SLIP.start + axis] = sigma[axis] * sigma[axis] * fades[axis].final
+        kept = exponential(-constant("slope_forgetting") * travel * dt)
+        faded = _transition(lane.P.states, fades)
+        for i, row in model.gravity_rows(now.twist[2] * dt, tilt, kept, dt).items():
+            faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
+        motion = Motion(rows, [[part * dt for part in row] for row in M], yaws, faded, noise, own)
+        if isinstance(P, CovarianceInC):
+            _move_in_c(P, motion, states)
+        else:
+            with_rows = self._with_rows(now, climb)
+            if lane.shape.reports:
+                self._report_motion(motion, with_rows, fades, step)
+            lane.P = Covariance(self._moved(motion, with_rows))
+        before = x.copy()
+        for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
+            along = {k: faded[i][k] for k in GRAVITY}
+            x[i] = dot(x_of(before, along), along) + tilt.down * rate * dt
+        for i, by in enumerate(step):
+            x[i] = x[i] + by
+        for i in range(3):
+            x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
+        self.model = now
+
+    def _with_rows(self, now: model.TracedTwist, climb: model.Climb | None) -> list[Vector]:
+        """Products of the covariance with the derivatives of the twist, and of the climb."""
+        P = self.lane.P
+        found = [
+            P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
+            for row, part in zip(now.rows, self.regressors, strict=True)
+        ]
+        if climb is not None:
+            by_gravity = {i: {j: P.entry(i, j) for j in P.states} for i in GRAVITY}
+            found.append(climb.times(found, by_gravity))
+        return found
+
+    def _moved(self, motion: Motion, with_rows: Sequence[Vector]) -> dict[tuple[int, int], Any]:
+        """Entries of the covariance F P F' + Q.
+
+        With J the derivatives of the twist: with_rows = P J', of_twist = J P J', carried = F P in the
+        rows of pose and height.
+        """
+        P, states = self.lane.P, self.lane.shape.states
+        rows, M_dt, yaws, faded, noise, own = motion
         count = len(rows)
         of_twist = np.empty((count, count), dtype=object)
         for k in range(count):
             for m in range(k, count):
                 of_twist[k, m] = of_twist[m, k] = dot(with_rows[k], rows[m])
-        M_dt = [[part * dt for part in row] for row in M]
         carried: dict[tuple[int, int], Any] = {}
         for i in range(count):
-            for j in lane.P.states:
+            for j in P.states:
                 moved = sum((M_dt[i][k] * with_rows[k][j] for k in range(count)), start=0.0)
                 carried[i, j] = P.entry(i, j) + yaws[i] * P.entry(s.YAW, j) + moved
-        with_pose = _noise_of_pose(rows, M, by_slip, walk, sigma, fades, dt)
-        kept = exponential(-constant("slope_forgetting") * travel * dt)
-        faded = _transition(lane.P.states, fades)
-        for i, row in model.gravity_rows(now.twist[2] * dt, tilt, kept, dt).items():
-            faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
-        with_pose[s.YAW, s.YAW] = with_pose[s.YAW, s.YAW] + lane.input("turn_density") * dt
-        own = {i: walk.get(i, 0.0) * dt for i in lane.P.states}
-        for axis in range(3):
-            own[s.SLIP.start + axis] = sigma[axis] * sigma[axis] * fades[axis].final
         after: dict[tuple[int, int], Any] = {}
         for i in range(count):
             # The carried row times the derivatives of the twist.
@@ -410,63 +447,37 @@ class Step:
             for k in range(i, count):
                 moved = sum((M_dt[k][m] * times[m] for m in range(count)), start=0.0)
                 after[i, k] = carried[i, k] + yaws[k] * carried[i, s.YAW] + moved
-                after[i, k] = after[i, k] + with_pose[i, k]
+                after[i, k] = after[i, k] + noise[i, k]
             for j in states:
                 if j >= s.MOVED.stop:
                     moved = sum((by * carried[i, b] for b, by in faded[j].items()), start=0.0)
-                    after[i, j] = moved + with_pose.get((i, j), 0.0)
+                    after[i, j] = moved + noise.get((i, j), 0.0)
         for n, i in enumerate(states):
             for j in states[n:]:
                 if i >= s.MOVED.stop:
-                    after[i, j] = _between(P, faded[i], faded[j])
+                    after[i, j] = P.between(faded[i], faded[j])
             after[i, i] = after[i, i] + own[i]
         if self.kind.fast_slip:
             for j in FAST:
-                for i in lane.P.states:
+                for i in P.states:
                     if i < s.MOVED.stop:
                         after[i, j] = carried[i, j]
                     elif i <= j:
-                        after[i, j] = _between(P, faded[i], {j: 1.0})
+                        after[i, j] = P.between(faded[i], {j: 1.0})
                     elif i >= s.SIZE:
-                        after[j, i] = _between(P, faded[i], {j: 1.0})
-        if lane.shape.reports:
-            self._report_motion(rows, M_dt, yaws, with_rows, with_pose, own, fades, step, faded)
-        if isinstance(P, CovarianceInC):
-            moved_by = {
-                i: combined({s.YAW: yaws[i]}, *zip(M_dt[i], rows, strict=True))
-                for i in range(count)
-            }
-            P.transform(moved_by)
-            for group in (GRAVITY, range(s.SLIP.start, s.SLIP.stop)):
-                P.transform({i: {**faded[i], i: faded[i][i] - 1.0} for i in group})
-            for pair, more in (*with_pose.items(), *(((i, i), own[i]) for i in states)):
-                P.add(*pair, more)
-        else:
-            lane.P = Covariance(after)
-        before = x.copy()
-        for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
-            along = {k: faded[i][k] for k in GRAVITY}
-            x[i] = dot(x_of(before, along), along) + tilt.down * rate * dt
-        for i in range(count):
-            x[i] = x[i] + step[i]
-        for i in range(3):
-            x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
-        self.model = now
+                        after[j, i] = P.between(faded[i], {j: 1.0})
+        return after
 
     def _report_motion(
         self,
-        rows: Sequence[Vector],
-        M_dt: Sequence[Sequence[Any]],
-        yaws: Sequence[Any],
+        motion: Motion,
         with_rows: Sequence[Vector],
-        with_pose: dict[tuple[int, int], Any],
-        own: Vector,
         fades: Sequence[GaussMarkov],
         step: Sequence[Any],
-        faded: dict[int, Vector],
     ) -> None:
         """Report a propagation, see `Moved`."""
         lane, states = self.lane, self.lane.P.states
+        rows, M_dt, yaws, faded, of_pose, own = motion
 
         def times_M(by: Sequence[Vector]) -> list[list[Any]]:
             parts = [
@@ -479,7 +490,7 @@ class Step:
             return [[sum(one, start=0.0) for one in row] for row in parts]
 
         moved = range(len(rows))
-        noise = [[with_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
+        noise = [[of_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
         own_noise = [own[i] for i in states]
         of_gravity = [[faded[k].get(i, 0.0) for i in states] for k in GRAVITY]
         values = moved_values(
@@ -511,6 +522,22 @@ class Step:
         speeds = lane.input("now_left"), lane.input("now_right")
         now = lane.with_smoothed_derivatives(lane.twist_model(*speeds))
         lane.store_twist(now)
+
+
+def _move_in_c(P: CovarianceInC, motion: Motion, states: Sequence[int]) -> None:
+    """Make the covariance F P F' + Q, one factor of F after another."""
+    rows, M_dt, yaws, faded, noise, own = motion
+    moved = zip(M_dt, yaws, strict=True)
+    P.transform(
+        {
+            i: combined({s.YAW: yaw}, *zip(of, rows, strict=True))
+            for i, (of, yaw) in enumerate(moved)
+        }
+    )
+    for group in (GRAVITY, range(s.SLIP.start, s.SLIP.stop)):
+        P.transform({i: {**faded[i], i: faded[i][i] - 1.0} for i in group})
+    for pair, more in (*noise.items(), *(((i, i), own[i]) for i in states)):
+        P.add(*pair, more)
 
 
 def _noise_of_pose(
@@ -559,24 +586,5 @@ def _product(a: Any, b: Any) -> list[list[Any]]:
     return [[sum(row[k] * b[k][j] for k in range(3)) for j in range(3)] for row in a]
 
 
-def _between(P: Covariance, a: Vector, b: Vector) -> Any:
-    """Covariance of two linear combinations of states."""
-    total: Any = 0.0
-    for i, by_i in a.items():
-        for j, by_j in b.items():
-            total = total + P.entry(i, j) * (by_i * by_j)
-    return total
-
-
 def _is_slip(state: int) -> bool:
     return s.SLIP.start <= state < s.SLIP.stop
-
-
-def shift_of(row: Vector, x: Any, since: Any) -> Any:
-    """Change of a predicted measurement since the state of its linearisation."""
-    total: Any = 0.0
-    for i, by in row.items():
-        moved = x[i] - since[i]
-        if not trace.is_zero(moved):
-            total = total + by * moved
-    return total
