@@ -5,6 +5,7 @@ entries that are used. So a step of several updates reads and writes each entry 
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations_with_replacement
 from typing import Any, NamedTuple
 
 from icreckon.estimator.tracing import trace
@@ -58,6 +59,7 @@ class Covariance:
     def __init__(self, entries: dict[tuple[int, int], Any]) -> None:
         self._entries = dict(entries)
         self._updates: list[ScalarUpdate] = []
+        self._errors: list[tuple[Any, Vector]] = []
         self.states = sorted({state for pair in entries for state in pair})
 
     def entry(self, a: int, b: int) -> Any:
@@ -93,8 +95,12 @@ class Covariance:
         for a in self.states:
             total: Any = 0.0
             for factor, part in all_parts:
-                total = total + factor * dot({b: self._base(a, b) for b in part}, part)
+                total = total + factor * dot({b: self._stored(a, b) for b in part}, part)
             result[a] = total
+        for weight, error in self._errors:
+            moved = sum((factor * dot(error, part) for factor, part in all_parts), start=0.0)
+            for a, value in error.items():
+                result[a] = result[a] + value * (weight * moved)
         for gain, cross, inverse_S in self._updates:
             of_all: Any = 0.0
             of_fixed: Any = 0.0
@@ -114,6 +120,10 @@ class Covariance:
         """Add to the entry of a pair of states."""
         pair = (a, b) if a <= b else (b, a)
         self._entries[pair] = self._entries.get(pair, 0.0) + value
+
+    def add_error(self, error: Vector, weight: Any = 1.0) -> None:
+        """Add the covariance of an error that moves some states, times a weight."""
+        self._errors.append((weight, error))
 
     def update(
         self, cross: Vector, inverse_S: Any, fixed: Iterable[int] = (), stand_in: StandIn = None
@@ -162,8 +172,15 @@ class Covariance:
             self.add(i, i, more)
         return added
 
-    def _base(self, a: int, b: int) -> Any:
+    def _stored(self, a: int, b: int) -> Any:
         return self._entries.get((a, b) if a <= b else (b, a), 0.0)
+
+    def _base(self, a: int, b: int) -> Any:
+        value = self._stored(a, b)
+        for weight, error in self._errors:
+            if a in error and b in error:
+                value = value + weight * (error[a] * error[b])
+        return value
 
 
 def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tuple[Vector, Any]:
@@ -238,6 +255,11 @@ class CovarianceInC(Covariance):
         row = self._row(a, b)
         if not trace.is_zero(value):
             trace.effect(f"lanes[{row}] += {{0}}", value, rows=[row])
+
+    def add_error(self, error: Vector, weight: Any = 1.0) -> None:
+        """Add the covariance of an error that moves some states, times a weight."""
+        for a, b in combinations_with_replacement(error, 2):
+            self.add(a, b, weight * (error[a] * error[b]))
 
     def correct(
         self, x: Any, z: Any, cross: Any, inverse_S: Any, fixed: Iterable[int], stand_in: StandIn

@@ -90,10 +90,8 @@ def position_kernel(
     def inflate(states: Sequence[int], error: Sequence[Any], only: Any) -> None:
         """Inflate by an error that moves several states, in some lanes."""
         more = [select(only, one, 0.0) for one in error[: len(states)]]
+        P.add_error(dict(zip(states, more, strict=True)))
         products = [one * other for one, other in combinations_with_replacement(more, 2)]
-        pairs = combinations_with_replacement(states, 2)
-        for pair, product in zip(pairs, products, strict=True):
-            P.add(*pair, product)
         lane.report("motion", products, states)
 
     inflate((s.X, s.Y, s.SLIP_X), lasting_slip(x[s.SLIP_X], heading, interval), judged)
@@ -125,7 +123,7 @@ def position_kernel(
         lane.stores[row] = select(judged | used, after, old)
     added = select(reacquired, minimum(square, LARGEST_INFLATION * minimum(xx, yy)), 0.0)
     for axis in (s.X, s.Y):
-        P.add(axis, axis, added)
+        P.add_error({axis: 1.0}, added)
         lane.report("inflated", (added,), (axis,))
     for axis in (s.X, s.Y):
         rest = z[axis] - shift_of(rows[axis], x, before)

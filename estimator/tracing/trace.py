@@ -139,7 +139,7 @@ def lift(value: Any) -> Traced:
     """Make a traced number of a plain one."""
     if isinstance(value, Traced):
         return value
-    return _make("constant", (), float(value), uniform=True)
+    return _make("constant", (), float(value) + 0.0, uniform=True)
 
 
 def lane_input(array: str, row: int) -> Traced:
