@@ -58,6 +58,7 @@ from icreckon.estimator.sensors.input_settings import InputSettings, input_setti
 from icreckon.estimator.sensors.measurement_models import IMU_SENSORS, POSE_FIXED, STANDING_FIXED
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import is_carried
+from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.c_functions import Functions
 from icreckon.estimator.tracing.c_kernel import function_name, kernel_in_c, literal
@@ -83,6 +84,8 @@ FASTEST_IMU = 10_000.0
 VARYING = ("dt", "smoothing", "interval")
 # Gates whose number of used measurements the filter reads.
 GATES = ("gyro", "heading")
+# Streams with a latency in the robot file.
+LATE_STREAMS = ("tracks", "imu", "position", "heading")
 # Rows that the filter reads, by their names in C.
 ROWS = {
     "STOOD": "stood",
@@ -154,12 +157,18 @@ class Exported(NamedTuple):
     """Filter in C.
 
     Attributes:
-        files: text of each file, by name.
+        files: text of each file, by its path in the folder.
         states: indices of its states, in their order.
     """
 
     files: dict[str, str]
     states: list[int]
+
+    def write(self, folder: Path) -> None:
+        """Write the files into a folder, which is made."""
+        for name, text in self.files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
 
 
 def filter_in_c(
@@ -240,7 +249,8 @@ class _Export:
             **self._tables(),
         }
         parts["DIGEST"] = f"0x{zlib.crc32(repr(parts).encode()):08X}u"
-        files = {one.stem: _filled(one, parts) for one in sorted(TEMPLATES.glob("*.in"))}
+        names = (one.relative_to(TEMPLATES) for one in sorted(TEMPLATES.rglob("*.in")))
+        files = {one.with_suffix("").as_posix(): _filled(TEMPLATES / one, parts) for one in names}
         return Exported(files, self._states)
 
     def _places(self) -> tuple[dict[str, str], dict[tuple[str, str], Code]]:
@@ -303,7 +313,8 @@ class _Export:
         rows, places = self._rows, self._layout.constants
         names = state_names(self._variant)
         learnt = [i for i in self._states if i in LEARNT]
-        parameters = self._layout.parameters
+        parameters, latencies = self._layout.parameters, Latencies.of(self._robot)
+        late = {one: round(getattr(latencies, one) / NANOSECOND) for one in LATE_STREAMS}
         defines = {
             "INPUTS": len(INPUTS),
             "CONSTANTS": 1 + max(places[constant] for constant in VARYING),
@@ -333,6 +344,10 @@ class _Export:
             "TOLERANCE": f"{TOLERANCE[self._bits]:g}",
             "IMU_RATE": f"{self._imu_rate:g}",
             "DEFINES": "\n".join(f"#define {name} {value}" for name, value in defines.items()),
+            "LATENCIES": "\n".join(
+                f"#define ICR_{name.upper()}_LATENCY INT64_C({value})"
+                for name, value in late.items()
+            ),
             # Rows behind these are outputs of other kernels.
             "ROW_COUNT": str(rows[MOTION[0]]),
             "READING_COUNT": str(self._readings),
@@ -387,6 +402,7 @@ class _Export:
             "LARGEST_INFLATION": number(LARGEST_INFLATION),
             "STANDSTILL_SIGMA": ", ".join(map(number, STANDSTILL_SIGMA)),
             "LONGEST_COUNTED": number(LONGEST_COUNTED),
+            "GAP": f"{settings.longest_gap:g}",
             "LONGEST_GAP": f"INT64_C({int(settings.longest_gap / NANOSECOND)})",
             "WITNESSES": str(input_checks.CLOCK_WITNESSES),
             "EARLIEST": f"INT64_C({input_checks.EARLIEST})",

@@ -13,7 +13,8 @@ from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.embedded.vectors import vectors_of
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import find_variant
-from icreckon.replay.base.outputs import written_beside
+from icreckon.estimator.streaming.latencies import Latencies
+from icreckon.replay.base.outputs import MANIFEST, written_beside
 from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
@@ -48,17 +49,19 @@ def command(
         raise EstimatorError(f"no precision {precision!r}{nearest_hint(precision, list(BITS))}")
     loaded, found, bits = load_robot(robot), find_variant(variant), BITS[precision]
     with written_beside(
-        out, overwrite=overwrite, marker="icreckon_filter.h", mark=b"written by icreckon"
+        out, overwrite=overwrite, marker=MANIFEST, mark=b"icreckon_filter.h", keeps_foreign=True
     ) as folder:
         exported = filter_in_c(loaded, found, bits=bits, imu_rate=imu_rate, compact=compact)
-        folder.mkdir()
-        for name, text in exported.files.items():
-            (folder / name).write_text(text, encoding="utf-8")
+        exported.write(folder)
         say("running the Python filter for the self-test")
         log = simulate(DRIVE, loaded)
         vectors = vectors_of(loaded, found, exported.states, log.measurements())
-        (folder / "test_vectors.csv").write_text(vectors, encoding="utf-8")
+        (folder / "extras" / "test_vectors.csv").write_text(vectors, encoding="utf-8")
     place = shlex.quote(str(out))
     build = f"cmake -S {place} -B {place}/build && cmake --build {place}/build"
     say(f"{found.name} of {loaded.name} in {precision}: {out}")
+    if latency := Latencies.of(loaded).tracks:
+        say(
+            f"track speeds lag by {latency:g} s: subtract it from their stamps, as extras/example.c does"
+        )
     say(f"next: {build} && ctest --test-dir {place}/build")

@@ -19,8 +19,7 @@ def rows_of(folder: Path, bits: int, compact: bool) -> np.ndarray:
     """Rows of `day.c`."""
     of = VARIANTS["inertia-online"]
     exported = filter_in_c(ROBOT, of, bits=bits, imu_rate=20.0, compact=compact)
-    for name, text in exported.files.items():
-        (folder / name).write_text(text, encoding="utf-8")
+    exported.write(folder)
     program, sources = folder / "day", [str(DAY), str(folder / "icreckon_filter.c")]
     command = [compiler(), "-std=c99", "-O1", f"-I{folder}", *sources, "-lm", "-o", str(program)]
     subprocess.run(command, check=True, timeout=300)

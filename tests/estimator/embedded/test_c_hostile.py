@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from c_filters import compiler
-from icreckon.estimator.embedded.c_filter import filter_in_c
+from icreckon.estimator.embedded.c_filter import Exported, filter_in_c
 from icreckon.estimator.robot.variants import VARIANTS
 from same_runs import ROBOT
 
@@ -17,14 +17,13 @@ WARNINGS = "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werro
 
 
 @cache
-def files(variant: str, bits: int, compact: bool) -> dict[str, str]:
+def exported(variant: str, bits: int, compact: bool) -> Exported:
     of = VARIANTS[variant]
-    return filter_in_c(ROBOT, of, bits=bits, imu_rate=100.0, compact=compact).files
+    return filter_in_c(ROBOT, of, bits=bits, imu_rate=100.0, compact=compact)
 
 
 def written(folder: Path, variant: str, bits: int, compact: bool = False) -> Path:
-    for name, text in files(variant, bits, compact).items():
-        (folder / name).write_text(text, encoding="utf-8")
+    exported(variant, bits, compact).write(folder)
     return folder
 
 
@@ -81,7 +80,7 @@ def test_compilers_do_not_warn(
     folder = written(tmp_path, "inertia-online", 32, compact)
     user = folder / "user.cpp"
     user.write_text('#include "icreckon_filter.hpp"\nicreckon::Filter filter(1.0f, 2.0f, 0.5f);\n')
-    sources = ["icreckon_filter.c", "example.c", "selftest.c"]
+    sources = ["icreckon_filter.c", "extras/example.c", "extras/selftest.c"]
     for source in (*sources, *(["user.cpp"] if "++" in cc else [])):
         command = [compiler(cc), *language, *WARNINGS, "-c", source, "-o", "unused.o"]
         subprocess.run(command, check=True, cwd=folder, timeout=300)

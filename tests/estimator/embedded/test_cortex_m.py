@@ -124,13 +124,12 @@ def code_size(of: Path) -> int:
 def test_on_a_cortex_m(name: str, compact: bool, variant: str, tmp_path: Path) -> None:
     board, of = BOARDS[name], VARIANTS[variant]
     exported = filter_in_c(ROBOT, of, bits=board.bits, imu_rate=200.0, compact=compact)
-    for file, text in exported.files.items():
-        (tmp_path / file).write_text(text, encoding="utf-8")
+    exported.write(tmp_path)
     log = simulate(Scenario(duration=20.0, fix_rate=1.0), ROBOT)
     vectors = vectors_of(ROBOT, VARIANTS[variant], exported.states, log.measurements())
     (tmp_path / "test_vectors.csv").write_text(vectors, encoding="utf-8")
     of = filter_of(board, tmp_path)
-    result = output_of(board, built(board, of, tmp_path / "selftest.c"))
+    result = output_of(board, built(board, of, tmp_path / "extras" / "selftest.c"))
     mean, most, struct, stack = map(
         int, output_of(board, built(board, of, PROGRAM / "cost.c")).split()
     )
