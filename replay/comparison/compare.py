@@ -43,7 +43,7 @@ from icreckon.replay.comparison.fixes import (
 )
 from icreckon.replay.comparison.holes import holes_of, within_reach
 from icreckon.replay.comparison.initial_pose import start_from_fixes
-from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS, KnownBias, known_bias
+from icreckon.replay.comparison.known_bias import GYRO, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth, own_alignment
 
 DEFAULT_VARIANTS = tuple(VARIANTS)
@@ -73,8 +73,7 @@ class Comparison:
             as "inertia-online-smoothed".
         alignment: lag and lever arm removed from a logged truth; None for a simulated truth or none.
         failed: failures by name of the variant; never all of them.
-        known_bias: bias of the gyro by the truth if `gyro` had no chance to learn it; `runs` has
-            "gyro-known-bias" then, which is `gyro` with that bias.
+        known_bias: bias of the gyro by the truth, with which `gyro` ran; None if it could learn its own.
     """
 
     log: Log
@@ -104,8 +103,8 @@ def compare(
     A variant that is lost or raises an exception has no run; `Comparison.failed` lists it, and the others
     continue.
 
-    If `gyro` is compared with others, and neither standstill nor fixes show it its bias, it runs once
-    more with the bias that the truth shows; see `icreckon.replay.comparison.known_bias`.
+    If `gyro` is compared with others, and neither standstill nor fixes show it its bias, it runs with the
+    bias that the truth shows; see `icreckon.replay.comparison.known_bias`.
 
     Args:
         log: the log.
@@ -150,7 +149,12 @@ def compare(
     kept = {one.variant: one for one in found if isinstance(one, Run)}
     if not kept:
         raise _all_failed([*failed.values()])
-    kept, bias = _with_known_bias(task, kept)
+    bias = None
+    if GYRO in kept and len(kept) > 1:
+        bias = known_bias(kept[GYRO], log, robot, scored_intervals(log))
+    if bias is not None:
+        again = replace(task, robot=bias.robot(robot)).run(GYRO, lambda _: None)
+        kept |= {one.variant: one for one in again if isinstance(one, Run)}
     if alignment is not None and log.fixes is None:
         kept = {name: _from_own_start(one, log, alignment, start) for name, one in kept.items()}
     holes, fastest = holes_of(log), robot.vehicle.max_track_speed
@@ -277,25 +281,6 @@ class _Task:
         if isinstance(found, LostFilter):
             raise found
         return found
-
-
-def _with_known_bias(task: _Task, runs: dict[str, Run]) -> tuple[dict[str, Run], KnownBias | None]:
-    """Runs with `gyro` once more if it had no chance to learn its bias, and that bias."""
-    if GYRO not in runs or len(runs) == 1:
-        return runs, None
-    bias = known_bias(runs[GYRO], task.log, task.robot, scored_intervals(task.log))
-    if bias is None:
-        return runs, None
-    try:
-        again = replace(task, robot=bias.robot(task.robot), smooth=False).only_run(GYRO)
-    except LostFilter:
-        return runs, None
-    found = {}
-    for name, one in runs.items():
-        found[name] = one
-        if name == GYRO:
-            found[KNOWN_BIAS] = replace(again, variant=KNOWN_BIAS)
-    return found, bias
 
 
 def _outcomes(

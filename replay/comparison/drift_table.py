@@ -7,10 +7,9 @@ from typing import Any
 from icreckon.estimator.log.scores import DISTANCES, HORIZONS, Drift, Unit
 from icreckon.estimator.streaming.smoother import SMOOTHED
 from icreckon.replay.comparison.bootstrap import Estimate, PairedDrift, paired_drift
-from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 
 # Candidates for the baseline, wheels and gyro first: the first that was run.
-BASELINES = (KNOWN_BIAS, "gyro", "constant-online", "constant-fixed", "differential")
+BASELINES = ("gyro", "constant-online", "constant-fixed", "differential")
 # Candidates for the horizon of the verdict: the first with an interval, or else with segments.
 VERDICT_HORIZONS = ("30s", "10s", "30m", "10m", "5m", "60s", "50m")
 
@@ -52,8 +51,6 @@ def drift_scores(drifts: Mapping[str, PairedDrift], name: str, baseline: str) ->
 def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
     """Name the filter with the least drift, and those not significantly worse.
 
-    The run of known bias takes its bias from the truth, so it is a baseline, and never the best.
-
     Returns:
         The verdict, or None if no stretch is long enough for a score.
     """
@@ -63,8 +60,7 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
     sure = [label for label in labels if _known(drifts[label])]
     label = (sure or labels)[0]
     paired = drifts[label]
-    every = [name for name in paired.names if not name.endswith(SMOOTHED)]
-    names = [name for name in every if name != KNOWN_BIAS] or every
+    names = [name for name in paired.names if not name.endswith(SMOOTHED)]
     percents = {name: paired.percent(name) for name in names}
     best = min(names, key=lambda name: percents[name].value)
     others = {name: paired.ratio(name, best) for name in names if name != best}

@@ -2,7 +2,7 @@
 
 The variant `gyro` learns its bias at standstill or from fixes. Without either it keeps that of the robot
 file, while other variants learn it from the tracks, too. Its drift is then that of a bias, not of its
-model. The truth shows the bias, and `gyro` runs once more with it.
+model. The truth shows the bias, and `gyro` runs with that instead: a fair rival.
 """
 
 from dataclasses import dataclass, replace
@@ -17,8 +17,6 @@ from icreckon.estimator.streaming.outputs import Run
 from icreckon.replay.inspection.gyro_bias import gyro_bias
 
 GYRO = "gyro"
-KNOWN_BIAS = "gyro-known-bias"
-"""Name of the run of `gyro` with the bias that the truth shows."""
 UNLEARNT = 0.5
 """Share of its initial standard deviation from which a bias is not learnt."""
 LEAST_SHARE = 0.1

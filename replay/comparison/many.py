@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +20,6 @@ from icreckon.replay.comparison.bootstrap import PairedDrift
 from icreckon.replay.comparison.compare import DEFAULT_VARIANTS, Comparison, compare
 from icreckon.replay.comparison.drift_table import Drifts
 from icreckon.replay.comparison.fixes import LogPart
-from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
 from icreckon.replay.comparison.results import (
     FORMAT,
     Results,
@@ -173,9 +172,8 @@ def summarise_many(
         reasons = "; ".join(f"{one['log']}: {one['reason']}" for one in failed)
         raise ReplayError(f"no log has a result: {reasons}")
     robots = list(dict.fromkeys(one.case.robot for one in scored))
-    fair = _with_known_bias(scored)
     names = [
-        name for one in fair for name in one.results["variants"] if not name.endswith(SMOOTHED)
+        name for one in scored for name in one.results["variants"] if not name.endswith(SMOOTHED)
     ]
     baseline = drift_table.baseline_of(list(dict.fromkeys(names)))
     found: Results = {
@@ -191,31 +189,13 @@ def summarise_many(
         "failed": list(failed),
         "notes": list(_consecutive(scored)),
         "pooled": {
-            robot: _pooled([one for one in fair if one.case.robot == robot], baseline)
+            robot: _pooled([one for one in scored if one.case.robot == robot], baseline)
             for robot in robots
         },
         "ratios": _ratios(scored, robots),
     }
     cleaned: Results = json_types(found)
     return cleaned
-
-
-def _with_known_bias(scored: Sequence[CaseScores]) -> list[CaseScores]:
-    """Scores in which `gyro` stands for the run of known bias in logs that need none."""
-    if not any(KNOWN_BIAS in one.results["variants"] for one in scored):
-        return list(scored)
-    found = []
-    for one in scored:
-        variants = one.results["variants"]
-        if GYRO in variants and KNOWN_BIAS not in variants:
-            results = one.results | {"variants": {KNOWN_BIAS: variants[GYRO]} | variants}
-            drifts = {
-                label: ({KNOWN_BIAS: of[GYRO]} if GYRO in of else {}) | of
-                for label, of in one.drifts.items()
-            }
-            one = replace(one, results=results, drifts=drifts)
-        found.append(one)
-    return found
 
 
 def _of_log(one: CaseScores) -> Results:

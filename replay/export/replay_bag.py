@@ -29,7 +29,6 @@ from icreckon.replay.bags.messages import (
 from icreckon.replay.bags.writer import Format, Outbox, write_bag
 from icreckon.replay.base.colours import colour_of
 from icreckon.replay.comparison.compare import Comparison
-from icreckon.replay.comparison.known_bias import KNOWN_BIAS
 from icreckon.replay.comparison.plot_series import picks
 from icreckon.replay.export.diagnostics import diagnostics
 from icreckon.replay.export.log_bag import fix_messages, pose_messages
@@ -66,8 +65,7 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
         ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
     """
     log, outboxes = comparison.log, []
-    others = (SMOOTHED, KNOWN_BIAS)
-    base = [name for name in comparison.runs if not name.endswith(others)][-1]
+    base = [name for name in comparison.runs if not name.endswith(SMOOTHED)][-1]
     for name, one in comparison.runs.items():
         topic, poses = name.replace("-", "_"), one.trajectory.pose_series
         frame = f"{topic}/{BASE_LINK}"

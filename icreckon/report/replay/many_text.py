@@ -1,6 +1,6 @@
 """Text on several logs or robot files, made from their results only."""
 
-from icreckon.replay.comparison.known_bias import GYRO, KNOWN_BIAS
+from icreckon.replay.comparison.known_bias import GYRO
 from icreckon.replay.comparison.results import Results
 from icreckon.report.printable import change, change_range
 from icreckon.report.replay import page_text
@@ -38,9 +38,8 @@ def many_remarks(results: Results) -> list[str]:
     helped = [one["label"] for one in results["logs"] if one["gyro_bias"]]
     if helped:
         lines.append(
-            f"{KNOWN_BIAS} is {GYRO} with the gyro bias that the truth shows, in {', '.join(helped)}: "
-            "neither standstill nor fixes showed it there. In the other logs it is the same as "
-            f"{GYRO}."
+            f"{GYRO} ran with the gyro bias that the truth shows, in {', '.join(helped)}: neither "
+            "standstill nor fixes showed it there."
         )
     return lines + list(results["notes"])
 
