@@ -148,25 +148,22 @@ def _flags(own: list[dict[str, Any]]) -> str:
 def faults_table(cells: dict[str, Any]) -> str:
     """Figures of each fault over all places."""
     head = ["fault", "runs", "position at its end, m", "own sigma, m"]
-    head += ["30 s later, m", "own sigma, m", "yaw at its end, °", "own sigma, °"]
-    head += [*_KEYS, "flagged", "after, s"]
+    head += ["yaw at its end, °", "own sigma, °", *_KEYS, "flagged", "after, s"]
     rows = []
     for fault in FAULTS:
         own = [one[SHOWN] for name, one in cells.items() if name.split(" | ")[0] == fault]
         if not own:
             continue
 
-        def rms(at: str, key: str, own: list[dict[str, Any]] = own) -> float:
-            return math.sqrt(sum(one[at][key] ** 2 * one["runs"] for one in own) / _runs(own))
+        def rms(key: str, own: list[dict[str, Any]] = own) -> float:
+            return math.sqrt(sum(one["end"][key] ** 2 * one["runs"] for one in own) / _runs(own))
 
-        def most(at: str, key: str, own: list[dict[str, Any]] = own) -> str:
-            return f"{rms(at, key):.2f} ({max(one[at][f'{key}_most'] for one in own):.2f})"
+        def most(key: str, own: list[dict[str, Any]] = own) -> str:
+            return f"{rms(key):.2f} ({max(one['end'][f'{key}_most'] for one in own):.2f})"
 
         delays = [one["delay"] for one in own if one.get("delay") is not None]
-        row = [fault, str(_runs(own))]
-        for at in ("end", "later"):
-            row += [most(at, "position"), f"{rms(at, 'position_sigma'):.2f}"]
-        row += [most("end", "yaw_deg"), f"{rms('end', 'yaw_deg_sigma'):.1f}"]
+        row = [fault, str(_runs(own)), most("position"), f"{rms('position_sigma'):.2f}"]
+        row += [most("yaw_deg"), f"{rms('yaw_deg_sigma'):.1f}"]
         row += [str(sum(one[key] for one in own)) for key in (*_KEYS, "flagged")]
         rows.append([*row, f"{np.median(delays):.1f}" if delays else ""])
     return _table(head, rows)
