@@ -52,6 +52,10 @@ TYPES = {
     for name in names.split()
 } | {"Soil": Soil}
 TWINS = {
+    "ImuTopic": ("TrackTopic", "[log.tracks]"),
+    "FixTopic": ("TrackTopic", "[log.tracks]"),
+    "HeadingTopic": ("TrackTopic", "[log.tracks]"),
+    "TruthTopic": ("TrackTopic", "[log.tracks]"),
     "TrackColumns": ("TrackTopic", "[log.tracks]"),
     "ImuColumns": ("ImuTopic", "[log.imu]"),
     "PoseColumns": ("FixTopic", "[log.fixes]"),
@@ -104,12 +108,15 @@ def bounds(kind: Any) -> str:
 
 
 def keys(name: str) -> str:
-    """Keys of a table of a TOML file: default, range, meaning."""
+    """Keys of a table of a TOML file: default, range, meaning; without the columns that are empty."""
     table = rows_of_keys(name)
     twin, where = TWINS.get(name, ("", ""))
     same = [one for one in table if twin and one in rows_of_keys(twin)]
     body = [one for one in table if one not in same]
-    text = rows(("key", "default", "accepted", "meaning"), body)
+    heads = ("key", "default", "accepted", "meaning")
+    filled = [k for k, cells in enumerate(zip(*body, strict=True)) if any(cells)]
+    cut = [tuple(row[k] for k in filled) for row in (heads, *body)]
+    text = rows(cut[0], cut[1:])
     return f"{text}\n\nAs in `{where}`: {', '.join(one[0] for one in same)}." if same else text
 
 
