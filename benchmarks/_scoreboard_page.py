@@ -145,7 +145,8 @@ def _flags(own: list[dict[str, Any]]) -> str:
 def faults_table(cells: dict[str, Any]) -> str:
     """Figures of each fault over all places."""
     head = ["fault", "runs", "position at its end, m", "own sigma, m"]
-    head += ["yaw at its end, °", "own sigma, °", *_KEYS, "flagged", "after, s"]
+    counted = ("covered", "neither", "flagged")
+    head += ["yaw at its end, °", "own sigma, °", *counted, "after, s"]
     rows = []
     for fault in FAULTS:
         own = [one[SHOWN] for name, one in cells.items() if name.split(" | ")[0] == fault]
@@ -161,7 +162,7 @@ def faults_table(cells: dict[str, Any]) -> str:
         delays = [one["delay"] for one in own if one.get("delay") is not None]
         row = [fault, str(_runs(own)), most("position"), f"{rms('position_sigma'):.2f}"]
         row += [most("yaw_deg"), f"{rms('yaw_deg_sigma'):.1f}"]
-        row += [str(sum(one[key] for one in own)) for key in (*_KEYS, "flagged")]
+        row += [str(sum(one[key] for one in own)) for key in counted]
         rows.append([*row, f"{np.median(delays):.1f}" if delays else ""])
     return _table(head, rows)
 
