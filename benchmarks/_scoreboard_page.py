@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import accuracy
 import matplotlib as mpl
 import numpy as np
 from _digests import ROOT
@@ -38,7 +37,6 @@ def write_page(results: dict[str, Any]) -> None:
     draw_faults(faults, PAGE.with_name("scoreboard-faults.png"))
     runs = next(iter(healthy.values()))[SHOWN]["runs"]
     design = "all pairs of levels" if len(healthy) > 200 else "the subset of `--quick` alone"
-    real, alarms = real_tables(parts.get("real", {}))
     text = TEMPLATE.read_text(encoding="utf-8").format(
         short="\n".join(f"- {line}" for line in in_short(parts)),
         variant=SHOWN,
@@ -48,8 +46,7 @@ def write_page(results: dict[str, Any]) -> None:
         levels=_mark(results, "healthy") + levels_table(healthy),
         fault_runs=next(iter(faults.values()))[SHOWN]["runs"],
         faults=_mark(results, "faults") + faults_table(faults),
-        real=_mark(results, "real") + real,
-        alarms=_mark(results, "real") + alarms,
+        real=_mark(results, "real") + real_table(parts.get("real", {})),
         cost=_mark(results, "cost") + cost_table(parts.get("cost", {})),
     )
     PAGE.write_text(text, encoding="utf-8")
@@ -148,26 +145,24 @@ def _flags(own: list[dict[str, Any]]) -> str:
 def faults_table(cells: dict[str, Any]) -> str:
     """Figures of each fault over all places."""
     head = ["fault", "runs", "position at its end, m", "own sigma, m"]
-    head += ["30 s later, m", "own sigma, m", "yaw at its end, °", "own sigma, °"]
-    head += [*_KEYS, "flagged", "after, s"]
+    counted = ("covered", "neither", "flagged")
+    head += ["yaw at its end, °", "own sigma, °", *counted, "after, s"]
     rows = []
     for fault in FAULTS:
         own = [one[SHOWN] for name, one in cells.items() if name.split(" | ")[0] == fault]
         if not own:
             continue
 
-        def rms(at: str, key: str, own: list[dict[str, Any]] = own) -> float:
-            return math.sqrt(sum(one[at][key] ** 2 * one["runs"] for one in own) / _runs(own))
+        def rms(key: str, own: list[dict[str, Any]] = own) -> float:
+            return math.sqrt(sum(one["end"][key] ** 2 * one["runs"] for one in own) / _runs(own))
 
-        def most(at: str, key: str, own: list[dict[str, Any]] = own) -> str:
-            return f"{rms(at, key):.2f} ({max(one[at][f'{key}_most'] for one in own):.2f})"
+        def most(key: str, own: list[dict[str, Any]] = own) -> str:
+            return f"{rms(key):.2f} ({max(one['end'][f'{key}_most'] for one in own):.2f})"
 
         delays = [one["delay"] for one in own if one.get("delay") is not None]
-        row = [fault, str(_runs(own))]
-        for at in ("end", "later"):
-            row += [most(at, "position"), f"{rms(at, 'position_sigma'):.2f}"]
-        row += [most("end", "yaw_deg"), f"{rms('end', 'yaw_deg_sigma'):.1f}"]
-        row += [str(sum(one[key] for one in own)) for key in (*_KEYS, "flagged")]
+        row = [fault, str(_runs(own)), most("position"), f"{rms('position_sigma'):.2f}"]
+        row += [most("yaw_deg"), f"{rms('yaw_deg_sigma'):.1f}"]
+        row += [str(sum(one[key] for one in own)) for key in counted]
         rows.append([*row, f"{np.median(delays):.1f}" if delays else ""])
     return _table(head, rows)
 
@@ -176,29 +171,8 @@ def _runs(own: list[dict[str, Any]]) -> int:
     return sum(one["runs"] for one in own)
 
 
-def real_tables(cells: dict[str, Any]) -> tuple[str, str]:
-    """Tables of the folds, and of exclusions and flags."""
-    drift = {name.removeprefix("drift | "): cells[name] for name in cells if "drift | " in name}
-    # Single logs are on the page of real logs.
-    folds = {name: one for name, one in drift.items() if name in (*accuracy.GOALS, "all logs")}
-    head = ["robot, ground", *(f"`{name}` drift, %" for name in VARIANTS)]
-    head += [*(f"`{name}` over `gyro`" for name in OTHERS), f"NEES `{SHOWN}`"]
-    rows = [
-        [
-            name,
-            *(
-                _told(*(one[v][key] for key in ("drift", "drift_low", "drift_high")))
-                for v in VARIANTS
-            ),
-            *(
-                _told(*(one[v][key] for key in ("ratio", "ratio_low", "ratio_high")))
-                for v in OTHERS
-            ),
-            f"{one[SHOWN]['nees']:.1f}",
-        ]
-        for name, one in folds.items()
-    ]
-    of_folds = _table(head, rows)
+def real_table(cells: dict[str, Any]) -> str:
+    """Table of exclusions and flags; drift is on the page of real logs."""
     head = ["logs", "runs", "hours", *(f"`{v}` turning error, °/s" for v in ("gyro", SHOWN))]
     head += ["turning, °/s", "by rules, %", "by gates, %", "flags an hour"]
     rows = []
@@ -215,7 +189,7 @@ def real_tables(cells: dict[str, Any]) -> tuple[str, str]:
         row = [name.removeprefix("health "), str(one["runs"]), f"{one['hours']:.2f}", *turned]
         row += [f"{one['rules_percent']:.2f}", f"{one['gates_percent']:.2f}"]
         rows.append([*row, _flags([one])])
-    return of_folds, _table(head, rows)
+    return _table(head, rows)
 
 
 def cost_table(cells: dict[str, Any]) -> str:

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import inspect
 import re
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -29,6 +31,7 @@ from icreckon.simulation.sensors.imu import InertialErrors
 from icreckon.simulation.study import plan
 from icreckon.simulation.truth import terrain
 
+OPTION_HEADS = ("option", "default", "meaning")
 END = "<!-- end of table -->"
 MARK = re.compile(
     rf"^<!-- table: (\w+)(?: of ([\w.-]+))? -->\n(?:.*?\n)??{re.escape(END)}$",
@@ -48,6 +51,18 @@ TYPES = {
     )
     for name in names.split()
 } | {"Soil": Soil}
+TWINS = {
+    "ImuTopic": ("TrackTopic", "[log.tracks]"),
+    "FixTopic": ("TrackTopic", "[log.tracks]"),
+    "HeadingTopic": ("TrackTopic", "[log.tracks]"),
+    "TruthTopic": ("TrackTopic", "[log.tracks]"),
+    "TrackColumns": ("TrackTopic", "[log.tracks]"),
+    "ImuColumns": ("ImuTopic", "[log.imu]"),
+    "PoseColumns": ("FixTopic", "[log.fixes]"),
+    "HeadingColumns": ("HeadingTopic", "[log.heading]"),
+}
+"""Types whose rows are not repeated if another type has them, that type and its table of a robot file."""
+SYMBOLS = {"zero or a positive number": "≥ 0", "a positive number": "> 0"}
 DESCRIBED = {"EncoderSpec": EncoderErrors, "InertialSpec": InertialErrors, "FixSpec": FixErrors}
 """Types whose attributes are described at another one; `factor` is in their own text."""
 
@@ -67,7 +82,7 @@ def _filled(mark: re.Match[str]) -> str:
     return f"{first}\n\n{TABLES[mark[1]](*filter(None, (mark[2],)))}\n\n{END}"
 
 
-def rows(heads: tuple[str, ...], body: list[tuple[str, ...]]) -> str:
+def rows(heads: tuple[str, ...], body: Sequence[tuple[str, ...]]) -> str:
     """Table in Markdown."""
     cells = (heads, tuple("---" for _ in heads), *body)
     return "\n".join(
@@ -93,7 +108,20 @@ def bounds(kind: Any) -> str:
 
 
 def keys(name: str) -> str:
-    """Keys of a table of a TOML file: default, range, meaning."""
+    """Keys of a table of a TOML file: default, range, meaning; without the columns that are empty."""
+    table = rows_of_keys(name)
+    twin, where = TWINS.get(name, ("", ""))
+    same = [one for one in table if twin and one in rows_of_keys(twin)]
+    body = [one for one in table if one not in same]
+    heads = ("key", "default", "accepted", "meaning")
+    filled = [k for k, cells in enumerate(zip(*body, strict=True)) if any(cells)]
+    cut = [tuple(row[k] for k in filled) for row in (heads, *body)]
+    text = rows(cut[0], cut[1:])
+    return f"{text}\n\nAs in `{where}`: {', '.join(one[0] for one in same)}." if same else text
+
+
+def rows_of_keys(name: str) -> list[tuple[str, ...]]:
+    """Rows of such a table."""
     kind = TYPES[name]
     texts = descriptions(DESCRIBED.get(name, kind))
     if name in DESCRIBED:
@@ -102,8 +130,10 @@ def keys(name: str) -> str:
     body = []
     for field in msgspec.structs.fields(kind):
         accepted = bounds(hints.get(field.name)).replace("finite", "")
+        for words, symbol in SYMBOLS.items():
+            accepted = accepted.replace(words, symbol)
         body.append((f"`{field.name}`", default(field), accepted, texts[field.name]))
-    return rows(("key", "default", "accepted", "meaning"), body)
+    return body
 
 
 def default(field: Any) -> str:
@@ -151,19 +181,25 @@ def robots() -> str:
 
 
 def commands() -> str:
-    """Arguments and options of all commands."""
+    """Arguments and options of all commands; those that several share come last."""
+    described = {
+        name: [row for one in load(name).params if (row := option(one))] for name in COMMANDS
+    }
+    count = Counter(row for table in described.values() for row in table)
+    shared = [row for row in count if count[row] >= 4]
     parts = []
-    for name in COMMANDS:
+    for name, table in described.items():
         command = load(name)
         named = [one for one in command.params if one.param_type_name == "argument"]
         usage = " ".join(
             ["icreckon", name, *(one.metavar or str(one.name) for one in named), "[OPTIONS]"]
         )
         parts += [f"## {name}", f"`{usage}`", inspect.cleandoc(command.help or "")]
-        body = [described for one in command.params if (described := option(one))]
-        if body:
-            parts.append(rows(("option", "default", "meaning"), body))
-    return "\n\n".join(parts)
+        if own := [row for row in table if row not in shared]:
+            parts.append(rows(OPTION_HEADS, own))
+        if also := [row[0] for row in table if row in shared]:
+            parts.append(f"[Shared options](#shared-options): {', '.join(also)}.")
+    return "\n\n".join([*parts, "## Shared options", rows(OPTION_HEADS, shared)])
 
 
 def option(parameter: Any) -> tuple[str, str, str] | None:
