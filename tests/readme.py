@@ -58,7 +58,7 @@ def run_page(
     programs: Path | None = None,
     before: Callable[[str], None] = lambda _: None,
 ) -> str:
-    """Run the shell blocks of a page, or of a section of it, one after the other.
+    """Run the blocks of a page, or of a section of it, in shell and Python, one after the other.
 
     Each block of the language `text` must be what the shell block before it has printed: line by line,
     in order, other lines between them left out, figures roughly the same. With `ICRECKON_RENEW` in the
@@ -72,6 +72,8 @@ def run_page(
             before(text)
             more = {"PATH": path, "MPLBACKEND": "agg", "HOME": str(folder)}
             printed.append(shell(text, folder, **more))
+        elif language == "python":
+            subprocess.run([sys.executable, "-c", text], cwd=folder, check=True)
         elif language == "text":
             rest, shown = printed[-1].splitlines(), text.splitlines()
             for k, line in enumerate(shown):
