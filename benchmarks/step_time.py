@@ -110,9 +110,8 @@ def feeder(robot: Robot, variant: str, folder: Path) -> list[str] | None:
     compiler = shutil.which(os.environ.get("CC", "gcc"))
     if compiler is None:
         return None
-    files = filter_in_c(robot, find_variant(variant), bits=64, imu_rate=RATE).files
-    for name, text in {**files, "feeder.c": FEEDER}.items():
-        (folder / name).write_text(text, encoding="utf-8")
+    filter_in_c(robot, find_variant(variant), bits=64, imu_rate=RATE).write(folder)
+    (folder / "feeder.c").write_text(FEEDER, encoding="utf-8")
     flags = os.environ.get("CFLAGS", "-O2").split()
     made = ["-o", variant, "feeder.c", "icreckon_filter.c", "-lm"]
     subprocess.run([compiler, *flags, *made], cwd=folder, check=True)

@@ -51,3 +51,8 @@ def test_code_and_messages_use_standard_words(folder: str) -> None:
 
 def test_pages_use_standard_words() -> None:
     assert [one for page in PAGES for one in found_in(page)] == []
+
+
+def test_pages_are_a_budget() -> None:
+    pages = (page.read_text(encoding="utf-8") for page in PAGES if page.name != "CONTRIBUTING.md")
+    assert sum(len(page.split()) for page in pages) <= 55_000

@@ -139,19 +139,14 @@ class LaneSteps:
         self, samples: SampleArrays, mounting: Floats, rows: RunRows, *, uses_force: bool
     ) -> Sampled:
         """Take the steps of samples up to one that needs more than a step; fill rows."""
-        readings, ekf, total = self._readings, self._ekf, np.zeros(4, int)
-        memory = ekf.model.memory
+        readings, total = self._readings, np.zeros(4, int)
         while True:
             found = self._feed_samples(
                 self._lane.places,
                 self._records,
                 readings.stamps,
                 readings.rates,
-                ekf.x,
-                ekf.P,
-                ekf.regressors,
-                memory,
-                *self._arrays,
+                self._all_arrays(),
                 mounting,
                 *samples,
                 uses_force,
@@ -165,9 +160,7 @@ class LaneSteps:
 
     def write_row(self, rows: RunRows) -> None:
         """Fill the next row with the estimate."""
-        ekf = self._ekf
-        matrices = ekf.x, ekf.P, ekf.regressors, ekf.model.memory
-        self._write_row(self._lane.places, self._records, *matrices, *self._arrays, rows)
+        self._write_row(self._lane.places, self._records, self._all_arrays(), rows)
 
     def take_position(
         self,
@@ -228,6 +221,11 @@ class LaneSteps:
         motion = Motion(PaperTwist(-v_y, v_x, w), IndexValues(zeta, epsilon, eta), u, force)
         return TwistModel(twist, jacobian, by_speeds, motion)
 
+    def _all_arrays(self) -> tuple[Floats, ...]:
+        """Arrays of the filter, see `take_step`."""
+        ekf = self._ekf
+        return (ekf.x, ekf.P, ekf.regressors, ekf.model.memory, *self._arrays)
+
     def _step(self, which: int, stamp: int, rejected_for: float = 0.0) -> int:
         """Take a step to a stamp [ns], or an update; see `take_step`."""
         return self._call(self._take_step, which, (stamp, rejected_for))
@@ -237,10 +235,8 @@ class LaneSteps:
     ) -> int:
         """Call `take_step` or `take_sample`, and report the changes of the filter."""
         ekf, lane = self._ekf, self._lane
-        yaw, matrices = ekf.x.item(s.YAW), (ekf.x, ekf.P, ekf.regressors, ekf.model.memory)
-        found: int = function(
-            lane.places, which, self._records, *matrices, *self._arrays, *arguments
-        )
+        yaw, arrays = ekf.x.item(s.YAW), self._all_arrays()
+        found: int = function(lane.places, which, self._records, arrays, *arguments)
         if found < 0:
             return found
         if ekf.clones is not None or ekf.observer is not None:

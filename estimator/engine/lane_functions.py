@@ -145,13 +145,7 @@ def take_sample(
     places: Any,
     which: int,
     records: Any,
-    x: Floats,
-    P: Floats,
-    regressors: Floats,
-    memory: Floats,
-    lane: Floats,
-    inputs: Floats,
-    constants: Floats,
+    arrays: Any,
     stamp: int,
     stamps: Stamps,
     rates: Floats,
@@ -180,6 +174,7 @@ def take_sample(
         return REFUSED
     if is_full(record.still, stamps):
         return FULL
+    inputs = arrays[5]
     if inputs.shape != (ROWS, 1) or mounting.shape != (6, 3):
         raise ValueError(WRONG_SIZE)
     rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
@@ -191,9 +186,7 @@ def take_sample(
     add_rate(record.yaw_rates, stamp, rate)
     given = (stamp, (rate, roll, pitch, reading), forward, left, uses_force)
     sample_inputs(record, stamps, rates, inputs, 0, *given)
-    which = kernel_of_sample(which, record)
-    arrays = (x, P, regressors, memory, lane, inputs, constants)
-    return take_step(places, which, records, *arrays, stamp, 0.0)
+    return take_step(places, kernel_of_sample(which, record), records, arrays, stamp, 0.0)
 
 
 def kernel_of_sample(which: int, record: Any) -> int:
@@ -220,13 +213,7 @@ def feed_samples(
     records: Any,
     stamps: Stamps,
     rates: Floats,
-    x: Floats,
-    P: Floats,
-    regressors: Floats,
-    memory: Floats,
-    lane: Floats,
-    inputs: Floats,
-    constants: Floats,
+    arrays: Any,
     mounting: Floats,
     track_stamps: Stamps,
     speeds: Floats,
@@ -252,22 +239,20 @@ def feed_samples(
     count = len(imu_stamps)
     if angular_velocities.shape != (count, 3) or forces.shape != (count, 3):
         raise ValueError(WRONG_SIZE)
-    arrays = (x, P, regressors, memory, lane, inputs, constants)
     while tracks < len(track_stamps) or samples < count:
         is_track = samples == count or (
             tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
         )
         stamp = track_stamps[tracks] if is_track else imu_stamps[samples]
         if is_row_due(rows, stamp, record.stamp):
-            write_row(places, records, *arrays, rows)
+            write_row(places, records, arrays, rows)
         if is_track:
             newest = record.tracks.stamp
             if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
                 break
             if ends_step(record):
-                move_inputs(record, inputs, 0, newest)
-                move: Any = (records, *arrays, newest, 0.0)
-                take_step(places, TIME_STEP, *move)
+                move_inputs(record, arrays[5], 0, newest)
+                take_step(places, TIME_STEP, records, arrays, newest, 0.0)
             wheels = (left_wheels[tracks], right_wheels[tracks])
             take_track_sample(record, stamp, speeds[tracks], *wheels)
             rows.progress[DUE] = len(rows.stamps) > 0
@@ -277,7 +262,7 @@ def feed_samples(
         if stamp <= record.stamp:
             break
         given = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
-        sample: Any = (records, *arrays, stamp, *given)
+        sample: Any = (records, arrays, stamp, *given)
         found = take_sample(places, IMU_STEP, *sample)
         if found < 0:
             break
@@ -297,19 +282,9 @@ def is_row_due(rows: Any, stamp: int, reached: int) -> bool:
     return bool(progress[DUE] != 0 and is_later and reached != progress[WRITTEN])
 
 
-def write_row(
-    places: Any,
-    records: Any,
-    x: Floats,
-    P: Floats,
-    regressors: Floats,
-    memory: Floats,
-    lane: Floats,
-    inputs: Floats,
-    constants: Floats,
-    rows: Any,
-) -> None:
+def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:
     """Fill the next row of `RunRows`; the other arguments are those of `take_step`."""
+    x, P, regressors, memory, lane, inputs, constants = arrays
     record, row, n = records[0], rows.progress[COUNT], s.SIZE
     speeds = speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
     twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(x))), np.empty((3, 2))
@@ -438,18 +413,7 @@ def count_sample(counts: Any, stamp: int, interval: float, lane: Floats, rows: A
 
 
 def take_step(
-    all_places: Any,
-    which: int,
-    records: Any,
-    x: Floats,
-    P: Floats,
-    regressors: Floats,
-    memory: Floats,
-    lane: Floats,
-    inputs: Floats,
-    constants: Floats,
-    stamp: int,
-    rejected_for: float,
+    all_places: Any, which: int, records: Any, arrays: Any, stamp: int, rejected_for: float
 ) -> int:
     """Take a step or an update of one filter, in place.
 
@@ -457,13 +421,8 @@ def take_step(
         all_places: (1,) `LanePlaces`.
         which: `IMU_STEP` or another of the kernels.
         records: (1,) record of the filter, see `FilterRecord`.
-        x: (SIZE,) the state.
-        P: (SIZE, SIZE) its covariance.
-        regressors: (3, 10) of the filter, see `Ekf`.
-        memory: memory of the motion model.
-        lane: workspace.
-        inputs: (n, 1) inputs of the kernel.
-        constants: constants of the kernel.
+        arrays: (SIZE,) the state, (SIZE, SIZE) its covariance, (3, 10) regressors, see `Ekf`, the memory
+            of the motion model, and workspace, (n, 1) inputs and constants of the kernel.
         stamp: stamp of the measurement, or of the end [ns].
         rejected_for: time of the position fixes rejected so far [s].
 
@@ -474,6 +433,7 @@ def take_step(
     Raises:
         ValueError: an array has the wrong size.
     """
+    x, P, regressors, memory, lane, inputs, constants = arrays
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
     places, record = all_places[0], records[0]

@@ -111,15 +111,14 @@ class RunRows(NamedTuple):
 
 
 def samples_of(log: Log) -> SampleArrays:
-    """Track speeds and IMU samples of a log."""
+    """Track speeds and IMU samples of a log, in contiguous arrays that are writable."""
     tracks, imu = log.tracks, log.imu
-    speeds, left, right = map(np.ascontiguousarray, (tracks.speeds, *wheels_of(tracks)))
     stamps, rates, forces = NO_STAMPS, np.zeros((0, 3)), np.zeros((0, 3))
     if imu is not None:
         stamps, rates, given = imu.stamps, imu.angular_velocity, imu.linear_acceleration
         forces = np.full(rates.shape, np.nan) if given is None else given
-    rates, forces = np.ascontiguousarray(rates), np.ascontiguousarray(forces)
-    return SampleArrays(tracks.stamps, speeds, left, right, stamps, rates, forces)
+    found: Any = (tracks.stamps, tracks.speeds, *wheels_of(tracks), stamps, rates, forces)
+    return SampleArrays(*(np.require(one, requirements=("C", "W")) for one in found))
 
 
 def wheels_of(tracks: TrackSpeedSeries) -> tuple[Floats, Floats]:

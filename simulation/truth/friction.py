@@ -44,7 +44,7 @@ from icreckon.simulation.truth.true_motion import (
 
 # First-order lag of a track behind its command [s].
 TRACK_LAG = 0.1
-# Error allowed per step; docs/explanation/truth.md shows what it costs and brings.
+# Error allowed per step.
 TOLERANCE = 1e-5
 # Scales of the absolute tolerance: velocities [m/s, rad/s], loads as a share of the weight, yaw [rad].
 SMALL_VELOCITY = 0.1

@@ -1,12 +1,15 @@
 """Arrays of track speeds and IMU samples against the same samples fed one by one."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 
 import msgspec
+import numpy as np
 import pytest
 
 from icreckon.estimator.batch.feed_arrays import feed_arrays
+from icreckon.estimator.filter.samples import samples_of
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds, ZeroVelocity
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
@@ -92,3 +95,15 @@ def test_marks_and_the_plain_engine_take_samples_one_by_one() -> None:
         one_by_one.feed(measurement)
     assert_same_estimate(by_arrays, one_by_one)
     assert len(by_arrays.marks) == 1
+
+
+def test_columns_of_a_table_are_arrays_of_the_usual_kind() -> None:
+    """Strided and read-only arrays would be compiled for once more."""
+    log = drive()
+    table = np.column_stack([log.imu.angular_velocity, log.imu.linear_acceleration])
+    table.flags.writeable = False
+    imu = replace(log.imu, angular_velocity=table[:, :3], linear_acceleration=table[:, 3:])
+    speeds = np.asfortranarray(log.tracks.speeds)
+    found = samples_of(replace(log, tracks=replace(log.tracks, speeds=speeds), imu=imu))
+    assert all(one.flags.c_contiguous and one.flags.writeable for one in found)
+    np.testing.assert_array_equal(found.forces, log.imu.linear_acceleration)

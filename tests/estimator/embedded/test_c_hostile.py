@@ -82,5 +82,5 @@ def test_compilers_do_not_warn(
     user.write_text('#include "icreckon_filter.hpp"\nicreckon::Filter filter(1.0f, 2.0f, 0.5f);\n')
     sources = ["icreckon_filter.c", "extras/example.c", "extras/selftest.c"]
     for source in (*sources, *(["user.cpp"] if "++" in cc else [])):
-        command = [compiler(cc), *language, *WARNINGS, "-c", source, "-o", "unused.o"]
+        command = [compiler(cc), *language, *WARNINGS, "-I.", "-c", source, "-o", "unused.o"]
         subprocess.run(command, check=True, cwd=folder, timeout=300)
