@@ -102,7 +102,9 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str
     if not wrong and not _any_measured(checks):
         out.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
     elif not wrong:
-        out.print(Text("\nNothing in the log contradicts the robot file."))
+        unseen = sum(one.measured is None for one in checks)
+        of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
+        out.print(Text(f"\nNothing in the log contradicts the robot file{of_all}."))
     else:
         out.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
     for number, (cost, one) in enumerate(wrong, 1):

@@ -36,7 +36,7 @@ BARE = re.compile(
     r"|v|k?m|[cm]?m|s|ms|mps|kmh|rad|rads|deg|h|l|r|[fmrb][lr]|[lr][fmrb]|"
 )
 GYRO = re.compile(
-    r"^(?:imu_?)?(?:gyro(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega|w|g)?[_.]?([xyz])$"
+    r"^(?:imu_?)?(?:gyro?(?:scope)?|ang(?:ular)?_?vel(?:ocity)?|omega|w|g)?[_.]?([xyz])$"
 )
 ACCELEROMETER = re.compile(
     r"^(?:imu_?)?(?:acc(?:el(?:eration|erometer)?)?|lin(?:ear)?_?acc(?:el(?:eration)?)?|a)[_.]?([xyz])$"

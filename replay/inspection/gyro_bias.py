@@ -25,6 +25,8 @@ LARGEST_HOLE = 1.0
 """Windows with a longer gap between samples are left out [s]."""
 SURE = 3.0
 """Standard errors beyond which a bias while driving is significant."""
+UNSEEN = 0.1
+"""Standard error of a bias that a log does not show [rad/s]."""
 LEAST_BY_TRACKS = 0.005
 """Least bias that tracks show [rad/s]: on the sample logs, tracks of a healthy gyro show 0.001."""
 
@@ -88,4 +90,5 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     def fitted(rows: NDArray[np.int_]) -> float:
         return float(np.linalg.lstsq(design[rows], turned[whole][rows], rcond=None)[0][0])
 
-    return GyroBias(*jackknifed(fitted, len(design)), source)
+    bias, sigma = jackknifed(fitted, len(design))
+    return GyroBias(bias, sigma, source) if sigma < UNSEEN else None

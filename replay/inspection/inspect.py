@@ -166,8 +166,9 @@ def _estimates(
     mounting = imu_mounting.estimate_mounting(log)
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     latencies = _latencies(log, vertical)
-    correlation = mounting.turning_correlation if mounting else None
     in_time, scaled = _in_time(log, latencies), None if mapping.lacks_counts_per_turn else vertical
+    mounting = imu_mounting.estimate_mounting(in_time)
+    correlation = mounting.turning_correlation if mounting else None
     return robot_file.LogEstimates(
         mapping,
         clocks,

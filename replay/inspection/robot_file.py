@@ -178,7 +178,10 @@ def _imu(seen: LogEstimates) -> list[str]:
     mounting, log, found = seen.mounting, seen.log, seen.bias
     if mounting is None:
         if log is None or log.imu is None:
-            return ["# The log holds no IMU that measures rates.", ""]
+            return [
+                "# No IMU found: name its topic in [log.imu], its columns in [log.columns.imu].",
+                "",
+            ]
         return ["# The IMU's readings are absurd, and show nothing.", ""]
     driven = log is not None and len(log.tracks.stamps)
     lines = [*_mounting(mounting), "[imu]"]
@@ -207,7 +210,7 @@ def _imu(seen: LogEstimates) -> list[str]:
             f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
         ]
     else:
-        none = "no standstill of 2 s, and driving shows none"
+        none = "no standstill of two seconds, and driving cannot show it"
         lines.append(
             f"# Gyro bias: {none if driven else 'no track speeds to find a standstill by'}."
         )
@@ -300,7 +303,8 @@ def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
             f"# Latency against the gyro: {latency.seconds:.3f} ± {latency.sigma:.1g} s, {why}: not "
             "written."
         ]
-    return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.1g}: late against the gyro"]
+    lags = "lags" if latency.seconds > 0.0 else "leads"
+    return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.1g}: {lags} the gyro"]
 
 
 def _log(seen: LogEstimates, track_latency: list[str], wander: list[str]) -> list[str]:

@@ -211,6 +211,10 @@ class Stream:
         stamped = np.array(gathered.stamped, dtype=np.int64)
         rows = np.array(gathered.values, dtype=float)
         order = np.argsort(recorded, kind="stable")
+        if self.from_table and (back := int((np.diff(recorded) < 0).sum())):
+            self.notes.append(
+                f"{back} rows of {self.purpose} go back in time: all are sorted by it"
+            )
         stamps = stamped if clock == "header" else recorded
         if clock == "header":
             missing = "messages have no header" if self._headless else ""

@@ -118,7 +118,11 @@ class _Assembly:
             stream.lose("of a time that occurs twice", int(inside.sum()))
             stamps, rows = stamps[~inside], rows[~inside]
         if not stream.purpose.startswith("truth "):
-            stamps = stamps - round(self._spec(stream).latency / NANOSECOND)
+            corrected = stamps - round(self._spec(stream).latency / NANOSECOND)
+            # Bags have no stamps below zero, and clocks of tables begin there.
+            below = (corrected < 0) & (stamps >= 0)
+            stream.lose("stamp less latency is below zero", int(below.sum()))
+            stamps, rows = corrected[~below], rows[~below]
         return stamps, rows.reshape(-1, width)
 
     def _ordered(self, stream: Stream) -> tuple[Stamps, Floats]:
