@@ -205,6 +205,8 @@ def _many(
                 raise
             failed.append(many.failed_case(case, problem))
             shutil.rmtree(target)
+            if target.parent != folder and not any(target.parent.iterdir()):
+                target.parent.rmdir()
         else:
             scored += [] if found is None else [found]
     of_all = {

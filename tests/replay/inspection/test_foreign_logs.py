@@ -165,7 +165,13 @@ def test_names_with_units_in_brackets(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("names", "found"),
-    [("imu_gyro_{}_dps", True), ("{} [m]", False), ("{}_m", False), ("pos_{}_m", False)],
+    [
+        ("imu_gyro_{}_dps", True),
+        ("gyr_{}_deg_s", True),
+        ("{} [m]", False),
+        ("{}_m", False),
+        ("pos_{}_m", False),
+    ],
 )
 def test_a_gyro_is_told_from_a_position(tmp_path: Path, names: str, found: bool) -> None:
     gyro = ";".join(names.format(axis) for axis in "xyz")

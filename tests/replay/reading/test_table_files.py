@@ -42,6 +42,20 @@ def test_track_speeds(tmp_path: Path) -> None:
     assert log.notes == ()
 
 
+def test_times_below_zero_by_a_latency_are_left_out(tmp_path: Path) -> None:
+    """Clocks of tables begin at 0, and bags have no stamps below."""
+    table = write(tmp_path / "run.csv", "t,l,r\n0.0,0.1,0.2\n0.1,0.1,0.2\n0.2,0.3,0.4\n")
+    log = read(table, tracks=SPEEDS | {"latency": 0.15})
+    np.testing.assert_array_equal(log.tracks.stamps, [50_000_000])
+    assert log.dropped == {"tracks: stamp less latency is below zero": 2}
+
+
+def test_rows_that_go_back_in_time_are_noted(tmp_path: Path) -> None:
+    log = read(write(tmp_path / "run.csv", f"{RUN}0.2,0.1,0.2\n"), tracks=SPEEDS)
+    assert log.notes == ("times of tracks go back (1 x): rows are sorted by them",)
+    assert log.tracks.stamps[0] == 200_000_000
+
+
 def test_stamps_of_too_few_digits_are_named(tmp_path: Path) -> None:
     """As by '%g': all are equal; as by '%.1f': most are repeated, which all commands name first."""
     times = 1_700_000_000.0 + 0.02 * np.arange(100)
