@@ -35,7 +35,7 @@ from icreckon.estimator.faults.scattering_fixes import ScatterRecord, wanders
 from icreckon.estimator.faults.sliding_robot import slides
 from icreckon.estimator.faults.spinning_tracks import is_found
 from icreckon.estimator.faults.stuck_tracks import frozen_from, stuck_from
-from icreckon.estimator.filter.ekf import LEAST_VARIANCE, ROUNDING_SHARE, SHARP
+from icreckon.estimator.filter import ekf
 from icreckon.estimator.filter.filter_record import (
     DEPARTURE,
     FilterRecord,
@@ -84,6 +84,11 @@ FASTEST_IMU = 10_000.0
 VARYING = ("dt", "smoothing", "interval")
 # Gates whose number of used measurements the filter reads.
 GATES = ("gyro", "heading")
+# Constants of `ekf`, and limits of `input_checks`.
+OF_UPDATES, ABSURD = (
+    ("SHARP", "ROUNDING_SHARE", "LEAST_VARIANCE"),
+    ("RATE", "FORCE", "DISTANCE", "LEVER"),
+)
 # Streams with a latency in the robot file.
 LATE_STREAMS = ("tracks", "imu", "position", "heading")
 # Rows that the filter reads, by their names in C.
@@ -393,11 +398,8 @@ class _Export:
             "GAUGE": number(self._robot.vehicle.track_gauge),
             "NANOSECOND": number(NANOSECOND),
             "SMOOTHING_TIME": number(REGRESSOR_SMOOTHING),
-            "SHARP": number(SHARP),
-            "ROUNDING_SHARE": number(ROUNDING_SHARE),
-            "LEAST_VARIANCE": number(LEAST_VARIANCE),
-            "THRESHOLD_2": number(CHI_SQUARE_1E4[2]),
-            "THRESHOLD_3": number(CHI_SQUARE_1E4[3]),
+            **{name: number(getattr(ekf, name)) for name in OF_UPDATES},
+            **{f"THRESHOLD_{degrees}": number(CHI_SQUARE_1E4[degrees]) for degrees in (2, 3)},
             "PATIENCE": number(settings.gates.patience),
             "LARGEST_INFLATION": number(LARGEST_INFLATION),
             "STANDSTILL_SIGMA": ", ".join(map(number, STANDSTILL_SIGMA)),
@@ -408,10 +410,7 @@ class _Export:
             "EARLIEST": f"INT64_C({input_checks.EARLIEST})",
             "LATEST": f"INT64_C({input_checks.LATEST})",
             "ABSURD_SPEED": number(input_checks.ABSURD_SPEED * fastest),
-            "ABSURD_RATE": number(input_checks.ABSURD_RATE),
-            "ABSURD_FORCE": number(input_checks.ABSURD_FORCE),
-            "ABSURD_DISTANCE": number(input_checks.ABSURD_DISTANCE),
-            "ABSURD_LEVER": number(input_checks.ABSURD_LEVER),
+            **{f"ABSURD_{of}": number(getattr(input_checks, f"ABSURD_{of}")) for of in ABSURD},
         }
 
     def _number(self, value: float) -> str:

@@ -78,8 +78,8 @@ class Functions:
         if isinstance(hint, type) and hint in self.records:
             return self.records[hint]
         if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
-            fields = [(name, self.of_annotation(of)) for name, of in get_type_hints(hint).items()]
-            known = [(name, of or REAL) for name, of in fields]
+            fields = get_type_hints(hint).items()
+            known = [(name, self.of_annotation(of) or REAL) for name, of in fields]
             return self.tuple_type(known, hint.__name__)
         if get_origin(hint) is tuple and Ellipsis not in get_args(hint):
             found = [self.of_annotation(of) for of in get_args(hint)]

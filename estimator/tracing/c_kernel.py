@@ -17,8 +17,7 @@ def literal(value: float, bits: int) -> str:
         return "NAN"
     if math.isinf(value):
         return "INFINITY" if value > 0.0 else "-INFINITY"
-    text = repr(float(value))
-    return text if bits == 64 else f"{text}f"
+    return repr(float(value)) + "f" * (bits == 32)
 
 
 def function_name(name: str, bits: int) -> str:

@@ -3,10 +3,10 @@
 import ast
 import inspect
 import math
-import operator
 import textwrap
 from collections.abc import Callable, Sequence
 from itertools import chain
+from operator import add, mul, sub, truediv
 from typing import Any, get_type_hints
 
 import numpy as np
@@ -26,10 +26,7 @@ from icreckon.estimator.tracing.c_types import (
 
 LIBRARY = "icreckon."
 ARITHMETIC = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-COMPUTED: dict[type, Callable[[Any, Any], Any]]
-COMPUTED = dict(
-    zip(ARITHMETIC, (operator.add, operator.sub, operator.mul, operator.truediv), strict=True)
-)
+COMPUTED: dict[type, Any] = dict(zip(ARITHMETIC, (add, sub, mul, truediv), strict=True))
 RELATION = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 OF_COMPLEX = {ast.Add: "sum", ast.Sub: "difference", ast.Mult: "product"}
 BESSEL = ("j0", "y0", "y1", "yn")
@@ -150,8 +147,7 @@ class FunctionWriter:
             if stride not in (1, -1):
                 raise self._fail(over)
             stop = stop if stop.value is not None else self._kept(stop)
-            falls = stride < 0
-            relation, step = (">", "--") if falls else ("<", "++")
+            relation, step = (">", "--") if stride < 0 else ("<", "++")
             self._local(name, INT)
             at = _safe(name)
             self._add(f"for ({at} = {start.text}; {at} {relation} {stop.text}; {at}{step}) {{")
@@ -393,9 +389,8 @@ class FunctionWriter:
         of = one.type
         if of in NUMBERS:
             of = max(of, other.type, key=NUMBERS.index)
-        return Code(
-            f"(({self._truth(test)}) ? {self._as(one, of).text} : {self._as(other, of).text})", of
-        )
+        yes, no = self._as(one, of).text, self._as(other, of).text
+        return Code(f"(({self._truth(test)}) ? {yes} : {no})", of)
 
     def _tuple(self, values: Sequence[Code], of: Type | None = None) -> Code:
         if of is None or of.kind != "tuple":
@@ -427,8 +422,8 @@ class FunctionWriter:
                 return self._extreme(name, args)
             case "int":
                 is_whole = args[0].type in (INT, BOOL)
-                return self._as(
-                    args[0] if is_whole else Code(f"(int64_t)({args[0].text})", INT), INT
+                return (
+                    self._as(args[0], INT) if is_whole else Code(f"(int64_t)({args[0].text})", INT)
                 )
             case "float":
                 return self._as(args[0], REAL)

@@ -49,6 +49,8 @@ def test_a_folder_that_builds_and_passes_its_self_test(words: list[str], tmp_pat
     for name in ("cmake", "cc"):
         if shutil.which(name) is None:
             pytest.skip(f"no {name} here: install it to build exported filters")
+    # Arduino compiles all sources beside the header.
+    assert [one.name for one in (tmp_path / "filter").glob("*.c")] == ["icreckon_filter.c"]
     built(tmp_path, "filter", "build")
     ran = subprocess.run(["ctest", "--test-dir", "build"], cwd=tmp_path, check=False)
     assert ran.returncode == 0
