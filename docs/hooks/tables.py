@@ -33,6 +33,8 @@ from icreckon.simulation.sensors.imu import InertialErrors
 from icreckon.simulation.study import plan
 from icreckon.simulation.truth import terrain
 
+ROBOT = "`--robot`"
+"""The option that is in the table of each command that has it."""
 OPTION_HEADS = ("option", "default", "meaning")
 END = "<!-- end of table -->"
 MARK = re.compile(
@@ -66,8 +68,14 @@ TWINS = {
     "HeadingColumns": ("HeadingTopic", "[log.heading]"),
 }
 """Types whose rows are not repeated if another type has them, that type and its table of a robot file."""
-NESTED = {"GateSettings": "gates", "StandstillSettings": "standstill", "FixWander": "wander"}
-"""Structures within `Settings`, and their names there; `Slip` and `Adaptation` have tables of their own."""
+NESTED = {
+    "adaptation": "Adaptation",
+    "gates": "GateSettings",
+    "standstill": "StandstillSettings",
+    "wander": "FixWander",
+}
+"""Keys of `Settings` that hold structures without a table of their own, and these."""
+KEY_HEADS = ("key", "default", "accepted", "meaning")
 GRADES = ("consumer", "industrial", "tactical")
 WITH_COMMAS = (1e4, 1e8)
 """Numbers of this size are written with commas."""
@@ -88,7 +96,9 @@ REFERENCES = {
     "see `FixWander`": "see [Plain GPS](#defaults)",
     "that of the robot file's fixes, see `FixWander.of`": "that of the robot file's fixes",
     "the slip residual, or None for": "as [`[slip.VARIANT]`](robot-file.md#slipvariant); left out:",
-    "the parameters, or None for": "the parameters, see below; left out:",
+    "the parameters, or None for": "the parameters; left out:",
+    " [s], from 1 ms to 60 s": " [s]",
+    "the above": "these",
     "(see `state_names`)": "(names of `icreckon.state_names`)",
     ", or None.": ".",
     ", or None for": "; left out:",
@@ -170,9 +180,8 @@ def keys(name: str) -> str:
     twin, where = TWINS.get(name, ("", ""))
     same = [one for one in table if twin and one in rows_of_keys(twin)]
     body = [one for one in table if one not in same]
-    heads = ("key", "default", "accepted", "meaning")
     filled = [k for k, cells in enumerate(zip(*body, strict=True)) if any(cells)]
-    cut = [tuple(row[k] for k in filled) for row in (heads, *body)]
+    cut = [tuple(row[k] for k in filled) for row in (KEY_HEADS, *body)]
     text = rows(cut[0], cut[1:])
     return f"{text}\n\nAs in `{where}`: {', '.join(one[0] for one in same)}." if same else text
 
@@ -208,28 +217,26 @@ def truth_defaults(name: str) -> str:
 
 
 def filter_settings() -> str:
-    """Keys of `Settings`, those of its structures included."""
-    body = []
-    for row in rows_of_keys("Settings"):
-        name = row[0].strip("`")
-        inner = next((kind for kind, own in NESTED.items() if own == name), None)
-        if inner is None:
+    """Keys of `Settings`, those of its structures included, as dotted keys."""
+    body: list[tuple[str, ...]] = []
+    for field in msgspec.structs.fields(settings.Settings):
+        (row,) = (one for one in rows_of_keys("Settings") if one[0] == f"`{field.name}`")
+        inner = NESTED.get(field.name)
+        if inner is None or field.default is None:
             body.append(row)
-        else:
-            own = rows_of_keys(inner)
-            body += [(f"`{name}.{one[0].strip('`')}`", *one[1:]) for one in own]
-    return rows(("key", "default", "accepted", "meaning"), body)
+        for key, left_out, *rest, meaning in rows_of_keys(inner) if inner else ():
+            others = of_variants(key[1:-1]) if inner == "Adaptation" else ""
+            body.append((f"`{field.name}.{key[1:]}", left_out, *rest, meaning + others))
+    return rows(KEY_HEADS, body)
 
 
-def adaptations() -> str:
-    """Keys of `Adaptation`: default of a key that is left out, and of each variant without the table."""
+def of_variants(key: str) -> str:
+    """Values of `Adaptation` that variants have instead of the default."""
     names = ("constant-online", "full-linear", "inertia-online")
-    of_names = [variants.default_adaptation(name) for name in names]
-    body = [
-        (key, left_out, *(f"`{getattr(one, key.strip('`'))}`" for one in of_names), meaning)
-        for key, left_out, _, meaning in rows_of_keys("Adaptation")
-    ]
-    return rows(("key", "left out", *(f"`{name}`" for name in names), "meaning"), body)
+    values = {name: getattr(variants.default_adaptation(name), key) for name in names}
+    usual = getattr(variants.Adaptation(), key)
+    other = [f"`{name}` {value:g}" for name, value in values.items() if value != usual]
+    return f" Without the table: {', '.join(other)}." if other else ""
 
 
 def presets() -> str:
@@ -292,7 +299,7 @@ def commands() -> str:
         name: [row for one in load(name).params if (row := option(one))] for name in COMMANDS
     }
     count = Counter(row for table in described.values() for row in table)
-    shared = [row for row in count if count[row] >= 4]
+    shared = [row for row in count if count[row] > 1 and row[0].startswith("`--") and row[0] != ROBOT]
     parts = []
     for name, table in described.items():
         command = load(name)
@@ -333,7 +340,6 @@ TABLES = {
     "commands": commands,
     "keys": keys,
     "settings": filter_settings,
-    "adaptations": adaptations,
     "presets": presets,
 }
 
