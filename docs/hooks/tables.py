@@ -193,7 +193,7 @@ def rows_of_keys(name: str) -> list[tuple[str, ...]]:
     if name in DESCRIBED:
         texts["factor"] = inspect.cleandoc(kind.__doc__ or "").rpartition("`factor` ")[2]
     hints = get_type_hints(kind, include_extras=True)
-    body = []
+    body: list[tuple[str, ...]] = []
     for field in msgspec.structs.fields(kind):
         text = texts[field.name]
         for words, instead in REFERENCES.items():
@@ -299,7 +299,9 @@ def commands() -> str:
         name: [row for one in load(name).params if (row := option(one))] for name in COMMANDS
     }
     count = Counter(row for table in described.values() for row in table)
-    shared = [row for row in count if count[row] > 1 and row[0].startswith("`--") and row[0] != ROBOT]
+    shared = [
+        row for row in count if count[row] > 1 and row[0].startswith("`--") and row[0] != ROBOT
+    ]
     parts = []
     for name, table in described.items():
         command = load(name)
@@ -319,11 +321,7 @@ def option(parameter: Any) -> tuple[str, str, str] | None:
     """Row of an option or an argument."""
     if getattr(parameter, "hidden", False) or not getattr(parameter, "help", None):
         return None
-    names = (
-        parameter.opts
-        if parameter.param_type_name == "option"
-        else [_named(parameter)]
-    )
+    names = parameter.opts if parameter.param_type_name == "option" else [_named(parameter)]
     value = parameter.default
     shown = "" if value in (None, False, ()) or callable(value) else f"`{value}`"
     return ", ".join(f"`{one}`" for one in names), shown, " ".join(parameter.help.split())
