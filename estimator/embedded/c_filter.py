@@ -290,10 +290,10 @@ class _Export:
         readings = {"stamps": stamps, "rates": rates}
         functions.translate(sample_inputs, record=record, inputs=inputs, gyro=four, **readings)
         functions.translate(move_inputs, record=record, inputs=inputs)
-        functions.translate(imu_clock.interval_start, clock=types[ClockRecord])
-        functions.translate(imu_clock.interval_start, clock=types[TrackRecord])
-        for of_clock in (imu_clock.is_due_after, imu_clock.is_alive, imu_clock.take_stamp):
+        clocks = imu_clock.is_due_after, imu_clock.is_alive, imu_clock.take_stamp
+        for of_clock in (imu_clock.interval_start, *clocks):
             functions.translate(of_clock, clock=types[ClockRecord])
+        functions.translate(imu_clock.interval_start, clock=types[TrackRecord])
         functions.translate(is_hole, held=types[TrackRecord])
         functions.translate(let_wander, workspace=lanes, fixes=fixes)
         functions.translate(relocate_lane, workspace=lanes, rejected=types[RejectedRecord])

@@ -70,7 +70,7 @@ class SensorHealth:
         rejected: reason -> number of measurements that did not.
         nis_sum: sum of the normalised innovations squared (NIS) of admitted measurements.
         degrees: sum of their degrees of freedom, the expectation of `nis_sum`.
-        late: number of measurements that came after newer ones and were used at their own stamps.
+        late: number of measurements that came after newer ones and were judged at their own stamps.
         judged_count: number of measurements that the gate tested.
         newest_nis: NIS of the newest of these; None before the first.
         recent_nis: mean NIS per degree of freedom of the newest hundred or so of these, rejected ones

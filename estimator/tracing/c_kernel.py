@@ -192,10 +192,7 @@ def _last_uses(nodes: Iterable[Traced], flags: Iterable[Traced]) -> dict[Traced,
     found: dict[Traced, int] = {}
     top = set(nodes)
     for node in top:
-        needs = list(node.args)
-        if node.op == "loop":
-            needs += _needs_of_body(node, top)
-        for one in needs:
+        for one in (*node.args, *(_needs_of_body(node, top) if node.op == "loop" else ())):
             found[one] = max(found.get(one, -1), node.number)
     for flag in flags:
         found[flag] = 2**62

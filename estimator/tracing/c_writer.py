@@ -121,8 +121,6 @@ class FunctionWriter:
                 self._add("return;")
             case ast.Return(value=value) if value is not None:
                 self._return(value)
-            case ast.Break() | ast.Continue():
-                self._add(f"{type(node).__name__.lower()};")
             case _:
                 raise self._fail(node)
 
@@ -441,7 +439,8 @@ class FunctionWriter:
             raise self._fail(node)
         signature = inspect.signature(called)
         bound = list(signature.parameters.values())
-        args += [self._default(missing.default, node) for missing in bound[len(args) :]]
+        defaults = [one.default for one in bound[len(args) :]]
+        args += [self._tuple([self._constant(one, node) for one in of]) for of in defaults]
         name, result = self._all.called(called, [one.type for one in args])
         hints = get_type_hints(called)
         given = []
@@ -449,11 +448,6 @@ class FunctionWriter:
             stated = self._all.of_annotation(hints.get(parameter.name))
             given.append(self._as(one, stated).text if stated in NUMBERS and stated else one.text)
         return Code(f"{name}({', '.join(given)})", result)
-
-    def _default(self, value: Any, node: ast.AST) -> Code:
-        if isinstance(value, tuple):
-            return self._tuple([self._constant(one, node) for one in value])
-        return self._constant(value, node)
 
     def _method(self, node: ast.Call, func: ast.Attribute) -> Code:
         owner = _name_of(func.value)

@@ -61,7 +61,5 @@ def command(
     build = f"cmake -S {place} -B {place}/build && cmake --build {place}/build"
     say(f"{found.name} of {loaded.name} in {precision}: {out}")
     if latency := Latencies.of(loaded).tracks:
-        say(
-            f"track speeds lag by {latency:g} s: subtract it from their stamps, as extras/example.c does"
-        )
+        say(f"track speeds lag by {latency:g} s: subtract it, as extras/example.c does")
     say(f"next: {build} && ctest --test-dir {place}/build")
