@@ -213,7 +213,7 @@ class Stream:
         order = np.argsort(recorded, kind="stable")
         if self.from_table and (back := int((np.diff(recorded) < 0).sum())):
             self.notes.append(
-                f"{back} rows of {self.purpose} go back in time: all are sorted by it"
+                f"times of {self.purpose} go back ({back} x): rows are sorted by them"
             )
         stamps = stamped if clock == "header" else recorded
         if clock == "header":

@@ -50,6 +50,16 @@ def test_times_below_zero_by_a_latency_are_left_out(tmp_path: Path) -> None:
     assert log.dropped == {"tracks: stamp less latency is below zero": 2}
 
 
+@pytest.mark.parametrize(("step", "unit"), [(20, "s"), (0.02, "ms")])
+def test_a_wrong_unit_of_time_is_named(tmp_path: Path, step: float, unit: str) -> None:
+    rows = "".join(f"{k * step:.2f},0.1,0.2\n" for k in range(50))
+    robot = Robot(
+        "test", VEHICLE, log={"columns": {"time": "t", "time_unit": unit, "tracks": SPEEDS}}
+    )
+    log = read_log(write(tmp_path / "run.csv", f"t,l,r\n{rows}"), robot)
+    assert log.notes[0].endswith("s: is time_unit right?")
+
+
 def test_rows_that_go_back_in_time_are_noted(tmp_path: Path) -> None:
     log = read(write(tmp_path / "run.csv", f"{RUN}0.2,0.1,0.2\n"), tracks=SPEEDS)
     assert log.notes == ("times of tracks go back (1 x): rows are sorted by them",)
