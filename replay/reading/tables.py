@@ -270,7 +270,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
 
 
 def _of_unit(column: str, stamps: Stamps) -> str | None:
-    """Note on stamps (n,) of a sensor with implausible steps, None if they are plausible."""
+    """Note on implausible steps of a sensor's stamps (n,), or None."""
     steps = np.diff(np.unique(stamps)) * NANOSECOND
     if not len(steps) or STEPS[0] <= (step := float(np.median(steps))) <= STEPS[1]:
         return None

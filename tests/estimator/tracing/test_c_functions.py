@@ -33,12 +33,9 @@ def chained(x: float, y: float) -> bool:
 def summed(values: Any) -> float:
     total, count = 0.0, 0
     for value in values:
-        if value < 0.0:
-            continue
-        if value > 100.0:
-            break
-        total += value
-        count += 1
+        if 0.0 <= value <= 100.0:
+            total += value
+            count += 1
     return total / max(1, count)
 
 
