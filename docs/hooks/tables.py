@@ -103,7 +103,6 @@ REFERENCES = {
     ", or None.": ".",
     ", or None for": "; left out:",
     "; None for": "; left out:",
-    ", None for": "; left out:",
     "; None if": "; left out if",
 }
 """References to the source in docstrings, and what pages have in their place."""

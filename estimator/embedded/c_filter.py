@@ -85,10 +85,8 @@ VARYING = ("dt", "smoothing", "interval")
 # Gates whose number of used measurements the filter reads.
 GATES = ("gyro", "heading")
 # Constants of `ekf`, and limits of `input_checks`.
-OF_UPDATES, ABSURD = (
-    ("SHARP", "ROUNDING_SHARE", "LEAST_VARIANCE"),
-    ("RATE", "FORCE", "DISTANCE", "LEVER"),
-)
+OF_UPDATES = ("SHARP", "ROUNDING_SHARE", "LEAST_VARIANCE")
+ABSURD = ("RATE", "FORCE", "DISTANCE", "LEVER")
 # Streams with a latency in the robot file.
 LATE_STREAMS = ("tracks", "imu", "position", "heading")
 # Rows that the filter reads, by their names in C.

@@ -45,6 +45,8 @@ LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 # Results of functions that did nothing: a step is needed before, as after a gap; the buffers are full.
 REFUSED, FULL = -1, -2
+# Place of the inputs among the arrays of a lane, see `take_step`.
+OF_INPUTS = 5
 # Most states of a filter with a fast slip.
 MOST_STATES = s.WANDER.stop
 # Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, of a robot that does not stand
@@ -174,7 +176,7 @@ def take_sample(
         return REFUSED
     if is_full(record.still, stamps):
         return FULL
-    inputs = arrays[5]
+    inputs = arrays[OF_INPUTS]
     if inputs.shape != (ROWS, 1) or mounting.shape != (6, 3):
         raise ValueError(WRONG_SIZE)
     rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
@@ -251,7 +253,7 @@ def feed_samples(
             if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
                 break
             if ends_step(record):
-                move_inputs(record, arrays[5], 0, newest)
+                move_inputs(record, arrays[OF_INPUTS], 0, newest)
                 take_step(places, TIME_STEP, records, arrays, newest, 0.0)
             wheels = (left_wheels[tracks], right_wheels[tracks])
             take_track_sample(record, stamp, speeds[tracks], *wheels)

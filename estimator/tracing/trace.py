@@ -139,6 +139,7 @@ def lift(value: Any) -> Traced:
     """Make a traced number of a plain one."""
     if isinstance(value, Traced):
         return value
+    # Zeros of both signs are one node: it is 0.0, which costs less than -0.0.
     return _make("constant", (), float(value) + 0.0, uniform=True)
 
 

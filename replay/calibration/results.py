@@ -111,7 +111,11 @@ def headline(before: Read, after: Read, progress: Callable[[float], None]) -> st
     return (
         f"{VARIANT} drifts {found[1]:.2f} % of the distance after {HORIZONS[0]:g} s with these values"
         f"{start}, wheels + gyro {found[2]:.2f} %, on {of_logs} of this calibration."
-        + (" That is more than before: keep the file, or add logs." if found[1] > found[0] else "")
+        + (
+            " That is more than before: compare both files on other logs."
+            if found[1] > found[0]
+            else ""
+        )
     )
 
 

@@ -149,12 +149,12 @@ def compare(
     kept = {one.variant: one for one in found if isinstance(one, Run)}
     if not kept:
         raise _all_failed([*failed.values()])
-    bias = None
-    if GYRO in kept and len(kept) > 1:
-        bias = known_bias(kept[GYRO], log, robot, scored_intervals(log))
+    is_compared = GYRO in kept and len(kept) > 1
+    bias = known_bias(kept[GYRO], log, robot, scored_intervals(log)) if is_compared else None
     if bias is not None:
         again = replace(task, robot=bias.robot(robot)).run(GYRO, lambda _: None)
-        kept |= {one.variant: one for one in again if isinstance(one, Run)}
+        fair = {one.variant: one for one in again if isinstance(one, Run)}
+        kept, bias = kept | fair, bias if GYRO in fair else None
     if alignment is not None and log.fixes is None:
         kept = {name: _from_own_start(one, log, alignment, start) for name, one in kept.items()}
     holes, fastest = holes_of(log), robot.vehicle.max_track_speed

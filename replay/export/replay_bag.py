@@ -81,6 +81,7 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
         if name == base:
             outboxes.append(_transforms(poses, BASE_LINK))
     if log.truth is not None:
+        # Bags have no stamps below zero, where the lag of a truth may move its first ones.
         truth = log.truth.poses.rows(log.truth.poses.stamps >= 0)
         outboxes += [
             pose_messages(f"/{TRUTH}/pose", truth),

@@ -25,7 +25,7 @@ LARGEST_HOLE = 1.0
 """Windows with a longer gap between samples are left out [s]."""
 SURE = 3.0
 """Standard errors beyond which a bias while driving is significant."""
-UNSEEN = 0.1
+UNSEEN_BIAS_SIGMA = 0.1
 """Standard error of a bias that a log does not show [rad/s]."""
 LEAST_BY_TRACKS = 0.005
 """Least bias that tracks show [rad/s]: on the sample logs, tracks of a healthy gyro show 0.001."""
@@ -91,4 +91,4 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
         return float(np.linalg.lstsq(design[rows], turned[whole][rows], rcond=None)[0][0])
 
     bias, sigma = jackknifed(fitted, len(design))
-    return GyroBias(bias, sigma, source) if sigma < UNSEEN else None
+    return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None

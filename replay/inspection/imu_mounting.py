@@ -19,8 +19,8 @@ STILL_SPEED = 0.005
 """Track speeds below this share of the fastest, spikes aside, count as zero [-]."""
 STILL_MARGIN = 0.5
 """Time after a stop and before a start that does not count as standstill [s]."""
-ENOUGH_STILL = 1.0
-"""Shortest standstill from which a bias is estimated [s]."""
+ENOUGH_STILL = 2.0
+"""Shortest standstill, less the margins, from which a bias is estimated [s]."""
 ABSURD = 1e6
 """Implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s."""
 SMOOTHING = 0.5

@@ -163,11 +163,12 @@ def _estimates(
     """Estimate all that a log shows."""
     if log is None:
         return robot_file.LogEstimates(mapping, clocks, log, sizes)
-    mounting = imu_mounting.estimate_mounting(log)
-    vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
+    mounting, vertical = _mounted(log)
     latencies = _latencies(log, vertical)
-    in_time, scaled = _in_time(log, latencies), None if mapping.lacks_counts_per_turn else vertical
-    mounting = imu_mounting.estimate_mounting(in_time)
+    in_time = _in_time(log, latencies)
+    if in_time is not log:
+        mounting, vertical = _mounted(in_time)
+    scaled = None if mapping.lacks_counts_per_turn else vertical
     correlation = mounting.turning_correlation if mounting else None
     return robot_file.LogEstimates(
         mapping,
@@ -181,6 +182,13 @@ def _estimates(
         None if vertical is None else gyro_bias(in_time, vertical),
         estimate_wander(log, vertical) if log.fixes is not None else None,
     )
+
+
+def _mounted(log: Log) -> tuple[imu_mounting.Mounting | None, Floats | None]:
+    """Mounting of the IMU, and the rate about the vertical by it."""
+    mounting = imu_mounting.estimate_mounting(log)
+    vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
+    return mounting, vertical
 
 
 def _track_by_rate(seen: robot_file.LogEstimates) -> by_rate.TrackByRate | None:

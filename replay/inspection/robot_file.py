@@ -210,7 +210,7 @@ def _imu(seen: LogEstimates) -> list[str]:
             f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
         ]
     else:
-        none = "no standstill of two seconds, and driving cannot show it"
+        none = "no standstill of three seconds, and driving cannot show it"
         lines.append(
             f"# Gyro bias: {none if driven else 'no track speeds to find a standstill by'}."
         )

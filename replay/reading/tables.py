@@ -30,8 +30,8 @@ RESOLUTIONS = [10.0**digits for digits in range(15, 5, -1)]
 """Resolutions of stamps that are looked for, from 1e6 to 0.001 s [ns]."""
 ROUNDING = 2e3
 """Largest error of a stamp by its binary digits [ns]."""
-SENSORS, STEPS = ("tracks", "imu"), (5e-5, 5.0)
-"""Sensors of a robot, and shortest and longest time between their samples with the right unit [s]."""
+SAMPLED, PLAUSIBLE_STEPS_S = ("tracks", "imu"), (5e-5, 5.0)
+"""Streams of a robot's own sensors, and shortest and longest time between their samples [s]."""
 MOST_REPEATED = 0.05
 """Share of repeated stamps that is reported."""
 LARGEST_TIME = 2.0**62
@@ -261,7 +261,7 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
         stream.from_table = True
         stream.lose("no time", int((own & ~timed).sum()))
         column, kept = f"{table.path.name}: column {time!r}", stamps[own & timed]
-        notes = _coarse(column, kept), _of_unit(column, kept) if purpose in SENSORS else None
+        notes = _coarse(column, kept), _of_unit(column, kept) if purpose in SAMPLED else None
         stream.notes += [one for one in notes if one and all(one not in of.notes for of in found)]
         stream.msgtype, rows = _rows(spec, values)
         stream.add(stamps[own & timed], rows[own & timed])
@@ -272,7 +272,8 @@ def table_streams(table: Table, columns: ColumnMap) -> list[Stream]:
 def _of_unit(column: str, stamps: Stamps) -> str | None:
     """Note on implausible steps of a sensor's stamps (n,), or None."""
     steps = np.diff(np.unique(stamps)) * NANOSECOND
-    if not len(steps) or STEPS[0] <= (step := float(np.median(steps))) <= STEPS[1]:
+    least, most = PLAUSIBLE_STEPS_S
+    if not len(steps) or least <= (step := float(np.median(steps))) <= most:
         return None
     return f"{OF_STAMPS}{column} has a row every {step:.3g} s: is time_unit right?"
 

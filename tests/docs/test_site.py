@@ -49,6 +49,14 @@ def test_the_tables_of_keys_and_options_are_those_of_the_code() -> None:
         assert TABLES["up_to_date"](text) == text, f"{page}: run `python docs/hooks/tables.py`"
 
 
+def test_references_to_the_source_that_pages_replace_are_in_docstrings() -> None:
+    kinds = (*TABLES["TYPES"].values(), *TABLES["DESCRIBED"].values())
+    described = [text for kind in kinds for text in TABLES["descriptions"](kind).values()]
+    assert [
+        words for words in TABLES["REFERENCES"] if not any(words in one for one in described)
+    ] == []
+
+
 @pytest.mark.slow
 def test_the_site_builds_strictly_and_loads_nothing_from_outside(tmp_path: Path) -> None:
     if find_spec("mkdocstrings") is None:

@@ -1,6 +1,7 @@
 """`icreckon calibrate` from bag to robot file, and every command of the page about it."""
 
 import io
+import math
 import re
 from pathlib import Path
 from unittest import mock
@@ -18,12 +19,24 @@ from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
 from icreckon.estimator.robot.robot_toml import robot_toml
 from icreckon.replay.base.errors import ReplayError
+from icreckon.replay.calibration import results
 from icreckon.replay.calibration.robot_file import robot_file_text
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.report.calibration.tables import calibration_page, calibration_tables, parameter_table
 from readme import code_blocks, run_page
 
 PAGE = "docs/tutorials/calibrate.md"
+ROBOT = load_robot("auriga-alpha")
+
+
+@pytest.mark.parametrize(("before", "warns"), [(2.05, True), (3.0, False), (math.nan, False)])
+def test_values_that_drift_further_are_named(
+    before: float, warns: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drifts = iter((before, 2.84, 4.0))
+    monkeypatch.setattr(results, "mean_drift", lambda *_: next(drifts))
+    said = results.headline(([], ROBOT), ([], ROBOT), lambda _: None)
+    assert ("That is more than before" in said) == warns
 
 
 @pytest.fixture(scope="module")

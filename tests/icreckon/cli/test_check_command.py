@@ -1,6 +1,7 @@
 """`icreckon check` and what a replay notes of a robot file that does not fit its log."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -78,6 +79,11 @@ def test_a_log_without_turns_names_the_manoeuvre_that_is_missing(tmp_path: Path)
     assert (
         "To learn more in the next log: turn on the spot once to each side (eta0 ± " in done.stdout
     )
+    unseen = re.search(
+        r"contradicts the robot file, but it does not show (\d) of \d+ values", done.stdout
+    )
+    assert unseen
+    assert int(unseen[1]) == len(re.findall("not seen:|unclear", done.stdout))
 
 
 def test_a_stream_that_the_file_leaves_out(folder: Path):

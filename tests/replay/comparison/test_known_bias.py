@@ -99,6 +99,12 @@ def test_the_husky_wins_nothing_by_a_bias(data_dir: Path) -> None:
 
 def test_several_logs_are_compared_with_a_gyro_whose_bias_is_known_in_each(drive, moving):
     found = compare_many([moving, replace(drive[0], name="from rest")], ROBOT, VARIANTS)
+    assert found["baseline_variant"] == "gyro"
     # The log that begins at rest shows gyro its bias.
     assert [one["label"] for one in found["logs"] if one["gyro_bias"]] == [moving.name]
-    assert found["pooled"][ROBOT.name]["variants"]["gyro"]["logs"] == 2
+    pooled = found["pooled"][ROBOT.name]["variants"]
+    assert pooled["gyro"]["logs"] == 2
+    assert pooled["constant-online"]["drift_ratio_30s_95"] is not None
+    alone = compare_many([moving, replace(drive[0], name="from rest")], ROBOT, ["gyro"])
+    raw = alone["pooled"][ROBOT.name]["variants"]["gyro"]["drift_percent_30s_mean"]
+    assert pooled["gyro"]["drift_percent_30s_mean"] < 0.5 * raw
