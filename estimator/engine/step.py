@@ -257,6 +257,7 @@ class Step:
             lane.input("gap_density"),
             lane.input("slide_x_density"),
             lane.input("slide_y_density"),
+            lane.constant("dt"),
         )
 
     def update_standstill(self) -> None:

@@ -25,6 +25,8 @@ FULL_TURNING = 0.1
 GROUND_TIME = 1.0
 # Sideways motion that may begin in a gap, as a share of forward motion.
 SIDEWAYS_IN_GAP = 0.1
+# Variance of a yaw of which nothing is known, uniform over a whole turn [rad²].
+UNKNOWN_YAW = math.pi**2 / 3.0
 
 
 class Disturbances:
@@ -81,7 +83,9 @@ class Disturbances:
         """Standard deviation of the slip at given track speeds [m/s]."""
         return slip_at(left, right, self.slip, self._track_gauge, eta, pushed, factor)
 
-    def fast_slip_density(self, inputs: StepInputs, by_speeds: Floats, sigma: Vector3) -> Floats:
+    def fast_slip_density(
+        self, inputs: StepInputs, by_speeds: Floats, sigma: Vector3, dt: float
+    ) -> Floats:
         """(3, 3) density of the fast slip over a step.
 
         It is the sum of the error of the track speeds, the white part of the slip, the possible change of
@@ -91,6 +95,7 @@ class Disturbances:
             inputs: inputs of the step.
             by_speeds: (3, 2) derivative of the twist by the track speeds.
             sigma: standard deviation of the slip, see `slip_sigma`.
+            dt: length of the step [s].
         """
         density = fast_slip_density(
             by_speeds.tolist(),
@@ -101,6 +106,7 @@ class Disturbances:
             inputs.gap_density,
             inputs.slide_x_density,
             inputs.slide_y_density,
+            dt,
         )
         return np.array(density)
 
@@ -167,6 +173,7 @@ def fast_slip_density(
     gap_density: float,
     slide_x_density: float,
     slide_y_density: float,
+    dt: float,
 ) -> tuple[Vector3, Vector3, Vector3]:
     """(3, 3) density of the fast slip; see `Disturbances.fast_slip_density`.
 
@@ -179,6 +186,7 @@ def fast_slip_density(
         gap_density: density of the change of stale speeds, of their mean and half difference [m²/s].
         slide_x_density: density of the forward speed of a robot that slides or is carried [m²/s].
         slide_y_density: density of the speed to the left of a robot that is carried [m²/s].
+        dt: length of the step, in which stale speeds add no more than `UNKNOWN_YAW` [s].
     """
     x, y, w = by_speeds[0], by_speeds[1], by_speeds[2]
     xy = left_density * x[0] * y[0] + right_density * x[1] * y[1]
@@ -190,7 +198,8 @@ def fast_slip_density(
     yy += gap_density * (SIDEWAYS_IN_GAP * SIDEWAYS_IN_GAP) + slide_y_density
     ww = left_density * (w[0] * w[0]) + right_density * (w[1] * w[1])
     ww += 2.0 * white_time * (sigma_w * sigma_w)
-    ww += 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
+    turns = 2.0 * gap_density * (w[0] * w[0] + w[1] * w[1])
+    ww += turns * (UNKNOWN_YAW / max(UNKNOWN_YAW, turns * dt))
     return (xx, xy, xw), (xy, yy, yw), (xw, yw, ww)
 
 

@@ -211,7 +211,8 @@ class ReferenceFilter:
     def _density(self, stamp: int) -> Floats:
         """Density (3, 3) of the fast slip."""
         by_speeds, sigma = self._twist(stamp).by_speeds, self._slip_sigma()
-        return self._disturbances.fast_slip_density(self._inputs(stamp), by_speeds, sigma)
+        dt = max(0, stamp - self._record.stamp) * NANOSECOND
+        return self._disturbances.fast_slip_density(self._inputs(stamp), by_speeds, sigma, dt)
 
 
 def process_noise(

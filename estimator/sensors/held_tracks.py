@@ -94,14 +94,13 @@ def smoothing_share(interval: float, time_constant: float) -> float:
     return -math.expm1(-interval / time_constant)
 
 
-def mean_decay_factor(dt: float, from_age: float, to_age: float) -> float:
-    """Mean decay factor of a held speed over a step.
-
-    Args:
-        dt: length of the step [s].
-        from_age: time that the speed has been stale at the start of the step [s].
-        to_age: time that it has been stale at the end, more than zero [s].
-    """
+def mean_decay(held: TrackRecord, start: int, end: int, hold_ns: int) -> float:
+    """Mean factor by which stale speeds have decayed between two stamps [ns]."""
+    stale = end - held.stamp - hold_ns
+    if stale <= 0 or end <= start or held.stamp == NEVER:
+        return 1.0
+    dt, to_age = (end - start) * NANOSECOND, stale * NANOSECOND
+    from_age = max(0, start - held.stamp - hold_ns) * NANOSECOND
     fresh = dt - (to_age - from_age)
     decayed = math.exp(-from_age / DYING_AWAY) - math.exp(-to_age / DYING_AWAY)
     return (fresh + DYING_AWAY * decayed) / dt
@@ -113,7 +112,7 @@ def walked_density(
     """Error density of an unknown speed over a step [m²/s].
 
     A random walk g b(t) of the speeds has an integral of variance g² T³ / 3, and so has a white
-    noise of density g² t². The walk is bounded by the highest track speed.
+    noise of density g² t². The sigma of the path is at most that of the fastest drive.
 
     Args:
         dt: length of the step, more than zero [s].
@@ -124,7 +123,7 @@ def walked_density(
     """
     age = (to_age * to_age - from_age * from_age) / (2.0 * dt)
     square = (to_age * to_age * to_age - from_age * from_age * from_age) / (3.0 * dt)
-    return min(gap_acceleration * gap_acceleration * square, 4.0 * fastest * fastest * age)
+    return min(gap_acceleration * gap_acceleration * square, 2.0 * fastest * fastest * age)
 
 
 def take_tracks(
@@ -278,10 +277,7 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector
     if held.counted_from == start <= held.stamp:
         left, right, behind, known = held.ahead_left, held.ahead_right, held.behind, held.stamp
     dt, rest = (end - start) * NANOSECOND, (end - known) * NANOSECOND
-    stale = end - held.stamp - hold_ns
-    if stale > 0:
-        from_age = max(0, known - held.stamp - hold_ns) * NANOSECOND
-        rest *= mean_decay_factor(rest, from_age, stale * NANOSECOND)
+    rest *= mean_decay(held, known, end, hold_ns)
     return (left + rest * held.left) / dt, (right + rest * held.right) / dt, behind / dt
 
 

@@ -10,6 +10,7 @@ from icreckon.estimator.sensors.held_tracks import (
     TrackRecord,
     age_at,
     gap_density,
+    mean_decay,
     mean_speeds,
     stuck_density,
 )
@@ -22,8 +23,8 @@ class StepInputs(NamedTuple):
     """Inputs of a step from the track speeds.
 
     Attributes:
-        smooth_left: smoothed speed of the left track [m/s].
-        smooth_right: smoothed speed of the right track [m/s].
+        smooth_left: smoothed speed of the left track; if stale, it decays [m/s].
+        smooth_right: smoothed speed of the right track, likewise [m/s].
         left: mean speed of the left track over the step [m/s].
         right: mean speed of the right track over the step [m/s].
         missing: speed at which both make up for distance that was missing before the step [m/s].
@@ -81,6 +82,7 @@ def step_inputs(
         settings: settings of the filter.
     """
     left, right, missing = mean_speeds(held, start, end, settings.hold_ns)
+    decay = mean_decay(held, start, end, settings.hold_ns)
     # Encoders of tracks at rest have no noise.
     density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
     carried = carried_density(still, start, end)
@@ -89,8 +91,8 @@ def step_inputs(
     stuck_left = stuck_density(held.repeating_left, start, end, settings)
     stuck_right = stuck_density(held.repeating_right, start, end, settings)
     return StepInputs(
-        held.smooth_left,
-        held.smooth_right,
+        decay * held.smooth_left,
+        decay * held.smooth_right,
         left,
         right,
         missing,

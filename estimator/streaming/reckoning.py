@@ -490,7 +490,8 @@ class Reckoning:
     def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:
         """Density (3, 3) of the fast slip from the estimate's stamp to a later one [ns]."""
         inputs, sigma = self._inputs(stamp), self.slip_sigma()
-        return self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma)
+        dt = (stamp - self._start(stamp)) * NANOSECOND
+        return self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma, dt)
 
     def _inputs(self, stamp: int) -> StepInputs:
         """Inputs of a step from the estimate's stamp to a later one [ns]."""

@@ -41,7 +41,6 @@ from icreckon.replay.comparison.fixes import (
     with_fixes_within,
     with_truth_of_fixes,
 )
-from icreckon.replay.comparison.holes import holes_of, within_reach
 from icreckon.replay.comparison.initial_pose import start_from_fixes
 from icreckon.replay.comparison.known_bias import GYRO, KnownBias, known_bias
 from icreckon.replay.comparison.truth_alignment import TruthAlignment, align_truth, own_alignment
@@ -157,8 +156,6 @@ def compare(
         kept, bias = kept | fair, bias if GYRO in fair else None
     if alignment is not None and log.fixes is None:
         kept = {name: _from_own_start(one, log, alignment, start) for name, one in kept.items()}
-    holes, fastest = holes_of(log), robot.vehicle.max_track_speed
-    kept = {name: within_reach(one, holes, fastest) for name, one in kept.items()}
     return Comparison(log, kept, alignment, failed, bias)
 
 

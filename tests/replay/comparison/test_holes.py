@@ -1,11 +1,13 @@
 """Holes of a log: named, left out of NEES, and no more uncertain after them than a robot can drive."""
 
+import math
+
 import numpy as np
 import pytest
 
 from conftest import holed
 from icreckon import Log, Scenario, compare, load_robot, simulate, summarise
-from icreckon.replay.comparison.holes import UNKNOWN_YAW, before_holes, holes_of, largest_sigma
+from icreckon.replay.comparison.holes import before_holes, holes_of, largest_sigma
 from icreckon.report.replay.page_text import headline
 
 ROBOT = load_robot("auriga-alpha")
@@ -26,7 +28,9 @@ def test_holes_of_two_streams_are_one(log: Log) -> None:
     assert before_holes([(log.start, log.end)], holes_of(log)) == [(log.start, begin)]
 
 
-def test_after_a_hole_the_pose_is_within_reach_and_the_verdict_names_it(log: Log) -> None:
+def test_after_a_hole_sigmas_are_those_of_the_fastest_drive_and_the_verdict_names_it(
+    log: Log,
+) -> None:
     found = compare(log, ROBOT, ("gyro", "inertia-online"))
     ((begin, end),) = holes_of(log)
     for one in found.runs.values():
@@ -34,9 +38,10 @@ def test_after_a_hole_the_pose_is_within_reach_and_the_verdict_names_it(log: Log
         sigmas = largest_sigma(path.pose_covariances)
         at = np.searchsorted(path.stamps, (begin, end))
         reach = ROBOT.vehicle.max_track_speed * 35.0
-        assert sigmas[at[1]] <= sigmas[at[0]] + 1.05 * reach
-        assert np.sqrt(path.pose_covariances[:, 2, 2]).max() <= 1.001 * UNKNOWN_YAW
-        assert (np.linalg.eigvalsh(path.pose_covariances) >= -1e-9).all()
+        assert 0.9 * reach <= sigmas[at[1]] <= sigmas[at[0]] + reach
+        # Nothing is known of the yaw: it may have any value. Slip of the bend before the hole adds some.
+        unknown, yaw = math.pi / math.sqrt(3.0), math.sqrt(path.pose_covariances[at[1], 2, 2])
+        assert unknown <= yaw <= 1.5 * unknown
     results = summarise(found, ROBOT, series=False)
     assert results["log"]["holes_s"] == [pytest.approx([40.0, 75.0], abs=0.1)]
     assert "no track speeds or IMU samples for 35.0 s; NEES is that" in headline(results)
