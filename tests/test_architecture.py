@@ -174,7 +174,9 @@ def test_rooms_are_small_and_say_what_they_are_for(package: str) -> None:
     folders = {source.parent for source in sources(package)}
     for folder in folders:
         files = [source for source in folder.glob("*.py") if source.name != "__init__.py"]
-        assert len(files) <= MOST_FILES, f"{folder.relative_to(ROOT)} has {len(files)} files"
+        # Each file of the command line is a command: there may be more of them.
+        crowded = folder.name != "cli" and len(files) > MOST_FILES
+        assert not crowded, f"{folder.relative_to(ROOT)} has {len(files)} files: merge or split it"
         init = folder / "__init__.py"
         assert init.exists(), folder
         assert next(docstrings(init), None), init
@@ -240,7 +242,9 @@ def test_first_lines_are_plain(package: str) -> None:
 @pytest.mark.parametrize("package", FLOORS)
 def test_lines_are_a_budget(package: str) -> None:
     texts = (source.read_text(encoding="utf-8") for source in sources(package))
-    assert sum(text.count("\n") for text in texts) <= BUDGET[package]
+    lines = sum(text.count("\n") for text in texts)
+    more = f"{package}/ has {lines - BUDGET[package]} lines more than BUDGET: delete as many of it"
+    assert lines <= BUDGET[package], more
 
 
 def test_inputs_of_a_step_are_assembled_in_one_place() -> None:

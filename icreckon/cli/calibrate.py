@@ -21,7 +21,9 @@ from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.models import MODELS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.replay.bags.bag_files import BAG_SUFFIXES
 from icreckon.replay.bags.decoding import Definitions, read_definitions
+from icreckon.replay.bags.table_files import TABLE_SUFFIXES
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.base.outputs import write_text
 from icreckon.replay.calibration.results import headline, summarise_calibration
@@ -37,7 +39,7 @@ from icreckon.report.calibration.tables import WIDE_FROM, calibration_page, cali
 from icreckon.report.pages import unless_missing
 from icreckon.report.replay.folder import FIGURE_FILE, PAGE_FILE, RESULTS_FILE
 
-SUFFIXES = (".bag", ".mcap", ".db3", ".csv", ".tum", ".parquet")
+SUFFIXES = (*BAG_SUFFIXES, *TABLE_SUFFIXES)
 BAG_FOLDER = "metadata.yaml"
 
 
@@ -155,7 +157,7 @@ def _files_of(path: Path) -> list[Path]:
     """Log of a path: itself, or all files of a folder that is not a bag."""
     if not path.is_dir() or (path / BAG_FOLDER).exists():
         return [path]
-    files = sorted(one for one in path.iterdir() if one.suffix in SUFFIXES)
+    files = sorted(one for one in path.iterdir() if one.name.lower().endswith(SUFFIXES))
     if not files:
         raise ReplayError(
             f"{path} is a folder without {BAG_FOLDER} and without files that end in "

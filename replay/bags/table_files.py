@@ -12,8 +12,10 @@ from icreckon.replay.bags.unpacking import limit, too_large
 from icreckon.replay.base.errors import ReplayError
 
 PARQUET_MAGIC = b"PAR1"
-CSV_SUFFIXES = (".csv", ".tsv", ".txt", ".tum")
 PACKED_CSV_SUFFIXES = (".csv.gz", ".csv.bz2")
+CSV_SUFFIXES = (".csv", ".tsv", ".tum", *PACKED_CSV_SUFFIXES)
+TABLE_SUFFIXES = (*CSV_SUFFIXES, ".parquet")
+"""Endings of tables; a file with another name may be one, too, see `is_table`."""
 DELIMITERS = "\t;,"
 FIRST_BYTES = 1 << 20
 """Bytes of a CSV file in which its first line must end, and that show its decimal point."""
@@ -39,7 +41,7 @@ def is_table(path: Path) -> bool:
     """Test for a table file: Parquet by its first bytes, CSV by its name."""
     if not path.is_file():
         return False
-    if path.name.lower().endswith((*CSV_SUFFIXES, *PACKED_CSV_SUFFIXES)):
+    if path.name.lower().endswith((*CSV_SUFFIXES, ".txt")):
         return True
     try:
         return _is_parquet(path)

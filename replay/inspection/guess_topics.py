@@ -2,11 +2,13 @@
 
 import re
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 from msgspec.structs import replace
 
 from icreckon.replay.bags import message_types as ros
 from icreckon.replay.inspection.topic_survey import Survey
+from icreckon.replay.mapping.field_paths import number_paths
 from icreckon.replay.mapping.topics import (
     FixTopic,
     HeadingTopic,
@@ -42,6 +44,8 @@ UNIT_WORDS: tuple[tuple[str, TrackUnit], ...] = (
 NUMBERS: dict[str, float | None] = dict.fromkeys(("Float64", "Float32", "Int64", "UInt64"))
 NUMBERS |= {f"{sign}Int{bits}": 2.0**bits for sign in ("", "U") for bits in (32, 16)}
 """Types of std_msgs with one number, and the range of a counter of that type."""
+STANDARD = ("geometry_msgs", "nav_msgs", "sensor_msgs", "std_msgs", "tf2_msgs", "diagnostic_msgs")
+"""Packages of messages that have a meaning of their own, or none."""
 PLACEHOLDER_SIGMA = 0.05
 """Placeholder sigma of fixes without a covariance [m] and of headings [rad], for the user to replace."""
 
@@ -50,9 +54,9 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     """Guess the topic of each stream.
 
     Track speeds come from a JointState with velocities of left and right joints, from two topics with
-    a number each, or else from an odometry. The IMU is the fastest topic that measures rates; another
-    Imu with an orientation but no rates is a heading. Poses are the truth if the topic is named so,
-    otherwise fixes.
+    a number each, from numbers of another message by their names, or else from an odometry. The IMU is
+    the fastest topic that measures rates; another Imu with an orientation but no rates is a heading.
+    Poses are the truth if the topic is named so, otherwise fixes.
 
     Returns:
         The mapping; None for streams that were not found.
@@ -110,8 +114,8 @@ def _tracks(samples: Mapping[str, Survey]) -> TrackTopic | None:
             left, right = sides(names)
             if left and right:
                 return TrackTopic(topic, left=left, right=right)
-    if (pair := _pair_of_topics(samples)) is not None:
-        return pair
+    if (numbers := _pair_of_topics(samples) or _fields_of_sides(samples)) is not None:
+        return numbers
     candidates = [
         topic
         for topic, sample in samples.items()
@@ -137,20 +141,45 @@ def _pair_of_topics(samples: Mapping[str, Survey]) -> TrackTopic | None:
         )
         if len(left) == len(right) == 1 and left != right:
             pair = TrackTopic(left[0], right[0], left=("data",), right=("data",))
-            if "Int" in kind or COUNTER.search(left[0].lower()):
+            if "Int" in kind:
                 return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
-            units = (unit for word, unit in UNIT_WORDS if word in left[0].lower())
-            return replace(pair, unit=next(units, "rad/s"))
+            return replace(pair, **_unit_of(left[0], unknown="rad/s"))
     return None
+
+
+def _fields_of_sides(samples: Mapping[str, Survey]) -> TrackTopic | None:
+    """Topic whose messages have numbers named like the speeds or counts of both sides."""
+    for topic, sample in samples.items():
+        if sample.channel.msgtype.split("/")[0] in STANDARD or not sample.messages:
+            continue
+        paths = number_paths(sample.messages[0])
+        left, right = sides([path for path in paths if is_of_wheel(f"{topic} {path}")])
+        if left and len(left) == len(right) and not {*left} & {*right}:
+            track = TrackTopic(topic, left=left, right=right)
+            return replace(track, **_unit_of(left[0], unknown="m/s"))
+    return None
+
+
+def _unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
+    """Keys of `TrackTopic` for the unit by a name; counts per turn are filled in by a person."""
+    name = name.lower()
+    if COUNTER.search(name):
+        return {"unit": "counts", "counts_per_turn": ANY_COUNTS}
+    return {"unit": next((unit for word, unit in UNIT_WORDS if word in name), unknown)}
 
 
 def may_be_a_side(sample: Survey) -> bool:
     """Test for a number named like the speed or count of a wheel, on its own topic."""
-    topic, kind = sample.channel.topic.lower(), sample.channel.msgtype.split("/")
-    if kind[0] != "std_msgs" or kind[-1] not in NUMBERS or is_command(topic):
-        return False
-    is_wheel = any(word in topic for word in DRIVE_WORDS) or SPEED.search(topic) is not None
-    return is_wheel and not NO_SPEED.search(topic)
+    kind = sample.channel.msgtype.split("/")
+    is_number = kind[0] == "std_msgs" and kind[-1] in NUMBERS
+    return is_number and is_of_wheel(sample.channel.topic)
+
+
+def is_of_wheel(name: str) -> bool:
+    """Test for the name of a measured speed or count of a wheel."""
+    name = name.lower()
+    is_wheel = any(word in name for word in DRIVE_WORDS) or SPEED.search(name) is not None
+    return is_wheel and not NO_SPEED.search(name) and not is_command(name)
 
 
 def _measures_rates(sample: Survey) -> bool:

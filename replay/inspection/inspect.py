@@ -22,6 +22,7 @@ from icreckon.estimator.log.series import ImuSeries
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
+from icreckon.replay.bags.message_types import JOINT_STATE
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import EqualStampsError, ReplayError, coarse_stamps
 from icreckon.replay.inspection import imu_mounting, robot_file, topic_survey, wheels
@@ -330,7 +331,8 @@ def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_s
 
 def _no_tracks(surveys: Collection[topic_survey.Survey]) -> str:
     """Finding that no track speeds are proposed, with all that could be some."""
-    states = [one for survey in surveys for one in survey.messages if hasattr(one, "velocity")]
+    of_joints = [survey for survey in surveys if survey.channel.msgtype == JOINT_STATE]
+    states = [state for survey in of_joints for state in survey.messages]
     joints = ", ".join(dict.fromkeys(name for one in states for name in one.name))
     numbers = ", ".join(survey.channel.topic for survey in surveys if may_be_a_side(survey))
     return (

@@ -324,6 +324,7 @@ def _log(seen: LogEstimates, track_latency: list[str], wander: list[str]) -> lis
             sides = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
         if tracks.right_topic:
             sides.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
+        if tracks.right_topic or tracks.unit != "rad/s":
             sides.append(f"unit = {toml_value(tracks.unit)}    # check it")
         if tracks.counts_per_turn:
             sides.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")

@@ -86,13 +86,14 @@ class Survey:
     # header stamp minus time of recording [ns], of messages with a header
     offsets: array[int] = field(default_factory=lambda: array("q"))
     frame_id: str = ""  # frame of the first message that has one
-    # some decoded ones, of the types in `SHAPE_CHECKS`
+    # some decoded ones, of the types in `SHAPE_CHECKS`; the first one of other types
     messages: list[Any] = field(default_factory=list)
     sampled: int = 0  # bytes of the messages that were decoded
 
     def wants(self, size: int) -> bool:
         """Return True if a message of a size [bytes] is to be decoded."""
-        return len(self.messages) < SAMPLES and self.sampled + size <= SAMPLE_BYTES
+        most = SAMPLES if self.channel.msgtype in SHAPE_CHECKS else 1
+        return len(self.messages) < most and self.sampled + size <= SAMPLE_BYTES
 
     def extend(self, other: Self) -> None:
         """Append the survey of the topic in another file."""
@@ -123,10 +124,9 @@ def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Su
     headers = {channel: header_reader(channel) for channel in surveys}
     decoders = {}
     for channel in surveys:
-        if channel.msgtype in SHAPE_CHECKS:
-            # Types that cannot be decoded are still listed.
-            with suppress(ReplayError):
-                decoders[channel] = decoder(channel, source, definitions)
+        # Types that cannot be decoded are still listed.
+        with suppress(ReplayError):
+            decoders[channel] = decoder(channel, source, definitions)
     for record in bag.messages({channel.topic for channel in surveys}):
         survey = surveys[record.channel]
         survey.recorded.append(record.time)
@@ -142,7 +142,7 @@ def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Su
             survey.sampled += len(record.data)
             try:
                 message = decoders[record.channel](record.data)
-                SHAPE_CHECKS[record.channel.msgtype](message)
+                SHAPE_CHECKS.get(record.channel.msgtype, type)(message)
                 survey.messages.append(message)
             except Exception:  # noqa: S112
                 # Not a message of its type; `read_log` counts these.

@@ -57,6 +57,18 @@ def _fields_of(value: Any) -> str:
     return f"; {kind} has {', '.join(names)}" if names else f"; it is of type {kind}"
 
 
+def number_paths(message: Any, depth: int = 3) -> list[str]:
+    """List the paths of the numbers of a message, down to a depth; arrays are left out."""
+    paths: list[str] = []
+    for name in getattr(message, "__dataclass_fields__", ()):
+        value = getattr(message, name)
+        if isinstance(value, int | float | np.number) and name[:2] != "__":
+            paths.append(name)
+        elif depth > 1:
+            paths += [f"{name}.{path}" for path in number_paths(value, depth - 1)]
+    return paths
+
+
 def field_reader(
     names: Sequence[str], make: Callable[[Floats], Floats] | None = None
 ) -> Callable[[Any], tuple[float, ...]]:

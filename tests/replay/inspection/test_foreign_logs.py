@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from bag_messages import T, imu, joints, odometry, pose_stamped, robot_with, write_bag
+from bag_messages import T, header, imu, joints, odometry, pose_stamped, robot_with, write_bag
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.base.errors import ReplayError
@@ -283,6 +285,26 @@ def test_a_number_for_each_side_on_two_topics(tmp_path: Path) -> None:
     again = proposed_with(log, robot)
     assert again["log"]["tracks"]["counts_per_turn"] == 2000
     assert again["log"]["tracks"]["right_topic"] == "/enc_right"
+
+
+@pytest.mark.parametrize("defined", ["float32 speed", "float32 rate_rpm"])
+def test_numbers_of_both_sides_in_one_message(tmp_path: Path, defined: str) -> None:
+    """Speeds are proposed by the names of their fields, currents and demanded speeds are not."""
+    kinds = {"rover/msg/Side": f"float32 current\nfloat32 target_speed\n{defined}\n"}
+    kinds["rover/msg/Drive"] = "std_msgs/Header header\nrover/Side left\nrover/Side right\n"
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    for name, text in kinds.items():
+        store.register(get_types_from_msg(text, name))
+    side, drive = (store.types[name] for name in kinds)
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as bag:
+        at = bag.add_connection("/motors", "rover/msg/Drive", typestore=store)
+        for k in range(1, 4):
+            message = drive(header(k * 10**9), side(9.0, 8.0, 0.5), side(9.0, 8.0, 0.75))
+            bag.write(at, k * 10**9, store.serialize_cdr(message, "rover/msg/Drive"))
+    proposed = tomllib.loads(inspect(tmp_path / "bag").proposed_robot_file)
+    tracks, field = proposed["log"]["tracks"], defined.split()[1]
+    assert (tracks["left"], tracks["right"]) == ([f"left.{field}"], [f"right.{field}"])
+    assert tracks["unit"] == ("rpm" if "rpm" in field else "m/s")
 
 
 def test_swapped_topics_are_reported(tmp_path: Path) -> None:
