@@ -161,7 +161,7 @@ def _fields_of_sides(samples: Mapping[str, Survey]) -> TrackTopic | None:
 
 
 def _unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
-    """Keys of `TrackTopic` for the unit by a name; counts per turn are filled in by a person."""
+    """Unit by a name, as keys of `TrackTopic`; a person fills in counts per turn."""
     name = name.lower()
     if COUNTER.search(name):
         return {"unit": "counts", "counts_per_turn": ANY_COUNTS}

@@ -58,7 +58,7 @@ def _fields_of(value: Any) -> str:
 
 
 def number_paths(message: Any, depth: int = 3) -> list[str]:
-    """List the paths of the numbers of a message, down to a depth; arrays are left out."""
+    """List the paths of the numbers of a message, without arrays, to a depth."""
     paths: list[str] = []
     for name in getattr(message, "__dataclass_fields__", ()):
         value = getattr(message, name)
