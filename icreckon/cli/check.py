@@ -13,6 +13,7 @@ from icreckon.cli.common import console
 from icreckon.cli.common.comparing import kernels_of, the_robot
 from icreckon.cli.common.options import Logs, MessageFiles, Overwrite, RobotName, Ros, UnpackedLimit
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.decoding import read_definitions
 from icreckon.replay.base.errors import OF_STAMPS, ReplayError
 from icreckon.replay.checking import robot_check
@@ -39,7 +40,8 @@ def command(
 ) -> None:
     """Check a robot file against a log: units, signs, mounting, latency.
 
-    Says what contradicts the log, worst first, its cost, and what to set; exit status 1 if anything does.
+    Lists contradictions with the log, the costliest first, each with the setting that corrects it. Exit
+    status 1 if there are any, or if the log allows no check.
     """
     _, robot = the_robot(robot_name, paths)
     console.check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)
@@ -51,78 +53,83 @@ def command(
     checks = robot_check.check_robot(log, robot)
     worth = None
     if len(log.tracks.stamps) and log.imu is not None:
-        # Without a result with everything corrected nothing has a price.
+        # If the filter cannot run with all corrections, the checks are shown without costs.
         with (
             console.progress(
                 "filtering, as the file is and corrected", compiles=kernels_of([VARIANT])
             ) as report,
             suppress(ReplayError),
         ):
-            checks, worth, kept = judged(log, robot, checks, report)
-            log = replace(log, notes=(*log.notes, *kept))
+            checks, worth, notes = judged(log, robot, checks, report)
+            log = replace(log, notes=(*log.notes, *notes))
     hints = [] if guessed is None else robot_check.topics_left_out(guessed, robot)
-    left_out = [one for one in hints if one not in log.notes]
+    hints = [hint for hint in hints if hint not in log.notes]
     if as_json:
-        typer.echo(json.dumps(_as_plain(checks, worth, left_out), indent=1))
+        typer.echo(json.dumps(_json_results(checks, worth, hints), indent=1))
     else:
-        _show(log, checks, worth, left_out)
+        _show(log, checks, worth, hints)
     if ros is not None:
-        corrected = [one.name for one in checks if one.problem and one.correction is not None]
-        of_log, of_robot = robot_check.with_corrected(log, robot, checks)
-        source = "by this log" if corrected else "of the robot file"
-        settings = ros_settings([of_log], of_robot, source=source, corrected=corrected)
+        settings = _ros_settings(log, robot, checks)
         console.write_file(
             ros, settings, ROS_FIRST_WORDS, what="settings for ROS", overwrite=overwrite
         )
-    if any(one.problem for one in checks) or not _any_measured(checks):
+    if any(check.problem for check in checks) or not _any_measured(checks):
         raise typer.Exit(console.FAILED)
 
 
+def _ros_settings(log: Log, robot: Robot, checks: list[Check]) -> str:
+    """Settings for ROS of the corrected robot."""
+    corrected = [check.name for check in checks if check.problem and check.correction is not None]
+    source = "by this log" if corrected else "of the robot file"
+    log, robot = robot_check.with_corrected(log, robot, checks)
+    return ros_settings([log], robot, source=source, corrected=corrected)
+
+
 def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]]:
-    """Contradictions with their costs [% of distance], worst first; NaN for none."""
-    wrong = [one for one in checks if one.problem]
+    """Contradictions with their costs [% of distance], costliest first; NaN if unknown."""
+    wrong = [check for check in checks if check.problem]
     costs = [*(worth.costs if worth is not None else ())]
     costs += [math.nan] * (len(wrong) - len(costs))
     pairs = list(zip(costs, wrong, strict=True))
     return sorted(pairs, key=lambda pair: math.inf if math.isnan(pair[0]) else -pair[0])
 
 
-def _show(log: Log, checks: list[Check], worth: Worth | None, left_out: list[str]) -> None:
+def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) -> None:
     out = console.results()
     console.print_banner(log.notes)
     for what, count in log.dropped.items():
         out.print(Text(f"Dropped from the log: {count} x {what}"))
-    for note in (one for one in log.notes if not one.startswith(OF_STAMPS)):
-        out.print(Text(f"Note: {note}"))
-    for one in checks:
-        mark = "!" if one.problem else "-"
-        stated = f" (file: {one.in_file})" if one.in_file else ""
-        out.print(Text(f"{mark} {one.name}: {one.in_log}{stated}"))
+    for note in log.notes:
+        if not note.startswith(OF_STAMPS):
+            out.print(Text(f"Note: {note}"))
+    for check in checks:
+        mark = "!" if check.problem else "-"
+        file_value = f" (file: {check.in_file})" if check.in_file else ""
+        out.print(Text(f"{mark} {check.name}: {check.in_log}{file_value}"))
     wrong = _costs(checks, worth)
     if not wrong and not _any_measured(checks):
         out.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
     elif not wrong:
-        unseen = sum(one.measured is None for one in checks)
+        unseen = sum(check.measured is None for check in checks)
         of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
         out.print(Text(f"\nNothing in the log contradicts the robot file{of_all}."))
     else:
         out.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
-    for number, (cost, one) in enumerate(wrong, 1):
+    for number, (cost, check) in enumerate(wrong, 1):
         costs = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
-        out.print(Text(f"{number}. {_sentence(one.problem)}{costs}"))
-        out.print(
-            Text(f"   Set {one.remedy}" if " = " in one.remedy else f"   Remedy: {one.remedy}")
-        )
+        out.print(Text(f"{number}. {_sentence(check.problem)}{costs}"))
+        verb = "Set" if " = " in check.remedy else "Remedy:"
+        out.print(Text(f"   {verb} {check.remedy}"))
     if worth is not None and (text := _drift(worth, bool(wrong), has_truth=log.truth is not None)):
         out.print(Text(f"\n{text}"))
     if worth is not None and worth.missing:
         out.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
-    for hint in left_out:
+    for hint in hints:
         out.print(Text(f"\nHint: {hint}"))
 
 
 def _any_measured(checks: list[Check]) -> bool:
-    return any(one.measured is not None for one in checks)
+    return any(check.measured is not None for check in checks)
 
 
 def _headline(count: int, checks: list[Check]) -> str:
@@ -143,7 +150,8 @@ def _cost(cost: float, worth: Worth) -> str:
 
 
 def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
-    of = f"of {VARIANT} after {worth.horizon:g} s without fixes"
+    """Sentence on the drift of the filter, as the file is and once corrected."""
+    of_variant = f"of {VARIANT} after {worth.horizon:g} s without fixes"
     as_it_is = (
         "no result" if math.isnan(worth.as_it_is) else f"{worth.as_it_is:.1f} % of the distance"
     )
@@ -151,13 +159,13 @@ def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
         if not is_wrong:
             return ""
         if worth.as_it_is < LEAST_COST:
-            return f"Once corrected: no effect on the path {of}."
-        return f"Path {of}: {as_it_is} from that once corrected."
+            return f"Once corrected: no effect on the path {of_variant}."
+        return f"Path {of_variant}: {as_it_is} from that once corrected."
     if math.isnan(worth.as_it_is) and math.isnan(worth.corrected):
         return "The log is too short, or its truth too rough, to tell what this costs."
     if not is_wrong or math.isnan(worth.corrected):
-        return f"Drift {of}: {as_it_is}."
-    text = f"Drift {of}: {as_it_is}, {worth.corrected:.1f} % once corrected."
+        return f"Drift {of_variant}: {as_it_is}."
+    text = f"Drift {of_variant}: {as_it_is}, {worth.corrected:.1f} % once corrected."
     if worth.corrected >= worth.as_it_is + max(LEAST_COST, LEAST_SHARE * worth.as_it_is):
         text += (
             " That is worse: set only what costs something, and icreckon calibrate for the rest."
@@ -165,25 +173,25 @@ def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
     return text
 
 
-def _as_plain(checks: list[Check], worth: Worth | None, left_out: list[str]) -> Any:
-    costs = {id(one): cost for cost, one in _costs(checks, worth)}
+def _json_results(checks: list[Check], worth: Worth | None, hints: list[str]) -> Any:
+    costs = {id(check): cost for cost, check in _costs(checks, worth)}
     return json_types(
         {
             "checks": [
                 {
-                    "name": one.name,
-                    "contradicts": bool(one.problem),
-                    "measured": None if one.measured is None else one.measured._asdict(),
-                    "set": one.settings,
-                    "in_file": one.in_file,
-                    "in_log": one.in_log,
-                    "problem": one.problem,
-                    "remedy": one.remedy,
-                    "cost_percent": costs.get(id(one)),
+                    "name": check.name,
+                    "contradicts": bool(check.problem),
+                    "measured": None if check.measured is None else check.measured._asdict(),
+                    "set": check.settings,
+                    "in_file": check.in_file,
+                    "in_log": check.in_log,
+                    "problem": check.problem,
+                    "remedy": check.remedy,
+                    "cost_percent": costs.get(id(check)),
                 }
-                for one in checks
+                for check in checks
             ],
-            "left_out": left_out,
+            "left_out": hints,
             "missing_manoeuvres": [] if worth is None else worth.missing,
             "is_of_another_robot": robot_check.is_of_another(checks),
             "variant": VARIANT,

@@ -140,7 +140,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
 
 
 def _path(topic: str, series: PoseSeries) -> Outbox:
-    """Whole path as one message at its start."""
+    """Path of at most `PATH_POSES` poses, as one latched message with the first stamp."""
     rows = picks(len(series.stamps), PATH_POSES)
     poses = pose_messages(topic, series.rows(rows))
 

@@ -227,7 +227,9 @@ def _truth(samples: Mapping[str, Survey], tracks: TrackTopic | None) -> TruthTop
     topic = _first(samples, ros.POSE, ros.POSE_WITH_COVARIANCE, ros.ODOMETRY, ros.NAVSATFIX)
     if topic is None:
         return None
-    joints = _first(samples, ros.JOINT_STATE) if tracks and tracks.left else None
+    # True track speeds are read with the names of the joints in [log.tracks].
+    has_joint_names = tracks is not None and bool(tracks.left)
+    joints = _first(samples, ros.JOINT_STATE) if has_joint_names else None
     twist, source = _first(samples, ros.TWIST), _first(samples, ros.STRING)
     return TruthTopic(topic, twist=twist, tracks=joints, source_topic=source)
 

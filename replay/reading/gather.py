@@ -218,7 +218,7 @@ def wanted_streams(
     ) -> Stream:
         return Stream(purpose, topic, source, time, readers, any_reader, definitions)
 
-    def poses(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
+    def pose_stream(purpose: str, mapped: FixTopic | TruthTopic) -> Stream:
         if mapped.frames is not None:
             return TransformStream(
                 purpose,
@@ -230,7 +230,7 @@ def wanted_streams(
             )
         if isinstance(mapped, FixTopic) and mapped.names:
             by_field = field_reader(mapped.names, partial(pose_rows, mapped))
-            return stream(purpose, mapped.topic, mapped.time, {}, by_field)
+            return stream(purpose, mapped.topic, mapped.time, readers={}, any_reader=by_field)
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
 
@@ -255,11 +255,11 @@ def wanted_streams(
         else:
             yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
     if fixes := mapping.fixes:
-        yield poses("fixes", fixes)
+        yield pose_stream("fixes", fixes)
     if heading := mapping.heading:
         yield stream("heading", heading.topic, heading.time, message_rows.HEADING_READERS)
     if truth := mapping.truth:
-        yield poses("truth", truth)
+        yield pose_stream("truth", truth)
         if truth.twist:
             yield stream("truth twist", truth.twist, truth.time, {TWIST: message_rows.twist_row})
         if truth.tracks and tracks:

@@ -15,6 +15,10 @@ from icreckon.replay.reading.stream import ABSENT, NAN, Row, RowReader, Unusable
 def track_readers(joints: Sequence[str], positions: bool = False) -> dict[str, RowReader]:
     """Build the row readers of track speeds, by message type.
 
+    Args:
+        joints: names of the left joints, then of the right ones; none without JointState.
+        positions: JointState has positions or counts, not speeds.
+
     Returns:
         Readers with these rows: for JointState the values of the left joints, then of the right ones, in
         the message's unit; for Odometry and TwistStamped the forward speed [m/s] and the yaw rate

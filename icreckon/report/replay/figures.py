@@ -250,22 +250,28 @@ def _draw_index(axes: Axes, results: Results, key: str) -> None:
     truth = _true_index(results, key)
     if truth is not None:
         axes.plot(time, truth, ".", color=TRUTH_COLOUR, ms=2.5, label="truth")
-    drawn = []
-    for name in _detailed(results):
-        values = floats(series["variants"][name][key])
+    estimates = {name: floats(series["variants"][name][key]) for name in _detailed(results)}
+    for name, values in estimates.items():
         axes.plot(time, values, color=colour_of(name), lw=1.2, label=name)
-        drawn.append(values)
-    # Indices diverge if the robot hardly turns; the scale excludes that, but hardly a peak of a filter.
-    shown = np.concatenate(drawn if truth is None else [truth, *drawn])
     axes.set_title(INDEX_TITLES[key], fontsize=11)
-    if not np.isfinite(drawn).any():
-        return
+    estimated = np.concatenate([*estimates.values()])
+    if np.isfinite(estimated).any():
+        axes.set_ylim(*_index_limits(estimated, truth))
+
+
+def _index_limits(estimated: Any, truth: Any) -> tuple[float, float]:
+    """Limits of an axis for estimates (n,) and a truth (m,) or None, NaN if unknown.
+
+    Indices diverge when the robot goes almost straight, so the base range leaves out 1 % of all values at
+    each end. Peaks of an estimate extend it, by at most its own width on either side.
+    """
+    shown = estimated if truth is None else np.concatenate([truth, estimated])
     low, high = np.nanpercentile(shown, (1.0, 99.0))
-    span = high - low
-    low = min(low, max(np.nanmin(drawn), low - span))
-    high = max(high, min(np.nanmax(drawn), high + span))
+    width = high - low
+    low = min(low, max(np.nanmin(estimated), low - width))
+    high = max(high, min(np.nanmax(estimated), high + width))
     margin = 0.15 * (high - low) + 1e-3
-    axes.set_ylim(low - margin, high + margin)
+    return low - margin, high + margin
 
 
 def _true_index(results: Results, key: str) -> Any:

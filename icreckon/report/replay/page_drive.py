@@ -49,7 +49,7 @@ def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
             for name in series["variants"]
         },
         "ellipses": {name: one.get("ellipses", []) for name, one in series["variants"].items()},
-        "first": _first(results),
+        "first": _shown_first(results),
         "truth": "truth" in series,
         "fixes": bool(series.get("fixes", {}).get("x_m")),
         "gyro": "gyro_rad_s" in series["inputs"],
@@ -71,11 +71,14 @@ def _contacts(vehicle: Results) -> list[list[float]]:
     return [[0.5 * length, wheel], [-0.5 * length, wheel]]
 
 
-def _first(results: Results) -> str:
-    """Variant that drives at first: the best if its ICRs move, or else the last."""
-    found, names = results["verdict"], list(results["variants"])
-    if found and found["best"].startswith("inertia"):
-        return str(found["best"])
+def _shown_first(results: Results) -> str:
+    """Variant that is animated first.
+
+    It is the best one if its ICRs move (inertia variants), otherwise inertia-online, or the last.
+    """
+    verdict, names = results["verdict"], list(results["variants"])
+    if verdict and verdict["best"].startswith("inertia"):
+        return str(verdict["best"])
     return "inertia-online" if "inertia-online" in names else str(names[-1])
 
 
@@ -87,7 +90,7 @@ def _slip_angle(v_x: Any, v_y: Any) -> Any:
 
 def _colourings(results: Results, columns: dict[str, Numbers]) -> list[Results]:
     """Choices of what colours the path, those with values only."""
-    found = []
+    choices = []
     for title, meaning, key, unit, signed in (
         ("slip in turning", "yaw rate by the tracks less estimated", "lost_rad_s", "rad/s", False),
         ("slip angle", "angle from heading to travel, to the left", "slip_angle_deg", "deg", True),
@@ -101,12 +104,12 @@ def _colourings(results: Results, columns: dict[str, Numbers]) -> list[Results]:
         ),
         ("speed", "forward speed", "v_x_m_s", "m/s", True),
     ):
-        of = {name: f"{name}/{key}" for name in results["series"]["variants"]}
-        of = {name: column for name, column in of.items() if known(columns.get(column, []))}
-        if of:
+        named = {name: f"{name}/{key}" for name in results["series"]["variants"]}
+        drawn = {name: column for name, column in named.items() if known(columns.get(column, []))}
+        if drawn:
             words = {"title": title, "meaning": meaning, "unit": unit}
-            found.append(words | {"signed": signed, "columns": of})
-    return found
+            choices.append(words | {"signed": signed, "columns": drawn})
+    return choices
 
 
 def known(values: Numbers) -> bool:
