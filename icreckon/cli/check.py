@@ -86,7 +86,7 @@ def _ros_settings(log: Log, robot: Robot, checks: list[Check]) -> str:
 
 
 def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]]:
-    """Contradictions with their costs [% of distance], costliest first; NaN if unknown."""
+    """Contradictions with costs [% of distance], costliest first; NaN if unknown."""
     wrong = [check for check in checks if check.problem]
     costs = [*(worth.costs if worth is not None else ())]
     costs += [math.nan] * (len(wrong) - len(costs))
