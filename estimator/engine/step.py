@@ -253,7 +253,7 @@ class Step:
             lane.input("left_density"),
             lane.input("right_density"),
             self.slip.white_time,
-            self._sigma()[2],
+            lane.input("speed_decay") * self._sigma()[2],
             lane.input("gap_density"),
             lane.input("slide_x_density"),
             lane.input("slide_y_density"),
@@ -379,7 +379,9 @@ class Step:
             rows.append(climb.times(now.rows, {i: {i: 1.0} for i in GRAVITY}))
             by_slip = [*M, [*climb.by_twist, 0.0]]
             M = [*([*row, 0.0] for row in M), [0.0, 0.0, 0.0, 1.0]]
-        noise = _noise_of_pose(rows, M, by_slip, walk, sigma, fades, dt)
+        # Slip of stale speeds decays with them: unknown motion has an error of its own.
+        fading = [lane.input("speed_decay") * part for part in sigma]
+        noise = _noise_of_pose(rows, M, by_slip, walk, fading, fades, dt)
         noise[s.YAW, s.YAW] = noise[s.YAW, s.YAW] + lane.input("turn_density") * dt
         own = {i: walk.get(i, 0.0) * dt for i in lane.P.states}
         for axis in range(3):

@@ -102,7 +102,7 @@ class Disturbances:
             inputs.left_density,
             inputs.right_density,
             self.slip.white_time,
-            sigma[2],
+            inputs.speed_decay * sigma[2],
             inputs.gap_density,
             inputs.slide_x_density,
             inputs.slide_y_density,

@@ -23,10 +23,11 @@ class StepInputs(NamedTuple):
     """Inputs of a step from the track speeds.
 
     Attributes:
-        smooth_left: smoothed speed of the left track; if stale, it decays [m/s].
-        smooth_right: smoothed speed of the right track, likewise [m/s].
+        smooth_left: smoothed speed of the left track [m/s].
+        smooth_right: smoothed speed of the right track [m/s].
         left: mean speed of the left track over the step [m/s].
         right: mean speed of the right track over the step [m/s].
+        speed_decay: mean factor by which stale speeds have decayed over the step.
         missing: speed at which both make up for distance that was missing before the step [m/s].
         left_density: error density of the left track's speed [m²/s].
         right_density: error density of the right track's speed [m²/s].
@@ -51,6 +52,7 @@ class StepInputs(NamedTuple):
     smooth_right: float
     left: float
     right: float
+    speed_decay: float
     missing: float
     left_density: float
     right_density: float
@@ -82,7 +84,6 @@ def step_inputs(
         settings: settings of the filter.
     """
     left, right, missing = mean_speeds(held, start, end, settings.hold_ns)
-    decay = mean_decay(held, start, end, settings.hold_ns)
     # Encoders of tracks at rest have no noise.
     density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
     carried = carried_density(still, start, end)
@@ -91,10 +92,11 @@ def step_inputs(
     stuck_left = stuck_density(held.repeating_left, start, end, settings)
     stuck_right = stuck_density(held.repeating_right, start, end, settings)
     return StepInputs(
-        decay * held.smooth_left,
-        decay * held.smooth_right,
+        held.smooth_left,
+        held.smooth_right,
         left,
         right,
+        mean_decay(held, start, end, settings.hold_ns),
         missing,
         density
         + stuck_left
