@@ -29,8 +29,6 @@ def is_finite(value: object) -> bool:
 
 # Largest coordinate or standard deviation of a start [m, rad]: squares of it are far from overflow.
 LARGEST = 1e10
-
-
 # Size of the largest number of a file, and least positive one: no robot has others, and in squares and
 # ratios of these nothing overflows.
 LARGEST_NUMBER, LEAST_POSITIVE = 1e9, 1e-12
@@ -72,6 +70,7 @@ class Bound(NamedTuple):
                 else:
                     return
                 raise error(f"{name} must be {self.wanted}, {size}, found {value!r}")
+        # NaN: a placeholder of a new robot file.
         if self.beyond and is_number(value) and value != value:
             raise error(f"{name} must be {self.wanted}, found nan: it is not filled in")
         raise error(f"{name} must be {self.wanted}, found {value!r}")
@@ -178,37 +177,48 @@ def require_kind(
     """
     if isinstance(value, kind) or (or_none and value is None):
         return
-    leave_out = " or None" if or_none else ""
+    wanted = f"{kind.__name__}(...){' or None' if or_none else ''}"
     found = f"{type(value).__name__} {value!r}" if shown else type(value).__name__
-    raise SettingError(f"{name} must be {kind.__name__}(...){leave_out}, found {found}")
+    raise SettingError(f"{name} must be {wanted}, found {found}")
 
 
 def require_nanoseconds(first: int, last: int, count: int) -> None:
-    """Refuse 30 stamps or more that are closer than those of any sensor [ns]."""
+    """Reject 30 stamps or more whose mean distance is less than 1 µs: of no sensor.
+
+    Args:
+        first: the first stamp [ns].
+        last: the last one [ns].
+        count: their number.
+
+    Raises:
+        SettingError: they are too close.
+    """
     if count >= 30 and 0 < last - first < 1000 * (count - 1):
         raise SettingError(
             f"stamps must be nanoseconds (round(seconds * 1e9)): {count} lie within {last - first} ns"
         )
 
 
-def require_wander(of_sigma: str, sigma: float, of_time: str, time: float) -> None:
+def require_wander(sigma_name: str, sigma: float, time_name: str, time: float) -> None:
     """Reject a wander of fixes of which one of the two values is missing.
 
     Args:
-        of_sigma: name of the standard deviation, for the message.
+        sigma_name: name of the standard deviation, for the message.
         sigma: standard deviation [m].
-        of_time: name of the correlation time, for the message.
+        time_name: name of the correlation time, for the message.
         time: correlation time [s].
 
     Raises:
         SettingError: there is a standard deviation without a time, or the reverse.
     """
     if sigma > 0.0 and not time > 0.0:
-        message = f"{of_sigma} = {sigma!r} needs {of_time}, the correlation time in seconds"
-        raise SettingError(message)
+        raise SettingError(
+            f"{sigma_name} = {sigma!r} needs {time_name}, the correlation time in seconds"
+        )
     if time > 0.0 and not sigma > 0.0:
-        message = f"{of_time} = {time!r} needs {of_sigma}, the standard deviation in metres"
-        raise SettingError(message)
+        raise SettingError(
+            f"{time_name} = {time!r} needs {sigma_name}, the standard deviation in metres"
+        )
 
 
 def three_numbers(
@@ -238,7 +248,7 @@ def three_numbers(
 def clipped_correlations(covariance: Floats) -> Floats:
     """Correlations of an unchecked covariance matrix, always finite.
 
-    They are clipped at 2: still too large for any covariance.
+    They are clipped to -2 to 2: beyond 1, as clipped ones stay, they are still those of no covariance.
 
     Args:
         covariance: a finite matrix with positive variances.
