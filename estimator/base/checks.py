@@ -1,4 +1,7 @@
-"""Checks of values in settings and robot files, for Python and TOML alike."""
+"""Checks of values in settings and robot files, for Python and TOML alike.
+
+A failed check raises a `SettingError`, or the error class that it is given.
+"""
 
 import math
 import numbers
@@ -53,13 +56,7 @@ class Bound(NamedTuple):
     beyond: bool = False
 
     def require(self, name: str, value: object, error: type[Exception]) -> None:
-        """Reject a value that is not an allowed finite number.
-
-        Args:
-            name: name of the value, for the message.
-            value: the value.
-            error: the error class to raise.
-        """
+        """Reject a value that is not an allowed finite number; `name` is for the message."""
         if is_finite(value):
             number = float(value)  # type: ignore[arg-type]
             if self.least <= number <= self.most and not (self.beyond and number == self.least):
@@ -141,21 +138,13 @@ def _bounds(kind: type[msgspec.Struct]) -> dict[str, tuple[Bound, Any]]:
 
 
 def require_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    """Reject a value that is not one of the choices.
-
-    Raises:
-        SettingError: the message names the nearest, or all.
-    """
+    """Reject a value that is not one of the choices; the message gives the nearest."""
     if not (isinstance(value, str) and value in choices):
         raise SettingError(f"{name} cannot be {value!r}{nearest_hint(str(value), list(choices))}")
 
 
 def require_flag(name: str, value: object) -> None:
-    """Reject a value that is neither True nor False.
-
-    Raises:
-        SettingError: the value is neither.
-    """
+    """Reject a value that is neither True nor False."""
     if not isinstance(value, bool | np.bool_):
         raise SettingError(f"{name} must be True or False, found {value!r}")
 
@@ -171,9 +160,6 @@ def require_kind(
         kind: the structure.
         or_none: True to allow None, too.
         shown: False to leave a long value out of the message.
-
-    Raises:
-        SettingError: the value has another type.
     """
     if isinstance(value, kind) or (or_none and value is None):
         return
@@ -183,16 +169,7 @@ def require_kind(
 
 
 def require_nanoseconds(first: int, last: int, count: int) -> None:
-    """Reject 30 stamps or more whose mean distance is less than 1 µs: of no sensor.
-
-    Args:
-        first: the first stamp [ns].
-        last: the last one [ns].
-        count: their number.
-
-    Raises:
-        SettingError: they are too close.
-    """
+    """Reject 30 stamps or more from `first` to `last` [ns] that are below 1 µs apart."""
     if count >= 30 and 0 < last - first < 1000 * (count - 1):
         raise SettingError(
             f"stamps must be nanoseconds (round(seconds * 1e9)): {count} lie within {last - first} ns"
@@ -207,9 +184,6 @@ def require_wander(sigma_name: str, sigma: float, time_name: str, time: float) -
         sigma: standard deviation [m].
         time_name: name of the correlation time, for the message.
         time: correlation time [s].
-
-    Raises:
-        SettingError: there is a standard deviation without a time, or the reverse.
     """
     if sigma > 0.0 and not time > 0.0:
         raise SettingError(
@@ -235,8 +209,9 @@ def three_numbers(
     Raises:
         SettingError: they are not three, or one is not a finite number, too small, or beyond `LARGEST`.
     """
-    listed = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
-    items: list[Any] = list(cast(Iterable[Any], value)) if listed else []
+    # An array of no dimension is an Iterable by its type, but cannot be iterated over.
+    is_iterable = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
+    items: list[Any] = list(cast(Iterable[Any], value)) if is_iterable else []
     if len(items) != 3 or not all(is_finite(item) and item >= least for item in items):
         raise SettingError(f"{name} must be {wanted}, found {value!r}")
     x, y, yaw = (float(item) for item in items)

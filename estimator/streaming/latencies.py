@@ -77,9 +77,6 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Latencies of a robot file's `[log]`; the tracks' is estimated if not given.
 
         Headings without a latency have that of `[log.fixes]`. Pose fixes and body velocities have none.
-
-        Args:
-            robot: the robot.
         """
 
         def latency(stream: str) -> float | None:
