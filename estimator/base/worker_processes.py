@@ -86,7 +86,7 @@ def worker_processes(
 
 
 def _begin(closes: Connection, begin: Begin | None, arguments: tuple[Any, ...]) -> None:
-    """Call `begin` in a worker, which exits when the parent closes the pipe or is killed."""
+    """Call `begin` in a worker that exits when its parent closes the pipe or dies."""
     threading.Thread(target=_exit_with_parent, args=(closes,), daemon=True).start()
     if begin is not None:
         begin(*arguments)

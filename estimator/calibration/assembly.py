@@ -305,7 +305,7 @@ def _row(
     note: str = "",
     sigmas: Fit | None = None,
 ) -> FoundParameter:
-    """Row of a parameter: value of the fit `found`, standard error of `sigmas` if given.
+    """Row of a parameter: value of `found`, standard error of `sigmas` if given.
 
     Value and error are times `factor`. A held one has the file's value `before`, if there is one.
     """

@@ -336,7 +336,7 @@ def _effective_blocks(result: Fit) -> Floats:
 
 
 def _jackknife(result: Fit) -> Floats:
-    """Jackknife standard errors (p,), without one block at a time; 0 for too few blocks."""
+    """Jackknife standard errors (p,), by leaving out each block; 0 for too few blocks."""
     blocks = len(result.fisher)
     if blocks < 3:
         return np.zeros(len(result.values))

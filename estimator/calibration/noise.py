@@ -65,12 +65,7 @@ class Noise:
 
 
 def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
-    """Channels of a problem.
-
-    Args:
-        problem: the problem with its segments.
-        heading: (n,) middle heading of each segment [rad].
-    """
+    """Channels of a problem, by the middle heading (n,) of each segment [rad]."""
     recording = problem.recording
     speeds = recording.speeds(0.0)
     turning = np.abs(speeds[..., 1] - speeds[..., 0]).sum(axis=1) * recording.cell
@@ -201,10 +196,10 @@ def information(
 
 
 def flattening(noise: Noise, residuals: Floats) -> float:
-    """Correction factor of the information of weighted squares, for the outliers' weights.
+    """Correction factor of the information of weighted squares, 0.3 to 1.
 
     It is the mean slope of the influence function over the mean weight (Huber, Robust Statistics), the
-    least of all channels, and 0.3 to 1.
+    least of all channels.
     """
     least = 1.0
     for channel, sizes in zip(noise.channels, noise.components, strict=True):

@@ -97,7 +97,7 @@ class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         require_wander("FixWander.sigma", self.sigma, "FixWander.time", self.time)
 
     def at_start(self, sigma: float) -> float:
-        """Standard deviation of a start pose from fixes that the filter uses once more [m].
+        """Standard deviation of a start from fixes that the filter uses once more [m].
 
         It is so large that the start has no weight against the fixes, whose wander is its error.
 

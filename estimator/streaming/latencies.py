@@ -162,7 +162,7 @@ class StampCorrection:
         return replace(measurement, stamp=measurement.stamp - late_ns)  # type: ignore[type-var]
 
     def watch(self, record: FilterRecord) -> None:
-        """Take the newest samples out of a filter's record, and at times use the estimate."""
+        """Take the newest samples from a filter's record; use the estimate now and then."""
         # The estimator wants the track speeds as late as before the estimated part was taken off.
         taken_off_ns = _nanoseconds(self.estimated)
         for parts, samples, later_ns in (
