@@ -208,7 +208,7 @@ def with_difference(
 
 
 def as_found(robot: Robot, found: Fit) -> Robot:
-    """Robot with the model's parameters and the gyro's scale of a fit."""
+    """Robot with the parameters of a fit's model, and with its scale of the gyro."""
     imu = msgspec.structs.replace(robot.imu, gyro_scale=found.value("gyro_scale"))
     return _put(found, msgspec.structs.replace(robot, imu=imu))
 

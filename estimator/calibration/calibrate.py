@@ -150,11 +150,12 @@ def calibrate(
     shared = with_difference(fits, radii.value("difference"), robot, again)
     comparison = validate(shared)
     report(0.9)
-    found = assembled(
+    calibration = assembled(
         robot, fits, shared, radii, comparison, again, speeds_by_radius=speeds_by_radius
     )
     report(1.0)
-    return replace(found, notes=(*found.notes, *(text for _, texts in headed for text in texts)))
+    remarks = (remark for _, of_log in headed for remark in of_log)
+    return replace(calibration, notes=(*calibration.notes, *remarks))
 
 
 def _check_truths(logs: Sequence[Log]) -> None:
@@ -192,20 +193,20 @@ def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     path = plain_path(log.tracks, imu, rates)
     lag = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
     lag_ns = 0 if isinstance(lag, NoLag) else round(lag.seconds / NANOSECOND)
-    found = headings_by_path(truth.poses, PoseSeries(path.stamps + lag_ns, path.poses))
-    if found is None:
+    headings = headings_by_path(truth.poses, PoseSeries(path.stamps + lag_ns, path.poses))
+    if headings is None:
         raise EstimatorError(
             f"log {log.name!r}: the headings of the truth {fault}, and the robot moves too little to "
             "find them from its path; drive a longer way, or give a truth with headings"
         )
     remark = (
         f"{log.name}: the headings of the truth {fault}; they were found from the path of tracks and "
-        f"gyro, ± {math.degrees(found.sigma):.1f}°. Sideslip looks like a heading then: zeta0, zeta1, "
+        f"gyro, ± {math.degrees(headings.sigma):.1f}°. Sideslip looks like a heading then: zeta0, zeta1, "
         "y_ICR and the difference of the radii are less certain than stated. Of the gyro such headings "
         "show nothing: its scale and bias are by the tracks and the positions"
     )
     # Twists of such a truth are not used.
-    truth = replace(truth, poses=found.poses, twists=None, headings=True)
+    truth = replace(truth, poses=headings.poses, twists=None, headings=True)
     return replace(log, truth=truth), (remark,)
 
 

@@ -129,9 +129,9 @@ def with_common(
     difference, difference_sigma = written_difference(robot, radii)[0], tracks.difference_sigma
     if radii.is_free("difference"):
         spread = _deviation(radii, supported, "difference", difference_sigma)
-        found = float(np.hypot(radii.sigma("difference"), spread))
+        new_sigma = float(np.hypot(radii.sigma("difference"), spread))
         stays = difference == tracks.difference
-        difference_sigma = min(found, difference_sigma) if stays else found
+        difference_sigma = min(new_sigma, difference_sigma) if stays else new_sigma
     changes = {"difference": difference, "difference_sigma": difference_sigma}
     tracks = msgspec.structs.replace(tracks, scale_sigma=scale_sigma, **changes)
     bias = common_bias(robot, main)
@@ -229,6 +229,7 @@ def mounting_turns(main: Fit) -> list[tuple[float, float]]:
     count = len(problem.recording.motions)
 
     def mean(name: str) -> tuple[float, float]:
+        """Mean of a parameter over the logs that show it, and its standard error."""
         free = [log for log in range(count) if main.is_free(f"{name}[{log}]")]
         if not problem.force or not free:
             return 0.0, np.inf

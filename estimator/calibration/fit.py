@@ -135,7 +135,7 @@ class Fit:
 def fit(
     problem: Problem, *, initial: dict[str, float] | None = None, held: frozenset[str] = frozenset()
 ) -> Fit:
-    """Fit a model.
+    """Fit a model: with all parameters free, then with the unobservable ones held.
 
     Args:
         problem: the problem.

@@ -268,8 +268,8 @@ def motion_of(log: Log, robot: Robot) -> Motion:
             "nothing can be calibrated from that"
         )
     gyro, heading = turned(log.imu.stamps, _vertical(log.imu, robot)), heading_of(poses)
-    found = find_lag(heading, gyro, least=LEAST_TURN)
-    lag = 0.0 if isinstance(found, NoLag) else found.seconds
+    truth_lag = find_lag(heading, gyro, least=LEAST_TURN)
+    lag = 0.0 if isinstance(truth_lag, NoLag) else truth_lag.seconds
     return Motion(
         log=log,
         track_times=track_times,
@@ -280,7 +280,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
         truth_times=_seconds(poses.stamps, log.start),
         truth=truth,
         lag=lag,
-        no_lag=found if isinstance(found, NoLag) else None,
+        no_lag=truth_lag if isinstance(truth_lag, NoLag) else None,
         bias=_bias(heading, gyro, lag),
     )
 

@@ -421,6 +421,7 @@ def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
 
 
 def _objection_to_covariance(covariance: Matrix3) -> str | None:
+    """Reason to reject a matrix that is not finite, symmetric and positive definite."""
     matrix = np.array(covariance)
     if not np.isfinite(matrix).all():
         return NOT_FINITE

@@ -150,10 +150,10 @@ def find_variant(name: str) -> Variant:
     Raises:
         EstimatorError: an unknown name; the message names the nearest.
     """
-    found = VARIANTS.get(name) if isinstance(name, str) else None
-    if found is None:
+    variant = VARIANTS.get(name) if isinstance(name, str) else None
+    if variant is None:
         raise EstimatorError(f"no filter variant {name!r}{nearest_hint(str(name), list(VARIANTS))}")
-    return found
+    return variant
 
 
 def register(variant: Variant) -> None:

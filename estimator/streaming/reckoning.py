@@ -283,6 +283,7 @@ class Reckoning:
                 return self._take_fix(event)
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
+        """Add track speeds, after a step with the old ones where these end it."""
         take, is_plain = self._steps.take_track_speeds, not (m.left_wheels or m.right_wheels)
         if is_plain and take(m.stamp, m.left, m.right, only_if_usual=True) != REFUSED:
             self._counts.sensor("tracks").used += 1
@@ -309,6 +310,7 @@ class Reckoning:
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
+        """Take the step that a sample ends; after a gap first move to its start."""
         used = self._steps.take_imu(m, self._mounting, self._uses_force)
         if used == REFUSED:
             if self._tracks.stamp == NEVER:
@@ -330,10 +332,10 @@ class Reckoning:
         if has_watchers or self._tracks.stamp == NEVER:
             return 0, 0, 0
         arrays = samples, self._mounting, rows
-        found = self._steps.take_samples(*arrays, uses_force=self._uses_force)
-        self._counts.sensor("tracks").used += found.tracks
-        self._counts.standstill_updates += found.stood
-        return found.tracks, found.imu, found.tracks + found.rates_used
+        taken = self._steps.take_samples(*arrays, uses_force=self._uses_force)
+        self._counts.sensor("tracks").used += taken.tracks
+        self._counts.standstill_updates += taken.stood
+        return taken.tracks, taken.imu, taken.tracks + taken.rates_used
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
@@ -441,11 +443,11 @@ class Reckoning:
         The path has the right shape but the wrong place: the heading is wrong, too.
         """
         pose, P = self.ekf.x[s.POSE].copy(), np.zeros((5, 5))
-        found = relocate(self.record.fixes.rejected, pose, P, self._wander.sigma)
-        if found:
+        fits = relocate(self.record.fixes.rejected, pose, P, self._wander.sigma)
+        if fits:
             size = 5 if self.ekf.wanders else 3
             self.ekf.replace_pose(pose, P[:size, :size])
-        return found
+        return fits
 
     def _let_wander(self, stamp: int) -> float:
         """Propagate the wander to a stamp [ns]; return its process noise [m²]."""
