@@ -276,8 +276,8 @@ def _by_parameters(
 ) -> tuple[Number, ...]:
     """Derivatives (9,) of a component of the twist by the parameters.
 
-    Given are those by the three indices. That by H is always zero. The gains are zeta by zeta1, epsilon by epsilon1 (and eta by eta1), eta by
-    eta2, and epsilon by epsilon_F.
+    Given are those by zeta, epsilon and eta. That by H is zero. The gains are derivatives: zeta by zeta1,
+    epsilon by epsilon1 (and eta by eta1), eta by eta2, and epsilon by epsilon_F.
     """
     of_zeta, of_S, of_square, of_P = gains
     return (

@@ -210,7 +210,7 @@ class TwistModel(NamedTuple):
 
     Attributes:
         twist: (3,) v_x, v_y [m/s], w [rad/s].
-        jacobian: (3, SIZE) its derivative by the state; that by the parameters is a mean over time.
+        jacobian: (3, SIZE) its derivative by the state; that by the parameters is smoothed in time.
         by_speeds: (3, 2) its derivative by the speeds of the left and the right track.
         motion: the solved motion model, in the paper's axes.
     """
