@@ -153,7 +153,7 @@ def _search(
 
     Returns:
         The best lag. `NOWHERE` if none agrees, or the best is at an end of the grid. Another `NoLag` for
-        too few windows, too little motion, or a lag within its error.
+        too few windows, too little motion, or a lag within its error, if that is above `CERTAIN`.
     """
     origin = int(late.stamps[0])
     starts = _windows(late, reference, origin, lags)
@@ -171,7 +171,7 @@ def _search(
     agreement = 1.0 - costs.min() / np.mean(np.abs(late_changes - np.median(late_changes)))
     if agreement < least_agreement or int(np.argmin(costs)) in (0, len(lags) - 1):
         return NOWHERE
-    # Jackknife: the lag without one block of windows at a time.
+    # Jackknife: lags from all windows but one block, for each block.
     blocks = np.array_split(np.arange(len(starts)), BLOCKS)
     without = [_lowest(np.delete(residuals, block, axis=1).mean(axis=1), lags) for block in blocks]
     best = Lag(_lowest(costs, lags), float(jackknife_sigma(np.array(without))))
