@@ -376,6 +376,7 @@ def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
     gauge = robot.vehicle.track_gauge
     half = 0.5 * gauge * found.value("eta0")
     epsilon = found.value("epsilon0")
+    # H is the ratio of the track speeds as the robot turns about its centre of mass.
     implied = (half - epsilon + x_CM) / (half + epsilon - x_CM)
     note = f"acts in the literal form only; the ICRs found imply {implied:.3f}"
     rows = [FoundParameter("indices.H", "-", indices.H, None, "held", indices.H, note)]

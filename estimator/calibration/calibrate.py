@@ -72,7 +72,7 @@ def calibrate(
         lever_arm: point of the truth in base_link, forward and left [m], if known.
         models: models of `MODELS` to fit and compare, "constant" among them.
         speeds_by_radius: True if the track speeds were made with the sprocket radius, so that their scale
-            corrects it; otherwise the scale goes into `tracks.scale_sigma` and a note.
+            corrects it; otherwise that in `log.tracks`, or without a log `tracks.scale_sigma` and a note.
         progress: called with the share done, 0 to 1.
 
     Returns:

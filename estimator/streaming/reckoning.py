@@ -340,7 +340,8 @@ class Reckoning:
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
         model, ekf, record = MODELS[type(m)], self.ekf, self.record
-        # Predict. A zero velocity at the end of a step is about the next one.
+        # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero
+        # velocity at the end of a step is about the next one.
         at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
         begun = False
