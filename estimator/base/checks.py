@@ -1,4 +1,7 @@
-"""Checks of values in settings and robot files, for Python and TOML alike."""
+"""Checks of values in settings and robot files, for Python and TOML alike.
+
+A failed check raises a `SettingError`, or the error class that it is given.
+"""
 
 import math
 import numbers
@@ -29,8 +32,6 @@ def is_finite(value: object) -> bool:
 
 # Largest coordinate or standard deviation of a start [m, rad]: squares of it are far from overflow.
 LARGEST = 1e10
-
-
 # Size of the largest number of a file, and least positive one: no robot has others, and in squares and
 # ratios of these nothing overflows.
 LARGEST_NUMBER, LEAST_POSITIVE = 1e9, 1e-12
@@ -55,13 +56,7 @@ class Bound(NamedTuple):
     beyond: bool = False
 
     def require(self, name: str, value: object, error: type[Exception]) -> None:
-        """Reject a value that is not an allowed finite number.
-
-        Args:
-            name: name of the value, for the message.
-            value: the value.
-            error: the error class to raise.
-        """
+        """Reject a value that is not an allowed finite number; `name` is for the message."""
         if is_finite(value):
             number = float(value)  # type: ignore[arg-type]
             if self.least <= number <= self.most and not (self.beyond and number == self.least):
@@ -72,6 +67,7 @@ class Bound(NamedTuple):
                 else:
                     return
                 raise error(f"{name} must be {self.wanted}, {size}, found {value!r}")
+        # NaN: a placeholder of a new robot file.
         if self.beyond and is_number(value) and value != value:
             raise error(f"{name} must be {self.wanted}, found nan: it is not filled in")
         raise error(f"{name} must be {self.wanted}, found {value!r}")
@@ -142,21 +138,13 @@ def _bounds(kind: type[msgspec.Struct]) -> dict[str, tuple[Bound, Any]]:
 
 
 def require_choice(name: str, value: object, choices: tuple[str, ...]) -> None:
-    """Reject a value that is not one of the choices.
-
-    Raises:
-        SettingError: the message names the nearest, or all.
-    """
+    """Reject a value that is not one of the choices; the message gives the nearest."""
     if not (isinstance(value, str) and value in choices):
         raise SettingError(f"{name} cannot be {value!r}{nearest_hint(str(value), list(choices))}")
 
 
 def require_flag(name: str, value: object) -> None:
-    """Reject a value that is neither True nor False.
-
-    Raises:
-        SettingError: the value is neither.
-    """
+    """Reject a value that is neither True nor False."""
     if not isinstance(value, bool | np.bool_):
         raise SettingError(f"{name} must be True or False, found {value!r}")
 
@@ -172,43 +160,39 @@ def require_kind(
         kind: the structure.
         or_none: True to allow None, too.
         shown: False to leave a long value out of the message.
-
-    Raises:
-        SettingError: the value has another type.
     """
     if isinstance(value, kind) or (or_none and value is None):
         return
-    leave_out = " or None" if or_none else ""
+    wanted = f"{kind.__name__}(...){' or None' if or_none else ''}"
     found = f"{type(value).__name__} {value!r}" if shown else type(value).__name__
-    raise SettingError(f"{name} must be {kind.__name__}(...){leave_out}, found {found}")
+    raise SettingError(f"{name} must be {wanted}, found {found}")
 
 
 def require_nanoseconds(first: int, last: int, count: int) -> None:
-    """Refuse 30 stamps or more that are closer than those of any sensor [ns]."""
+    """Reject 30 stamps or more from `first` to `last` [ns] that are below 1 µs apart."""
     if count >= 30 and 0 < last - first < 1000 * (count - 1):
         raise SettingError(
             f"stamps must be nanoseconds (round(seconds * 1e9)): {count} lie within {last - first} ns"
         )
 
 
-def require_wander(of_sigma: str, sigma: float, of_time: str, time: float) -> None:
+def require_wander(sigma_name: str, sigma: float, time_name: str, time: float) -> None:
     """Reject a wander of fixes of which one of the two values is missing.
 
     Args:
-        of_sigma: name of the standard deviation, for the message.
+        sigma_name: name of the standard deviation, for the message.
         sigma: standard deviation [m].
-        of_time: name of the correlation time, for the message.
+        time_name: name of the correlation time, for the message.
         time: correlation time [s].
-
-    Raises:
-        SettingError: there is a standard deviation without a time, or the reverse.
     """
     if sigma > 0.0 and not time > 0.0:
-        message = f"{of_sigma} = {sigma!r} needs {of_time}, the correlation time in seconds"
-        raise SettingError(message)
+        raise SettingError(
+            f"{sigma_name} = {sigma!r} needs {time_name}, the correlation time in seconds"
+        )
     if time > 0.0 and not sigma > 0.0:
-        message = f"{of_time} = {time!r} needs {of_sigma}, the standard deviation in metres"
-        raise SettingError(message)
+        raise SettingError(
+            f"{time_name} = {time!r} needs {sigma_name}, the standard deviation in metres"
+        )
 
 
 def three_numbers(
@@ -225,8 +209,9 @@ def three_numbers(
     Raises:
         SettingError: they are not three, or one is not a finite number, too small, or beyond `LARGEST`.
     """
-    listed = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
-    items: list[Any] = list(cast(Iterable[Any], value)) if listed else []
+    # An array of no dimension is an Iterable by its type, but cannot be iterated over.
+    is_iterable = isinstance(value, Iterable) and getattr(value, "ndim", 1) > 0
+    items: list[Any] = list(cast(Iterable[Any], value)) if is_iterable else []
     if len(items) != 3 or not all(is_finite(item) and item >= least for item in items):
         raise SettingError(f"{name} must be {wanted}, found {value!r}")
     x, y, yaw = (float(item) for item in items)
@@ -238,7 +223,7 @@ def three_numbers(
 def clipped_correlations(covariance: Floats) -> Floats:
     """Correlations of an unchecked covariance matrix, always finite.
 
-    They are clipped at 2: still too large for any covariance.
+    They are clipped to -2 to 2: beyond 1, as clipped ones stay, they are still those of no covariance.
 
     Args:
         covariance: a finite matrix with positive variances.

@@ -32,10 +32,6 @@ KINDS = {
 def read_toml(path: Path, error: type[IcreckonError]) -> dict[str, Any]:
     """Read a TOML file.
 
-    Args:
-        path: the file.
-        error: the error class to raise.
-
     Raises:
         error: the file is missing, unreadable, not valid TOML, or has lists that are too deep.
     """
@@ -81,17 +77,13 @@ def convert(data: dict[str, Any], kind: type[T], source: str, error: type[Icreck
 
 
 def in_words(problem: str, data: dict[str, Any]) -> str:
-    """Rephrase a validation error, as "[gyro] bias_walk: expected a number, ...".
-
-    Args:
-        problem: message of the error.
-        data: the data in which it was found.
-    """
-    found = AT.search(problem)
-    text, path = (problem[: found.start()], found.group(1)) if found else (problem, "")
+    """Rephrase a validation error of data, as "[gyro] bias_walk: expected a number"."""
+    end = AT.search(problem)
+    text, path = (problem[: end.start()], end.group(1)) if end else (problem, "")
     text = EXPECTED.sub(lambda parts: f"expected {_kinds(parts[1])}", text)
     text = GOT.sub(lambda parts: f", found {_kinds(parts[1])}", text)
     text = MISSING.sub(r"\1 is missing", text)
+    # Steps of the path to the value, as ["log", "tracks", "[0]"].
     steps, value = [], cast(Any, data)
     for step in STEP.findall(path):
         key: Any = step
@@ -102,10 +94,11 @@ def in_words(problem: str, data: dict[str, Any]) -> str:
             key = int(step[1:-1])
         steps.append(str(key) if step == ANY_KEY and key is not None else step)
         value = value[key] if key is not None and isinstance(value, dict | list) else {}
-    of_table = steps if isinstance(value, dict) else steps[:-1]
-    names = [step for step in of_table if not step.startswith("[")]
+    table_steps = steps if isinstance(value, dict) else steps[:-1]
+    names = [step for step in table_steps if not step.startswith("[")]
     leaf = "" if isinstance(value, dict) or not steps else steps[-1]
     if leaf.startswith("["):
+        # An item of a list: the key is that of the list.
         leaf, names = (names[-1], names[:-1]) if names else ("", names)
     numbers = [f"number {int(step[1:-1]) + 1}" for step in steps if step[1:-1].isdigit()]
     table = f"[{'.'.join(names)}]" if names else ""
@@ -121,6 +114,7 @@ def _kinds(names: str) -> str:
 def _refuse_unknown_keys(
     data: dict[str, Any], kind: Any, source: str, table: str, error: type[IcreckonError]
 ) -> None:
+    """Reject keys that a structure lacks, in nested tables and lists of tables, too."""
     fields = {field.encode_name: field.type for field in msgspec.structs.fields(kind)}
     for key, value in data.items():
         if key not in fields:

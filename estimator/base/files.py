@@ -1,7 +1,7 @@
 """Files: written whole or not at all, and locked while their process lives.
 
-Locks show whether what a process was writing is still being written. On systems without them, and on file
-systems that refuse them, nothing is known.
+A lock shows that a process is still writing. On systems without locks, and on file systems that refuse
+them, nothing is known.
 """
 
 import os
@@ -25,24 +25,24 @@ def write_whole(path: Path, content: bytes) -> None:
         OSError: the file cannot be written; nothing is left next to its place.
     """
     path = Path(os.path.realpath(path))
-    beside = path.with_name(f"{path.name}.{uuid4().hex}.tmp")
+    temporary = path.with_name(f"{path.name}.{uuid4().hex}.tmp")
     try:
-        with beside.open("wb") as file:
+        with temporary.open("wb") as file:
             if path.exists():
-                shutil.copymode(path, beside)
+                shutil.copymode(path, temporary)
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        beside.replace(path)
+        temporary.replace(path)
     except BaseException:
         with suppress(OSError):
-            beside.unlink()
+            temporary.unlink()
         raise
 
 
 @contextmanager
 def owned(mark: Path) -> Iterator[None]:
-    """Hold a file while the block runs; it has its name only once it is held."""
+    """Create a file and lock it while the block runs; it gets its name once locked."""
     if sys.platform == "win32":
         yield
         return
@@ -56,7 +56,7 @@ def owned(mark: Path) -> Iterator[None]:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Keep other processes out of such blocks for the same folder."""
+    """Lock a folder while the block runs: other processes wait at such a block."""
     if sys.platform == "win32":
         yield
         return

@@ -13,13 +13,15 @@ BEYOND = 2.36
 
 
 def jackknife_sigma(without: Floats) -> Floats:
-    """Standard errors (...) of estimates (b, ...) without one block each."""
-    blocks, apart = len(without), without - without.mean(axis=0)
-    return np.asarray(np.sqrt((blocks - 1) / blocks * (apart**2).sum(axis=0)))
+    """Standard errors (...) of an estimate, by those (b, ...) without one block each."""
+    blocks, deviations = len(without), without - without.mean(axis=0)
+    return np.asarray(np.sqrt((blocks - 1) / blocks * (deviations**2).sum(axis=0)))
 
 
 def beside_lowest(costs: Floats, lowest: Any) -> Floats:
     """Offset of the parabola's minimum from the lowest cost, in grid steps [-].
+
+    It is 0 where the costs do not bend upward.
 
     Args:
         costs: (..., n) on an even grid.

@@ -42,10 +42,10 @@ class SharedRecord(ctypes.Structure):
     layout: ClassVar[np.dtype[Any]]
 
     def __reduce__(self) -> tuple[Any, ...]:
+        # The record of which this is a part.
         whole: Any = self._b_base_
         if whole is None:
             return shared_record, (record_of(self.kind, array_on(self)[0]),)
-        # A part of a record is that part of the copy.
         offset = ctypes.addressof(self) - ctypes.addressof(whole)
         parts = (name for name, _ in whole._fields_ if getattr(type(whole), name).offset == offset)
         return getattr, (whole, next(parts))
@@ -86,9 +86,9 @@ def record_array(record: Any, count: int) -> NDArray[Any]:
 def record_of(kind: type[Record], element: Any) -> Record:
     """Record of a type from an element of a structured array."""
     values = {}
-    for name, of in _types(cast(Any, kind)).items():
+    for name, field_kind in _types(cast(Any, kind)).items():
         value = element[name]
-        values[name] = record_of(of, value) if _names(of) else value.tolist()
+        values[name] = record_of(field_kind, value) if _names(field_kind) else value.tolist()
     return kind(**values)
 
 
@@ -134,21 +134,22 @@ def shifted(record: Record, by: int) -> Record:
 
 
 def _later(value: Any, is_stamp: bool, by: int) -> Any:
+    """Copy of a value, with all stamps in it later by some time [ns]; NEVER stays."""
     if _names(value):
         hints, names = field_types(cast(Any, type(value))), _names(value)
         fields = {name: _later(getattr(value, name), _is_stamp(hints[name]), by) for name in names}
         is_tuple = isinstance(value, tuple)
         return value._replace(**fields) if is_tuple else msgspec.structs.replace(value, **fields)
     if isinstance(value, dict):
-        return {key: _later(one, is_stamp, by) for key, one in value.items()}
+        return {key: _later(item, is_stamp, by) for key, item in value.items()}
     if isinstance(value, tuple | list):
-        return type(value)(_later(one, is_stamp, by) for one in value)
+        return type(value)(_later(item, is_stamp, by) for item in value)
     return value + by if is_stamp and value is not None and value != NEVER else value
 
 
 @cache
 def field_types(kind: Any) -> dict[str, Any]:
-    """Types of the fields of a record or named tuple, with what is known of them."""
+    """Types of the fields of a record or named tuple, with their annotations."""
     return get_type_hints(kind, include_extras=True)
 
 
@@ -174,8 +175,8 @@ def _memory_of(record: Any) -> Any:
     kind = type(record)
     if kind not in MEMORIES:
         fields = [
-            (name, _memory_of_field(getattr(record, name), of))
-            for name, of in get_type_hints(kind).items()
+            (name, _memory_of_field(getattr(record, name), hint))
+            for name, hint in get_type_hints(kind).items()
         ]
         memory: Any = type(kind.__name__, (SharedRecord,), {"kind": kind, "_fields_": fields})
         memory.layout = np.dtype(memory)
@@ -183,8 +184,9 @@ def _memory_of(record: Any) -> Any:
     return MEMORIES[kind]
 
 
-def _memory_of_field(value: Any, of: Any) -> Any:
-    if _names(of):
+def _memory_of_field(value: Any, kind: Any) -> Any:
+    """C type of a field with a value of a type; an array is stored as addresses."""
+    if _names(kind):
         return _memory_of(value)
     if isinstance(value, list):
         return ctypes.c_double * len(value)
@@ -193,10 +195,11 @@ def _memory_of_field(value: Any, of: Any) -> Any:
         for count in value.shape[::-1]:
             memory = memory * count
         return memory
-    return ctypes.c_double if of is float else ctypes.c_int64
+    return ctypes.c_double if kind is float else ctypes.c_int64
 
 
 def _values(value: Any) -> Any:
+    """Nested tuples and lists of a record's values, as NumPy reads them."""
     names = _names(value)
     if names:
         return tuple(_values(getattr(value, name)) for name in names)

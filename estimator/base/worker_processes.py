@@ -39,19 +39,19 @@ def _blocked() -> Iterator[None]:
 @contextmanager
 def _postponed() -> Iterator[None]:
     """Handle signals after the block, so that no process is left half started."""
-    came: list[int] = []
+    postponed: list[int] = []
     before = {}
     if threading.current_thread() is threading.main_thread():
         for number in STOPS:
             if callable(signal.getsignal(number)):
-                before[number] = signal.signal(number, lambda number, _: came.append(number))
+                before[number] = signal.signal(number, lambda number, _: postponed.append(number))
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        if came:
-            signal.raise_signal(came[0])
+        if postponed:
+            signal.raise_signal(postponed[0])
 
 
 @contextmanager
@@ -63,36 +63,36 @@ def worker_processes(
     Args:
         count: number of processes.
         begin: function that each calls first, with the arguments.
-        arguments: arguments of that function; those that only a parent can hand on are allowed.
+        arguments: arguments of that function; also those that only a new process can inherit, as locks.
     """
     context = multiprocessing.get_context("spawn")
     # Nothing is ever sent: the workers detect that this end is closed, also if this process dies.
-    theirs, ours = context.Pipe(duplex=False)
-    others = multiprocessing.active_children()
-    pool = _Pool(count, context, _begin, (theirs, begin, arguments))
+    workers_end, own_end = context.Pipe(duplex=False)
+    other_children = multiprocessing.active_children()
+    pool = _Pool(count, context, _begin, (workers_end, begin, arguments))
     try:
         yield pool
     except BaseException:
         for process in multiprocessing.active_children():
-            if process not in others:
+            if process not in other_children:
                 process.kill()
         pool.shutdown(cancel_futures=True)
         raise
     else:
         pool.shutdown()
     finally:
-        ours.close()
-        theirs.close()
+        own_end.close()
+        workers_end.close()
 
 
 def _begin(closes: Connection, begin: Begin | None, arguments: tuple[Any, ...]) -> None:
-    """Exit when the parent closes the pipe, or is killed."""
-    threading.Thread(target=_leave_with, args=(closes,), daemon=True).start()
+    """Call `begin` in a worker that exits when its parent closes the pipe or dies."""
+    threading.Thread(target=_exit_with_parent, args=(closes,), daemon=True).start()
     if begin is not None:
         begin(*arguments)
 
 
-def _leave_with(closes: Connection) -> None:
+def _exit_with_parent(closes: Connection) -> None:
     try:
         closes.recv_bytes()
     except (EOFError, OSError):

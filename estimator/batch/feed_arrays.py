@@ -38,11 +38,10 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     Returns:
         Number of measurements that were used.
     """
-    late_tracks, late_imu = estimator.late(TrackSpeeds), estimator.late(ImuSample)
     log = Log(
         "arrays",
-        replace(tracks, stamps=tracks.stamps - late_tracks),
-        replace(imu, stamps=imu.stamps - late_imu),
+        replace(tracks, stamps=tracks.stamps - estimator.late(TrackSpeeds)),
+        replace(imu, stamps=imu.stamps - estimator.late(ImuSample)),
     )
     bulk = _bulk(log, estimator)
     if bulk is None:
@@ -51,8 +50,8 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
     used = _feed_each(estimator, log.between(log.start, begin))
     samples = samples_of(log.between(begin + 1, end))
     while len(samples.track_stamps) or len(samples.imu_stamps):
-        of_tracks, of_imu, more = estimator.feed_samples(samples, Rows(0).arrays)
-        samples, used = samples.after(of_tracks, of_imu), used + more
+        tracks_fed, imu_fed, more_used = estimator.feed_samples(samples, Rows(0).arrays)
+        samples, used = samples.after(tracks_fed, imu_fed), used + more_used
         # What is left begins with a sample that needs more than a step.
         first = samples.first
         if first is not None:
@@ -67,18 +66,18 @@ def _feed_each(estimator: PoseEstimator, log: Log) -> int:
 
 
 def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
-    """Interval (begin, end] of stamps to process as arrays [ns], or None."""
-    stamps = NO_STAMPS if log.imu is None else log.imu.stamps
-    if any((np.diff(of_sensor) <= 0).any() for of_sensor in (log.tracks.stamps, stamps)):
+    """Interval (begin, end] of stamps to feed as arrays [ns]; None to feed one by one."""
+    stamps, track_stamps = NO_STAMPS if log.imu is None else log.imu.stamps, log.tracks.stamps
+    if (np.diff(track_stamps) <= 0).any() or (np.diff(stamps) <= 0).any():
         return None
-    if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(log.tracks.stamps):
+    if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(track_stamps):
         return None
     fastest = estimator.robot.vehicle.max_track_speed
     if estimator.marks or estimator.has_own_faults or has_absurd_readings(log, fastest):
         return None
-    newest = max(int(stamps[-1]), int(log.tracks.stamps[-1]))
+    newest = max(int(stamps[-1]), int(track_stamps[-1]))
     oldest_of_history = newest - round(estimator.settings.history / NANOSECOND)
     last = int(np.searchsorted(stamps, oldest_of_history)) - 1
-    # The filter has begun with the first track speeds.
-    first = int(np.searchsorted(stamps, log.tracks.stamps[0])) + FIRST_SAMPLES
+    # The filter begins with the first track speeds.
+    first = int(np.searchsorted(stamps, track_stamps[0])) + FIRST_SAMPLES
     return (int(stamps[first]), int(stamps[last])) if last - first >= LEAST_BULK else None

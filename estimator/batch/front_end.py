@@ -101,13 +101,13 @@ class FrontEnd:
     """
 
     def __init__(self, measured: Measured, steps: Steps, settings: InputSettings) -> None:
-        last = steps.tracks.max(initial=0), steps.samples.max(initial=0)
-        counts = measured.tracks.shape[1], measured.rates.shape[1]
+        tracks, samples = measured.tracks.shape[1], measured.rates.shape[1]
         fixes = steps.fixes[(steps.extras & POSITION) > 0]
+        # Counts of track speeds are ends of ranges, samples and fixes are indices.
         if (
-            counts != (len(measured.track_stamps), len(measured.imu_stamps))
-            or last[0] > counts[0]
-            or last[1] >= counts[1]
+            (tracks, samples) != (len(measured.track_stamps), len(measured.imu_stamps))
+            or steps.tracks.max(initial=0) > tracks
+            or steps.samples.max(initial=0) >= samples
             or (len(fixes) and fixes.max() >= measured.fixes.shape[1])
         ):
             raise BatchError("the steps of a run and its measurements have other stamps")
@@ -115,23 +115,24 @@ class FrontEnd:
             raise BatchError("a run lacks its first track speeds")
         # Steps count their stamps from the first track speeds.
         begin = measured.track_stamps[0]
-        since_first = measured.track_stamps - begin, measured.fix_stamps - begin
         self._steps = steps
-        self._measured = measured._replace(track_stamps=since_first[0], fix_stamps=since_first[1])
+        self._measured = measured._replace(
+            track_stamps=measured.track_stamps - begin, fix_stamps=measured.fix_stamps - begin
+        )
         lanes, imu = len(measured.tracks), measured.imu_stamps
         oldest = np.searchsorted(imu, imu - settings.duration_ns)
         # Twice as many as count at most, so that the buffers rarely have to be moved.
         room = 2 * (int((np.arange(len(imu)) - oldest).max(initial=0)) + 3)
         start = FilterRecord(settings)
-        early = imu[imu < measured.track_stamps[0]]
+        early = imu[imu < begin]
         if len(early):
-            start.imu.stamp = int(early[-1] - measured.track_stamps[0])
+            start.imu.stamp = int(early[-1] - begin)
         self._lanes = LaneRecords(
-            record_array(start, lanes),
-            np.zeros((lanes, room), np.int64),
-            np.zeros((lanes, room)),
-            np.zeros(lanes, np.int64),
-            np.full(lanes, -1),
+            records=record_array(start, lanes),
+            quiet_stamps=np.zeros((lanes, room), np.int64),
+            quiet_rates=np.zeros((lanes, room)),
+            fixes=np.zeros(lanes, np.int64),
+            judged=np.full(lanes, -1),
         )
         self._added = 0
 
@@ -192,33 +193,34 @@ def fill_lane(
                     measured.right_wheels[lane, added],
                 )
             added += 1
-        given, end, sample = inputs[k], steps.ends[k], steps.samples[k]
+        of_step, end, sample = inputs[k], steps.ends[k], steps.samples[k]
         if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
             force = measured.forces[lane, sample]
             of_imu = (end, measured.rates[lane, sample], force[0], force[1], True)
-            sample_inputs(record, stamps, rates, given, lane, *of_imu)
+            sample_inputs(record, stamps, rates, of_step, lane, *of_imu)
         else:
-            move_inputs(record, given, lane, end)
+            move_inputs(record, of_step, lane, end)
         now = speeds_at(record.tracks, end, record.settings.hold_ns)
-        given[ROW_NOW_LEFT, lane], given[ROW_NOW_RIGHT, lane] = now
+        of_step[ROW_NOW_LEFT, lane], of_step[ROW_NOW_RIGHT, lane] = now
         if steps.extras[k] & POSITION:
             fix = steps.fixes[k]
             for part in range(FIX_VALUES):
-                given[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
+                of_step[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
             is_new = add_fixes(
                 record.positions, lane, lanes, measured, fix, 0.5 * (now[0] + now[1])
             )
-            given[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
+            of_step[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
             before = lanes.judged[lane]
-            given[ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, before)
+            of_step[ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, before)
             if is_new:
                 lanes.judged[lane] = fix
             if steps.extras[k] & HEADING:
+                # The newest fix before with a heading.
                 headed = fix - 1
                 while headed >= 0 and not np.isfinite(measured.fixes[lane, headed, YAW_OF_FIX]):
                     headed -= 1
                 interval = counted_interval(measured.fix_stamps, fix, headed)
-                given[ROW_HEADING_INTERVAL, lane] = interval
+                of_step[ROW_HEADING_INTERVAL, lane] = interval
 
 
 def add_fixes(
@@ -226,17 +228,17 @@ def add_fixes(
 ) -> bool:
     """Add fixes up to an index; return False if the last repeats a position.
 
-    Those before it came before the first track speeds.
+    Those before it came before the first track speeds, so they have no speed.
     """
-    found = False
+    is_repeated = False
     while lanes.fixes[lane] <= fix:
         k = lanes.fixes[lane]
         x, y = measured.fixes[lane, k, 0], measured.fixes[lane, k, 1]
-        found = repeats(place, measured.fix_stamps[k], x, y, speed if k == fix else 0.0)
+        is_repeated = repeats(place, measured.fix_stamps[k], x, y, speed if k == fix else 0.0)
         if k < fix:
             lanes.judged[lane] = k
         lanes.fixes[lane] = k + 1
-    return not found
+    return not is_repeated
 
 
 def counted_interval(stamps: Stamps, fix: int, before: int) -> float:

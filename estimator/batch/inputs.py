@@ -46,30 +46,29 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
         track_stamps = logs[0].tracks.stamps
         if not all(np.array_equal(log.tracks.stamps, track_stamps) for log in logs):
             track_stamps = np.unique(np.concatenate([log.tracks.stamps for log in logs]))
-    found = [wheels_of(log.tracks) for log in logs]
-    tracks, left, right = (
-        np.full((len(logs), len(track_stamps), most), np.nan)
-        for most in (2, *(max(one.shape[1] for one in side) for side in zip(*found, strict=True)))
-    )
-    for row, (log, of_wheels) in enumerate(zip(logs, found, strict=True)):
+    # Speeds of tracks, left and right wheels of each log; NaN where it lacks a stamp.
+    speeds = [(log.tracks.speeds, *wheels_of(log.tracks)) for log in logs]
+    counts = [max(part.shape[1] for part in parts) for parts in zip(*speeds, strict=True)]
+    filled = [np.full((len(logs), len(track_stamps), count), np.nan) for count in counts]
+    for row, (log, parts) in enumerate(zip(logs, speeds, strict=True)):
         stamps = log.tracks.stamps
         if not np.isin(stamps, track_stamps).all():
             raise BatchError(f"track speeds of {log.name!r} have stamps that no track speeds have")
         at = np.searchsorted(track_stamps, stamps)
-        for values, one in zip((tracks, left, right), (log.tracks.speeds, *of_wheels), strict=True):
-            if values.shape[2] != one.shape[1]:
+        for values, part in zip(filled, parts, strict=True):
+            if values.shape[2] != part.shape[1]:
                 raise BatchError(f"{log.name!r} has the speeds of other wheels than the first log")
-            values[row, at] = one
+            values[row, at] = part
     sensors = SensorModels(robot)
     rates = np.stack([sensors.rates(imu.angular_velocity) for imu in imus])
-    along = np.stack([sensors.along_ground_of(one) for one in forces])
+    along = np.stack([sensors.along_ground_of(force) for force in forces])
     fixes = np.zeros((len(logs), len(fix_stamps), FIX_VALUES))
     for row, log in enumerate(logs):
         if log.fixes is not None and len(fix_stamps):
             of_log = log.fixes
             fixes[row] = np.column_stack([of_log.poses, of_log.variances, of_log.lever_arms])
-    of_tracks = track_stamps, tracks, left, right
-    return Measured(*of_tracks, imu_stamps, rates, along, fix_stamps, fixes)
+    tracks, left, right = filled
+    return Measured(track_stamps, tracks, left, right, imu_stamps, rates, along, fix_stamps, fixes)
 
 
 def _imu_and_forces(log: Log) -> tuple[ImuSeries, Floats]:

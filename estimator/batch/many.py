@@ -47,7 +47,7 @@ def run_many(
         Trajectories, one for each log.
 
     Raises:
-        EstimatorError: there are no logs, `every` is no time, or no such variant.
+        EstimatorError: there are no logs, `every` is not positive, or no such variant.
         BatchError: filters side by side do not support the variant or the logs; the message gives the
             reason.
     """
@@ -68,7 +68,7 @@ def run_many(
     heading = has_heading(measured.fixes)
     stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
     steps = steps_of(*stamps, ticks, heading=heading)
-    found: list[Trajectory] = []
+    trajectories: list[Trajectory] = []
     for first in range(0, len(logs), filters.width):
         # A group that is not full runs its last log more than once.
         group = [min(first + lane, len(logs) - 1) for lane in range(filters.width)]
@@ -80,7 +80,7 @@ def run_many(
             start_sigma=np.array(start_sigma, dtype=float),
         )
         path = side_by_side(ticks, worked)
-        found += [
+        trajectories += [
             Trajectory(
                 ticks,
                 path.poses[:, lane],
@@ -90,7 +90,7 @@ def run_many(
             )
             for lane in range(min(filters.width, len(logs) - first))
         ]
-    return found
+    return trajectories
 
 
 def _tick_stamps(imu: Stamps, every: float) -> Stamps:

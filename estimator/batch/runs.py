@@ -51,9 +51,10 @@ def work_through_runs(
     """
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2
+    # Filters with the same measurements, settings and type of numbers share their inputs.
     keys = [
-        (id(data), input_settings(one.robot, one.settings), one.number)
-        for one, data in zip(filters, measured, strict=True)
+        (id(data), input_settings(own.robot, own.settings), own.number)
+        for own, data in zip(filters, measured, strict=True)
     ]
     fronts: dict[tuple[int, InputSettings, Any], FrontEnd] = {}
     for key, data in zip(keys, measured, strict=True):
@@ -62,31 +63,26 @@ def work_through_runs(
     inputs = {
         key: aligned(PART * len(INPUTS) * width, key[2]).reshape(PART, -1, width) for key in fronts
     }
-    begun = [
-        one.begin(data.first_speeds(key[1]), start, start_sigma)
-        for one, data, key in zip(filters, measured, keys, strict=True)
+    lanes = [
+        own.begin(data.first_speeds(key[1]), start, start_sigma)
+        for own, data, key in zip(filters, measured, keys, strict=True)
     ]
-    tables = [one.prepare(steps) for one in filters]
+    tables = [own.prepare(steps) for own in filters]
     estimates = [np.zeros((ticks, len(ESTIMATE), width)) for _ in filters]
     for begin in range(0, len(steps.kinds), PART):
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
         for key, front in fronts.items():
             front.fill(begin, end, inputs[key][: end - begin])
-        for number, one in enumerate(filters):
-            inputs_of_one, room = inputs[keys[number]], estimates[number][int(part.ticks[0]) :]
-            table = tables[number][begin:end]
-            one.work_through(begun[number], inputs_of_one[: end - begin], part, table, room)
-    return [Worked(*of_one) for of_one in zip(begun, estimates, strict=True)]
+        for number, own in enumerate(filters):
+            part_inputs = inputs[keys[number]][: end - begin]
+            table, room = tables[number][begin:end], estimates[number][int(part.ticks[0]) :]
+            own.work_through(lanes[number], part_inputs, part, table, room)
+    return [Worked(*pair) for pair in zip(lanes, estimates, strict=True)]
 
 
 def side_by_side(stamps: Stamps, worked: Worked) -> Trajectory:
-    """Trajectory of all lanes: its arrays have an axis for them after the first.
-
-    Args:
-        stamps: (n,) stamps of the ticks [ns].
-        worked: the filters.
-    """
+    """Trajectory of all lanes at the ticks (n,) [ns]; lanes are the second axis."""
     rows = worked.estimates[: len(stamps)]
     return Trajectory(
         stamps,

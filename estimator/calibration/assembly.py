@@ -103,81 +103,74 @@ def assembled(
         shared: fit of each model with the difference of the likeliest one.
         radii: fit of the likeliest model.
         comparison: comparison of the models in `shared`.
-        again: refits a model: its name, the robot, initial values, names that are held there.
+        again: refits a model: its name, the robot, initial values, parameters to hold at these.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
     """
     main = shared[comparison.supported]
     notes = []
-    may_be_right = _supported_fits(fits, comparison)
+    supported = _supported_fits(fits, comparison)
     common = [name for name in COMMON if name in main.problem.names]
-    # What one model takes for a latency another explains by inertia: all that may be right must agree.
-    kept = frozenset[str]().union(*(one.not_contradicted(common) for one in may_be_right))
-    new = with_common(robot, main, radii, may_be_right, speeds_by_radius, kept)
+    # What one model takes for a latency another explains by inertia: a value of the file is kept unless
+    # all models that may be right contradict it.
+    kept = frozenset[str]().union(*(one.not_contradicted(common) for one in supported))
+    new = with_common(robot, main, radii, supported, speeds_by_radius, kept)
     if not speeds_by_radius and not robot.log:
         notes.append(
             f"track speeds are not by sprocket_radius: scale_sigma covers {main.value('scale'):.4f}"
         )
     written = main.with_start_of(kept)
-    scaled = {name: written.value(name) for name in {"scale", *kept}}
-    scaled["difference"] = new.tracks.difference
-    stays = {COMMON[name] for name in kept}
+    given = {name: written.value(name) for name in {"scale", *kept}}
+    given["difference"] = new.tracks.difference
+    kept_rows = {COMMON[name] for name in kept}
+    # Each model is fitted again with the common values that the new file has, and once more with the
+    # file's values of its own parameters, where the logs do not contradict these.
     usable = dict(shared)
     for name in ("constant", "inertia"):
         if name not in fits:
             continue
-        usable[name] = _refitted(shared[name], name, robot, scaled, again)
-        own = usable[name].not_contradicted(
-            one.name for one in usable[name].problem.model.parameters
-        )
-        start = dict(zip(usable[name].problem.names, usable[name].problem.start, strict=True))
-        filed = {one: float(start[one]) for one in own}
-        new = _put(_refitted(usable[name], name, robot, scaled | filed, again, bool(own)), new)
-        stays |= _rows_of(name, own)
-    parameters = _parameters(robot, new, fits, usable, main, radii, speeds_by_radius)
+        usable[name] = model_fit = _refitted(shared[name], name, robot, given, again)
+        problem = model_fit.problem
+        own = model_fit.not_contradicted(parameter.name for parameter in problem.model.parameters)
+        of_file = {one: float(problem.start[problem.place(one)]) for one in own}
+        final = _refitted(model_fit, name, robot, given | of_file, again, always=bool(own))
+        new = _put(final, new)
+        kept_rows |= _rows_of(name, own)
     if not speeds_by_radius:
-        stays -= {"sprocket_radius"}
-    parameters = tuple(
-        replace(
-            _with_other_logs(one, len(main.problem.recording.motions)),
-            note="; ".join(
-                filter(None, [one.note, _kept(one, new) if one.sigma and one.name in stays else ""])
-            ),
-            is_default=one.before is not None and _is_default(robot, one.name),
-        )
-        for one in parameters
-    )
+        kept_rows -= {"sprocket_radius"}
+    rows = []
+    for row in _parameters(robot, new, fits, usable, main, radii, speeds_by_radius):
+        of_kept = _note_of_kept(row, new) if row.sigma and row.name in kept_rows else ""
+        note = "; ".join(filter(None, [row.note, of_kept]))
+        is_default = row.before is not None and _is_default(robot, row.name)
+        whole = _with_other_logs(row, len(main.problem.recording.motions))
+        rows.append(replace(whole, note=note, is_default=is_default))
     names, correlations = _correlations(fits.get("inertia", fits["constant"]))
     return Calibration(
-        new,
-        parameters,
-        names,
-        correlations,
-        _logs(main),
-        comparison,
-        _verdict(comparison),
-        _residuals(shared["constant"], main),
-        (*notes, BY_TRACKS_ALONE),
+        robot=new,
+        parameters=tuple(rows),
+        correlation_names=names,
+        correlations=correlations,
+        logs=_logs(main),
+        comparison=comparison,
+        verdict=_verdict(comparison),
+        residuals=_residuals(shared["constant"], main),
+        notes=(*notes, BY_TRACKS_ALONE),
     )
 
 
-def _kept(one: FoundParameter, new: Robot) -> str:
+def _note_of_kept(row: FoundParameter, new: Robot) -> str:
     """Note on a parameter that the logs do not contradict, by what the new file has."""
-    key = one.name.removeprefix("indices.")
-    of_friction = key != one.name and getattr(new.indices, key) != one.before
+    key = row.name.removeprefix("indices.")
+    of_friction = key != row.name and getattr(new.indices, key) != row.before
     return OF_FRICTION if of_friction else KEPT
 
 
-def _with_other_logs(one: FoundParameter, logs: int) -> FoundParameter:
-    """Add the standard error for other logs of the same robot.
-
-    Args:
-        one: the parameter.
-        logs: number of logs it was found from.
-    """
-    if one.sigma is None:
-        return one
-    between = SHARES.get(one.name, 0.0) * abs(one.value) + SIZES.get(one.name, 0.0)
-    return replace(one, sigma_other_logs=math.hypot(one.sigma, between / math.sqrt(logs)))
+def _with_other_logs(row: FoundParameter, logs: int) -> FoundParameter:
+    """Add the standard error for other logs to a parameter found from some logs."""
+    if row.sigma is None:
+        return row
+    between = SHARES.get(row.name, 0.0) * abs(row.value) + SIZES.get(row.name, 0.0)
+    return replace(row, sigma_other_logs=math.hypot(row.sigma, between / math.sqrt(logs)))
 
 
 def _is_default(robot: Robot, name: str) -> bool:
@@ -190,8 +183,8 @@ def _is_default(robot: Robot, name: str) -> bool:
     fields = () if table is None else msgspec.structs.fields(table)
     key = OF_MOUNTING.get(key, key)
     return any(
-        one.name == key and not one.required and getattr(table, key) == one.default
-        for one in fields
+        field.name == key and not field.required and getattr(table, key) == field.default
+        for field in fields
     )
 
 
@@ -215,16 +208,16 @@ def with_difference(
 
 
 def as_found(robot: Robot, found: Fit) -> Robot:
-    """Robot with the model's parameters and the gyro's scale of a fit."""
+    """Robot with the parameters of a fit's model, and with its scale of the gyro."""
     imu = msgspec.structs.replace(robot.imu, gyro_scale=found.value("gyro_scale"))
     return _put(found, msgspec.structs.replace(robot, imu=imu))
 
 
 def _refitted(
-    found: Fit, name: str, robot: Robot, given: dict[str, float], again: Again, needed: bool = False
+    found: Fit, name: str, robot: Robot, given: dict[str, float], again: Again, always: bool = False
 ) -> Fit:
-    """Fit with given parameters; no new one if it nearly has them and none is needed."""
-    if not needed and all(abs(found.value(one) - to) <= MOVED for one, to in given.items()):
+    """Refit with given parameters; not if the fit nearly has them, unless `always`."""
+    if not always and all(abs(found.value(key) - value) <= MOVED for key, value in given.items()):
         return found
     start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | given
     return again(name, robot, start, frozenset(given))
@@ -254,43 +247,36 @@ def _parameters(
     radii: Fit,
     speeds_by_radius: bool,
 ) -> tuple[FoundParameter, ...]:
-    radius = robot.vehicle.sprocket_radius
-    found = [
-        _plain(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)
+    """Rows of the results: common parameters, then those of each model."""
+    radius, difference = robot.vehicle.sprocket_radius, robot.tracks.difference
+    rows = [
+        _row(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)
         if speeds_by_radius
-        else _plain(main, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale"),
-        _plain(
-            radii,
-            "difference",
-            "tracks.difference",
-            "-",
-            before=robot.tracks.difference,
-            note=written_difference(robot, radii)[1],
-        ),
-        _plain(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale),
+        else _row(main, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale")
     ]
-    found[-1] = replace(found[-1], value=new.imu.gyro_scale)
-    found.append(_bias(robot, main))
+    note = written_difference(robot, radii)[1]
+    rows.append(_row(radii, "difference", "tracks.difference", "-", before=difference, note=note))
+    gyro_scale = _row(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale)
+    # That of the new file is for the calibrated mounting.
+    rows += [replace(gyro_scale, value=new.imu.gyro_scale), _bias(robot, main)]
     before, after = robot.imu.rotation_rpy_deg, new.imu.rotation_rpy_deg
-    for at, (_, error) in enumerate(mounting_turns(main)):
-        name, known = ("imu.roll", "imu.pitch", "imu.yaw")[at], np.isfinite(error)
+    for axis, (_, error) in enumerate(mounting_turns(main)):
+        name, known = ("imu.roll", "imu.pitch", "imu.yaw")[axis], np.isfinite(error)
         status: Status = "shown" if known else "held"
         sigma = float(np.degrees(error)) if known else None
-        found.append(FoundParameter(name, "deg", after[at], sigma, status, before[at]))
-    found += [
-        _plain(main, name, name.replace("imu_", "imu."), "m", before=0.0)
+        rows.append(FoundParameter(name, "deg", after[axis], sigma, status, before[axis]))
+    rows += [
+        _row(main, name, name.replace("imu_", "imu."), "m", before=0.0)
         for name in ("imu_forward", "imu_left")
         if name in main.problem.names
     ]
-    found += [
-        _plain(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in ("forward", "left")
-    ]
+    rows += [_row(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in ("forward", "left")]
     note = "extra delay, added to log.tracks.latency"
-    found.append(_plain(main, "track_latency", "track_latency", "s", note=note))
-    found += _constant(robot, usable["constant"], fits["constant"])
+    rows.append(_row(main, "track_latency", "track_latency", "s", note=note))
+    rows += _constant(robot, usable["constant"], fits["constant"])
     if "inertia" in usable:
-        found += _inertia(robot, usable["inertia"], fits["inertia"])
-    return tuple(found)
+        rows += _inertia(robot, usable["inertia"], fits["inertia"])
+    return tuple(rows)
 
 
 def _bias(robot: Robot, main: Fit) -> FoundParameter:
@@ -308,7 +294,7 @@ def _status(found: Fit, name: str) -> Status:
     return "shown" if found.shown[found.problem.place(name)] else "conditional"
 
 
-def _plain(
+def _row(
     found: Fit,
     name: str,
     called: str,
@@ -319,111 +305,111 @@ def _plain(
     note: str = "",
     sigmas: Fit | None = None,
 ) -> FoundParameter:
-    """Parameter of a fit; its standard error is from the fit `sigmas`, if given."""
-    of = sigmas or found
+    """Row of a parameter: value of `found`, standard error of `sigmas` if given.
+
+    Value and error are times `factor`. A held one has the file's value `before`, if there is one.
+    """
+    errors = sigmas or found
     return FoundParameter(
-        called,
-        unit,
-        factor * found.value(name) if of.is_free(name) or before is None else before,
-        factor * of.sigma(name) if of.is_free(name) else None,
-        _status(of, name),
-        before,
-        note,
+        name=called,
+        unit=unit,
+        value=factor * found.value(name) if errors.is_free(name) or before is None else before,
+        sigma=factor * errors.sigma(name) if errors.is_free(name) else None,
+        status=_status(errors, name),
+        before=before,
+        note=note,
     )
 
 
-def _constant(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
-    """ICRs of the constant model from its indices."""
+def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
+    """ICRs of the constant model by its indices; standard errors are of `sigmas`."""
     gauge, before = robot.vehicle.track_gauge, robot.constant_indices
-    epsilon, eta = (free.problem.place(name) for name in ("epsilon0", "eta0"))
+    epsilon, eta = (sigmas.problem.place(name) for name in ("epsilon0", "eta0"))
     order: tuple[Status, ...] = ("held", "conditional", "shown")
-    worst = min((_status(free, name) for name in ("epsilon0", "eta0")), key=order.index)
-    if worst == "held" and free.is_free("eta0"):
+    worst = min((_status(sigmas, name) for name in ("epsilon0", "eta0")), key=order.index)
+    # With epsilon0 held, the ICRs still follow from eta0.
+    if worst == "held" and sigmas.is_free("eta0"):
         worst = "conditional"
-    result = []
+    rows = []
     for name, side in (("x_ICRl", -0.5), ("x_ICRr", 0.5)):
-        gradient = np.zeros(len(free.values))
+        gradient = np.zeros(len(sigmas.values))
         gradient[epsilon], gradient[eta] = 1.0, side * gauge
-        variance = float(gradient @ free.covariance @ gradient)
+        variance = float(gradient @ sigmas.covariance @ gradient)
         # The variances that the jackknife adds to either enter in full.
         extra = sum(
-            (slope * free.sigmas[at]) ** 2 - slope**2 * free.covariance[at, at]
-            for at, slope in ((epsilon, 1.0), (eta, side * gauge))
-            if free.free[at]
+            (slope * sigmas.sigmas[place]) ** 2 - slope**2 * sigmas.covariance[place, place]
+            for place, slope in ((epsilon, 1.0), (eta, side * gauge))
+            if sigmas.free[place]
         )
         sigma = float(np.sqrt(max(variance, 0.0) + max(float(extra), 0.0)))
-        result.append(
+        rows.append(
             FoundParameter(
-                f"constant_icr.{name}",
-                "m",
-                found.value("epsilon0") + side * gauge * found.value("eta0"),
-                None if worst == "held" else sigma,
-                worst,
-                before.epsilon0 + side * gauge * before.eta0,
-                "" if free.is_free("epsilon0") else "spacing estimated, midpoint from the file",
+                name=f"constant_icr.{name}",
+                unit="m",
+                value=found.value("epsilon0") + side * gauge * found.value("eta0"),
+                sigma=None if worst == "held" else sigma,
+                status=worst,
+                before=before.epsilon0 + side * gauge * before.eta0,
+                note=""
+                if sigmas.is_free("epsilon0")
+                else "spacing estimated, midpoint from the file",
             )
         )
-    return [
-        *result,
-        _plain(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=free),
-        _plain(
-            found,
-            "eta0",
-            "effective_track",
-            "m",
-            factor=gauge,
-            before=gauge * before.eta0,
-            note="eta0 of constant ICRs times the gauge",
-            sigmas=free,
-        ),
-    ]
+    y_ICR = _row(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=sigmas)
+    effective_track = _row(
+        found,
+        "eta0",
+        "effective_track",
+        "m",
+        factor=gauge,
+        before=gauge * before.eta0,
+        sigmas=sigmas,
+    )
+    note = "eta0 of constant ICRs times the gauge"
+    return [*rows, y_ICR, replace(effective_track, note=note)]
 
 
-def _inertia(robot: Robot, found: Fit, free: Fit) -> list[FoundParameter]:
+def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
+    """Indices of the inertia-based model; standard errors are of `sigmas`."""
     indices = robot.indices
-    x_CM = free.problem.model.vehicle.x_CM
+    x_CM = sigmas.problem.model.vehicle.x_CM
     gauge = robot.vehicle.track_gauge
     half = 0.5 * gauge * found.value("eta0")
     epsilon = found.value("epsilon0")
+    # H is the ratio of the track speeds as the robot turns about its centre of mass.
     implied = (half - epsilon + x_CM) / (half + epsilon - x_CM)
     note = f"acts in the literal form only; the ICRs found imply {implied:.3f}"
-    return [
-        FoundParameter("indices.H", "-", indices.H, None, "held", indices.H, note),
-        *(
-            _plain(
-                found,
-                parameter.name,
-                f"indices.{parameter.name}",
-                parameter.unit,
-                before=getattr(indices, parameter.name),
-                sigmas=free,
-            )
-            for parameter in free.problem.model.parameters
-        ),
-    ]
+    rows = [FoundParameter("indices.H", "-", indices.H, None, "held", indices.H, note)]
+    for name, unit, *_ in sigmas.problem.model.parameters:
+        before = getattr(indices, name)
+        rows.append(_row(found, name, f"indices.{name}", unit, before=before, sigmas=sigmas))
+    return rows
 
 
 def _correlations(found: Fit) -> tuple[tuple[str, ...], Floats]:
-    at = np.flatnonzero(found.free)
-    covariance = found.covariance[np.ix_(at, at)]
+    """Names (c,) and correlations (c, c) of the free parameters."""
+    places = np.flatnonzero(found.free)
+    covariance = found.covariance[np.ix_(places, places)]
     sigma = np.sqrt(np.diag(covariance))
-    return tuple(found.problem.names[place] for place in at), covariance / np.outer(sigma, sigma)
+    names = tuple(found.problem.names[place] for place in places)
+    return names, covariance / np.outer(sigma, sigma)
 
 
 def _logs(main: Fit) -> tuple[OfLog, ...]:
+    """Parameters and segments of each log, by the supported model."""
     recording = main.problem.recording
-    speeds = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
+    ways = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
     result = []
     for log, motion in enumerate(recording.motions):
-        own, lag = recording.log == log, f"lag[{log}]"
+        own, bias, lag = recording.log == log, f"gyro_bias[{log}]", f"lag[{log}]"
         result.append(
             OfLog(
-                motion.log.name,
-                (main.value(f"gyro_bias[{log}]"), finite(main.sigma(f"gyro_bias[{log}]"))),
-                (main.value(lag), finite(main.sigma(lag))) if main.is_free(lag) else None,
-                int((own & recording.moving).sum()),
-                int((own & ~recording.moving).sum()),
-                float(main.value("scale") * speeds[own & recording.moving].sum()),
+                name=motion.log.name,
+                gyro_bias=(main.value(bias), finite(main.sigma(bias))),
+                lag=(main.value(lag), finite(main.sigma(lag))) if main.is_free(lag) else None,
+                segments=int((own & recording.moving).sum()),
+                still=int((own & ~recording.moving).sum()),
+                distance=float(main.value("scale") * ways[own & recording.moving].sum()),
             )
         )
     return tuple(result)
@@ -443,14 +429,15 @@ def _residuals(constant: Fit, main: Fit) -> Residuals:
     begin = np.zeros(len(recording.motions))
     begin[1:] = np.cumsum([one.log.duration for one in recording.motions])[:-1]
     return Residuals(
-        (middle + begin[recording.log])[moving],
-        (recording.turned[:, -1] - recording.turned[:, 0])[moving],
-        problem.rows(values)[moving][:, rows],
-        main.residuals[moving][:, rows],
+        seconds=(middle + begin[recording.log])[moving],
+        turning=(recording.turned[:, -1] - recording.turned[:, 0])[moving],
+        before=problem.rows(values)[moving][:, rows],
+        after=main.residuals[moving][:, rows],
     )
 
 
 def _verdict(comparison: ModelComparison) -> str:
+    """Sentences on the supported model, and on each other one next to it."""
     chosen = comparison.supported
     score = comparison.score(chosen)
     verdict = (
@@ -463,11 +450,12 @@ def _verdict(comparison: ModelComparison) -> str:
         if name == chosen:
             continue
         pair = comparison.difference(chosen, name)
+        # Interval of the other model's drift less that of the chosen one.
         low, high = pair.drift_low, pair.drift_high
         if pair.model == chosen:
             low, high = -high, -low
-        sides = "worse" if other.drift_percent > score.drift_percent else "better"
-        word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {sides}"
+        tendency = "worse" if other.drift_percent > score.drift_percent else "better"
+        word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {tendency}"
         parts.append(
             f"{CALLED[name]} {'are' if name in PLURAL else 'is'} {word} "
             f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"

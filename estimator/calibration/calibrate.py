@@ -35,8 +35,9 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 SEGMENT = 3.0
 """Length of a segment [s]."""
 SHORTEST, LONGEST = 1.0, 20.0
+"""Limits of that length [s]."""
 LEAST_MOVED = 0.02
-"""Way of a truth over that of the tracks, below which one of them shows no motion [-]."""
+"""Distance of a truth over that of the tracks, below which the truth stands still [-]."""
 ALIKE, OTHER_UNIT = 0.8, 2.0
 """Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
 AGAINST = -0.3
@@ -71,7 +72,7 @@ def calibrate(
         lever_arm: point of the truth in base_link, forward and left [m], if known.
         models: models of `MODELS` to fit and compare, "constant" among them.
         speeds_by_radius: True if the track speeds were made with the sprocket radius, so that their scale
-            corrects it; otherwise the scale goes into `tracks.scale_sigma` and a note.
+            corrects it; otherwise that in `log.tracks`, or without a log `tracks.scale_sigma` and a note.
         progress: called with the share done, 0 to 1.
 
     Returns:
@@ -127,7 +128,9 @@ def calibrate(
     report(0.1)
     scale, difference = first.value("scale"), first.value("difference")
     latency = first.value("track_latency")
-    known = with_common(as_found(robot, first), first, first, [first], True)
+    known = with_common(
+        as_found(robot, first), first, radii=first, supported=[first], speeds_by_radius=True
+    )
     motions = [
         replace(motion, forces=ground_forces(motion.log, known, scale, latency))
         for motion in motions
@@ -147,15 +150,16 @@ def calibrate(
     shared = with_difference(fits, radii.value("difference"), robot, again)
     comparison = validate(shared)
     report(0.9)
-    found = assembled(
+    calibration = assembled(
         robot, fits, shared, radii, comparison, again, speeds_by_radius=speeds_by_radius
     )
     report(1.0)
-    return replace(found, notes=(*found.notes, *(text for _, texts in headed for text in texts)))
+    remarks = (remark for _, of_log in headed for remark in of_log)
+    return replace(calibration, notes=(*calibration.notes, *remarks))
 
 
 def _check_truths(logs: Sequence[Log]) -> None:
-    """Refuse a truth that stays where it is while the tracks drive."""
+    """Reject a truth that stays where it is while the tracks drive."""
     for log in logs:
         if log.truth is None or len(log.tracks.stamps) < 2 or len(log.truth.poses.stamps) < 2:
             continue
@@ -188,25 +192,26 @@ def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
         return log, ()
     path = plain_path(log.tracks, imu, rates)
     lag = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
-    late = 0 if isinstance(lag, NoLag) else round(lag.seconds / NANOSECOND)
-    found = headings_by_path(truth.poses, PoseSeries(path.stamps + late, path.poses))
-    if found is None:
+    lag_ns = 0 if isinstance(lag, NoLag) else round(lag.seconds / NANOSECOND)
+    headings = headings_by_path(truth.poses, PoseSeries(path.stamps + lag_ns, path.poses))
+    if headings is None:
         raise EstimatorError(
             f"log {log.name!r}: the headings of the truth {fault}, and the robot moves too little to "
             "find them from its path; drive a longer way, or give a truth with headings"
         )
     remark = (
         f"{log.name}: the headings of the truth {fault}; they were found from the path of tracks and "
-        f"gyro, ± {math.degrees(found.sigma):.1f}°. Sideslip looks like a heading then: zeta0, zeta1, "
+        f"gyro, ± {math.degrees(headings.sigma):.1f}°. Sideslip looks like a heading then: zeta0, zeta1, "
         "y_ICR and the difference of the radii are less certain than stated. Of the gyro such headings "
         "show nothing: its scale and bias are by the tracks and the positions"
     )
     # Twists of such a truth are not used.
-    truth = replace(truth, poses=found.poses, twists=None, headings=True)
+    truth = replace(truth, poses=headings.poses, twists=None, headings=True)
     return replace(log, truth=truth), (remark,)
 
 
 def _models(wanted: Sequence[str]) -> list[str]:
+    """Names of the wanted models, checked, in the order of `MODELS`."""
     for name in wanted:
         if name not in MODELS:
             raise EstimatorError(f"no model named {name!r}; there are {', '.join(MODELS)}")
@@ -216,36 +221,34 @@ def _models(wanted: Sequence[str]) -> list[str]:
 
 
 def _check_signs(problem: Problem) -> None:
-    """Reject a gyro or tracks that turn against the truth, or a gyro in another unit.
-
-    Raises:
-        EstimatorError: they do.
-    """
+    """Reject gyro or tracks that turn or drive against the truth, or in another unit."""
     recording = problem.recording
     moving = recording.moving
-    _, _, yaw = recording.knots(np.array([one.lag for one in recording.motions]))
-    by_truth = (yaw[recording.ends] - yaw[recording.starts])[moving]
+    _, _, yaw = recording.knots(np.array([motion.lag for motion in recording.motions]))
     speeds = recording.speeds(0.0)[moving]
-    gyro = (recording.turned[:, -1] - recording.turned[:, 0])[moving]
-    difference = (speeds[..., 1] - speeds[..., 0]).sum(axis=1)
-    way = np.abs(speeds.mean(axis=-1)).sum(axis=1)
-    for what, values, hint in (
-        ("the gyro", gyro, "correct rotation_rpy_deg in [imu]: `icreckon inspect` proposes it"),
-        ("the tracks", difference, "left and right may be swapped in [log.tracks]"),
+    # Turning in each segment: by the truth, the gyro, and the tracks (in an arbitrary unit).
+    by_truth = (yaw[recording.ends] - yaw[recording.starts])[moving]
+    by_gyro = (recording.turned[:, -1] - recording.turned[:, 0])[moving]
+    by_tracks = (speeds[..., 1] - speeds[..., 0]).sum(axis=1)
+    for sensor, turning, hint in (
+        ("the gyro", by_gyro, "correct rotation_rpy_deg in [imu]: `icreckon inspect` proposes it"),
+        ("the tracks", by_tracks, "left and right may be swapped in [log.tracks]"),
     ):
-        if _correlation(values, by_truth) < AGAINST:
-            raise EstimatorError(f"{what} turned against the truth; {hint}")
-    size = float(by_truth @ by_truth)
-    ratio = float(gyro @ by_truth) / size if size > 0.0 else 1.0
-    alike = _correlation(gyro, by_truth) >= ALIKE
-    if alike and not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
+        if _correlation(turning, by_truth) < AGAINST:
+            raise EstimatorError(f"{sensor} turned against the truth; {hint}")
+    square = float(by_truth @ by_truth)
+    ratio = float(by_gyro @ by_truth) / square if square > 0.0 else 1.0
+    ratio_shows = _correlation(by_gyro, by_truth) >= ALIKE
+    if ratio_shows and not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
         raise EstimatorError(
             f"the gyro turns {ratio:.3g} times as far as the truth: one of them is in another unit "
             "(57.3: the gyro is in deg/s)"
         )
-    residuals = problem.rows(problem.start)[moving][:, ALONG]
     forward = speeds.mean(axis=-1).sum(axis=1) * recording.cell
-    if _correlation(residuals + forward, forward) < AGAINST and way.sum() > 0.0:
+    # Residuals are truth less model.
+    true_forward = problem.rows(problem.start)[moving][:, ALONG] + forward
+    moves = np.abs(speeds.mean(axis=-1)).sum() > 0.0
+    if _correlation(true_forward, forward) < AGAINST and moves:
         raise EstimatorError(
             "the tracks drove against the truth; the sign of the track speeds, or the truth's yaw, is "
             "reversed"
@@ -253,6 +256,7 @@ def _check_signs(problem: Problem) -> None:
 
 
 def _correlation(a: Floats, b: Floats) -> float:
+    """Correlation about zero, not about the means; 0 if one series is constant."""
     if np.ptp(a) == 0.0 or np.ptp(b) == 0.0:
         return 0.0
     return float((a @ b) / np.sqrt((a @ a) * (b @ b)))

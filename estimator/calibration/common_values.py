@@ -18,20 +18,23 @@ KEPT = "not significantly different: the file's is kept"
 """Note on a value that is not written."""
 OF_FRICTION = "not significantly different from Coulomb friction's, which is written"
 """Note on a gain that the file does not have."""
+LARGEST_APART = 0.1
+"""Largest difference of a log's scale from that of all logs that counts [-]."""
 LEAST_LATENCY = 2e-3
 """A smaller latency of the track speeds is not written to the robot file [s]."""
 
 
-def _deviation(main: Fit, others: Sequence[Fit], name: str, known: float) -> float:
+def _deviation(main: Fit, supported: Sequence[Fit], name: str, of_file: float) -> float:
     """Standard deviation of a parameter over logs and over models that may be right."""
-    by_model = np.mean([(one.value(name) - main.value(name)) ** 2 for one in others])
-    return float(np.hypot(_sigma_over_logs(main, name, known), np.sqrt(by_model)))
+    over_models = np.mean([(fit.value(name) - main.value(name)) ** 2 for fit in supported])
+    return float(np.hypot(_sigma_over_logs(main, name, of_file), np.sqrt(over_models)))
 
 
 def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
     """Difference of the radii for the robot file [-], and why it is not the one found.
 
-    What the file has stays, unless the logs contradict it; one within its error of zero is zero then.
+    The file's value stays, unless the logs contradict it; if the new one is within its error of zero, it
+    is zero.
     """
     before = robot.tracks.difference
     value, sigma = radii.value("difference"), radii.sigma("difference")
@@ -78,14 +81,14 @@ def common_bias(robot: Robot, main: Fit) -> CommonBias:
     count = len(logs)
     mean = float(biases.mean())
     spread = float(biases.var(ddof=1)) if count > 1 else 0.0
-    # The spread of the estimates has their errors in it.
+    # The spread of the estimates contains their errors, so the larger of both counts.
     error = float(np.sqrt(max(spread / count, np.sum(errors**2) / count**2)))
     if abs(mean - imu.gyro_bias) > SURE * error:
         between = (np.sum((biases - mean) ** 2) + imu.gyro_bias_sigma**2) / count
         return CommonBias(mean, error, mean, float(np.sqrt(between + error**2)))
     off = biases - imu.gyro_bias
-    about = (np.sum(off**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
-    sigma = float(np.sqrt(about))
+    variance = (np.sum(off**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
+    sigma = float(np.sqrt(variance))
     # One log does not show how much logs differ; one that agrees with the file confirms it.
     sigma = min(sigma, imu.gyro_bias_sigma) if count == 1 else sigma
     return CommonBias(mean, error, imu.gyro_bias, sigma)
@@ -106,7 +109,8 @@ def with_common(
         main: fit of the supported model.
         radii: fit of the likeliest model, for the difference of the radii.
         supported: fits of all models that may be right.
-        speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
+        speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius; otherwise it
+            goes into the scale of the robot's logs, or else into `tracks.scale_sigma`.
         kept: parameters that stay as in the file, since the logs do not contradict it. Their standard
             deviations do not grow.
     """
@@ -125,9 +129,9 @@ def with_common(
     difference, difference_sigma = written_difference(robot, radii)[0], tracks.difference_sigma
     if radii.is_free("difference"):
         spread = _deviation(radii, supported, "difference", difference_sigma)
-        found = float(np.hypot(radii.sigma("difference"), spread))
+        new_sigma = float(np.hypot(radii.sigma("difference"), spread))
         stays = difference == tracks.difference
-        difference_sigma = min(found, difference_sigma) if stays else found
+        difference_sigma = min(new_sigma, difference_sigma) if stays else new_sigma
     changes = {"difference": difference, "difference_sigma": difference_sigma}
     tracks = msgspec.structs.replace(tracks, scale_sigma=scale_sigma, **changes)
     bias = common_bias(robot, main)
@@ -158,28 +162,28 @@ def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
     """Scale of the gyro with the calibrated mounting, which determines the vertical."""
     if robot.imu.gyro_axes == "z":
         return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
-    # Ratio of the robot's rotation about the new vertical to that about the old one.
-    both = total = 0.0
+    # Regression of the robot's rotation about the new vertical on that about the old one.
+    cross = square = 0.0
     for motion in main.problem.recording.motions:
         if motion.log.imu is None:
             continue
         rates = motion.log.imu.angular_velocity
         apart = rates - rates.mean(axis=0)
         old, new = apart @ robot.imu_rotation[2], apart @ rotation[2]
-        both, total = both + float(new @ old), total + float(old @ old)
-    return main.value("gyro_scale") * both / total
+        cross, square = cross + float(new @ old), square + float(old @ old)
+    return main.value("gyro_scale") * cross / square
 
 
 def _with_log(robot: Robot, main: Fit, scale: float) -> Robot:
     """Robot whose mapping, if it has tracks, corrects their latency and scale."""
-    late = main.value("track_latency") if main.is_free("track_latency") else 0.0
+    latency = main.value("track_latency") if main.is_free("track_latency") else 0.0
     for name, mapping in (("log", robot.log), ("log.columns", robot.log.get("columns", {}))):
         if "tracks" in mapping:
-            of, changes = mapping["tracks"], {}
-            if abs(late) >= LEAST_LATENCY:
-                changes["latency"] = round(float(of.get("latency", 0.0)) + late, 4)
+            tracks, changes = mapping["tracks"], {}
+            if abs(latency) >= LEAST_LATENCY:
+                changes["latency"] = round(float(tracks.get("latency", 0.0)) + latency, 4)
             if scale != 1.0:
-                changes["scale"] = round(float(of.get("scale", 1.0)) * scale, 4)
+                changes["scale"] = round(float(tracks.get("scale", 1.0)) * scale, 4)
             return changed_robot(robot, {f"{name}.tracks.{key}": changes[key] for key in changes})
     return robot
 
@@ -189,22 +193,25 @@ def finite(sigma: float) -> float:
     return sigma if np.isfinite(sigma) else 0.0
 
 
-def _sigma_over_logs(main: Fit, name: str, known: float) -> float:
-    """Standard deviation of a parameter over logs; the robot file counts as one more."""
+def _sigma_over_logs(main: Fit, name: str, of_file: float) -> float:
+    """Standard deviation of a parameter [-] over logs; the file's counts as one more."""
     recording = main.problem.recording
-    count, at = len(recording.motions), main.problem.place(name)
-    if count < 2 or not main.free[at]:
-        return known
-    owner = np.zeros(int(recording.block.max()) + 1, dtype=np.int64)
-    owner[recording.block] = recording.log
-    each = np.array([main.without(owner != log)[at] for log in range(count)])
-    apart = np.minimum(np.abs(each - main.values[at]), 0.1)
-    return float(np.sqrt((np.sum(apart**2) + known**2) / count))
+    count, place = len(recording.motions), main.problem.place(name)
+    if count < 2 or not main.free[place]:
+        return of_file
+    log_of_block = np.zeros(int(recording.block.max()) + 1, dtype=np.int64)
+    log_of_block[recording.block] = recording.log
+    by_log_alone = np.array([main.without(log_of_block != log)[place] for log in range(count)])
+    # Limited: a short log alone may hardly show the parameter.
+    apart = np.minimum(np.abs(by_log_alone - main.values[place]), LARGEST_APART)
+    return float(np.sqrt((np.sum(apart**2) + of_file**2) / count))
 
 
 def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
-    """Roll, pitch, yaw [deg] where the logs contradict the file, and the rotation."""
-    # A turn within its error is none.
+    """Roll, pitch, yaw of the IMU [deg], and the rotation matrix (3, 3).
+
+    Of the rotations that level it only those beyond their error count.
+    """
     roll, pitch, yaw = (
         turn if abs(turn) > SURE * error else 0.0 for turn, error in mounting_turns(main)
     )
@@ -222,6 +229,7 @@ def mounting_turns(main: Fit) -> list[tuple[float, float]]:
     count = len(problem.recording.motions)
 
     def mean(name: str) -> tuple[float, float]:
+        """Mean of a parameter over the logs that show it, and its standard error."""
         free = [log for log in range(count) if main.is_free(f"{name}[{log}]")]
         if not problem.force or not free:
             return 0.0, np.inf

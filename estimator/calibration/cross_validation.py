@@ -36,72 +36,74 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
     recording = first.problem.recording
     windows = _windows(recording, recording.moving & ~_jumped(first))
     speeds = np.abs(recording.speeds(0.0).mean(axis=-1))
-    ways = first.value("scale") * speeds.sum(axis=1) * recording.cell
-    block = recording.block
-    blocks = int(block.max()) + 1
-    of_window = np.array([block[one[0]] for one in windows])
-    way = np.bincount(of_window, [ways[one].sum() for one in windows], minlength=blocks)
-    found = {name: _held_out(fit, windows, of_window) for name, fit in fits.items()}
+    segment_ways = first.value("scale") * speeds.sum(axis=1) * recording.cell
+    blocks = int(recording.block.max()) + 1
+    window_blocks = np.array([recording.block[window[0]] for window in windows])
+    window_ways = [segment_ways[window].sum() for window in windows]
+    # Distance in each block, and in all windows [m].
+    ways = np.bincount(window_blocks, window_ways, minlength=blocks)
+    distance = ways.sum()
+    sums = {name: _held_out(fit, windows, window_blocks) for name, fit in fits.items()}
     segments = int(recording.moving.sum())
-    rng = np.random.default_rng(SEED)
-    drawn = rng.integers(0, blocks, (DRAWS, blocks))
-    distance = np.maximum(way[drawn].sum(axis=1), 1e-9)
-    wider = float(few_blocks(blocks))
+    # Bootstrap: as many blocks as there are, drawn with replacement.
+    drawn = np.random.default_rng(SEED).integers(0, blocks, (DRAWS, blocks))
+    drawn_distances = np.maximum(ways[drawn].sum(axis=1), 1e-9)
+    widening = float(few_blocks(blocks))
 
-    def interval(sums: Floats) -> tuple[float, float]:
-        middle = 100.0 * sums.sum() / way.sum()
-        ends = np.percentile(100.0 * sums[drawn].sum(axis=1) / distance, LEVELS)
-        low, high = middle + wider * (ends - middle)
+    def drift_interval(errors: Floats) -> tuple[float, float]:
+        middle = 100.0 * errors.sum() / distance
+        ends = np.percentile(100.0 * errors[drawn].sum(axis=1) / drawn_distances, LEVELS)
+        low, high = middle + widening * (ends - middle)
         return float(low), float(high)
 
     scores = []
-    for name, (likelihood, error, with_gyro) in found.items():
-        low, high = interval(error)
+    for name, (likelihood, errors, errors_with_gyro) in sums.items():
+        low, high = drift_interval(errors)
         scores.append(
             ModelScore(
-                name,
-                int(fits[name].problem.own(fits[name].free).sum()),
-                100.0 * float(error.sum() / way.sum()),
-                max(low, 0.0),
-                high,
-                100.0 * float(with_gyro.sum() / way.sum()),
-                float(likelihood.sum() / segments),
+                model=name,
+                parameters=int(fits[name].problem.own(fits[name].free).sum()),
+                drift_percent=100.0 * float(errors.sum() / distance),
+                drift_low=max(low, 0.0),
+                drift_high=high,
+                drift_with_gyro_percent=100.0 * float(errors_with_gyro.sum() / distance),
+                log_likelihood=float(likelihood.sum() / segments),
             )
         )
     differences = []
-    names = list(found)
+    names = list(sums)
     supported = names[0]
-    for at, name in enumerate(names):
+    for number, name in enumerate(names):
         better = False
-        for other in names[:at]:
-            likelier, apart, _ = (a - b for a, b in zip(found[name], found[other], strict=True))
-            low, high = interval(apart)
+        for other in names[:number]:
+            likelier, errors, _ = (a - b for a, b in zip(sums[name], sums[other], strict=True))
+            low, high = drift_interval(errors)
             better = better or (other == supported and high < 0.0)
             likelier_by = likelier.sum() / segments
             bounds = np.percentile(likelier[drawn].sum(axis=1) / segments, LEVELS)
-            bounds = likelier_by + wider * (bounds - likelier_by)
+            bounds = likelier_by + widening * (bounds - likelier_by)
             differences.append(
                 Difference(
-                    name,
-                    other,
-                    100.0 * float(apart.sum() / way.sum()),
-                    low,
-                    high,
-                    float(likelier_by),
-                    float(bounds[0]),
-                    float(bounds[1]),
+                    model=name,
+                    than=other,
+                    drift=100.0 * float(errors.sum() / distance),
+                    drift_low=low,
+                    drift_high=high,
+                    log_likelihood=float(likelier_by),
+                    log_likelihood_low=float(bounds[0]),
+                    log_likelihood_high=float(bounds[1]),
                 )
             )
         # Each later model replaces the one chosen so far if it is significantly better than that.
         supported = name if better else supported
     return ModelComparison(
-        tuple(scores),
-        tuple(differences),
-        blocks,
-        min(FOLDS, blocks),
-        float(way.sum()),
-        WINDOW * recording.length,
-        supported,
+        scores=tuple(scores),
+        differences=tuple(differences),
+        blocks=blocks,
+        folds=min(FOLDS, blocks),
+        distance=float(distance),
+        window=WINDOW * recording.length,
+        supported=supported,
     )
 
 
@@ -125,26 +127,26 @@ def _jumped(fit: Fit) -> NDArray[np.bool_]:
 def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Consecutive runs of up to `WINDOW` usable segments within a block."""
     windows: list[list[int]] = []
-    for place in range(len(recording.log)):
-        if not usable[place]:
+    for segment in range(len(recording.log)):
+        if not usable[segment]:
             continue
         last = windows[-1] if windows else []
         goes_on = (
             bool(last)
-            and last[-1] == place - 1
-            and recording.follows[place]
-            and recording.block[place] == recording.block[place - 1]
+            and last[-1] == segment - 1
+            and recording.follows[segment]
+            and recording.block[segment] == recording.block[segment - 1]
             and len(last) < WINDOW
         )
         if goes_on:
-            last.append(place)
+            last.append(segment)
         else:
-            windows.append([place])
-    return [np.array(one) for one in windows]
+            windows.append([segment])
+    return [np.array(window) for window in windows]
 
 
 def _held_out(
-    fit: Fit, windows: list[NDArray[np.int64]], of_window: NDArray[np.int64]
+    fit: Fit, windows: list[NDArray[np.int64]], window_blocks: NDArray[np.int64]
 ) -> tuple[Floats, Floats, Floats]:
     """Sums (blocks,) of likelihood, error and error with gyro, each block held out."""
     problem = fit.problem
@@ -153,23 +155,21 @@ def _held_out(
     fold = np.arange(blocks) % min(FOLDS, blocks)
     likelihood, error, with_gyro = np.zeros(blocks), np.zeros(blocks), np.zeros(blocks)
     for number in np.unique(fold):
-        out = fold == number
-        values = fit.without(out)
+        held_out = fold == number
+        values = fit.without(held_out)
         residuals = problem.rows(values)
         for channel, sizes in zip(fit.noise.channels, fit.noise.components, strict=True):
             if channel.name not in ("position", "slip"):
                 continue
-            at = channel.rows[:, 0]
-            log_likelihood = log_density(channel.of(residuals), channel.variances(sizes))
-            log_likelihood = np.where(
-                out[block[at]] & problem.recording.moving[at], log_likelihood, 0.0
-            )
-            np.add.at(likelihood, block[at], log_likelihood)
-        wanted = [one for one, its in zip(windows, of_window, strict=True) if out[its]]
-        alone, aided = _window_errors(fit, values, wanted)
-        at = of_window[out[of_window]]
-        np.add.at(error, at, alone)
-        np.add.at(with_gyro, at, aided)
+            segments = channel.rows[:, 0]
+            counts = held_out[block[segments]] & problem.recording.moving[segments]
+            density = log_density(channel.of(residuals), channel.variances(sizes))
+            np.add.at(likelihood, block[segments], np.where(counts, density, 0.0))
+        blocks_out = window_blocks[held_out[window_blocks]]
+        windows_out = [windows[k] for k in np.flatnonzero(held_out[window_blocks])]
+        alone, aided = _window_errors(fit, values, windows_out)
+        np.add.at(error, blocks_out, alone)
+        np.add.at(with_gyro, blocks_out, aided)
     return likelihood, error, with_gyro
 
 
@@ -178,7 +178,7 @@ def _window_errors(
 ) -> tuple[Floats, Floats]:
     """Distance (w,) of the ends of windows by the model from those by the truth [m].
 
-    Returns it with headings from the tracks, and with those of the gyro.
+    Returns that with headings from the tracks alone, and that with headings aided by the gyro.
     """
     problem, recording = fit.problem, fit.problem.recording
     twist, cell = problem.twist(values), recording.cell
@@ -188,12 +188,13 @@ def _window_errors(
     aided: list[float] = []
     for window in windows:
         v_x, v_y, w = (twist[window, :, axis].ravel() for axis in range(3))
+        # Headings in the middle of each cell.
         start = heading[window[0], 0]
-        turned = start + cell * (np.cumsum(w) - 0.5 * w)
-        gyro = np.diff(heading[window], axis=1)
-        by_gyro = start + np.cumsum(gyro.ravel()) - 0.5 * gyro.ravel()
+        by_tracks = start + cell * (np.cumsum(w) - 0.5 * w)
+        turns = np.diff(heading[window], axis=1).ravel()
+        by_gyro = start + np.cumsum(turns) - 0.5 * turns
         true = place[recording.ends[window[-1]]] - place[recording.starts[window[0]]]
-        for angle, errors in ((turned, alone), (by_gyro, aided)):
+        for angle, errors in ((by_tracks, alone), (by_gyro, aided)):
             went = cell * np.array(
                 [
                     (np.cos(angle) * v_x - np.sin(angle) * v_y).sum(),

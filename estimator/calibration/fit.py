@@ -99,18 +99,19 @@ class Fit:
         from scipy.special import chdtri
 
         start = self.problem.start
-        at = [place for name in names if self.free[place := self.problem.place(name)]]
-        off = {place: (self.values[place] - start[place]) / self.sigmas[place] for place in at}
-        at.sort(key=lambda place: abs(off[place]))
-        while at:
-            size = np.sqrt(np.diag(self.covariance)[at])
-            alike = self.covariance[np.ix_(at, at)] / np.outer(size, size)
-            apart = np.array([off[place] for place in at])
-            together = apart @ np.linalg.pinv(alike, hermitian=True) @ apart
-            if together <= chdtri(len(at), CHANCE) and apart[-1] ** 2 <= chdtri(1, CHANCE):
+        places = [place for name in names if self.free[place := self.problem.place(name)]]
+        off = {place: (self.values[place] - start[place]) / self.sigmas[place] for place in places}
+        places.sort(key=lambda place: abs(off[place]))
+        while places:
+            size = np.sqrt(np.diag(self.covariance)[places])
+            correlation = self.covariance[np.ix_(places, places)] / np.outer(size, size)
+            offsets = np.array([off[place] for place in places])
+            wald = offsets @ np.linalg.pinv(correlation, hermitian=True) @ offsets
+            largest = offsets[-1] ** 2
+            if wald <= chdtri(len(places), CHANCE) and largest <= chdtri(1, CHANCE):
                 break
-            at.pop()
-        return frozenset(self.problem.names[place] for place in at)
+            places.pop()
+        return frozenset(self.problem.names[place] for place in places)
 
     def with_start_of(self, names: Iterable[str]) -> Fit:
         """Copy whose values of some parameters are their starts."""
@@ -121,7 +122,7 @@ class Fit:
         return replace(self, values=values)
 
     def without(self, blocks: NDArray[np.bool_]) -> Floats:
-        """Estimates (p,) without some blocks, by one step."""
+        """Estimates (p,) without the blocks of a mask (blocks,), by one step."""
         at = np.flatnonzero(self.free)
         fisher = self.fisher[~blocks].sum(axis=0)[np.ix_(at, at)]
         score = self.score[~blocks].sum(axis=0)[at]
@@ -134,18 +135,17 @@ class Fit:
 def fit(
     problem: Problem, *, initial: dict[str, float] | None = None, held: frozenset[str] = frozenset()
 ) -> Fit:
-    """Fit a model.
+    """Fit a model: with all parameters free, then with the unobservable ones held.
 
     Args:
         problem: the problem.
         initial: initial values of the search, by name; by default the parameters' own start.
         held: names of parameters held at their initial values from the outset.
     """
+    # Held parameters are at the values of the anchor.
     values, anchor = problem.start, problem.start
     threshold = _thresholds(problem)
-    free = np.array(
-        [one.threshold > 0.0 and one.name not in held for one in problem.parameters], dtype=bool
-    )
+    free = np.array([p.threshold > 0.0 and p.name not in held for p in problem.parameters], bool)
     for name, value in (initial or {}).items():
         if name in held:
             anchor[problem.place(name)] = values[problem.place(name)] = value
@@ -155,10 +155,10 @@ def fit(
     residuals, jacobian = problem.linearised(values)
     fisher, _ = information(noise, residuals, jacobian, problem.recording.block)
     total = fisher.sum(axis=0) * flattening(noise, residuals)
-    every = _sigmas(total, free, threshold)
-    shown = free & (every <= threshold)
+    with_all_free = _sigmas(total, free, threshold)
+    shown = free & (with_all_free <= threshold)
     # Hold unobservable parameters, one by one, until the rest is observable.
-    ranks = np.array([one.rank for one in problem.parameters])
+    ranks = np.array([parameter.rank for parameter in problem.parameters])
     while (unobservable := free & (_sigmas(total, free, threshold) > threshold)).any():
         worst = int(np.flatnonzero(unobservable)[ranks[unobservable].argmax()])
         free[worst] = False
@@ -167,9 +167,9 @@ def fit(
     residuals, jacobian = problem.linearised(values)
     fisher, score = information(noise, residuals, jacobian, problem.recording.block)
     total = fisher.sum(axis=0) * flattening(noise, residuals)
-    if (bound := free & (np.diag(total) <= 0.0)).any():
-        # At a bound, as eta = 1, no residual depends on them.
-        names = {problem.names[place] for place in np.flatnonzero(bound)}
+    if (without_effect := free & (np.diag(total) <= 0.0)).any():
+        # At a bound, as eta = 1, no residual depends on these parameters: they are held.
+        names = {problem.names[place] for place in np.flatnonzero(without_effect)}
         rest = {name: value for name, value in (initial or {}).items() if name not in names}
         return fit(problem, initial=rest, held=held | names)
     at = np.flatnonzero(free)
@@ -177,21 +177,21 @@ def fit(
     scaled = total[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])
     covariance[np.ix_(at, at)] = np.linalg.inv(scaled) * np.outer(threshold[at], threshold[at])
     result = Fit(
-        problem,
-        values,
-        free,
-        shown & free,
-        np.full(len(values), np.inf),
-        covariance,
-        noise,
-        residuals,
-        jacobian,
-        fisher,
-        score,
+        problem=problem,
+        values=values,
+        free=free,
+        shown=shown & free,
+        sigmas=np.full(len(values), np.inf),
+        covariance=covariance,
+        noise=noise,
+        residuals=residuals,
+        jacobian=jacobian,
+        fisher=fisher,
+        score=score,
     )
     by_likelihood = np.sqrt(np.diag(covariance))
     largest = np.maximum(by_likelihood, _jackknife(result)) * few_blocks(_effective_blocks(result))
-    largest = np.where(shown, np.maximum(largest, every), largest)
+    largest = np.where(shown, np.maximum(largest, with_all_free), largest)
     result.sigmas[free] = largest[free]
     return result
 
@@ -204,7 +204,18 @@ def _search(
     loose: bool,
     noise: Noise | None = None,
 ) -> tuple[Floats, Noise]:
-    """Search by Gauss-Newton steps, halved if they do not reduce the cost."""
+    """Search by Gauss-Newton steps, shortened if they do not reduce the cost.
+
+    Args:
+        problem: the problem.
+        values: (p,) initial values.
+        free: (p,) mask of parameters that may change.
+        loose: True to bind them softly to their initial values, see `LOOSE`.
+        noise: initial noise; None to estimate it.
+
+    Returns:
+        Values (p,) and noise.
+    """
     threshold, block = _thresholds(problem), problem.recording.block
     at = np.flatnonzero(free)
     start = values.copy()
@@ -227,12 +238,12 @@ def _search(
             moved = values.copy()
             moved[at] += size * threshold[at] * step
             moved = problem.inside(moved)
-            found = problem.rows(moved)
-            after = cost(noise, found) + _pull(moved, start, at, threshold, ridge)
+            after = cost(noise, problem.rows(moved)) + _pull(moved, start, at, threshold, ridge)
             if np.isfinite(after) and after <= before + 1e-9:
                 break
             size *= 0.4
         else:
+            # No shorter step helps; with noise that is estimated again the next one may.
             if number >= NOISE_ROUNDS:
                 break
             continue
@@ -272,12 +283,13 @@ def _step(
 def _pull(
     values: Floats, start: Floats, at: NDArray[np.intp], threshold: Floats, ridge: Floats
 ) -> float:
+    """Cost of the distance from the initial values, by the soft bounds."""
     return float((ridge * ((values[at] - start[at]) / threshold[at]) ** 2).sum())
 
 
 def _thresholds(problem: Problem) -> Floats:
-    """Threshold errors (p,): units in which parameters are of order one; 1 if given."""
-    return np.array([one.threshold if one.threshold > 0.0 else 1.0 for one in problem.parameters])
+    """Threshold errors (p,): units in which parameters are of order one; 1 if held."""
+    return np.array([p.threshold if p.threshold > 0.0 else 1.0 for p in problem.parameters])
 
 
 def _sigmas(fisher: Floats, free: NDArray[np.bool_], threshold: Floats) -> Floats:
@@ -318,15 +330,15 @@ def _effective_blocks(result: Fit) -> Floats:
     scaled = result.fisher[:, at][:, :, at] * np.outer(threshold, threshold)
     inverse = np.linalg.pinv(scaled.sum(axis=0), hermitian=True)
     shares = np.einsum("ij,bjk,ki->bi", inverse, scaled, inverse)
-    many = np.ones(len(result.values))
-    many[at] = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
-    return many
+    effective = np.ones(len(result.values))
+    effective[at] = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
+    return effective
 
 
 def _jackknife(result: Fit) -> Floats:
-    """Jackknife standard errors (p,), leaving out one block at a time."""
+    """Jackknife standard errors (p,), by leaving out each block; 0 for too few blocks."""
     blocks = len(result.fisher)
     if blocks < 3:
         return np.zeros(len(result.values))
-    left = [result.without(np.arange(blocks) == number) for number in range(blocks)]
-    return jackknife_sigma(np.array(left))
+    without = [result.without(np.arange(blocks) == number) for number in range(blocks)]
+    return jackknife_sigma(np.array(without))

@@ -50,16 +50,17 @@ def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> Groun
     """
     stamps = log.tracks.stamps - round(latency / NANOSECOND)
     tracks = TrackSpeedSeries(stamps, scale * log.tracks.speeds)
-    found = run(Log(log.name, tracks, log.imu), robot, ESTIMATOR)
-    times = np.asarray((found.stamps - log.start) * NANOSECOND, dtype=float)
-    forward, _, w = found.trajectory.twists.T
+    estimate = run(Log(log.name, tracks, log.imu), robot, ESTIMATOR)
+    times = np.asarray((estimate.stamps - log.start) * NANOSECOND, dtype=float)
+    forward, _, w = estimate.trajectory.twists.T
     x_CM, lag = robot.constants.x_CM, robot.vehicle.load_lag
-    newest = np.searchsorted(tracks.stamps, found.stamps, side="right") - 1
+    newest = np.searchsorted(tracks.stamps, estimate.stamps, side="right") - 1
     speeds = tracks.speeds[np.maximum(newest, 0)]
     mean = speeds.mean(axis=1)
     acceleration = (mean - _lagged(times, mean, lag)) / lag
     rolling = np.clip(speeds / ROLLS_AT, -1.0, 1.0).mean(axis=1)
-    weights, gravity = w * w, found.states[:, s.GRAVITY]
+    weights, gravity = w * w, estimate.states[:, s.GRAVITY]
+    # Less the accelerometers' offset: the mean in the robot's axes, by the squared yaw rate.
     gravity = gravity - weights @ gravity / max(float(weights.sum()), SLOWEST)
     along = robot.constants.rolling_resistance * rolling
     along += (acceleration - gravity[:, 0]) / GRAVITY

@@ -88,7 +88,7 @@ class Model:
             values: (p,) parameters.
             forces: (..., 2) forces that the ground balances, see `Recording.ground_forces`.
         """
-        # P is given whole: rolling resistance and gravity are in it.
+        # The memory holds all of S and P: rolling resistance and gravity are in them already.
         vehicle = self.vehicle._replace(rolling_resistance=0.0)
         V_l, V_r = speeds[..., 0], speeds[..., 1]
         memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
@@ -126,7 +126,7 @@ class Model:
         if self.name == "inertia":
             return msgspec.structs.replace(robot, indices=indices)
         # A file's rounding must not bring the ICRs nearer to each other than the gauge.
-        half = 0.5 * self.vehicle[0] * max(indices.eta0, 1.0 + 1e-6)
+        half = 0.5 * self.vehicle.gauge * max(indices.eta0, 1.0 + 1e-6)
         try:
             icr = ConstantIcr(indices.epsilon0 - half, indices.epsilon0 + half, indices.zeta0)
         except ValueError as error:
@@ -138,16 +138,12 @@ class Model:
 
 
 def model_of(name: str, robot: Robot) -> Model:
-    """Make a model by its name, with the robot file's values as start.
-
-    Args:
-        name: one of `MODELS`.
-        robot: the robot.
-    """
+    """Make a model of `MODELS` by its name, with the robot file's values as start."""
     gauge = robot.vehicle.track_gauge
     if name == "differential":
         return Model(name, (), VehicleConstants(gauge, *NO_MASS), (), 1.0)
     nine = robot.constant_indices.as_array()
+    # Places of zeta0, epsilon0, eta0.
     places: tuple[int, ...] = (1, 3, ETA0)
     if name == "inertia":
         nine = initial_parameters(robot, find_variant("inertia-fixed"))
@@ -157,11 +153,12 @@ def model_of(name: str, robot: Robot) -> Model:
     length = TELLING * gauge
     eta = TELLING * max(1.0, nine[ETA0])
     middle = OF_MIDDLE * gauge
+    # All nine in the order of `Indices`: H, zeta, epsilon, eta, epsilon_F.
     first = (1.0, middle, length / force, middle, length / force)
     threshold = (*first, eta, eta / force, eta / force**2, length / TYPICAL_FORCE)
     units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²", "m")
     ranks = (99, 20, 60, 21, 61, 0, 70, 80, 62)
     parameters = tuple(
-        Parameter(names[at], units[at], float(nine[at]), threshold[at], ranks[at]) for at in places
+        Parameter(names[k], units[k], float(nine[k]), threshold[k], ranks[k]) for k in places
     )
     return Model(name, parameters, robot.constants, places, robot.indices.H)

@@ -65,12 +65,7 @@ class Noise:
 
 
 def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
-    """Channels of a problem.
-
-    Args:
-        problem: the problem with its segments.
-        heading: (n,) middle heading of each segment [rad].
-    """
+    """Channels of a problem, by the middle heading (n,) of each segment [rad]."""
     recording = problem.recording
     speeds = recording.speeds(0.0)
     turning = np.abs(speeds[..., 1] - speeds[..., 0]).sum(axis=1) * recording.cell
@@ -116,10 +111,10 @@ def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
         bands = np.zeros((3, BINS, BINS * len(at)))
         bands[0, 0] = 1.0
         bands[1, 0] = np.repeat(turning[at] ** 2, BINS)
-        # Slopes: the same for all of a segment.
-        inside = np.arange(BINS * len(at)) % BINS
+        # The third component is common to all parts of a segment: slopes.
+        part = np.arange(BINS * len(at)) % BINS
         for band in range(BINS):
-            bands[2, band] = inside + band < BINS
+            bands[2, band] = part + band < BINS
         channels.append(Channel(name, rows, bands))
     return tuple(channels)
 
@@ -128,9 +123,9 @@ def first_noise(channels: tuple[Channel, ...], residuals: Floats) -> Noise:
     """Initial noise, of which each component alone explains the residuals."""
     components = []
     for channel in channels:
-        own = np.abs(channel.of(residuals))
         sizes = channel.bands[:, 0].mean(axis=1)
-        typical = np.median(own) / 0.67 + SMALLEST
+        # The median size of normal errors is 0.67 standard deviations.
+        typical = np.median(np.abs(channel.of(residuals))) / 0.67 + SMALLEST
         components.append(np.clip(typical / np.sqrt(len(sizes) * sizes), SMALLEST, LARGEST))
     weights = tuple(np.ones(len(channel.rows)) for channel in channels)
     return Noise(channels, tuple(components), weights)
@@ -191,19 +186,20 @@ def information(
         slopes = channel.of(jacobian) * root[:, None]
         factor = cholesky_banded(channel.covariance(sizes), lower=True)
         solved = cho_solve_banded((factor, True), np.column_stack([own, slopes]))
-        of = block[channel.rows[:, 0]]
-        for number in np.unique(of):
-            at = of == number
-            half = slopes[at].T @ solved[at, 1:]
+        row_blocks = block[channel.rows[:, 0]]
+        for number in np.unique(row_blocks):
+            own_rows = row_blocks == number
+            half = slopes[own_rows].T @ solved[own_rows, 1:]
             fisher[number] += 0.5 * (half + half.T)
-            score[number] += slopes[at].T @ solved[at, 0]
+            score[number] += slopes[own_rows].T @ solved[own_rows, 0]
     return fisher, score
 
 
 def flattening(noise: Noise, residuals: Floats) -> float:
-    """Correction factor of the information of weighted squares, least of all channels.
+    """Correction factor of the information of weighted squares, 0.3 to 1.
 
-    It is the mean slope of the influence function over the mean weight (Huber, Robust Statistics).
+    It is the mean slope of the influence function over the mean weight (Huber, Robust Statistics), the
+    least of all channels.
     """
     least = 1.0
     for channel, sizes in zip(noise.channels, noise.components, strict=True):
@@ -237,7 +233,7 @@ def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
     floor = np.zeros_like(channel.bands[0])
     floor[0] = SMALLEST**2
 
-    def of(logs: Floats) -> float:
+    def cost_of(logs: Floats) -> float:
         bands = channel.covariance(np.exp(logs)) + floor
         factor = cholesky_banded(bands, lower=True)
         solved = cho_solve_banded((factor, True), residuals)
@@ -246,8 +242,8 @@ def _most_likely(channel: Channel, start: Floats, residuals: Floats) -> Floats:
     logs = np.log(np.clip(start, SMALLEST, LARGEST))
     bounds = [(np.log(SMALLEST), np.log(LARGEST))] * len(logs)
     options = {"maxiter": 300, "xatol": CLOSE, "fatol": CLOSE}
-    best = minimize(of, logs, method="Nelder-Mead", bounds=bounds, options=options)
-    return np.exp(best.x if best.fun < of(logs) else logs)
+    best = minimize(cost_of, logs, method="Nelder-Mead", bounds=bounds, options=options)
+    return np.exp(best.x if best.fun < cost_of(logs) else logs)
 
 
 def _linked(follows: NDArray[np.bool_], at: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -168,8 +168,8 @@ class Problem:
         along = np.einsum("nm,nmc->nc", cos, forward) - np.einsum("nm,nmc->nc", sin, left)
         across = np.einsum("nm,nmc->nc", sin, forward) + np.einsum("nm,nmc->nc", cos, left)
         # The body turns later than its tracks; the latency is that of the path.
-        late = values[self.place("turning_lag")]
-        turned = cell * yaw.sum(axis=1) - late * (yaw[:, -1] - yaw[:, 0])
+        turning_lag = values[self.place("turning_lag")]
+        turned = cell * yaw.sum(axis=1) - turning_lag * (yaw[:, -1] - yaw[:, 0])
         rate = change / cell
         marks = np.round(np.linspace(0, heading.shape[1] - 2, BINS + 1)).astype(np.int64)
         force_x, force_y = _pushes(rate, forward, left, marks, cell)
@@ -184,33 +184,34 @@ class Problem:
         rows[:, SLIP] += heading[:, -1] - heading[:, 0]
         rows[:, YAW] += apart
         if self.force:
-            at_x, at_y = self.imu_position
+            imu_x, imu_y = self.imu_position
             if "imu_forward" in self.names:
-                at_x += float(values[self.place("imu_forward")])
-                at_y += float(values[self.place("imu_left")])
+                imu_x += float(values[self.place("imu_forward")])
+                imu_y += float(values[self.place("imu_left")])
             turn = values[self.place("mounting_yaw")]
             x, y = np.moveaxis(recording.mean_force(marks), -1, 0)
-            # At the IMU: dw/dt x and minus w² x in addition to the acceleration of the origin.
-            here_x, here_y = _pushes(
-                rate, -at_y * rate[..., None], at_x * rate[..., None], marks, cell
+            # Accelerations of the IMU's place about the origin: w x r is its velocity.
+            about_x, about_y = _pushes(
+                rate, -imu_y * rate[..., None], imu_x * rate[..., None], marks, cell
             )
             offset_x, offset_y = (
                 self._of_log(values, f"offset_{one}") for one in ("forward", "left")
             )
             rows[:, FORCE : FORCE + BINS] += (
-                np.cos(turn) * x - np.sin(turn) * y - here_x[..., 0] - offset_x[:, None]
+                np.cos(turn) * x - np.sin(turn) * y - about_x[..., 0] - offset_x[:, None]
             )
             rows[:, FORCE + BINS :] += (
-                np.sin(turn) * x + np.cos(turn) * y - here_y[..., 0] - offset_y[:, None]
+                np.sin(turn) * x + np.cos(turn) * y - about_y[..., 0] - offset_y[:, None]
             )
         return rows, linear[..., 1:]
 
     def _speeds(self, values: Floats) -> Floats:
+        """Track speeds (n, m, 2) with scale, difference of the radii and latency [m/s]."""
         scale, difference, latency = (values[self.place(name)] for name in OF_TRACKS)
         return np.asarray(scale * (1.0 + SIDES * difference) * self.recording.speeds(latency))
 
     def own(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Part of values (p,) that is of the model's parameters, a view."""
+        """Part of values (p,) that belongs to the model's parameters, a view."""
         return values[len(values) - len(self.model.parameters) :]
 
     def _each(self, values: Floats, name: str) -> Floats:
@@ -231,10 +232,10 @@ class Problem:
         recording = self.recording
         result = np.repeat(recording.moving[:, None], ROWS, axis=1)
         result[:, SLIP] = True
-        headed = np.array([motion.own_headings for motion in recording.motions])
-        result[:, YAW] &= headed[recording.log]
-        there = np.array([motion.pushed is not None for motion in recording.motions])
-        result[:, FORCE:] &= there[recording.log][:, None] & self.force
+        has_headings = np.array([motion.own_headings for motion in recording.motions])
+        result[:, YAW] &= has_headings[recording.log]
+        has_force = np.array([motion.pushed is not None for motion in recording.motions])
+        result[:, FORCE:] &= has_force[recording.log][:, None] & self.force
         return result
 
 
@@ -246,8 +247,8 @@ def _pushes(
     Args:
         rate: (n, m) yaw rate of each cell [rad/s].
         forward: (n, m, c) velocities [m/s].
-        left: (n, m, c).
-        marks: (b + 1,) cells.
+        left: (n, m, c) velocities [m/s].
+        marks: (b + 1,) indices of the cells.
         cell: length of a cell [s].
 
     Returns:
@@ -257,6 +258,7 @@ def _pushes(
     spans = (np.diff(marks) * cell)[None, :, None]
 
     def between(values: Floats) -> Floats:
+        """Integrals (n, b, c) from one marked cell to the next."""
         steps = 0.5 * cell * (values[:, 1:] + values[:, :-1])
         whole = np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
         return np.asarray(np.diff(whole[:, marks], axis=1))
@@ -283,25 +285,25 @@ def problem_of(
         lever_arm: lever arm of the truth in base_link, if known [m]; it is not free then.
         imu_place_known: True if the robot file has the position of the IMU.
     """
-    gauge = robot.vehicle.track_gauge
+    length = TELLING * robot.vehicle.track_gauge
     force = any(motion.pushed is not None for motion in recording.motions)
+    # A threshold of zero holds a parameter.
+    forward, left = (0.0, 0.0) if lever_arm is None else (lever_arm[0], lever_arm[1])
+    lever_threshold = length if lever_arm is None else 0.0
     common = [
         Parameter("scale", "-", 1.0, 0.05, 1),
         Parameter("difference", "-", robot.tracks.difference, 0.05, 15),
         Parameter("track_latency", "s", 0.0, 0.1, 90),
         Parameter("turning_lag", "s", 0.0, 0.1, 91),
         Parameter("gyro_scale", "-", robot.imu.gyro_scale, 0.05, 2),
-        Parameter("lever_arm_forward", "m", 0.0, TELLING * gauge, 10),
-        Parameter("lever_arm_left", "m", 0.0, TELLING * gauge, 11),
+        Parameter("lever_arm_forward", "m", forward, lever_threshold, 10),
+        Parameter("lever_arm_left", "m", left, lever_threshold, 11),
         Parameter("mounting_yaw", "rad", 0.0, np.radians(5.0), 85),
     ]
-    if lever_arm is not None:
-        common[5] = common[5]._replace(start=lever_arm[0], threshold=0.0)
-        common[6] = common[6]._replace(start=lever_arm[1], threshold=0.0)
     if force and not imu_place_known:
         common += [
-            Parameter("imu_forward", "m", 0.0, TELLING * gauge, 95),
-            Parameter("imu_left", "m", 0.0, TELLING * gauge, 96),
+            Parameter("imu_forward", "m", 0.0, length, 95),
+            Parameter("imu_left", "m", 0.0, length, 96),
         ]
     for log, motion in enumerate(recording.motions):
         common += [
@@ -310,11 +312,8 @@ def problem_of(
             Parameter(f"offset_forward[{log}]", "m/s²", 0.0, 0.5, 86),
             Parameter(f"offset_left[{log}]", "m/s²", 0.0, 0.5, 87),
         ]
-    own = model.parameters
     if lever_arm is None and not (force and imu_place_known):
-        own = tuple(
-            one._replace(threshold=0.0) if one.name in ORIGIN else one for one in model.parameters
-        )
-        model = replace(model, parameters=own)
+        own = [p._replace(threshold=0.0) if p.name in ORIGIN else p for p in model.parameters]
+        model = replace(model, parameters=tuple(own))
     x, y, _ = robot.imu.position
-    return Problem(recording, model, (*common, *own), (x, y), force)
+    return Problem(recording, model, (*common, *model.parameters), (x, y), force)

@@ -35,10 +35,8 @@ Series = tuple[Floats, Floats]
 
 CELL = 0.05
 """Approximate length of a cell [s]."""
-LARGEST_GAP = 0.5
-"""A longer gap in track speeds or IMU samples ends a piece of the log [s]."""
-LARGEST_HOLE = 1.0
-"""A longer gap in the truth ends a piece of the log [s]."""
+LARGEST_GAP, LARGEST_TRUTH_GAP = 0.5, 1.0
+"""A longer gap in track speeds or IMU samples, or in the truth, ends a piece of the log [s]."""
 KNOT_WINDOW = 0.25
 """Truth within this time of a knot counts for it [s]."""
 FEWEST_FOR_LINE, ASIDE = 4, 0.03
@@ -148,14 +146,15 @@ class Recording:
 
         They are zero if they are not estimated yet.
         """
-        found = [motion.forces for motion in self.motions]
-        series = [one and (one.times, np.column_stack([one.lateral, one.along])) for one in found]
-        return self._at(0.5 * (self.edges[:, 1:] + self.edges[:, :-1]), series)
+        middles = 0.5 * (self.edges[:, 1:] + self.edges[:, :-1])
+        forces = [motion.forces for motion in self.motions]
+        series = [one and (one.times, np.column_stack([one.lateral, one.along])) for one in forces]
+        return self._at(middles, series)
 
     def mean_force(self, marks: Indexes) -> Floats:
         """Mean specific force (n, b, 2), forward and left, between marked cells [m/s²].
 
-        It is averaged between the middles of the cells, and zero if there is none.
+        It is averaged between the middles of the cells (b + 1,), and zero for a log without one.
         """
         times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
         series = [
@@ -168,10 +167,10 @@ class Recording:
     def _at(self, times: Floats, series: Sequence[Series | None]) -> Floats:
         """Series of each log (n, k, 2) at times of the segments (n, k); zero without one."""
         result = np.zeros((*times.shape, 2))
-        for number, one in enumerate(series):
-            if one is not None:
-                own = self.log == number
-                result[own] = _interpolated(times[own], *one)
+        for log, of_log in enumerate(series):
+            if of_log is not None:
+                own = self.log == log
+                result[own] = _interpolated(times[own], *of_log)
         return result
 
     def knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
@@ -186,24 +185,25 @@ class Recording:
         """
         count = len(self.knot_times)
         place, turn, yaw = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
-        for number, motion in enumerate(self.motions):
-            own = self.knot_log[self.pair_knot] == number
+        for log, motion in enumerate(self.motions):
+            own = self.knot_log[self.pair_knot] == log
             knot, pose = self.pair_knot[own], self.pair_pose[own]
-            path = self.paths[number]
-            body_times = motion.truth_times[pose] - lags[number]
-            here = _interpolated(self.knot_times[knot], *path)
-            step = relative(_interpolated(body_times, *path), here)
+            path = self.paths[log]
+            body_times = motion.truth_times[pose] - lags[log]
+            # The motion by dead reckoning from each pose to its knot.
+            at_knot = _interpolated(self.knot_times[knot], *path)
+            step = relative(_interpolated(body_times, *path), at_knot)
             # Knots with poses on both sides have a line; which, must not depend on the lag to estimate.
             first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
-            many, mean, variance = _moments(knot, first, count)
-            lines = (many >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
+            poses_at, mean, variance = _moments(knot, first, count)
+            lines = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
             # Weights by a line through all poses of a knot: with their mean, poses to one side would add
             # the path's errors in the motion since. If most lie to one side, the value is the mean: a
             # line would amplify their noise.
             after = body_times - self.knot_times[knot]
-            many, mean, variance = _moments(knot, after, count)
+            poses_at, mean, variance = _moments(knot, after, count)
             slope = np.where(lines, mean / np.where(lines, variance, 1.0), 0.0)
-            share = (1.0 - slope[knot] * (after - mean[knot])) / many[knot]
+            weight = (1.0 - slope[knot] * (after - mean[knot])) / poses_at[knot]
             true = motion.truth[pose]
             cos, sin = np.cos(true[:, 2]), np.sin(true[:, 2])
             moved_x = true[:, 0] + cos * step[:, 0] - sin * step[:, 1]
@@ -215,7 +215,7 @@ class Recording:
                 (turn[:, 1], sin),
                 (yaw, true[:, 2] + step[:, 2]),
             ):
-                np.add.at(total, knot, share * values)
+                np.add.at(total, knot, weight * values)
         c, s = turn.T
         return place, np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1), yaw
 
@@ -227,9 +227,9 @@ def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
 
 def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, Floats]:
     """Number (k,) of the poses of each knot, and mean and variance of their times."""
-    many = np.maximum(np.bincount(knot, minlength=knots), 1).astype(float)
-    mean = np.bincount(knot, after, minlength=knots) / many
-    return many, mean, np.bincount(knot, (after - mean[knot]) ** 2, minlength=knots) / many
+    count = np.maximum(np.bincount(knot, minlength=knots), 1).astype(float)
+    mean = np.bincount(knot, after, minlength=knots) / count
+    return count, mean, np.bincount(knot, (after - mean[knot]) ** 2, minlength=knots) / count
 
 
 def motion_of(log: Log, robot: Robot) -> Motion:
@@ -256,8 +256,8 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     poses = log.truth.poses
     track_times, imu_times = (_seconds(one.stamps, log.start) for one in (log.tracks, log.imu))
     truth = np.column_stack([poses.poses[:, :2], np.unwrap(poses.poses[:, 2])])
-    # As the filter takes them: each speed is the mean since the one before. So is a reading of the gyro,
-    # which is half an interval earlier than it shows; the tracks have to be so, too.
+    # A gyro reading is a mean since the one before, but is integrated as the rate at its stamp: half an
+    # interval late. Track times are made as late. A track speed is a mean since the one before, too.
     track_times = track_times + 0.5 * float(np.median(np.diff(imu_times)))
     steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
     ways = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
@@ -268,20 +268,20 @@ def motion_of(log: Log, robot: Robot) -> Motion:
             "nothing can be calibrated from that"
         )
     gyro, heading = turned(log.imu.stamps, _vertical(log.imu, robot)), heading_of(poses)
-    found = find_lag(heading, gyro, least=LEAST_TURN)
-    lag = 0.0 if isinstance(found, NoLag) else found.seconds
+    truth_lag = find_lag(heading, gyro, least=LEAST_TURN)
+    lag = 0.0 if isinstance(truth_lag, NoLag) else truth_lag.seconds
     return Motion(
-        log,
-        track_times,
-        ways,
-        imu_times,
-        gyro.values,
-        _pushed(log.imu, imu_times, robot),
-        _seconds(poses.stamps, log.start),
-        truth,
-        lag,
-        found if isinstance(found, NoLag) else None,
-        _bias(heading, gyro, lag),
+        log=log,
+        track_times=track_times,
+        track_ways=ways,
+        imu_times=imu_times,
+        turned=gyro.values,
+        pushed=_pushed(log.imu, imu_times, robot),
+        truth_times=_seconds(poses.stamps, log.start),
+        truth=truth,
+        lag=lag,
+        no_lag=truth_lag if isinstance(truth_lag, NoLag) else None,
+        bias=_bias(heading, gyro, lag),
     )
 
 
@@ -297,7 +297,7 @@ def record(
     scale: float = 1.0,
     difference: float = 0.0,
 ) -> Recording:
-    """Cut logs into segments.
+    """Cut logs into segments of equal length, one after another between gaps.
 
     Args:
         motions: the series of each log, with the lag to use.
@@ -309,20 +309,18 @@ def record(
     Raises:
         EstimatorError: too few segments that move, or too little turning.
     """
-    count = max(2, round(length / CELL))
-    logs, starts_at, follows = [], [], []
+    cells = max(2, round(length / CELL))
+    logs, begins, follow = [], [], []
     for number, motion in enumerate(motions):
         for low, high in _pieces(motion):
-            several = int((high - low) // length)
-            begins = low + length * np.arange(several)
-            logs.append(np.full(several, number))
-            starts_at.append(begins)
-            follows.append(np.arange(several) > 0)
+            segments = int((high - low) // length)
+            logs.append(np.full(segments, number))
+            begins.append(low + length * np.arange(segments))
+            follow.append(np.arange(segments) > 0)
     if not logs or not sum(map(len, logs)):
         raise _too_short(motions, 0, length)
-    log, begin = np.concatenate(logs), np.concatenate(starts_at)
-    linked = np.concatenate(follows)
-    edges = begin[:, None] + length / count * np.arange(count + 1)
+    log, begin, follows = np.concatenate(logs), np.concatenate(begins), np.concatenate(follow)
+    edges = begin[:, None] + length / cells * np.arange(cells + 1)
     turned = np.empty_like(edges)
     fastest = max(
         float(np.abs(np.diff(one.track_ways, axis=0) / np.diff(one.track_times)[:, None]).max())
@@ -333,40 +331,41 @@ def record(
         own = log == number
         turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
         ways = _interpolated(edges[own], motion.track_times, motion.track_ways)
-        speed = np.abs(np.diff(ways, axis=1)).max(axis=2) * count / length
+        speed = np.abs(np.diff(ways, axis=1)).max(axis=2) * cells / length
         moving[own] = speed.max(axis=1, initial=0.0) > STILL * fastest
     moved = int(moving.sum())
     if moved < LEAST_SEGMENTS:
         raise _too_short(motions, moved, length)
-    if np.abs(np.diff(turned[moving], axis=1)).sum() < LEAST_TURNING:
+    turning = np.abs(np.diff(turned[moving], axis=1)).sum()
+    if turning < LEAST_TURNING:
         raise EstimatorError(
-            f"the robot turned {np.abs(np.diff(turned[moving], axis=1)).sum():.2g} rad in all, which "
-            "shows no ICR; drive bends, circles and turns on the spot"
+            f"the robot turned {turning:.2g} rad in all, which shows no ICR; drive bends, circles and "
+            "turns on the spot"
         )
-    fresh = ~linked
-    knot_of_start = np.cumsum(np.where(fresh, 2, 1)) - 2
-    starts, ends = knot_of_start, knot_of_start + 1
+    # A segment that follows another begins at the knot at which that ends; others have two new knots.
+    starts = np.cumsum(np.where(follows, 1, 2)) - 2
+    ends = starts + 1
     knots = int(ends[-1]) + 1
     knot_log, knot_times = np.empty(knots, dtype=np.int64), np.empty(knots)
     knot_log[starts] = knot_log[ends] = log
     knot_times[starts], knot_times[ends] = edges[:, 0], edges[:, -1]
     pairs = [_near(motion, knot_log == number, knot_times) for number, motion in enumerate(motions)]
     return Recording(
-        tuple(motions),
-        length,
-        log.astype(np.int64),
-        edges,
-        turned,
-        moving,
-        linked,
-        _blocks(log, moving),
-        starts,
-        ends,
-        knot_log,
-        knot_times,
-        np.concatenate([knot for knot, _ in pairs]),
-        np.concatenate([pose for _, pose in pairs]),
-        tuple(_path(motion, robot, scale, difference) for motion in motions),
+        motions=tuple(motions),
+        length=length,
+        log=log.astype(np.int64),
+        edges=edges,
+        turned=turned,
+        moving=moving,
+        follows=follows,
+        block=_blocks(log, moving),
+        starts=starts,
+        ends=ends,
+        knot_log=knot_log,
+        knot_times=knot_times,
+        pair_knot=np.concatenate([knot for knot, _ in pairs]),
+        pair_pose=np.concatenate([pose for _, pose in pairs]),
+        paths=tuple(_path(motion, robot, scale, difference) for motion in motions),
     )
 
 
@@ -380,25 +379,31 @@ def _too_short(motions: Sequence[Motion], found: int, length: float) -> Estimato
 
 
 def _blocks(log: Indexes, moving: Mask) -> Indexes:
-    """Indices of contiguous blocks, alike in number of moving segments, log by log."""
+    """Block (n,) of each segment; blocks have about as many moving segments each.
+
+    A block is contiguous and of one log. One of less than half the size joins the block before it.
+    """
     size = int(np.clip(moving.sum() // BLOCKS, SMALLEST_BLOCK, LARGEST_BLOCK))
-    result, number, held = np.zeros(len(log), dtype=np.int64), 0, 0
-    for place in range(len(log)):
-        if place and (log[place] != log[place - 1] or (held >= size and moving[place])):
-            number, held = number + 1, 0
-        held += int(moving[place])
-        result[place] = number
-    # A short rest at the end of a log goes with the block before.
-    for last in range(number, 0, -1):
-        own: Mask = np.asarray(result == last)
-        before: Mask = np.asarray(result == last - 1)
+    blocks, block, moving_in_block = np.zeros(len(log), dtype=np.int64), 0, 0
+    for segment in range(len(log)):
+        is_full = moving_in_block >= size and moving[segment]
+        if segment and (log[segment] != log[segment - 1] or is_full):
+            block, moving_in_block = block + 1, 0
+        moving_in_block += int(moving[segment])
+        blocks[segment] = block
+    for last in range(block, 0, -1):
+        own: Mask = np.asarray(blocks == last)
+        before: Mask = np.asarray(blocks == last - 1)
         if moving[own].sum() < (size + 1) // 2 and log[own][0] == log[before][0]:
-            result[own] = last - 1
-    return np.asarray(np.unique(result, return_inverse=True)[1], dtype=np.int64)
+            blocks[own] = last - 1
+    return np.asarray(np.unique(blocks, return_inverse=True)[1], dtype=np.int64)
 
 
 def _near(motion: Motion, own: Mask, knot_times: Floats) -> tuple[Indexes, Indexes]:
-    """Knots of a log, and the truth poses near them: at least the nearest."""
+    """Pairs (p,) of a log's knots (mask `own`) and the truth poses near them.
+
+    A knot without one within `KNOT_WINDOW` has the nearest.
+    """
     knots, poses = [], []
     body_times = motion.truth_times - motion.lag
     for knot in np.flatnonzero(own):
@@ -408,8 +413,8 @@ def _near(motion: Motion, own: Mask, knot_times: Floats) -> tuple[Indexes, Index
         if low == high:
             before = max(low - 1, 0)
             after = min(low, len(body_times) - 1)
-            gaps = np.abs(body_times[[before, after]] - knot_times[knot])
-            low = before if gaps[0] <= gaps[1] else after
+            to_before, to_after = np.abs(body_times[[before, after]] - knot_times[knot])
+            low = before if to_before <= to_after else after
             high = low + 1
         poses.append(np.arange(low, high))
         knots.append(np.full(high - low, knot))
@@ -419,21 +424,21 @@ def _near(motion: Motion, own: Mask, knot_times: Floats) -> tuple[Indexes, Index
 
 
 def _pieces(motion: Motion) -> list[tuple[float, float]]:
-    """Intervals [s] in which no stream has a gap."""
-    body_times = motion.truth_times - motion.lag
+    """Intervals [s] without a gap of any stream, less `KNOT_WINDOW` at each end."""
     streams = (
         (motion.track_times, LARGEST_GAP),
         (motion.imu_times, LARGEST_GAP),
-        (body_times, LARGEST_HOLE),
+        (motion.truth_times - motion.lag, LARGEST_TRUTH_GAP),
     )
     low = max(float(times[0]) for times, _ in streams) + KNOT_WINDOW
     high = min(float(times[-1]) for times, _ in streams) - KNOT_WINDOW
-    holes = []
+    gaps = []
     for times, largest in streams:
-        wide = np.flatnonzero(np.diff(times) > largest)
-        holes += [(float(times[place]), float(times[place + 1])) for place in wide]
+        before = np.flatnonzero(np.diff(times) > largest)
+        gaps += [(float(times[index]), float(times[index + 1])) for index in before]
     pieces = []
-    for begin, end in sorted(holes):
+    # The gaps of different streams may overlap: the next piece begins after the latest end so far.
+    for begin, end in sorted(gaps):
         if begin - KNOT_WINDOW > low:
             pieces.append((low, min(begin - KNOT_WINDOW, high)))
         low = max(low, end + KNOT_WINDOW)
@@ -446,22 +451,23 @@ def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Seri
     """Times [s] and poses of dead reckoning by gyro and the robot's constant ICRs."""
     times = even_grid(motion.track_times[0], motion.track_times[-1], 0.02, motion.track_times)
     ways = _interpolated(times, motion.track_times, motion.track_ways)
-    rate = (np.interp(times, motion.imu_times, motion.turned) - motion.bias * times) / (
-        robot.imu.gyro_scale
-    )
+    measured = np.interp(times, motion.imu_times, motion.turned)
+    yaw = (measured - motion.bias * times) / robot.imu.gyro_scale
     indices = robot.constant_indices
-    turned = np.diff(rate)
+    turned = np.diff(yaw)
+    # Shares of the left and the right track in the forward motion.
     sides = scale * (0.5 + 0.25 * difference * np.array([-1.0, 1.0]))
     forward = np.diff(ways, axis=0) @ sides - turned * indices.epsilon0
     left = -turned * indices.zeta0
-    middle = 0.5 * (rate[1:] + rate[:-1])
+    middle = 0.5 * (yaw[1:] + yaw[:-1])
     cos, sin = np.cos(middle), np.sin(middle)
     steps = np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
     places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    return times, np.column_stack([places, rate])
+    return times, np.column_stack([places, yaw])
 
 
 def _vertical(imu: ImuSeries, robot: Robot) -> Floats:
+    """Yaw rate (i,) of the gyro, about the vertical of base_link [rad/s]."""
     upward = robot.imu_rotation[2]
     if robot.imu.gyro_axes == "xyz":
         return np.asarray(imu.angular_velocity @ upward)
@@ -472,19 +478,19 @@ def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
     """Integral (i, 2) of the levelled specific force [m/s]; None for too few readings."""
     from scipy.integrate import cumulative_trapezoid
 
-    read = imu.linear_acceleration
-    if read is None:
+    readings = imu.linear_acceleration
+    if readings is None:
         return None
-    there: Mask = np.asarray(np.isfinite(read).all(axis=1))
-    if there.sum() < 0.9 * len(there):
+    finite: Mask = np.asarray(np.isfinite(readings).all(axis=1))
+    if finite.sum() < 0.9 * len(finite):
         return None
-    levelled = read[there] @ robot.imu_rotation[:2].T
-    whole = _interpolated(times, times[there], levelled)
-    return np.asarray(cumulative_trapezoid(whole, times, axis=0, initial=0.0))
+    levelled = readings[finite] @ robot.imu_rotation[:2].T
+    filled = _interpolated(times, times[finite], levelled)
+    return np.asarray(cumulative_trapezoid(filled, times, axis=0, initial=0.0))
 
 
 def _bias(truth: Curve, gyro: Curve, lag: float) -> float:
-    """Median rate [rad/s] by which the gyro turns more than a truth of such a lag [s]."""
+    """Initial gyro bias [rad/s]: median of gyro less truth, which lags by `lag` [s]."""
     origin = int(truth.stamps[0])
     seconds = (truth.stamps - origin) * NANOSECOND
     starts = even_grid(0.0, seconds[-1] - WINDOW, 0.25, seconds)

@@ -99,7 +99,7 @@ class BatchFilter:
         if model is None:
             raise BatchError(f"the motion model of {variant.name!r} cannot run side by side")
         motion = assumed.model
-        self._model, self._state, self._sigmas = motion, assumed.state, assumed.sigmas
+        self._model, self._prior, self._sigmas = motion, assumed.state, assumed.sigmas
         self._disturbances = assumed.disturbances
         self.robot, self.variant, self.settings = robot, variant, settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
@@ -114,7 +114,7 @@ class BatchFilter:
         uncertain[s.GRAVITY], uncertain[s.Z] = True, False
         parameters = np.zeros(s.SIZE, dtype=bool)
         parameters[s.PARAMETERS] = True
-        absent = parameters & ~uncertain & (self._state == 0.0)
+        absent = parameters & ~uncertain & (self._prior == 0.0)
         self.shape = FilterShape(
             (*np.flatnonzero(uncertain).tolist(), *([s.WANDER_X, s.WANDER_Y] * wanders)),
             tuple(np.flatnonzero(absent).tolist()),
@@ -129,8 +129,8 @@ class BatchFilter:
 
     def __reduce__(self) -> Any:
         # Addresses of machine code are those of one process.
-        made_of = self.robot, self.variant, self.settings, self.shape.bits, self.width
-        return BatchFilter, made_of
+        arguments = self.robot, self.variant, self.settings, self.shape.bits, self.width
+        return BatchFilter, arguments
 
     def begin(self, first_speeds: Floats, start: Floats, start_sigma: Floats) -> Lanes:
         """Start all lanes at their first track speeds.
@@ -138,30 +138,38 @@ class BatchFilter:
         Args:
             first_speeds: (width, 2) speeds of the left and the right track [m/s].
             start: (3,) pose: x, y [m], yaw [rad].
-            start_sigma: (3,) its standard deviations.
+            start_sigma: (3,) its standard deviations [m, m, rad].
         """
-        lanes = aligned(len(self.rows) * self.width, self.number).reshape(-1, self.width)
-        state, sigmas = self._state.copy(), self._sigmas.copy()
+        rows = self.rows
+        workspace = aligned(len(rows) * self.width, self.number).reshape(-1, self.width)
+        self._write_start(workspace, start, start_sigma)
+        self._add_first_slip(workspace, first_speeds)
+        for name in ("slip_factor", "present_factor", "trend_size"):
+            workspace[rows[name]] = 1.0
+        for k, value in enumerate(self._model.memory):
+            workspace[rows[f"memory{k}"]] = value
+        constants = shared_constants(
+            self.shape, self._model, self._disturbances, self.robot, self.settings, self._prior
+        )
+        return Lanes(workspace, record_array(FixesRecord(), self.width), constants)
+
+    def _write_start(self, workspace: Floats, start: Floats, start_sigma: Floats) -> None:
+        """Write the initial states and variances: prior, start pose and wander of fixes."""
+        state, sigmas = self._prior.copy(), self._sigmas.copy()
         state[s.POSE], sigmas[s.POSE] = start, start_sigma
         state, sigmas = np.append(state, [0.0] * 2), np.append(sigmas, [self._wander.sigma] * 2)
         for i in self.shape.states:
-            lanes[self.rows[f"x{i}"]] = state[i]
-            lanes[self.rows[f"P{i}_{i}"]] = sigmas[i] ** 2
-        eta = self._model.steering_efficiency(state[s.PARAMETERS])
+            workspace[self.rows[f"x{i}"]] = state[i]
+            workspace[self.rows[f"P{i}_{i}"]] = sigmas[i] ** 2
+
+    def _add_first_slip(self, workspace: Floats, first_speeds: Floats) -> None:
+        """Add the slip variance of each lane: the robot may be moving already, with slip."""
+        eta = self._model.steering_efficiency(self._prior[s.PARAMETERS])
         for lane, (left, right) in enumerate(first_speeds.tolist()):
             slip = self._disturbances.slip_of(left, right, eta)
             for axis in range(3):
                 row = self.rows[f"P{s.SLIP_X + axis}_{s.SLIP_X + axis}"]
-                lanes[row, lane] += slip[axis] ** 2
-        constants = shared_constants(
-            self.shape, self._model, self._disturbances, self.robot, self.settings, self._state
-        )
-        for name in ("slip_factor", "present_factor", "trend_size"):
-            lanes[self.rows[name]] = 1.0
-        memory = self._model.memory
-        for k, value in enumerate(memory):
-            lanes[self.rows[f"memory{k}"]] = value
-        return Lanes(lanes, record_array(FixesRecord(), self.width), constants)
+                workspace[row, lane] += slip[axis] ** 2
 
     def work_through(
         self, lanes: Lanes, inputs: Floats, steps: Steps, table: Floats, estimates: Floats

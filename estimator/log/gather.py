@@ -22,18 +22,20 @@ NO_LIMIT = 1e300
 
 
 def gathered(measurements: Iterable[Measurement]) -> dict[str, Any]:
-    """Sort measurements into the series of a `Log`, by the names of its fields."""
+    """Sort measurements into the fields of a `Log`, by name.
+
+    A heading fix at the stamp of a position fix belongs to it. What has no series is in `others`.
+    """
     admission, dropped = Admission(0.0, NO_LIMIT), dict[str, int]()
     kept: dict[Key, Measurement] = {}
-    for measurement, reason in map(admission.checked, measurements):
+    for measurement, objection in map(admission.checked, measurements):
         key = key_of(measurement)
-        if reason is None and key in kept:
-            reason = "duplicate stamp"
+        reason = objection or ("duplicate stamp" if key in kept else None)
         if reason is None:
             kept[key] = measurement
         else:
-            counted = f"{STREAMS[type(measurement)]}: {reason}"
-            dropped[counted] = dropped.get(counted, 0) + 1
+            name = f"{STREAMS[type(measurement)]}: {reason}"
+            dropped[name] = dropped.get(name, 0) + 1
     ordered = [kept[key] for key in sorted(kept)]
     tracks = [m for m in ordered if isinstance(m, TrackSpeeds)]
     samples = [m for m in ordered if isinstance(m, ImuSample)]
@@ -90,13 +92,14 @@ def _imu(samples: list[ImuSample]) -> ImuSeries:
 
 
 def _fixes(positions: list[PositionFix], headings: dict[int, HeadingFix]) -> FixSeries:
-    nothing = HeadingFix(0, np.nan, np.nan)
+    """Series of fixes with the headings at their stamps; NaN for a fix without one."""
+    no_heading = HeadingFix(0, np.nan, np.nan)
     antennas = _array([(m.forward, m.left) for m in positions], 2)
-    both = [(m, headings.get(m.stamp, nothing)) for m in positions]
+    pairs = [(m, headings.get(m.stamp, no_heading)) for m in positions]
     return FixSeries(
         _stamps(positions),
-        _array([(m.x, m.y, heading.yaw) for m, heading in both], 3),
-        _array([(m.variance, heading.variance) for m, heading in both], 2),
+        _array([(m.x, m.y, heading.yaw) for m, heading in pairs], 3),
+        _array([(m.variance, heading.variance) for m, heading in pairs], 2),
         antennas if antennas.any() else None,
     )
 

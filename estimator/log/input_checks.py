@@ -259,11 +259,7 @@ CONVERTERS: dict[Any, tuple[str, Callable[[Any], Any]]] = {
 
 
 def _converted(name: str, kind: Any, value: Any) -> Any:
-    """Value of a field of a type as plain floats and tuples.
-
-    Raises:
-        EstimatorError: it has another type.
-    """
+    """Value of a field as plain floats and tuples; `EstimatorError` for no number."""
     wanted, convert = CONVERTERS[kind]
     try:
         return convert(value)
@@ -320,7 +316,8 @@ class Admission:
 
         Returns:
             The consecutive measurements that were too old, in the order of their stamps, if they are
-            enough of each stream to show that the clock was set back. Otherwise an empty list.
+            enough, in all and of tracks and IMU each, to show that the clock was set back. Otherwise an
+            empty list.
         """
         behind = self.behind
         if behind and abs(measurement.stamp - behind[-1].stamp) > self.longest_gap:
@@ -328,13 +325,13 @@ class Admission:
         behind.append(measurement)
         if len(behind) < BEHIND:
             return []
-        of_each = [sum(type(one) is kind for one in behind) for kind in (TrackSpeeds, ImuSample)]
-        if min(of_each) < BEHIND_OF_EACH:
+        counts = [sum(type(m) is kind for m in behind) for kind in (TrackSpeeds, ImuSample)]
+        if min(counts) < BEHIND_OF_EACH:
             del behind[0]
             return []
-        found = sorted(behind, key=key_of)
+        in_order = sorted(behind, key=key_of)
         behind.clear()
-        return found
+        return in_order
 
     def objection(self, measurement: Measurement) -> str | None:
         """Reason to reject measured values; None admits them.
@@ -389,7 +386,7 @@ class Admission:
 
 
 def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str | None:
-    """Reason to reject values that are not finite, or larger than `most`: `absurd`."""
+    """Reason to reject values: `NOT_FINITE`, or `absurd` if one is larger than `most`."""
     for value in values:
         # True for a value that is not a number, too.
         if not -most <= value <= most:
@@ -412,17 +409,19 @@ def _objection_to_fields(measurement: Measurement) -> str | None:
     values = [value for name, value in fields.items() if name not in NOISE]
     if not all(value is None or _is_finite(value) for value in values):
         return NOT_FINITE
-    found = (check(fields[name]) for name, check in NOISE.items() if name in fields)
-    return next((objection for objection in found if objection), None)
+    objections = (check(fields[name]) for name, check in NOISE.items() if name in fields)
+    return next(filter(None, objections), None)
 
 
 def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
+    # Neither the standard deviation nor its square may be zero or infinite.
     sigmas = sigma if isinstance(sigma, tuple) else (sigma,)
     positive = all(one > 0.0 < one * one < math.inf for one in sigmas)
     return None if positive else "sigma not positive"
 
 
 def _objection_to_covariance(covariance: Matrix3) -> str | None:
+    """Reason to reject a matrix that is not finite, symmetric and positive definite."""
     matrix = np.array(covariance)
     if not np.isfinite(matrix).all():
         return NOT_FINITE

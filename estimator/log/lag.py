@@ -124,7 +124,7 @@ def find_lag(late: Curve, reference: Curve, *, least: float = 0.0) -> Lag | NoLa
     Args:
         late: the series whose stamps may be late.
         reference: the same motion, perhaps in another unit or frame.
-        least: least spread of the reference's changes over a window at which a lag may show, in its unit.
+        least: least standard deviation of the reference's changes over the windows, in its unit.
 
     Returns:
         The lag, or the reason why there is none: too short, too little motion, no agreement at any lag,
@@ -132,9 +132,9 @@ def find_lag(late: Curve, reference: Curve, *, least: float = 0.0) -> Lag | NoLa
     """
     if min(len(late.stamps), len(reference.stamps)) < 2:
         return NoLag("there are no samples")
-    found = _search(late, reference, NEAR, FEWEST, LEAST_AGREEMENT, least)
-    if found != NOWHERE:
-        return found
+    near = _search(late, reference, NEAR, FEWEST, LEAST_AGREEMENT, least)
+    if near != NOWHERE:
+        return near
     far = _search(late, reference, FAR, FEWEST_FAR, LEAST_FAR, least)
     if isinstance(far, Lag):
         far = _search(late, reference, far.seconds + AROUND, FEWEST_FAR, LEAST_FAR, least)
@@ -142,66 +142,85 @@ def find_lag(late: Curve, reference: Curve, *, least: float = 0.0) -> Lag | NoLa
 
 
 def _search(
-    late: Curve, reference: Curve, lags: Floats, fewest: int, least_agreement: float, least: float
+    late: Curve,
+    reference: Curve,
+    lags: Floats,
+    fewest_windows: int,
+    least_agreement: float,
+    least_spread: float,
 ) -> Lag | NoLag:
-    """Search lags (m,) [s]; `NOWHERE` if none agrees, or the best is at an end."""
+    """Search an even grid of lags (m,) [s].
+
+    Returns:
+        The best lag. `NOWHERE` if none agrees, or the best is at an end of the grid. Another `NoLag` for
+        too few windows, too little motion, or a lag within its error, if that is above `CERTAIN`.
+    """
     origin = int(late.stamps[0])
     starts = _windows(late, reference, origin, lags)
-    if len(starts) < fewest:
+    if len(starts) < fewest_windows:
         return NoLag(f"the log is too short, with {len(starts) * SPACING:.0f} s to compare")
-    true = late.changes(origin, starts)
-    if np.std(reference.changes(origin, starts)) < least or np.ptp(true) == 0.0:
+    late_changes = late.changes(origin, starts)
+    spread = np.std(reference.changes(origin, starts))
+    if spread < least_spread or np.ptp(late_changes) == 0.0:
         return NoLag("the robot turns or speeds up too little")
     residuals = np.array(
-        [_residuals(true, reference.changes(origin, starts - lag)) for lag in lags]
+        [_residuals(late_changes, reference.changes(origin, starts - lag)) for lag in lags]
     )
     costs = residuals.mean(axis=1)
-    agreement = 1.0 - costs.min() / np.mean(np.abs(true - np.median(true)))
+    # R² with absolute values: 1 for a perfect line, 0 for one that is no better than the median.
+    agreement = 1.0 - costs.min() / np.mean(np.abs(late_changes - np.median(late_changes)))
     if agreement < least_agreement or int(np.argmin(costs)) in (0, len(lags) - 1):
         return NOWHERE
+    # Jackknife: lags from all windows but one block, for each block.
     blocks = np.array_split(np.arange(len(starts)), BLOCKS)
     without = [_lowest(np.delete(residuals, block, axis=1).mean(axis=1), lags) for block in blocks]
-    found = Lag(_lowest(costs, lags), float(jackknife_sigma(np.array(without))))
-    if found.sigma > CERTAIN and abs(found.seconds) <= BEYOND * found.sigma:
-        return NoLag(f"{found.seconds:.2f} ± {found.sigma:.2f} s is within its error")
-    return found
+    best = Lag(_lowest(costs, lags), float(jackknife_sigma(np.array(without))))
+    if best.sigma > CERTAIN and abs(best.seconds) <= BEYOND * best.sigma:
+        return NoLag(f"{best.seconds:.2f} ± {best.sigma:.2f} s is within its error")
+    return best
 
 
 def _windows(late: Curve, reference: Curve, origin: int, lags: Floats) -> Floats:
     """Starts (k,) of windows [s] that both series cover without a gap, at all lags."""
-    ours = np.asarray((late.stamps - origin) * NANOSECOND, dtype=float)
-    theirs = np.asarray((reference.stamps - origin) * NANOSECOND, dtype=float)
-    low = max(ours[0], theirs[0] + lags[-1])
-    high = min(ours[-1], theirs[-1] + lags[0]) - WINDOW
-    starts = even_grid(low, high, max(SPACING, (high - low) / MOST), ours)
-    inside = _whole(late.stamps, ours, starts, starts + WINDOW)
-    inside &= _whole(reference.stamps, theirs, starts - lags[-1], starts + WINDOW - lags[0])
-    return np.asarray(starts[inside])
+    late_s = np.asarray((late.stamps - origin) * NANOSECOND, dtype=float)
+    reference_s = np.asarray((reference.stamps - origin) * NANOSECOND, dtype=float)
+    low = max(late_s[0], reference_s[0] + lags[-1])
+    high = min(late_s[-1], reference_s[-1] + lags[0]) - WINDOW
+    starts = even_grid(low, high, max(SPACING, (high - low) / MOST), late_s)
+    covered = _covered(late.stamps, late_s, starts, starts + WINDOW)
+    # At the largest lag the reference's window begins first, at the smallest it ends last.
+    begins, ends = starts - lags[-1], starts + WINDOW - lags[0]
+    covered &= _covered(reference.stamps, reference_s, begins, ends)
+    return np.asarray(starts[covered])
 
 
-def _whole(stamps: Stamps, seconds: Floats, begins: Floats, ends: Floats) -> NDArray[np.bool_]:
-    """Mask (k,) of the intervals [s] without a gap between stamps (n,)."""
-    holes = pieces(stamps, LARGEST_HOLE)
+def _covered(stamps: Stamps, seconds: Floats, begins: Floats, ends: Floats) -> NDArray[np.bool_]:
+    """Mask (k,) of the intervals [s] that contain no gap between stamps (n,)."""
+    piece = pieces(stamps, LARGEST_HOLE)
     first = np.clip(np.searchsorted(seconds, begins, side="right") - 1, 0, None)
-    last = np.minimum(np.searchsorted(seconds, ends), len(holes) - 1)
-    return np.asarray(holes[first] == holes[last])
+    last = np.minimum(np.searchsorted(seconds, ends), len(piece) - 1)
+    return np.asarray(piece[first] == piece[last])
 
 
-def _residuals(values: Floats, by: Floats) -> Floats:
-    """Absolute residuals (n,) of the straight line with the smallest sum of them."""
+def _residuals(values: Floats, regressor: Floats) -> Floats:
+    """Absolute residuals (n,) of the straight line that makes their sum least.
+
+    The line is found by least squares that are weighted again in each of `ROUNDS` rounds.
+    """
     smallest = 0.01 * np.std(values)
     weights = np.ones(len(values))
     for _ in range(ROUNDS):
         weights /= weights.sum()
-        x, y = by - weights @ by, values - weights @ values
+        x, y = regressor - weights @ regressor, values - weights @ values
         square = weights @ x**2
-        residuals = np.abs(y - (weights @ (x * y) / square if square > 0.0 else 0.0) * x)
+        slope = weights @ (x * y) / square if square > 0.0 else 0.0
+        residuals = np.abs(y - slope * x)
         weights = 1.0 / np.maximum(residuals, smallest)
     return np.asarray(residuals)
 
 
 def _lowest(costs: Floats, lags: Floats) -> float:
     """Lag [s] of the lowest cost, refined by a parabola."""
-    at = int(np.clip(np.argmin(costs), 1, len(lags) - 2))
-    beside = float(np.clip(beside_lowest(costs, at), -1.0, 1.0))
-    return float(lags[at]) + beside * float(lags[1] - lags[0])
+    lowest = int(np.clip(np.argmin(costs), 1, len(lags) - 2))
+    offset = float(np.clip(beside_lowest(costs, lowest), -1.0, 1.0))
+    return float(lags[lowest]) + offset * float(lags[1] - lags[0])

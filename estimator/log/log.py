@@ -132,8 +132,9 @@ class Log:
         return (self.end - self.start) * NANOSECOND
 
     def _stamps(self) -> list[Stamps]:
-        stamps = [self.tracks.stamps] + ([] if self.imu is None else [self.imu.stamps])
-        filled = [one for one in stamps if len(one)]
+        """Stamps of the track speeds and of the IMU, without empty streams."""
+        streams = [self.tracks.stamps] + ([] if self.imu is None else [self.imu.stamps])
+        filled = [stamps for stamps in streams if len(stamps)]
         if not filled:
             raise EstimatorError(f"log {self.name!r} holds neither track speeds nor IMU samples")
         return filled
@@ -162,8 +163,8 @@ class Log:
         def cut(series: _Series) -> _Series:
             inside = (series.stamps >= start) & (series.stamps <= end)
             arrays: dict[str, Any] = {one.name: getattr(series, one.name) for one in fields(series)}
-            kept = {name: old[inside] for name, old in arrays.items() if old is not None}
-            return replace(series, **kept)
+            parts = {name: array[inside] for name, array in arrays.items() if array is not None}
+            return replace(series, **parts)
 
         truth = self.truth
         if truth is not None:
@@ -201,7 +202,8 @@ class Log:
         stamps = np.concatenate([stream[0] for stream in streams])
         ends = np.cumsum([len(stream[0]) for stream in streams])
         order = np.argsort(stamps, kind="stable")
-        # In chunks: all measurements of a long log at once would fill the memory.
+        # In chunks, each made stream by stream and then interleaved: all measurements of a long log at
+        # once would fill the memory.
         for start in range(0, len(order), AT_A_TIME):
             wanted = order[start : start + AT_A_TIME]
             stream_of = np.searchsorted(ends, wanted, side="right")

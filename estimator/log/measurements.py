@@ -29,11 +29,11 @@ class Measurement(Protocol):
 class TrackSpeeds:
     """Speeds of the two tracks over the ground side, without slip.
 
-    If each wheel of a side has a motor and a sensor of its own, give their speeds, too, and always: a
-    wheel that spins or is blocked is left out then.
+    If each wheel of a side has a motor and a sensor of its own, give the speeds of the wheels in every
+    sample, too: a wheel that spins or is blocked is left out then.
 
     Attributes:
-        stamp: end of the time [ns] for which the speeds are means: that since the sample before.
+        stamp: end of the interval since the sample before, over which the speeds are means [ns].
         left: speed of the left track, or mean of the left wheels [m/s], forward positive.
         right: speed of the right track, or mean of the right wheels [m/s], forward positive.
         left_wheels: speeds of the left wheels [m/s], always in the same order; empty if there is one.

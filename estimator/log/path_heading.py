@@ -60,14 +60,14 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
     """Check the headings of a truth by the course of its path, and by a gyro.
 
     A robot that turns on the spot has a short path whose course shows little: headings that turn as the
-    gyro does are some, too.
+    gyro does are valid, too.
 
     Args:
         truth: a truth with headings.
         gyro: stamps (n,) [ns] and yaw rates (n,) [rad/s] of the robot's gyro.
 
     Returns:
-        The reason not to use them, None if they follow the path or the gyro.
+        The reason not to use them; None if they follow the path or the gyro, or the path is too short.
     """
     poses = truth.poses
     ends = _steps(poses.poses[:, :2])
@@ -81,16 +81,15 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
     if len(steps) < FEWEST_STEPS:
         return None
     middle = poses.stamps[(ends[1:] + ends[:-1]) // 2]
-    off = (
-        np.arctan2(steps[:, 1], steps[:, 0]) - interpolate(poses.stamps, yaw[:, None], middle)[:, 0]
-    )
-    # A robot may drive backwards.
-    turns = 2.0
+    course = np.arctan2(steps[:, 1], steps[:, 0])
+    off = course - interpolate(poses.stamps, yaw[:, None], middle)[:, 0]
+    # Without twists the robot may drive backwards: differences of half a turn count as none.
+    multiple = 2.0
     if truth.twists is not None:
         v_x, v_y, _ = interpolate(truth.twists.stamps, truth.twists.twists, middle).T
         if (np.hypot(v_x, v_y) > SLOW).all():
-            off, turns = off - np.arctan2(v_y, v_x), 1.0
-    if abs(np.mean(np.exp(1j * turns * off))) >= LEAST_AGREEMENT:
+            off, multiple = off - np.arctan2(v_y, v_x), 1.0
+    if abs(np.mean(np.exp(1j * multiple * off))) >= LEAST_AGREEMENT:
         return None
     if gyro is not None and _turns_like(poses, *gyro):
         return None
@@ -103,19 +102,17 @@ def _turns_like(poses: PoseSeries, stamps: Stamps, rates: Floats) -> bool:
     ends = np.arange(first, last, round(TURN_STEP / NANOSECOND))
     if len(ends) <= FEWEST_STEPS:
         return False
-    turned = running_integral(stamps, rates)
+    angles = (stamps, running_integral(stamps, rates)), (poses.stamps, np.unwrap(poses.poses[:, 2]))
     by_gyro, by_truth = (
-        np.diff(interpolate(known, of[:, None], ends)[:, 0])
-        for known, of in ((stamps, turned), (poses.stamps, np.unwrap(poses.poses[:, 2])))
+        np.diff(interpolate(known, angle[:, None], ends)[:, 0]) for known, angle in angles
     )
-    size = float(by_gyro @ by_gyro)
     apart = by_truth - by_gyro
-    enough = np.abs(by_gyro).sum() >= LEAST_TURNING
-    return bool(enough and apart @ apart < MOST_APART * size)
+    is_enough = np.abs(by_gyro).sum() >= LEAST_TURNING
+    return bool(is_enough and apart @ apart < MOST_APART * float(by_gyro @ by_gyro))
 
 
 def _may_turn(truth: Truth) -> bool:
-    """Return False if the true twists say that the robot has kept its heading."""
+    """Return False if the true twists show that the robot has kept its heading."""
     if truth.twists is None:
         return True
     steps = np.diff(truth.twists.stamps) * NANOSECOND
@@ -123,19 +120,20 @@ def _may_turn(truth: Truth) -> bool:
 
 
 def _steps(places: Floats) -> Floats:
-    """Indices of places (n, 2) that are at least `STEP` from the one before."""
-    found, last = [0], places[0]
+    """Indices of places (n, 2) that are at least `STEP` from the chosen one before."""
+    chosen, last = [0], places[0]
     for index, place in enumerate(places):
         if np.hypot(*(place - last)) >= STEP:
-            found.append(index)
+            chosen.append(index)
             last = place
-    return np.array(found)
+    return np.array(chosen)
 
 
 def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | None:
     """Find the headings of positions by a path of the same robot.
 
-    Where the robot has hardly moved they are those of the path, turned as before and after.
+    Around each position the path is turned so that it fits the positions best (least squares). Where the
+    robot has hardly moved, the turn is interpolated between those before and after.
 
     Args:
         places: positions; their yaw is not used.
@@ -148,6 +146,7 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     stamps = places.stamps[inside]
     if len(stamps) < FEWEST_STEPS:
         return None
+    # Positions z, and places r of the path, as complex numbers.
     z = places.poses[inside, 0] + 1j * places.poses[inside, 1]
     x, y, yaw = interpolate_poses(path, stamps).T
     r = x + 1j * y
@@ -156,6 +155,7 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     last = np.searchsorted(way, way + REACH, side="right")
 
     def total(values: Floats) -> Floats:
+        """Sums over the part of the path around each position."""
         sums = np.concatenate([[0.0], np.cumsum(values)])
         return np.asarray(sums[last] - sums[first])
 
@@ -165,14 +165,15 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     r, z = r - centre_r, z - centre_z
     mean_r, mean_z = total(r) / count, total(z) / count
     cross = total(np.conj(r) * z) - count * np.conj(mean_r) * mean_z
-    of_r = np.maximum(total(np.abs(r) ** 2) - count * np.abs(mean_r) ** 2, 0.0)
-    of_z = np.maximum(total(np.abs(z) ** 2) - count * np.abs(mean_z) ** 2, 0.0)
-    variance = np.maximum(of_r + of_z - 2.0 * np.abs(cross), 0.0) / np.maximum(2 * count - 3, 1)
+    square_r = np.maximum(total(np.abs(r) ** 2) - count * np.abs(mean_r) ** 2, 0.0)
+    square_z = np.maximum(total(np.abs(z) ** 2) - count * np.abs(mean_z) ** 2, 0.0)
+    misfit = np.maximum(square_r + square_z - 2.0 * np.abs(cross), 0.0)
+    variance = misfit / np.maximum(2 * count - 3, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
         # Errors are alike over some way: a lever arm, slip, multipath.
         span = way[np.minimum(last, len(way)) - 1] - way[first]
-        sigma = np.sqrt(variance * count / of_r / np.maximum(span / ALIKE, 2.0))
-        good = (of_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)
+        sigma = np.sqrt(variance * count / square_r / np.maximum(span / ALIKE, 2.0))
+        good = (square_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)
     if not good.any():
         return None
     turn = np.unwrap(np.angle(cross[good]))

@@ -89,7 +89,7 @@ def mean_ratio(errors: Floats, distances: Floats, horizon: float) -> Floats:
     Args:
         errors: (n, ...) errors of the segments.
         distances: (n, ...) their distances [m].
-        horizon: their length [s].
+        horizon: their length [s, m].
     """
     moved = distances > SLOWEST_MEAN_SPEED * horizon
     with np.errstate(invalid="ignore"):
@@ -182,7 +182,7 @@ def usable_segments(
     within: list[Interval] | None,
     largest_gap: float,
 ) -> tuple[Places, Places]:
-    """Starts and ends of segments that end within an interval, without a gap.
+    """Starts and ends (k,) of complete segments within an interval, without a gap.
 
     Args:
         stamps: (m,) stamps of the truth [ns].
@@ -225,8 +225,8 @@ def pieces(stamps: Stamps, largest_gap: float) -> Places:
 def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDArray[Any]:
     """Evenly spaced times from `low` to below `high`, except in the middle of gaps.
 
-    Their number follows that of the known times, however far apart these are. Of a gap of more than
-    `LONGEST_FILLED` only the times next to its ends are kept.
+    Of a gap of more than `LONGEST_FILLED` only the times next to its ends are kept, so that a clock that
+    jumps does not fill the memory.
 
     Args:
         low: first time, in the unit of `known`.
@@ -237,46 +237,52 @@ def even_grid(low: float, high: float, step: float, known: NDArray[Any]) -> NDAr
     Returns:
         (m,) ascending times of the type of `known`.
     """
-    whole = np.issubdtype(known.dtype, np.integer)
-    gaps = np.flatnonzero(np.diff(known) > LONGEST_FILLED / (NANOSECOND if whole else 1.0))
+    unit = NANOSECOND if np.issubdtype(known.dtype, np.integer) else 1.0
+    gaps = np.flatnonzero(np.diff(known) > LONGEST_FILLED / unit)
     if not len(gaps) or high <= low:
         return np.arange(low, max(low, high), step, dtype=known.dtype)
     begins = np.clip(np.append(known[:1], known[gaps + 1]), low, high)
     ends = np.clip(np.append(known[gaps], known[-1:]), low, high)
     begins[0], ends[-1] = low, high
-    first, last = ((one - low) // step for one in (begins, ends))
-    places = [np.arange(a, b + 2) for a, b in zip(first.tolist(), last.tolist(), strict=True)]
-    times = low + step * np.unique(np.concatenate(places))
+    firsts, lasts = ((one - low) // step for one in (begins, ends))
+    steps = [np.arange(a, b + 2) for a, b in zip(firsts.tolist(), lasts.tolist(), strict=True)]
+    times = low + step * np.unique(np.concatenate(steps))
     return np.asarray(times[times < high], dtype=known.dtype)
 
 
 def velocity_errors(estimate: Trajectory, truth: Truth) -> Floats:
     """Errors (n, 3) of v_x, v_y [m/s] and w [rad/s] in the axes of base_link.
 
-    If the truth has no twists, both velocities are means over windows of `VELOCITY_WINDOW`, from poses:
-    the displacement in the axes of the window's start over its length. For the estimate it is that of
-    its integrated twists, so that jumps at fixes do not count as velocity.
+    They are at the stamps of the truth's twists; without twists see `_mean_velocity_errors`.
     """
-    if truth.twists is not None:
-        stamps, twists = truth.twists.stamps, truth.twists.twists
-        inside = (stamps >= estimate.stamps[0]) & (stamps <= estimate.stamps[-1])
-        found = interpolate(estimate.stamps, estimate.twists, stamps[inside])
-        return np.asarray(found - twists[inside])
-    window = int(VELOCITY_WINDOW / NANOSECOND)
-    low = max(truth.poses.stamps[0], estimate.stamps[0])
-    high = min(truth.poses.stamps[-1], estimate.stamps[-1])
-    starts = even_grid(low, high - window, window // 2, truth.poses.stamps)
-    # Skip windows in which the truth is missing for half of the time.
-    holes = pieces(truth.poses.stamps, 0.5 * VELOCITY_WINDOW)
-    first = np.searchsorted(truth.poses.stamps, starts, side="right") - 1
-    last = np.searchsorted(truth.poses.stamps, starts + window)
-    starts = starts[holes[first] == holes[np.minimum(last, len(holes) - 1)]]
-    ends = starts + window
-    steps = [
-        relative(interpolate_poses(poses, starts), interpolate_poses(poses, ends))
-        for poses in (_reckoned(estimate), truth.poses)
-    ]
-    errors = steps[0] - steps[1]
+    if truth.twists is None:
+        return _mean_velocity_errors(estimate, truth.poses)
+    stamps, twists = truth.twists.stamps, truth.twists.twists
+    inside = (stamps >= estimate.stamps[0]) & (stamps <= estimate.stamps[-1])
+    estimated = interpolate(estimate.stamps, estimate.twists, stamps[inside])
+    return np.asarray(estimated - twists[inside])
+
+
+def _mean_velocity_errors(estimate: Trajectory, truth: PoseSeries) -> Floats:
+    """Errors (n, 3) of mean velocities over windows of `VELOCITY_WINDOW`.
+
+    A mean velocity is the displacement in the axes of the window's start over its length. The estimate's
+    is from its integrated twists, so that jumps at fixes do not count as velocity.
+    """
+    window_ns = int(VELOCITY_WINDOW / NANOSECOND)
+    low = max(truth.stamps[0], estimate.stamps[0])
+    high = min(truth.stamps[-1], estimate.stamps[-1])
+    starts = even_grid(low, high - window_ns, window_ns // 2, truth.stamps)
+    # Skip windows that touch a gap of the truth longer than half a window.
+    piece = pieces(truth.stamps, 0.5 * VELOCITY_WINDOW)
+    first = np.searchsorted(truth.stamps, starts, side="right") - 1
+    last = np.minimum(np.searchsorted(truth.stamps, starts + window_ns), len(piece) - 1)
+    starts = starts[piece[first] == piece[last]]
+    estimated, true = (
+        relative(interpolate_poses(poses, starts), interpolate_poses(poses, starts + window_ns))
+        for poses in (_reckoned(estimate), truth)
+    )
+    errors = estimated - true
     errors[:, 2] = wrap_angle(errors[:, 2])
     return np.asarray(errors / VELOCITY_WINDOW)
 
@@ -304,11 +310,11 @@ def nees(errors: Floats, covariances: Floats) -> Floats:
         errors: (..., 3).
         covariances: (..., 3, 3).
     """
-    (of_x, of_y, of_z), (l_yx, l_zx, l_zy) = _factors(covariances)
+    (pivot_x, pivot_y, pivot_z), (l_yx, l_zx, l_zy) = _factors(covariances)
     x = errors[..., 0]
     y = errors[..., 1] - l_yx * x
     z = errors[..., 2] - l_zx * x - l_zy * y
-    return np.asarray(x * x / of_x + y * y / of_y + z * z / of_z)
+    return np.asarray(x * x / pivot_x + y * y / pivot_y + z * z / pivot_z)
 
 
 def regular(covariances: Floats) -> NDArray[np.bool_]:
@@ -318,14 +324,14 @@ def regular(covariances: Floats) -> NDArray[np.bool_]:
     return np.asarray((pivots[0] > 0.0) & (pivots[1] > 0.0) & (pivots[2] > 0.0))
 
 
-def _factors(covariances: Floats, less: float = 0.0) -> tuple[tuple[Floats, ...], ...]:
-    """Factors of P - less I = L D L^T: entries of D, and of L below its diagonal."""
-    xx, yy, zz = (covariances[..., axis, axis] - less for axis in range(3))
+def _factors(covariances: Floats, shift: float = 0.0) -> tuple[tuple[Floats, ...], ...]:
+    """Factors of P - shift I = L D L^T: entries of D, and of L below its diagonal."""
+    xx, yy, zz = (covariances[..., axis, axis] - shift for axis in range(3))
     xy, xz, yz = covariances[..., 0, 1], covariances[..., 0, 2], covariances[..., 1, 2]
     l_yx, l_zx = xy / xx, xz / xx
-    of_y, left_yz = yy - l_yx * xy, yz - l_yx * xz
-    l_zy = left_yz / of_y
-    return (xx, of_y, zz - l_zx * xz - l_zy * left_yz), (l_yx, l_zx, l_zy)
+    pivot_y, rest_yz = yy - l_yx * xy, yz - l_yx * xz
+    l_zy = rest_yz / pivot_y
+    return (xx, pivot_y, zz - l_zx * xz - l_zy * rest_yz), (l_yx, l_zx, l_zy)
 
 
 def pose_nees(
@@ -338,7 +344,8 @@ def pose_nees(
     """NEES (n,) of the pose at the truth's stamps, see `nees`.
 
     Estimate and truth must share their frame. Stamps with a singular covariance, and those outside of
-    `within`, are left out. With `position_only` it is that of x and y, ideally 2.
+    `within`, are left out. With `position_only` it is that of x and y: its mean is 2, not 3, if the
+    filter is consistent.
     """
     stamps = shared_stamps(estimate, truth)
     if within is not None:
@@ -347,19 +354,16 @@ def pose_nees(
     errors = interpolate_poses(estimate.pose_series, stamps) - interpolate_poses(truth, stamps)
     errors[:, 2] = wrap_angle(errors[:, 2])
     covariances = estimate.pose_covariances[np.searchsorted(estimate.stamps, stamps)]
-    counted = regular(covariances)
+    counts = regular(covariances)
     if position_only:
-        # An independent error of zero in the place of the yaw adds nothing.
+        # With an independent error of zero the yaw adds nothing.
         errors[:, 2], covariances[:, 2], covariances[:, :, 2] = 0.0, 0.0, 0.0
         covariances[:, 2, 2] = 1.0
-    return nees(errors[counted], covariances[counted])
+    return nees(errors[counts], covariances[counts])
 
 
 def without_fixes(fix_stamps: Stamps, start: int, end: int, shortest: float) -> list[Interval]:
-    """Intervals of stamps [ns] without fixes, at least `shortest` s long.
-
-    They lie between `start` and `end` [ns].
-    """
+    """Intervals without fixes between two stamps [ns], of at least `shortest` [s]."""
     edges = np.concatenate([[start], np.clip(fix_stamps, start, end), [end]])
     long = np.flatnonzero(np.diff(edges) >= int(shortest / NANOSECOND))
     return [(int(edges[i]), int(edges[i + 1])) for i in long]

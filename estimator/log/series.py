@@ -157,7 +157,7 @@ class Truth:
         require_part("tracks", self.tracks, TrackSpeedSeries, or_none=True)
 
     def positions_alone(self) -> Truth:
-        """Truth without headings, and without what would show them."""
+        """Truth without headings, nor the twists and track speeds that would show them."""
         poses = self.poses.poses.copy()
         poses[:, 2] = np.nan
         known = replace(self.poses, poses=poses)
@@ -183,15 +183,12 @@ def running_integral(stamps: Stamps, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def require_part(name: str, value: object, kind: type, *, or_none: bool = False) -> None:
-    """Reject a part of a log of another type, such as an array in place of a series.
-
-    Raises:
-        EstimatorError: it has.
-    """
+    """Reject a part of a log of another type, such as an array in place of a series."""
     require_kind(name, value, kind, or_none=or_none, shown=False)
 
 
 def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:
+    """Reject arrays that are no series: stamps (n,) in order, values (n, *width)."""
     for what, array in (("stamps", stamps), (name, values)):
         if not isinstance(array, np.ndarray):
             raise EstimatorError(

@@ -19,11 +19,7 @@ ETA0, EPSILON0 = s.ETA0 - s.PARAMETERS.start, s.EPSILON0 - s.PARAMETERS.start
 
 
 def index_bounds(gauge: float) -> Floats:
-    """Bounds (3, 10) of index parameters.
-
-    Args:
-        gauge: L [m].
-    """
+    """Bounds (3, 10) of index parameters, for a track gauge L [m]."""
     half = 0.5 * gauge
     rows = np.zeros((3, s.PARAMETER_COUNT + 1))
     rows[0, [ETA0, -1]] = 1.0, 1.0

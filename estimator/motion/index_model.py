@@ -112,6 +112,7 @@ def _balance(problem: _Problem) -> Number:
 def _bisect(problem: _Problem) -> Number:
     """Zero of u - g(u) by bisection: g is continuous and bounded, as the indices are."""
     high = 1.0 + 0.0 * problem.D
+    # Double the interval from -high to high where it does not contain the zero.
     for _ in range(BISECTIONS):
         short = ((high - _evaluate(high, problem).g).real < 0.0) | (
             (-high - _evaluate(-high, problem).g).real > 0.0

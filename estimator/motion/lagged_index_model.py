@@ -274,10 +274,10 @@ def linearise(
 def _by_parameters(
     zeta: Number, epsilon: Number, eta: Number, gains: tuple[Number, Number, Number, Number]
 ) -> tuple[Number, ...]:
-    """Derivatives (9,) of a component of the twist, by those by the indices.
+    """Derivatives (9,) of a component of the twist by the parameters.
 
-    That by H is always zero. The gains are zeta by zeta1, epsilon by epsilon1 (and eta by eta1), eta by
-    eta2, and epsilon by epsilon_F.
+    Given are those by zeta, epsilon and eta. That by H is zero. The gains are derivatives: zeta by zeta1,
+    epsilon by epsilon1 (and eta by eta1), eta by eta2, and epsilon by epsilon_F.
     """
     of_zeta, of_S, of_square, of_P = gains
     return (
@@ -294,7 +294,7 @@ def _by_parameters(
 
 
 def limited(value: Number, limit: Number) -> tuple[Number, Number]:
-    """Value limited to ±limit; 1 where it is within, else 0."""
+    """Value limited to ±limit, and its derivative: 1 where it is within, else 0."""
     is_above = at_or_above(abs(value.real) - limit.real, 0.0)
     return (1.0 - is_above) * value + is_above * sign(value) * limit, 1.0 - is_above
 

@@ -64,20 +64,16 @@ def spatial_of(states: Floats, sigmas: Floats) -> tuple[Floats, Floats]:
         states: (n, SIZE) the states.
         sigmas: (n, SIZE) their standard deviations; those of roll and pitch are for small angles.
     """
-    of_gravity = sigmas[:, [s.GRAVITY_Y, s.GRAVITY_X]] / GRAVITY
+    # Roll is by gravity to the left, pitch by that forward.
+    tilt_sigmas = sigmas[:, [s.GRAVITY_Y, s.GRAVITY_X]] / GRAVITY
     return (
         np.column_stack([states[:, s.Z], roll_pitch(states[:, s.GRAVITY])]),
-        np.column_stack([sigmas[:, s.Z], of_gravity]),
+        np.column_stack([sigmas[:, s.Z], tilt_sigmas]),
     )
 
 
 def pose3d_of(x: Floats, P: Floats) -> Pose3d:
-    """Pose of a state.
-
-    Args:
-        x: (SIZE,) the state.
-        P: (SIZE, SIZE) its covariance.
-    """
+    """Pose of a state (SIZE,) with its covariance (SIZE, SIZE)."""
     roll, pitch = roll_pitch(x[s.GRAVITY]).tolist()
     by_state = np.zeros((6, len(x)))
     by_state[MOVED, range(s.MOVED.start, s.MOVED.stop)] = 1.0
@@ -92,17 +88,17 @@ def pose3d_of(x: Floats, P: Floats) -> Pose3d:
     return Pose3d(position, rpy, by_state @ P @ by_state.T)
 
 
-def twist3d_of(twist: Floats, of_twist: Floats, tilt_rates: Floats, of_rates: Floats) -> Twist3d:
+def twist3d_of(twist: Floats, twist_P: Floats, tilt_rates: Floats, rates_P: Floats) -> Twist3d:
     """Velocity of a planar twist, and of the rates of roll and pitch.
 
     Args:
         twist: (3,) v_x, v_y [m/s], w [rad/s].
-        of_twist: (3, 3) its covariance.
-        tilt_rates: (2,) turning about the axes forward and left [rad/s].
-        of_rates: (2, 2) its covariance.
+        twist_P: (3, 3) its covariance.
+        tilt_rates: (2,) rates about the axes forward and left [rad/s].
+        rates_P: (2, 2) their covariance.
     """
     covariance, planar = np.zeros((6, 6)), [0, 1, 5]
-    covariance[np.ix_(planar, planar)] = of_twist
-    covariance[3:5, 3:5], covariance[2, 2] = of_rates, np.nan
+    covariance[np.ix_(planar, planar)] = twist_P
+    covariance[3:5, 3:5], covariance[2, 2] = rates_P, np.nan
     linear, angular = np.append(twist[:2], 0.0), np.append(tilt_rates, twist[2])
     return Twist3d(linear, angular, covariance)

@@ -25,7 +25,7 @@ class PoseStep(NamedTuple):
     """Increment of a pose by a body motion.
 
     Attributes:
-        step: x, y [m], yaw [rad] in the axes of the pose.
+        step: x, y [m], yaw [rad] in the axes in which the pose is given.
         by_yaw: derivative of its x and y by the yaw of the pose.
         by_motion: (3, 3) its derivative by the motion.
     """

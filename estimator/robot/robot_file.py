@@ -231,9 +231,6 @@ class Slip(Bounded, frozen=True):
         time_constant: correlation time of the process [s].
         white_time: the white noise of w has the density of a process of the same standard deviation
             and this (short) correlation time [s].
-
-    Raises:
-        EstimatorError: a value is negative or not a finite number, or `time_constant` is zero.
     """
 
     turning_x: Share = 0.05
@@ -275,9 +272,6 @@ class UndetectedSlip(Bounded, frozen=True):
     Attributes:
         share: standard deviation, as a share of the mean speed of the tracks; 0 for none [-].
         time: how long it lasts [s].
-
-    Raises:
-        EstimatorError: a value is negative or not a finite number, or `time` is zero.
     """
 
     share: Share = 0.0
@@ -462,7 +456,7 @@ def changed_robot(robot: Robot, changes: Mapping[str, Any]) -> Robot:
 
 
 def as_plain_table(value: Any) -> Any:
-    """Plain data of a value: of structures, mappings, tuples and numpy's numbers."""
+    """Plain data of a value, as TOML has it: dicts, lists, text, numbers."""
     if isinstance(value, Mapping):
         return {str(key): as_plain_table(item) for key, item in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
@@ -476,7 +470,7 @@ def require_robot(robot: object) -> None:
     """Reject an argument that is not a `Robot`, such as the path of its file.
 
     Raises:
-        EstimatorError: it is not a `Robot`; the message says how to load one.
+        EstimatorError: it is not a `Robot`; the message gives the call that loads one.
     """
     if not isinstance(robot, Robot):
         given = f"{str(robot)!r}" if isinstance(robot, str | Path) else "path"

@@ -43,9 +43,6 @@ class GateSettings(Bounded, frozen=True):
         patience: time of rejections in a row after which the next fix is used [s]; at 0 none is
             rejected. A fix counts at most 1 s, and one that is far away must be confirmed for as long as
             the robot would take to get there, or for six times this. Of the IMU, 0.1 s is enough.
-
-    Raises:
-        EstimatorError: `patience` is not a time of at least 0 s.
     """
 
     NAMES: ClassVar[str] = "GateSettings.{}"
@@ -70,9 +67,6 @@ class StandstillSettings(Bounded, frozen=True):
         quiet_gyro: the yaw-rate readings of that time are within this of their mean [rad/s], or
             within five standard deviations of the file's noise if that is more; measured noise beyond
             that counts with eight.
-
-    Raises:
-        EstimatorError: a value is negative or not a finite number, or `duration` is out of range.
     """
 
     NAMES: ClassVar[str] = "StandstillSettings.{}"
@@ -103,20 +97,18 @@ class FixWander(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         require_wander("FixWander.sigma", self.sigma, "FixWander.time", self.time)
 
     def at_start(self, sigma: float) -> float:
-        """Standard deviation of a start at fixes that the filter uses once more [m].
+        """Standard deviation of a start from fixes that the filter uses once more [m].
+
+        It is so large that the start has no weight against the fixes, whose wander is its error.
 
         Args:
             sigma: that of the white part of the fixes [m].
         """
-        # So large that the start has no weight against the fixes, whose wander is its error.
         return math.hypot(sigma, 3.0 * self.sigma)
 
     @classmethod
     def of(cls, robot: Robot) -> FixWander:
         """Wander of a robot file's `[log.fixes]`, or of the fixes in its `[log.columns]`.
-
-        Args:
-            robot: the robot.
 
         Raises:
             EstimatorError: a value is not valid.

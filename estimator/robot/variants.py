@@ -27,15 +27,15 @@ from icreckon.estimator.motion.motion_model import MotionModel
 from icreckon.estimator.robot.robot_file import Indices, Robot, Slip
 from icreckon.estimator.robot.soil import Soil
 
-# Shares of the weight: the largest lateral force of inertia in the paper's simulations.
+# The largest lateral force of inertia in the paper's simulations, as a share of the weight.
 TYPICAL_FORCE = 0.07
 # Least value of epsilon_F that scales its uncertainty [m].
 LEAST_CREEP = 0.3
 # Places of the gains among the parameters: zeta1, epsilon1, eta1, eta2; and epsilon_F.
 GAINS = (2, 4, 6, 7)
 EPSILON_F = s.EPSILON_F - s.PARAMETERS.start
-# Distance of a track from its ICR, as a share of half the contact's length: beyond this range it shows
-# ground that is not Coulomb's.
+# Range of a track's distance from its ICR, as a share of half the contact's length; one beyond it is not
+# of Coulomb friction, and counts as at its end.
 LEAST_AWAY, MOST_AWAY = 0.5, 1.5
 
 Model = Literal["gyro", "differential", "constant", "linear", "inertia"]
@@ -92,9 +92,6 @@ class Adaptation(Bounded, frozen=True):
         eta2: prior standard deviation [-].
         epsilon_F: prior standard deviation, as a share of its value by Coulomb friction [-].
         walk: random walk of each, as a share of the above per √s of turning [1/√s].
-
-    Raises:
-        EstimatorError: a value is negative or not a finite number.
     """
 
     NAMES: ClassVar[str] = "Adaptation.{}"
@@ -153,10 +150,10 @@ def find_variant(name: str) -> Variant:
     Raises:
         EstimatorError: an unknown name; the message names the nearest.
     """
-    found = VARIANTS.get(name) if isinstance(name, str) else None
-    if found is None:
+    variant = VARIANTS.get(name) if isinstance(name, str) else None
+    if variant is None:
         raise EstimatorError(f"no filter variant {name!r}{nearest_hint(str(name), list(VARIANTS))}")
-    return found
+    return variant
 
 
 def register(variant: Variant) -> None:
@@ -237,19 +234,17 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
         case "constant":
             return robot.constant_indices.as_array()
         case "inertia":
-            found = robot.indices.as_array()
-            zeta1, epsilon_F = coulomb_gains(robot)
+            parameters = robot.indices.as_array()
             if robot.indices.epsilon_F is None:
-                found[EPSILON_F] = epsilon_F
-                if not found[list(GAINS)].any():
-                    found[GAINS[0]] = zeta1
-            return found
+                zeta1, parameters[EPSILON_F] = coulomb_gains(robot)
+                if not parameters[list(GAINS)].any():
+                    parameters[GAINS[0]] = zeta1
+            return parameters
         case "linear":
             _, zeta, _, epsilon, _, eta, *_ = robot.constant_indices.as_array()
-            found = linear_model.coefficients(
-                IndexValues(zeta, epsilon, eta), robot.vehicle.track_gauge
-            )
-    return np.concatenate([found, np.zeros(s.PARAMETER_COUNT - len(found))])
+            indices = IndexValues(zeta, epsilon, eta)
+            six = linear_model.coefficients(indices, robot.vehicle.track_gauge)
+            return np.concatenate([six, np.zeros(s.PARAMETER_COUNT - len(six))])
 
 
 def coulomb_gains(robot: Robot) -> tuple[float, float]:
@@ -304,7 +299,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     if not variant.online:
         return np.zeros(s.PARAMETER_COUNT)
     if variant.model == "linear":
-        # Those of constant ICRs as those of the coefficients, about.
+        # About those of constant ICRs: a pair of coefficients (right, forward, turn) of each index.
         eta0 = robot.constant_indices.eta0
         turn = 1.0 / (robot.vehicle.track_gauge * eta0)
         sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
@@ -324,5 +319,5 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
         ]
     )
     if variant.model == "constant":
-        sigmas[[2, 4, 6, 7, 8]] = 0.0
+        sigmas[[*GAINS, EPSILON_F]] = 0.0
     return sigmas

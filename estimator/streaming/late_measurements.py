@@ -59,7 +59,7 @@ class History:
     Args:
         reckoning: the filter.
         span: largest delay of a measurement [s].
-        watch: called from time to time with the record of the filter.
+        watch: called with the record of the filter before its rates are full, or are cleared.
     """
 
     def __init__(
@@ -87,12 +87,12 @@ class History:
         keys = [key_of(event) for event in events]
         if any(one >= other for one, other in pairwise([checkpoint.after, *keys])):
             raise EstimatorError("the measurements of the history are not in order")
-        now = self._reckoning.checkpoint()
+        newest = self._reckoning.checkpoint()
         self.begin_anew(checkpoint.after, checkpoint.checkpoint)
         self._keys, self._events = keys, events
         if keys:
-            self._checkpoints.append(KeyedMemory(keys[-1], now))
-        self._reckoning.restore(now)
+            self._checkpoints.append(KeyedMemory(keys[-1], newest))
+        self._reckoning.restore(newest)
 
     def objection(self, key: Key) -> str | None:
         """Reason to reject a measurement of this key; None if it can be inserted."""
@@ -133,10 +133,10 @@ class History:
         self._since_checkpoint += 1
         if self._since_checkpoint >= CHECKPOINT_EVERY:
             self._watch(self._reckoning.record)
-            since = self._checkpoints[-1].after
+            first_stamp = self._checkpoints[-1].after[0]
             self._add_checkpoint(key)
             self._drop_obsolete()
-            require_nanoseconds(since[0], key[0], CHECKPOINT_EVERY + 1)
+            require_nanoseconds(first_stamp, key[0], CHECKPOINT_EVERY + 1)
         return used
 
     def set_clock(self, by: int) -> None:
@@ -186,17 +186,16 @@ class History:
         self._since_checkpoint = 0
         used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
-            at = self._keys[index]
-            now_used = reckoning.take(self._events[index])
+            is_used = reckoning.take(self._events[index])
             self._since_checkpoint += 1
             if index == place:
-                used = now_used
+                used = is_used
                 self._watch(reckoning.record)
             else:
-                # The others were watched before.
+                # The rates of the others were taken before.
                 reckoning.record.turning.count = reckoning.record.yaw_rates.count = 0
             if self._since_checkpoint >= CHECKPOINT_EVERY:
-                self._add_checkpoint(at)
+                self._add_checkpoint(self._keys[index])
         return used
 
     def _add_checkpoint(self, key: Key) -> None:

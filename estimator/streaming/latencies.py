@@ -1,7 +1,7 @@
 """Latencies of each stream's stamps, taken off ahead of the filter.
 
 A stamp is late if the driver averaged, filtered, queued or repeated the value before it stamped it. That
-of the track speeds is watched while driving, and estimated where nobody gave one.
+of the track speeds is watched while driving, and estimated where none is given.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from icreckon.estimator.sensors.track_latency import (
 )
 
 LARGEST_SIGMA = 0.02
-"""Standard error from which on an estimate is used [s]."""
+"""Largest standard error with which an estimate is used [s]."""
 LEAST, LEAST_CHANGE = 0.03, 0.01
 """Smallest latency that is taken off, and smallest change of one that is [s]."""
 AT_ONCE = 1000
-"""Number of samples after which the watch uses them, all at once."""
+"""Number of waiting samples at which the estimator takes them, all at once."""
 
 
 class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -76,8 +76,7 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def of(cls, robot: Robot) -> Latencies:
         """Latencies of a robot file's `[log]`; the tracks' is estimated if not given.
 
-        Args:
-            robot: the robot.
+        Headings without a latency have that of `[log.fixes]`. Pose fixes and body velocities have none.
         """
 
         def latency(stream: str) -> float | None:
@@ -116,12 +115,10 @@ class Part(NamedTuple):
 
 def joined(parts: list[Part]) -> tuple[Stamps, Floats]:
     """Stamps (n,) and rates (n,) of successive parts."""
-    counts = [len(one.times) for one in parts]
-    begins = np.repeat(np.array([one.begin for one in parts], np.int64), counts)
-    times, rates = (
-        np.array([*chain.from_iterable(of)])
-        for of in ((one.times for one in parts), (one.rates for one in parts))
-    )
+    counts = [len(part.times) for part in parts]
+    begins = np.repeat(np.array([part.begin for part in parts], np.int64), counts)
+    times = np.array([*chain.from_iterable(part.times for part in parts)])
+    rates = np.array([*chain.from_iterable(part.rates for part in parts)])
     return begins + times.astype(np.int64), rates
 
 
@@ -131,7 +128,7 @@ class StampCorrection:
     Args:
         latencies: the latencies.
         estimated: estimate of an earlier run to begin with [s].
-        watch: checkpoint of the watch, see `memory`; None to start again.
+        memory: checkpoint of the watch, see `memory`; None to start again.
 
     Attributes:
         latencies: the latencies.
@@ -139,82 +136,86 @@ class StampCorrection:
     """
 
     def __init__(
-        self, latencies: Latencies, estimated: float = 0.0, watch: TrackLatencyMemory | None = None
+        self, latencies: Latencies, estimated: float = 0.0, memory: TrackLatencyMemory | None = None
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
-        # Samples of the tracks and of the gyro that the watch has not taken yet.
+        # Samples of the tracks and of the gyro that the estimator has not taken yet, and their number.
         self._turning, self._rates = list[Part](), list[Part]()
-        self._watch, self._count = TrackLatencyEstimator(), 0
-        if watch is not None:
-            self._watch.recall(watch)
-        self._late = {kind: _nanoseconds(value) for kind, value in latencies.by_kind().items()}
-        self._late[TrackSpeeds] += _nanoseconds(estimated)
+        self._waiting = 0
+        self._estimator = TrackLatencyEstimator()
+        if memory is not None:
+            self._estimator.recall(memory)
+        latency_ns = {kind: _nanoseconds(value) for kind, value in latencies.by_kind().items()}
+        latency_ns[TrackSpeeds] += _nanoseconds(estimated)
+        self._latency_ns = latency_ns
 
     def late(self, kind: type) -> int:
         """Latency that is taken off the stamps of a type of measurements [ns]."""
-        return self._late.get(kind, 0)
+        return self._latency_ns.get(kind, 0)
 
     def corrected(self, measurement: Measurement) -> Measurement:
         """Return the measurement with its stamp corrected."""
-        late = self.late(type(measurement))
-        if not late:
+        late_ns = self.late(type(measurement))
+        if not late_ns:
             return measurement
         # Measurements are dataclasses, but their protocol only asks for a stamp.
-        return replace(measurement, stamp=measurement.stamp - late)  # type: ignore[type-var]
+        return replace(measurement, stamp=measurement.stamp - late_ns)  # type: ignore[type-var]
 
     def watch(self, record: FilterRecord) -> None:
-        """Take the newest samples of a filter's record, for the watch."""
-        late = _nanoseconds(self.estimated)
-        for parts, of, more in (
-            (self._turning, record.turning, late),
+        """Take the newest samples from a filter's record; use the estimate now and then."""
+        # The estimator wants the track speeds as late as before the estimated part was taken off.
+        taken_off_ns = _nanoseconds(self.estimated)
+        for parts, samples, later_ns in (
+            (self._turning, record.turning, taken_off_ns),
             (self._rates, record.yaw_rates, 0),
         ):
-            count, of.count = of.count, 0
+            count, samples.count = samples.count, 0
             if not count:
                 continue
-            begin = int(of.begin) + more
+            begin = int(samples.begin) + later_ns
             if parts and begin < parts[-1].begin - LARGEST_HOLE:
                 # The clock was set back.
                 self._flush()
-            parts.append(Part(begin, of.times[:count], of.rates[:count]))
-            self._count += count
-        if self._count >= AT_ONCE:
+            parts.append(Part(begin, samples.times[:count], samples.rates[:count]))
+            self._waiting += count
+        if self._waiting >= AT_ONCE:
             self._use_estimate()
 
     def _flush(self) -> None:
-        """Give the samples to the watch."""
+        """Give the samples that wait to the estimator."""
         samples = *joined(self._turning), *joined(self._rates)
         self._turning.clear()
         self._rates.clear()
-        self._watch.take(*samples)
+        self._estimator.take(*samples)
 
     def memory(self) -> TrackLatencyMemory:
         """Checkpoint of the watch over the track speeds' latency."""
         self._use_estimate()
-        return self._watch.memory()
+        return self._estimator.memory()
 
     def health(self) -> TrackLatencyHealth:
-        """Latency of the track speeds: what is taken off, and what the watch finds."""
+        """Latency of the track speeds: the one taken off, and the estimate if any."""
         self._flush()
-        given, found = self.latencies.tracks, self._watch.estimate()
+        given, lag = self.latencies.tracks, self._estimator.estimate()
         used = given + self.estimated
-        if found is None:
+        if lag is None:
             return TrackLatencyHealth(used)
-        return TrackLatencyHealth(used, given + found.seconds, found.sigma)
+        return TrackLatencyHealth(used, given + lag.seconds, lag.sigma)
 
     def _use_estimate(self) -> None:
+        """Take the estimated latency off from now on, if it is allowed, certain and new."""
         self._flush()
-        self._count = 0
+        self._waiting = 0
         if not self.latencies.estimate_tracks:
             return
-        found = self._watch.estimate()
-        if found is None or found.sigma > LARGEST_SIGMA:
+        lag = self._estimator.estimate()
+        if lag is None or lag.sigma > LARGEST_SIGMA:
             return
-        clear = abs(found.seconds) > max(LEAST, BEYOND * found.sigma)
-        seconds = found.seconds if clear else 0.0
-        if abs(seconds - self.estimated) > max(LEAST_CHANGE, found.sigma):
+        is_clear = abs(lag.seconds) > max(LEAST, BEYOND * lag.sigma)
+        seconds = lag.seconds if is_clear else 0.0
+        if abs(seconds - self.estimated) > max(LEAST_CHANGE, lag.sigma):
             self.estimated = seconds
-            self._late[TrackSpeeds] = _nanoseconds(self.latencies.tracks + seconds)
+            self._latency_ns[TrackSpeeds] = _nanoseconds(self.latencies.tracks + seconds)
 
 
 def _nanoseconds(seconds: float) -> int:

@@ -66,7 +66,7 @@ def loss_kinds(path: Trajectory, *, finite: Any = True, negative: Any = False) -
 
 
 def loss_of(run: Run, start: int) -> LostFilter | None:
-    """Loss of a filter, from the rows of its run; None if every row is usable.
+    """Loss of a filter, from its run; None if all rows and sums of NIS are usable.
 
     Args:
         run: the run.
@@ -86,10 +86,8 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
     )
     lost = np.flatnonzero(kinds)
     if not len(lost):
-        sums = {name: one.nis_sum for name, one in run.health.sensors.items()}
-        bad = [
-            f"{name} ({value:.3g})" for name, value in sums.items() if not 0.0 <= value < math.inf
-        ]
+        sums = {name: sensor.nis_sum for name, sensor in run.health.sensors.items()}
+        bad = [f"{name} ({nis:.3g})" for name, nis in sums.items() if not 0.0 <= nis < math.inf]
         return LostFilter(run.variant, f"impossible NIS of {', '.join(bad)}") if bad else None
     seconds = float((run.stamps[lost[0]] - start) * NANOSECOND)
     return LostFilter(run.variant, reason_of(int(kinds[lost[0]]), seconds), seconds)

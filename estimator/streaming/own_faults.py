@@ -120,15 +120,17 @@ class OwnFaults:
                 raise EstimatorError(f"{fault.name!r} cannot be saved: its memory would change")
 
     def _replaced(self, before: Measurement, effect: Replace) -> Measurement:
-        found = as_plain(effect.measurement)
-        if type(found) is not type(before) or found.stamp != before.stamp:
+        """Measurement in place of another one, checked."""
+        after = as_plain(effect.measurement)
+        if type(after) is not type(before) or after.stamp != before.stamp:
             raise ValueError(f"Replace needs the same type and stamp as {before!r}")
-        objection = self._admission.objection(found)
+        objection = self._admission.objection(after)
         if objection is not None:
-            raise ValueError(f"Replace by {found!r}: {objection}")
-        return found
+            raise ValueError(f"Replace by {after!r}: {objection}")
+        return after
 
     def _variances(self, effect: Inflate | None) -> list[tuple[int, float]]:
+        """Index and variance of each state that an effect inflates."""
         if effect is None:
             return []
         if not isinstance(effect, Inflate):
@@ -141,6 +143,7 @@ class OwnFaults:
         return [(self._names.index(name), sigma**2) for name, sigma in effect.sigmas.items()]
 
     def _give_up(self, fault: OwnFault, problem: Exception) -> None:
+        """Watch for a fault no longer, since it raised an exception; keep a finding."""
         text = f"{type(problem).__name__}: {problem}"
         given_up = Found("robot", f"the fault {fault.name!r} failed: {text}", effect="not watched")
         self._failed[fault.name] = finding(fault, given_up)

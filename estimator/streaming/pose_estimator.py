@@ -127,8 +127,6 @@ class PoseEstimator:
         where = f"x {x:.3f} m, y {y:.3f} m, yaw {yaw:.3f} rad"
         return f"<PoseEstimator {self.variant.name!r} of {self.robot.name!r}, {now}: {where}>"
 
-    # --- outputs -----------------------------------------------------------------------------
-
     @property
     def stamp(self) -> int | None:
         """Time of the estimate [ns]; None before the first track speeds or fix."""
@@ -267,8 +265,6 @@ class PoseEstimator:
         names = state_names(self.variant)[part]
         return dict(zip(names, self._reckoning.ekf.x[part].tolist(), strict=True))
 
-    # --- inputs --------------------------------------------------------------------------------
-
     def feed(self, measurement: Measurement) -> bool:
         """Update with one measurement.
 
@@ -301,6 +297,10 @@ class PoseEstimator:
         return self._feed_plain(*self._admission.checked(measurement))
 
     def _feed_plain(self, measurement: Measurement, objection: str | None) -> bool:
+        """Update with a plain measurement without objection; return True if it was used.
+
+        A stamp that is far ahead or too old counts towards a step of the clock.
+        """
         kind, admission, history = type(measurement), self._admission, self._history
         stream = self._streams.get(kind)
         if stream is None:
@@ -355,8 +355,6 @@ class PoseEstimator:
             self._arrivals.sensor(STREAMS[type(measurement)]).take_back(TOO_OLD)
             used |= self.feed_corrected(measurement)
         return used
-
-    # --- relative motion --------------------------------------------------------------------------
 
     @property
     def marks(self) -> tuple[int, ...]:
@@ -432,8 +430,6 @@ class PoseEstimator:
         self._reckoning.clones.place(mark.stamp)
         self._history.forget_mark(mark)
 
-    # --- save and restore -------------------------------------------------------------------------
-
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Save the estimator to a file; `restore` continues from there.
 
@@ -507,6 +503,7 @@ class PoseEstimator:
         return new
 
     def _saved(self) -> SavedEstimator:
+        """Content of a file from which `_continue` goes on."""
         self._reckoning.own_faults.require_files()
         self._watch(self._reckoning.record)
         return SavedEstimator(
@@ -524,6 +521,7 @@ class PoseEstimator:
         )
 
     def _continue(self, saved: SavedEstimator) -> None:
+        """Check the content of a file, and go on from there."""
         for checkpoint in (saved.now, saved.history.checkpoint):
             require_sound(checkpoint, self._reckoning.ekf)
         rows = (*saved.history.measurements, *saved.behind)
@@ -543,6 +541,7 @@ class PoseEstimator:
         self._stamps = StampCorrection(saved.latencies, saved.estimated_latency, saved.watch)
 
     def _start_with(self, checkpoint: FilterCheckpoint, off: float) -> None:
+        """Start with what a checkpoint has learnt, some time [s] ago."""
         self._reckoning.warm_start(checkpoint, off)
         self._history = History(self._reckoning, self.settings.history, self._watch)
 

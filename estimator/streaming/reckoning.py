@@ -152,9 +152,9 @@ class Reckoning:
         return health
 
     def newest_judged(self) -> list[tuple[str, Judged]]:
-        """Newest innovation of each sensor with a gate."""
-        found = ((name, gate.newest) for name, gate in self._gates.items())
-        return [(name, newest) for name, newest in found if newest is not None]
+        """Newest innovation of each sensor with a gate, if there was one."""
+        pairs = ((name, gate.newest) for name, gate in self._gates.items())
+        return [(name, newest) for name, newest in pairs if newest is not None]
 
     # --- checkpoints -----------------------------------------------------------------------------
 
@@ -223,9 +223,9 @@ class Reckoning:
         """State, twist and indices; see `PoseEstimator.snapshot`."""
         model, ekf, n = self.model(), self.ekf, s.SIZE
         x, P, twist = ekf.x[:n].copy(), ekf.P[:n, :n].copy(), model.twist.copy()
-        of_twist = twist_covariance(model.jacobian[:, :n], P, self.record.settings.fastest)
+        twist_P = twist_covariance(model.jacobian[:, :n], P, self.record.settings.fastest)
         record, indices = self.record, model.motion.indices
-        motion = int(record.stamp), x, P, twist, of_twist, indices
+        motion = int(record.stamp), x, P, twist, twist_P, indices
         if record.tilt.time == 0.0:
             return Snapshot(*motion)
         biases = [s.GYRO_BIAS_X, s.GYRO_BIAS_Y]
@@ -240,11 +240,11 @@ class Reckoning:
     def parameter_health(self) -> Floats:
         """Uncertainty (9, 3) of the parameters, see `ParameterHealth`."""
         now, start = np.sqrt(np.diagonal(self.ekf.P)[s.PARAMETERS]), self.parameter_sigmas
-        moved = np.abs(self.model().jacobian[:, s.PARAMETERS]) * start
+        effect = np.abs(self.model().jacobian[:, s.PARAMETERS]) * start
         # A parameter that does not move the twist is not excited, not even if there is no slip.
         with np.errstate(divide="ignore", invalid="ignore"):
-            shares = np.where(moved > 0.0, moved / np.array(self.slip_sigma())[:, None], 0.0)
-        return np.column_stack([now, start, shares.max(axis=0)])
+            excitation = np.where(effect > 0.0, effect / np.array(self.slip_sigma())[:, None], 0.0)
+        return np.column_stack([now, start, excitation.max(axis=0)])
 
     def slip_sigma(self, *, pushed: bool | None = None) -> Vector3:
         """Standard deviation of the slip at the present track speeds [m/s, m/s, rad/s].
@@ -283,8 +283,9 @@ class Reckoning:
                 return self._take_fix(event)
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
+        """Add track speeds, after a step with the old ones where these end it."""
         take, is_plain = self._steps.take_track_speeds, not (m.left_wheels or m.right_wheels)
-        if is_plain and take(m.stamp, m.left, m.right, True) != REFUSED:
+        if is_plain and take(m.stamp, m.left, m.right, only_if_usual=True) != REFUSED:
             self._counts.sensor("tracks").used += 1
             return True
         record, tracks = self.record, self._tracks
@@ -293,13 +294,12 @@ class Reckoning:
             record.stamp = m.stamp
         else:
             # The old speeds hold up to their own stamp, over a gap to the start of the new interval.
-            hole = is_hole(tracks, m.stamp, hold)
-            if hole or ends_step(record):
-                self._advance(imu_clock.interval_start(tracks, m.stamp) if hole else tracks.stamp)
-            self._counts.track_gaps += hole
+            is_gap = is_hole(tracks, m.stamp, hold)
+            if is_gap or ends_step(record):
+                self._advance(imu_clock.interval_start(tracks, m.stamp) if is_gap else tracks.stamp)
+            self._counts.track_gaps += is_gap
         wheels = m.left_wheels, m.right_wheels
-        speeds = sides_of(record, m.stamp, (m.left, m.right), *wheels, True)
-        take(m.stamp, *speeds)
+        take(m.stamp, *sides_of(record, m.stamp, (m.left, m.right), *wheels, True))
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
@@ -310,6 +310,7 @@ class Reckoning:
         return True
 
     def _take_imu(self, m: ImuSample) -> bool:
+        """Take the step that a sample ends; after a gap first move to its start."""
         used = self._steps.take_imu(m, self._mounting, self._uses_force)
         if used == REFUSED:
             if self._tracks.stamp == NEVER:
@@ -331,15 +332,16 @@ class Reckoning:
         if has_watchers or self._tracks.stamp == NEVER:
             return 0, 0, 0
         arrays = samples, self._mounting, rows
-        found = self._steps.take_samples(*arrays, uses_force=self._uses_force)
-        self._counts.sensor("tracks").used += found.tracks
-        self._counts.standstill_updates += found.stood
-        return found.tracks, found.imu, found.tracks + found.rates_used
+        taken = self._steps.take_samples(*arrays, uses_force=self._uses_force)
+        self._counts.sensor("tracks").used += taken.tracks
+        self._counts.standstill_updates += taken.stood
+        return taken.tracks, taken.imu, taken.tracks + taken.rates_used
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
         model, ekf, record = MODELS[type(m)], self.ekf, self.record
-        # Predict. A zero velocity at the end of a step is about the next one.
+        # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero
+        # velocity at the end of a step is about the next one.
         at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
         ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
         begun = False
@@ -363,14 +365,15 @@ class Reckoning:
             self._let_wander(m.stamp)
 
         # Gate, update and record.
-        gate, found = self._gates[model.name], model.linearise(m, predicted)
+        gate, innovation = self._gates[model.name], model.linearise(m, predicted)
         interval = gate.interval_to(m.stamp)
         if model.is_place:
             slip_factor.let_slip_last(ekf, predicted.values.item(s.YAW), interval)
         if model.predicts == "height" and not gate.counts.judged:
-            ekf.inflate(s.Z, variance=(3.0 * found.z.item()) ** 2 + 9.0 * found.R.item())
+            # The first height sets the state.
+            ekf.inflate(s.Z, variance=(3.0 * innovation.z.item()) ** 2 + 9.0 * innovation.R.item())
         fastest = record.settings.fastest
-        used = update(ekf, model, gate, found, m.stamp, interval, fastest=fastest)
+        used = update(ekf, model, gate, innovation, m.stamp, interval, fastest=fastest)
         if used:
             ekf.keep_inside_bounds()
         if used and isinstance(m, PoseFix):
@@ -393,9 +396,9 @@ class Reckoning:
         return repeats(place, m.stamp, m.x, m.y, 0.5 * sum(speeds))
 
     def _take_position(self, m: PositionFix, *, ahead: bool) -> bool:
-        """Update with a position fix; relocate after rejected ones."""
+        """Update with a position fix; after too many rejected ones relocate the pose."""
         ekf, gate, fixes = self.ekf, self._gates["position"], self.record.fixes
-        wandered, before = self._let_wander(m.stamp), ekf.x.copy()
+        wander_variance, before = self._let_wander(m.stamp), ekf.x.copy()
         variance = max(m.variance, fixes.scatter.variance)
         interval = gate.interval_to(m.stamp)
         take = partial(
@@ -408,9 +411,10 @@ class Reckoning:
             rejected_for=gate.counts.rejected_for,
         )
         fix, admitted, lost = take(mode=GATED)
-        add_rejected(fixes.rejected, (m.x, m.y, variance), fix.predicted, wandered)
+        add_rejected(fixes.rejected, (m.x, m.y, variance), fix.predicted, wander_variance)
         verdict = ADMITTED if admitted else REACQUIRED if fix.used or lost else REJECTED
         if lost:
+            # A relocated pose contains this fix already.
             again, _, _ = take(mode=SKIPPED if self._relocate() else FORCED)
             fix = fix._replace(updated=again.updated, used=True)
         gate.count(m.stamp, verdict, fix.z, fix.S, interval)
@@ -440,11 +444,11 @@ class Reckoning:
         The path has the right shape but the wrong place: the heading is wrong, too.
         """
         pose, P = self.ekf.x[s.POSE].copy(), np.zeros((5, 5))
-        found = relocate(self.record.fixes.rejected, pose, P, self._wander.sigma)
-        if found:
+        fits = relocate(self.record.fixes.rejected, pose, P, self._wander.sigma)
+        if fits:
             size = 5 if self.ekf.wanders else 3
             self.ekf.replace_pose(pose, P[:size, :size])
-        return found
+        return fits
 
     def _let_wander(self, stamp: int) -> float:
         """Propagate the wander to a stamp [ns]; return its process noise [m²]."""

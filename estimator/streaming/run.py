@@ -109,15 +109,15 @@ def work_through(
             working.feed_arrays(samples)
         else:
             working.feed_each(log.measurements())
-        done = working.finished()
-    lost = loss_of(done, log.start)
+        finished = working.finished()
+    lost = loss_of(finished, log.start)
     if lost is not None:
         raise lost
-    return done
+    return finished
 
 
 class _Working:
-    """Work on a run."""
+    """Run in progress: its log and estimator, and the rows that are filled so far."""
 
     def __init__(
         self,
@@ -136,6 +136,7 @@ class _Working:
         return self._so_far()
 
     def _so_far(self) -> Run:
+        """Run of the rows that are filled."""
         estimator, rows = self._estimator, self._rows
         names, count = state_names(estimator.variant), int(rows.arrays.progress[COUNT])
         return rows.finish(count, estimator.variant.name, names, estimator.health)
@@ -171,11 +172,11 @@ class _Working:
                 self._progress(stamp)
 
     def feed_arrays(self, samples: SampleArrays) -> None:
-        """Feed samples as arrays between the other measurements of the log."""
+        """Feed track and IMU samples as arrays, between the log's other measurements."""
         log = self._log
-        alone = replace(log, fixes=None, others=(), truth=None)
-        none = TrackSpeedSeries(NO_STAMPS, np.zeros((0, 2)))
-        others = replace(log, tracks=none, imu=None, truth=None)
+        samples_alone = replace(log, fixes=None, others=(), truth=None)
+        no_tracks = TrackSpeedSeries(NO_STAMPS, np.zeros((0, 2)))
+        others = replace(log, tracks=no_tracks, imu=None, truth=None)
         for other in chain(others.measurements(), [None]):
             end = log.end if other is None else other.stamp
             part, samples = samples.split(end)
@@ -183,9 +184,9 @@ class _Working:
                 part = self._fed_as_arrays(part)
                 if part.first is not None:
                     # The next sample needs more than a step, or the first step has to come.
-                    to = min(part.first + AT_ONCE, end)
-                    self.feed_each(alone.between(part.first, to).measurements())
-                    _, part = part.split(to)
+                    until = min(part.first + AT_ONCE, end)
+                    self.feed_each(samples_alone.between(part.first, until).measurements())
+                    _, part = part.split(until)
             if other is not None:
                 self.feed_each([other])
 
@@ -202,13 +203,10 @@ class _Working:
 
 
 class InnovationRows:
-    """Normalised innovations of a run, filled one row at a time.
+    """Normalised innovations of at most `most` rows of a run, filled row by row.
 
     A row has the newest innovation of each sensor since the row before, of rejected measurements too, and
     NaN if there was none.
-
-    Args:
-        most: highest number of rows.
     """
 
     def __init__(self, most: int) -> None:
@@ -218,7 +216,7 @@ class InnovationRows:
         self._written: dict[str, int] = {}
 
     def put(self, row: int, judged: Iterable[tuple[str, Judged]]) -> None:
-        """Fill a row with those of the newest innovations of fixes that are in no row yet."""
+        """Fill a row with the newest innovations of fixes that are in no row yet."""
         for sensor, (stamp, _, residual, covariance) in judged:
             if sensor in IMU_SENSORS or self._written.get(sensor) == stamp:
                 continue
@@ -231,7 +229,7 @@ class InnovationRows:
                     self._columns[name][row] = residual[axis] / math.sqrt(variance)
 
     def put_all(self, values: Floats) -> None:
-        """Fill columns (most, 3) of the IMU's sensors, but for those without innovations."""
+        """Fill the columns (most, 3) of the IMU's sensors; skip those without innovations."""
         for name, column in zip(IMU_SENSORS, values.T, strict=True):
             if not np.isnan(column).all():
                 self._columns[name] = column.astype(np.float32)

@@ -114,7 +114,7 @@ class SavedEstimator(Bounded, frozen=True):
             )
         before, now = _leaves(self.robot), _leaves(robot_constants(robot))
         for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
-            matters = to_continue or any((key + ".").startswith(f"{w}.") for w in LEARNT_FROM)
+            matters = to_continue or any(f"{key}.".startswith(f"{k}.") for k in LEARNT_FROM)
             if matters and before.get(key) != now.get(key):
                 advice = "start again" if not to_continue else "make a warm start, or start again"
                 raise EstimatorError(
@@ -213,6 +213,7 @@ def _checksum(content: Any) -> str:
 
 
 def _leaves(data: Any, path: str = "") -> dict[str, Any]:
+    """Values of nested tables by their keys, as "vehicle.mass"."""
     if not isinstance(data, dict):
         return {path: data}
     leaves: dict[str, Any] = {}
@@ -255,7 +256,7 @@ def require_sound(checkpoint: FilterCheckpoint, ekf: Ekf, *, to_continue: bool =
     Args:
         checkpoint: the checkpoint.
         ekf: filter that is to be restored to it.
-        to_continue: it must fit the filter, fixes that wander included.
+        to_continue: True if sizes of state and memory must be the filter's; not for a warm start.
 
     Raises:
         ValueError: it has no place in the filter, or holds what no filter estimates.

@@ -227,6 +227,7 @@ class _Tape:
         self._tape.append(_Wander(decay))
 
     def _renew(self, states: list[int], covariance: Floats) -> None:
+        """Draw states again: without error, correlated with no other."""
         self._delta[states] = 0.0
         P = self._optimal_P
         P[states, :] = P[:, states] = 0.0
@@ -257,13 +258,13 @@ class _Tape:
         unseen = [state for state in fixed if s.PARAMETERS.start <= state < s.SIZE]
         if not unseen:
             return h, r
-        by, h = h[unseen], h.copy()
+        h_unseen, h = h[unseen], h.copy()
         h[unseen] = 0.0
         if h[s.GYRO_BIAS]:
             # The gyro measures all turning, theirs too: the yaw does not depend on them in this step.
             self._not_turning = unseen
             return h, r
-        return h, r + float(by @ self._optimal_P[np.ix_(unseen, unseen)] @ by)
+        return h, r + float(h_unseen @ self._optimal_P[np.ix_(unseen, unseen)] @ h_unseen)
 
     def of_step(self, F: Floats) -> Floats:
         """Transition in which parameters that the gyro does not see do not turn the robot."""
@@ -300,6 +301,7 @@ class _Tape:
             row = self._rows.pop()
             while len(self._tape) > row.length:
                 adjoint, information = _back(self._tape.pop(), adjoint, information)
+            # Both triangles.
             P = np.zeros((size, size))
             P[self._upper] = row.upper
             P.T[self._upper] = row.upper
@@ -338,7 +340,7 @@ def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
 
     Without fixes the correction of the yaw grows with the log. That of the position is linear in it: a
     path that is turned by 0.4 rad in this way is 8 % too long. So the corrections of the motion from row
-    to row are taken apart from the turn, and composed again.
+    to row are separated from the turn, each motion is corrected and turned, and the path composed again.
 
     Args:
         filtered: (n, 3) poses of the filter, at which everything is linearised.
@@ -348,11 +350,11 @@ def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
     turn = smoothed[:, 2] - filtered[:, 2]
     step = np.diff(filtered[:, :2], axis=0)
     across = np.column_stack([-step[:, 1], step[:, 0]])
-    more = np.diff(smoothed[:, :2] - filtered[:, :2], axis=0) - turn[:-1, None] * across
-    moved = rotate(step + more, turn[:-1])
-    found = smoothed.copy()
-    found[anchor + 1 :, :2] = smoothed[anchor, :2] + np.cumsum(moved[anchor:], axis=0)
-    return found
+    correction = np.diff(smoothed[:, :2] - filtered[:, :2], axis=0) - turn[:-1, None] * across
+    turned = rotate(step + correction, turn[:-1])
+    result = smoothed.copy()
+    result[anchor + 1 :, :2] = smoothed[anchor, :2] + np.cumsum(turned[anchor:], axis=0)
+    return result
 
 
 _Event = _Step | _Renewal | _Wander | _Update

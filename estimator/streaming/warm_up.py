@@ -37,13 +37,8 @@ READY: set[tuple[object, ...]] = set()
 def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settings) -> None:
     """Compile all kernels of a filter, once in a process for each shape of filter.
 
-    This takes some seconds with an empty cache, and less than a second with a full one.
-
-    Args:
-        model: the filter's motion model.
-        robot: the robot.
-        variant: the filter variant.
-        settings: settings of the filter; nothing is done if its engine is plain.
+    This takes some seconds with an empty cache, and less than a second with a full one. Nothing is done
+    for the plain engine.
     """
     if settings.engine == "plain":
         return
@@ -62,7 +57,7 @@ def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settin
 
 
 def _one_of_each_kind(settings: Settings) -> Iterator[Measurement | Mark]:
-    """Yield measurements in order of their stamps."""
+    """Yield measurements in order of their stamps: in motion, at rest, across a gap."""
     stamp = 0
 
     def samples(count: int, left: float, right: float) -> Iterator[Measurement]:
