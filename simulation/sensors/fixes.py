@@ -41,7 +41,7 @@ class FixErrors(msgspec.Struct, frozen=True, kw_only=True):
     wander_time: float = 60.0
 
 
-def shown_times(times: Floats, errors: FixErrors) -> Floats:
+def measured_pose_times(times: Floats, errors: FixErrors) -> Floats:
     """Times (n,) of the poses measured by fixes that arrive at `times` (n,) [s].
 
     A fix of a pose before the run measures the pose at its start, where the robot stood.
@@ -59,7 +59,7 @@ def with_fix_errors(
     """Position fixes, with heading if its sigma is given, and none in an outage.
 
     Args:
-        poses: (n, 3) true poses at `shown_times`.
+        poses: (n, 3) true poses at `measured_pose_times`.
         times: (n,) arrival times of the fixes [s].
         errors: errors of the fixes.
         outages: start and end [s] of each span without fixes, both included.

@@ -203,13 +203,13 @@ def fix_errors(given: FixSpec, preset: SensorSpecs) -> FixErrors:
 def _in_force(
     kind: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
 ) -> Errors:
-    """Errors from the first spec that has each parameter; `scaled` ones times factor."""
-    figures: dict[str, Any] = {}
+    """Errors: each parameter from the first spec that has it; `scaled` ones times factor."""
+    parameters: dict[str, Any] = {}
     for spec in reversed(specs):
         given = msgspec.structs.asdict(spec)
-        figures |= {name: value for name, value in given.items() if value is not None}
-    factor = figures.pop("factor", 1.0)
-    errors = kind(**figures)
+        parameters |= {name: value for name, value in given.items() if value is not None}
+    factor = parameters.pop("factor", 1.0)
+    errors = kind(**parameters)
     sizes = {name: getattr(errors, name) for name in scaled}
     return msgspec.structs.replace(
         errors, **{name: factor * size for name, size in sizes.items() if size is not None}

@@ -265,14 +265,14 @@ def nest(flat: dict[str, Any]) -> dict[str, Any]:
     """
     data: dict[str, Any] = {}
     for path, value in flat.items():
-        table, *keys = data, *path.split(".")
-        for key in keys[:-1]:
+        table, (*parents, last) = data, path.split(".")
+        for key in parents:
             table = table.setdefault(key, {})
             if not isinstance(table, dict):
                 raise SimulationError(f"{key!r} of {path!r} is a value, and no table, elsewhere")
-        if isinstance(table.get(keys[-1]), dict):
+        if isinstance(table.get(last), dict):
             raise SimulationError(f"{path!r} is a table, and no value, elsewhere")
-        table[keys[-1]] = value
+        table[last] = value
     return data
 
 

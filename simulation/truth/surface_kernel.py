@@ -107,7 +107,7 @@ def gradient(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @compiled
 def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> tuple[float, float]:
-    """Gradient under the vehicle's origin, with the slopes of patches over it.
+    """Gradient under the vehicle's origin; slopes of patches replace the surface's.
 
     Args:
         surface: the height field.
@@ -120,9 +120,9 @@ def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> 
     for patch in patches:
         share, along_x, along_y = _slope_cover(patch, time, x, y)
         if share > 0.0:
-            down = np.sqrt(GRAVITY * GRAVITY - along_x * along_x - along_y * along_y)
-            p_x += share * (-along_x / down - p_x)
-            p_y += share * (-along_y / down - p_y)
+            normal_part = np.sqrt(GRAVITY * GRAVITY - along_x * along_x - along_y * along_y)
+            p_x += share * (-along_x / normal_part - p_x)
+            p_y += share * (-along_y / normal_part - p_y)
     return p_x, p_y
 
 
@@ -174,14 +174,14 @@ def ride(
     step = _sum(forward, ahead, aside, left)
     # The displacement is that of the mean attitude; the attitude after it needs the place after it.
     p_x, p_y = tilt(surface, patches, after, x + step[0], y + step[1])
-    carried = _carry(step, normal, _normal(p_x, p_y))
-    x += 0.5 * (step[0] + carried[0])
-    y += 0.5 * (step[1] + carried[1])
+    step_after = _carry(step, normal, _normal(p_x, p_y))
+    x += 0.5 * (step[0] + step_after[0])
+    y += 0.5 * (step[1] + step_after[1])
     p_x, p_y = tilt(surface, patches, after, x, y)
     facing = _sum(np.cos(turn), ahead, np.sin(turn), left)
     facing = _carry(facing, normal, _normal(p_x, p_y))
     turned = np.arctan2(cos * facing[1] - sin * facing[0], cos * facing[0] + sin * facing[1])
-    return x, y, yaw + turned, 0.5 * (step[2] + carried[2])
+    return x, y, yaw + turned, 0.5 * (step[2] + step_after[2])
 
 
 @compiled
@@ -224,11 +224,11 @@ def ride_along(
 
 @compiled
 def _kerbs(surface: Surface, u: float) -> tuple[float, float]:
-    """Height [m] and slope [-] of the kerbs at u; they go up and down in turn."""
+    """Height [m] and slope [-] of the kerbs at u: cycloids, up and down in turn."""
     if surface.kerb_height == 0.0:
         return 0.0, 0.0
     place = u / surface.kerb_every + surface.phases[2]
-    number = np.floor(place)
+    number = np.floor(place)  # even kerbs go up, odd ones down
     share = min((place - number) * surface.kerb_every / surface.kerb_length, 1.0)
     angle = 2.0 * np.pi * share
     risen, slope = share - np.sin(angle) / (2.0 * np.pi), 1.0 - np.cos(angle)
@@ -245,13 +245,13 @@ def _normal(p_x: float, p_y: float) -> Vector:
 
 
 @compiled
-def _carry(vector: Vector, normal: Vector, to: Vector) -> Vector:
+def _carry(vector: Vector, normal: Vector, other: Vector) -> Vector:
     """Turn a vector square to a normal by the smallest rotation to another normal."""
-    share = -_dot(to, vector) / (1.0 + _dot(normal, to))
+    share = -_dot(other, vector) / (1.0 + _dot(normal, other))
     return (
-        vector[0] + share * (normal[0] + to[0]),
-        vector[1] + share * (normal[1] + to[1]),
-        vector[2] + share * (normal[2] + to[2]),
+        vector[0] + share * (normal[0] + other[0]),
+        vector[1] + share * (normal[1] + other[1]),
+        vector[2] + share * (normal[2] + other[2]),
     )
 
 
@@ -308,4 +308,5 @@ def _inside(value: float, low: float, high: float, soft: float) -> float:
 
 @compiled
 def _blend(value: float, patch: float, share: float) -> float:
+    """Value on a patch that covers a place by a share; NaN of the patch keeps the value."""
     return value if np.isnan(patch) else value + share * (patch - value)

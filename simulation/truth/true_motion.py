@@ -153,6 +153,7 @@ class TrueMotion:
         return at, np.where(np.abs(rest) <= SAME_TIME, 0.0, rest)
 
     def _linear(self, values: Floats, times: Floats) -> Floats:
+        """Values (n, k) at times (n,) [s], linear between grid points (m, k)."""
         at, rest = self._locate(times)
         following = np.minimum(at + 1, len(values) - 1)
         share = (rest * self.rate)[:, None]
@@ -188,7 +189,7 @@ def grid_times(duration: float, rate: float) -> Floats:
 def true_motion(
     rate: float, twists: Floats, speeds: Floats, source: str, parameters: Indices | None = None
 ) -> TrueMotion:
-    """Make a motion from the origin of twists (m, 3), speeds (m, 2) at a rate [Hz]."""
+    """Make a motion that starts at the origin, from grid twists (m, 3), speeds (m, 2)."""
     step = 1.0 / rate
     distances = np.zeros_like(speeds)
     distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
@@ -278,11 +279,11 @@ def integrals(values: Floats, step: float) -> Floats:
     Returns:
         (n - 1, k): the cubic through four samples; at both ends, the trapezoid.
     """
-    result = 0.5 * step * (values[:-1] + values[1:])
+    integral = 0.5 * step * (values[:-1] + values[1:])
     if len(values) > 3:
-        inner = values[1:-2] + values[2:-1]
-        result[1:-1] = step / 24.0 * (13.0 * inner - values[:-3] - values[3:])
-    return result
+        inner_sums = values[1:-2] + values[2:-1]
+        integral[1:-1] = step / 24.0 * (13.0 * inner_sums - values[:-3] - values[3:])
+    return integral
 
 
 def exponential(motion: Floats) -> Floats:
