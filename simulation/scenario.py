@@ -148,7 +148,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
         return kind(**given)
 
     def _check_samples(self) -> None:
-        """Reject a rate that makes more than `MOST_SAMPLES` of a sensor or the true motion."""
+        """Reject a rate that makes more than `MOST_SAMPLES`."""
         rates = [(f"{name} = {getattr(self, name)!r} Hz", getattr(self, name)) for name in RATES]
         grid = grid_rate(self.imu_rate)
         rates.append((f"the true motion at {grid:.0f} Hz (of imu_rate = {self.imu_rate!r})", grid))

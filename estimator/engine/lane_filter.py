@@ -56,14 +56,8 @@ NO_FORCE = (math.nan, math.nan, math.nan)
 class LaneSteps:
     """Steps of one filter, which change its state and its record.
 
-    Args:
-        ekf: the filter.
-        disturbances: its process noise.
-        robot: its robot.
-        settings: its settings.
-        record: record of its inputs, shared with compiled code.
-        readings: yaw-rate readings of a standstill.
-        compiles: compile the steps; otherwise execute them in Python.
+    The record is shared with compiled code, if it `compiles`; otherwise Python executes the steps.
+    `readings` are the yaw-rate readings of a standstill.
     """
 
     def __init__(

@@ -87,14 +87,7 @@ class PredictedPose(NamedTuple):
 def step_kernel(
     name: str, shape: FilterShape, kind: StepKind, numbers: Numbers | None = None
 ) -> Kernel:
-    """Make the kernel of a step.
-
-    Args:
-        name: name of the kernel.
-        shape: shape of the filter.
-        kind: kind of the step.
-        numbers: see `Lane`.
-    """
+    """Make the kernel of a step; for `numbers` see `Lane`."""
     lane = Lane(shape, numbers, with_fast_slip=kind.resumes, innovations=kind.innovations)
     step = Step(lane, kind)
     if kind.draws:

@@ -266,7 +266,7 @@ def ground(contact: Contact) -> Ground:
 
 @lru_cache(maxsize=64)
 def _even_loads(geometry: ContactGeometry) -> Floats:
-    """Inverse (3, 3) of the weighted sums of products of 1, x, y at the contact points."""
+    """Inverse (3, 3) of the weighted sums of products of 1, x, y over all points."""
     points = contact_points(geometry)
     basis = np.stack([np.ones_like(points.x), points.x, points.y])
     return np.asarray(np.linalg.inv((points.weight * basis) @ basis.T), dtype=float)

@@ -148,7 +148,7 @@ class _Solved(NamedTuple):
 
 
 def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
-    """Apply the module's stages in turn, each to the pairs of track speeds still unsolved."""
+    """Apply the module's stages in turn, each to the pairs that are not solved yet."""
     solved = _newton(start, V, contact, DIRECT_STEPS, TOLERANCE)
     unsolved = np.flatnonzero(solved.residual > TOLERANCE)
     if unsolved.size:

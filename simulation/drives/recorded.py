@@ -57,7 +57,9 @@ class Recorded:
 def recorded(
     series: TrackSpeedSeries, *, factor: Annotated[float, msgspec.Meta(gt=0.0)] = 1.0
 ) -> Recorded:
-    """Commands of a recording: `STANDSTILL` s of rest, ramp, the recording, ramp, rest.
+    """Commands of a recording: standstill, ramp up, the recording, ramp to standstill.
+
+    The first standstill lasts for `STANDSTILL`, the last one for `FINAL_REST` [s].
 
     Args:
         series: the recorded track speeds.

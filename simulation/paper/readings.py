@@ -133,7 +133,7 @@ def read_errors(
 
 
 def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
-    """Mask of the motions in means and fits; raises a SimulationError if there are none."""
+    """Mask of the motions in means and fits; a SimulationError if there are none."""
     difference = np.abs(mapped.motion.V_l - mapped.motion.V_r)
     chosen = mapped.turning & (difference >= reading.least_difference)
     if reading.largest_inertia is not None:
@@ -144,7 +144,7 @@ def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
 
 
 def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
-    """Weighted least squares: coefficients of the columns (n, k) that fit the target (n,)."""
+    """Weighted least squares: coefficients (k,) of columns (n, k) for a target (n,)."""
     root = np.sqrt(weight)
     solution, _, rank, _ = np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)
     if rank < columns.shape[1]:

@@ -51,7 +51,7 @@ Worked = tuple[Floats, Reasons, dict[str, str]]
 
 
 def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
-    """Compute a block of `count` runs of a cell from run `first_run` on, on the worker.
+    """Compute a block on the worker: `count` runs of a cell from run `first_run` on.
 
     If the block raises an exception, its runs are repeated one by one, and only those that raise it again
     fail.
@@ -120,7 +120,7 @@ class Runner:
                 self._work_through(workplace)
 
     def _work_through(self, workplace: Workplace) -> None:
-        """Submit and settle all waiting blocks; queue those at dead workers again, and raise."""
+        """Submit and settle all blocks; if workers die, queue theirs again and raise."""
         futures: dict[Future[Worked], Job] = {}
         try:
             while self._waiting or futures:

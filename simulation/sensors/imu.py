@@ -205,10 +205,7 @@ def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Flo
 def _read(
     true: Floats, rate: float, errors: InertialErrors, rng: Generator, usual_bias: Floats
 ) -> tuple[Floats, Floats]:
-    """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias (n, 3) [unit].
-
-    The turn-on bias scatters about `usual_bias`.
-    """
+    """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias [unit]."""
     constants, instabilities = rng.spawn(2)
     count = len(true)
     turn_on_bias = usual_bias + errors.bias_sigma * rng.standard_normal(3)

@@ -203,7 +203,7 @@ def fix_errors(given: FixSpec, preset: SensorSpecs) -> FixErrors:
 def _in_force(
     kind: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
 ) -> Errors:
-    """Errors: each parameter from the first spec that has it; `scaled` ones times factor."""
+    """Errors, each from the first spec that has it; `scaled` ones times its factor."""
     parameters: dict[str, Any] = {}
     for spec in reversed(specs):
         given = msgspec.structs.asdict(spec)

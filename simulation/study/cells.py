@@ -181,7 +181,7 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 
 
 def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
-    """Settings with the wander of the scenario's fixes, unless they set one themselves.
+    """Settings with the wander of the scenario's fixes, unless they have one.
 
     It replaces that of a robot file, which describes the fixes of its logs; without wander, by none.
     """
@@ -253,7 +253,7 @@ def _walk_of(errors: InertialErrors) -> float:
 
 
 def _root(key: str) -> str:
-    """Root of a dotted key; raises a SimulationError if there is nothing to change by it."""
+    """Root of a dotted key; a SimulationError if there is nothing to change by it."""
     root, _, rest = key.partition(".")
     allowed = [*(name for name in Scenario.__struct_fields__ if name != "seed"), OUTAGE, *ROBOTS]
     if root not in allowed:

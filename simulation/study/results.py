@@ -107,7 +107,7 @@ def shown(value: Value) -> str:
 def study_results(
     runs: Runs, manifest: dict[str, Any], cells: Sequence[list[list[Summary]]]
 ) -> Results:
-    """Results of a study, ready for JSON; `cells` are the `cell_summaries` of the runs."""
+    """Results of a study, ready for JSON, with its manifest and `cell_summaries`."""
     plan = runs.plan
     everything = tuple(cell.index for cell in plan.cells)
     return {
@@ -201,7 +201,7 @@ def _by_variant(runs: Runs, summaries: list[list[Summary]]) -> dict[str, Any]:
 def _reported_drift(runs: Runs) -> str:
     """Drift statistic of headline and figures: over the horizon that most cells have.
 
-    Of several, the one nearest to `USUAL_HORIZON`.
+    Of several such horizons it is the one nearest to `USUAL_HORIZON`.
     """
     names = [one.name for one in runs.statistics]
     horizons = sorted(runs.plan.study.horizons, key=lambda s: (abs(s - USUAL_HORIZON), s))
@@ -222,7 +222,7 @@ def _typical(runs: Runs) -> dict[str, Any]:
     baseline = drifts[list(runs.plan.labels).index(runs.plan.study.compared_with)]
 
     def log_ratio(drift: Floats, counted: Any) -> float:
-        """Mean over cells of the logarithm of the ratio to the baseline, over counted runs."""
+        """Mean over cells of the logarithm of the ratio to the baseline."""
         both = np.isfinite(drift) & np.isfinite(baseline) & counted
         own, other = (np.where(both, values, 0.0).sum(axis=1) for values in (drift, baseline))
         has_ratio = np.asarray((own > 0.0) & (other > 0.0))

@@ -169,7 +169,7 @@ def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
 def path_statistics(
     estimate: Trajectory, truth: TrueTicks, segments: Sequence[Segments]
 ) -> list[Floats]:
-    """Statistics (...) of estimates, in the order of `statistics`, without innovations.
+    """Statistics (...) of estimates, in their order, up to those of innovations.
 
     Args:
         estimate: estimates; its arrays may have an axis for runs side by side after the first.

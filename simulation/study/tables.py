@@ -16,7 +16,7 @@ AXIS = "axis:{}"
 
 
 def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
-    """Table of summaries (`results.cell_summaries`): a row for each cell, variant, statistic."""
+    """Table of `results.cell_summaries`: one row for each cell, variant and statistic."""
     plan, kinds = runs.plan, runs.statistics
     rows = np.array([astuple(one) for cell in cells for of_filter in cell for one in of_filter])
     columns = _key_columns(plan, len(kinds))

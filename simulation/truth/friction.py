@@ -313,7 +313,7 @@ def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
 
 
 def _within(value: float, width: float) -> float:
-    """Clip a coordinate of the centre of mass to 40 % of the contact's width or length."""
+    """Clip a coordinate of the centre of mass to 40 % of the contact's extent."""
     return float(np.clip(value, -0.4 * width, 0.4 * width))
 
 

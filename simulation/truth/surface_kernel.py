@@ -308,5 +308,5 @@ def _inside(value: float, low: float, high: float, soft: float) -> float:
 
 @compiled
 def _blend(value: float, patch: float, share: float) -> float:
-    """Value on a patch that covers a place by a share; NaN of the patch keeps the value."""
+    """Mix a value with that of a patch, by its weight; NaN keeps the value."""
     return value if np.isnan(patch) else value + share * (patch - value)
