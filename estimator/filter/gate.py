@@ -32,7 +32,7 @@ IMU_PATIENCE = 0.1
 # Most that a rejected fix counts of the time since the fix before it [s].
 LONGEST_COUNTED = 1.0
 # Largest factor on the patience by the distance of a position.
-FAR = 6.0
+LARGEST_PATIENCE_FACTOR = 6.0
 # Largest inflation, over the variance of the innovation: double precision would lose that next to more.
 LARGEST_INFLATION = 1e10
 
@@ -45,7 +45,7 @@ def patience_for(square: Any, patience: Any, fastest: Any) -> Any:
         patience: that of the settings [s].
         fastest: highest track speed of the robot [m/s].
     """
-    return max(patience, min(FAR * patience, math.sqrt(square) / fastest))
+    return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, math.sqrt(square) / fastest))
 
 
 def inflation(square: float, expected: float) -> float:
@@ -145,14 +145,14 @@ class Gate:
         Args:
             nis: normalised innovation squared.
             interval: time that it counts if it is rejected [s].
-            patience: in place of that of the gate [s].
+            patience: time of rejections before re-acquisition; None for that of the gate [s].
         """
-        counts, found = self.counts, ADMITTED
+        counts, verdict = self.counts, ADMITTED
         if not nis <= self.threshold:
-            waits = self.patience if patience is None else patience
-            found = REACQUIRED if counts.rejected_for >= waits else REJECTED
-        count_verdict(counts, found, nis, self._degrees, interval)
-        return found
+            limit = self.patience if patience is None else patience
+            verdict = REACQUIRED if counts.rejected_for >= limit else REJECTED
+        count_verdict(counts, verdict, nis, self._degrees, interval)
+        return verdict
 
     def count(
         self,
@@ -233,11 +233,11 @@ def gates_of(
     """
     return {
         name: Gate(
-            len(found),
+            len(names),
             imu_patience(settings) if name in records else settings.patience,
             records.get(name) or make_record(GateRecord()),
         )
-        for name, found in components.items()
+        for name, names in components.items()
     }
 
 

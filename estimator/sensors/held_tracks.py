@@ -195,14 +195,16 @@ def take_motion(
     width = width_of_bends(spin)
     if width == 0.0:
         width = settings.track_width
-    turning, before = spin.right - spin.left, held.smooth_right - held.smooth_left
-    most, acceleration = settings.gyro_range, settings.yaw_acceleration
-    rate = watch_gyro(held.gyro, stamp, rate, reading, turning, width, before, most, acceleration)
+    turning, turning_before = spin.right - spin.left, held.smooth_right - held.smooth_left
+    gyro_range, acceleration = settings.gyro_range, settings.yaw_acceleration
+    rate = watch_gyro(
+        held.gyro, stamp, rate, reading, turning, width, turning_before, gyro_range, acceleration
+    )
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
     mean = 0.5 * (held.left + held.right)
     watch_slide(held.forward, stamp, force_x, mean)
-    left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
+    change_left, change_right = spin.left - held.smooth_left, spin.right - held.smooth_right
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
     sticks = may_stick(repeating[0]) or may_stick(repeating[1])
@@ -211,7 +213,7 @@ def take_motion(
         forget_mismatch(spin)
         spin.stamp = stamp
         return rate
-    watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest)
+    watch_spin(spin, stamp, rate, force_y, change_left, change_right, settings.fastest)
     return rate
 
 
