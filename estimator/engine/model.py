@@ -188,12 +188,12 @@ def twist_model(
     )
     vehicle, memory = inputs.vehicle, inputs.memory
     if inputs.of_user is not None:
-        motion, by = inputs.of_user.linearise(*of_state)
+        motion, derivatives = inputs.of_user.linearise(*of_state)
     elif inputs.model.kind == "linear":
-        motion, by = _linearise_linear(*of_state, vehicle)
+        motion, derivatives = _linearise_linear(*of_state, vehicle)
     else:
-        motion, by = _linearise_indices(*of_state, vehicle, memory)
-    wanted = (*states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
+        motion, derivatives = _linearise_indices(*of_state, vehicle, memory)
+    wanted_states = (*states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
     twist, by_speeds = np.empty(3, dtype=object), np.empty((3, 2), dtype=object)
     rows: list[Vector] = []
     velocity = motion.twist.v_x, motion.twist.v_y, motion.twist.w
@@ -201,28 +201,35 @@ def twist_model(
         twist[i] = sign * velocity[axis]
         row: Vector = {}
         for j in range(3):
-            by_slip = sign * PAPER_SIGN[j] * by.by_slip[axis][PAPER_AXIS[j]]
+            by_slip = sign * PAPER_SIGN[j] * derivatives.by_slip[axis][PAPER_AXIS[j]]
             row[s.SLIP.start + j] = slip_shares[j] * by_slip
             row[s.FAST_SLIP.start + j] = by_slip
         for j in range(s.PARAMETER_COUNT):
-            row[s.PARAMETERS.start + j] = sign * by.by_parameters[axis][j]
-        by_right, by_forward = by.by_gravity[axis]
+            row[s.PARAMETERS.start + j] = sign * derivatives.by_parameters[axis][j]
+        by_right, by_forward = derivatives.by_gravity[axis]
         row[s.GRAVITY_X], row[s.GRAVITY_Y] = sign * by_forward, -sign * by_right
-        by_left, by_right = sign * by.by_speeds[axis][0], sign * by.by_speeds[axis][1]
+        by_left, by_right = (
+            sign * derivatives.by_speeds[axis][0],
+            sign * derivatives.by_speeds[axis][1],
+        )
         row[s.TRACK_SCALE] = by_left * left + by_right * right
         row[s.TRACK_DIFFERENCE] = 0.5 * (by_right * right - by_left * left)
         by_speeds[i] = factors[0] * by_left, factors[1] * by_right
         # A zero of a user's model may be one for now.
-        keeps = inputs.of_user is not None
+        keeps_zeros = inputs.of_user is not None
         rows.append(
-            {k: row[k] for k in wanted if k in row and (keeps or not trace.is_zero(row[k]))}
+            {
+                k: row[k]
+                for k in wanted_states
+                if k in row and (keeps_zeros or not trace.is_zero(row[k]))
+            }
         )
     return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion)
 
 
 def tilting(x: Any, roll_rate: Any, pitch_rate: Any) -> Tilting:
     """Compute the turning of a tilted body; rates that are not known are NaN."""
-    known = roll_rate == roll_rate
+    known = roll_rate == roll_rate  # not NaN
     down = select(known, down_of((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
     roll = select(known, roll_rate - x[s.GYRO_BIAS_X], 0.0)
     return Tilting(down, roll, select(known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0), known)

@@ -240,7 +240,7 @@ def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
         return False
     surplus = max(0, count + 1 - MOST_ALIGNED)
     scatter.laid, scatter.waiting = count + 1 - surplus, 0
-    for k in range(scatter.laid * (surplus > 0)):
+    for k in range(scatter.laid * (surplus > 0)):  # none without surplus
         scatter.time[k], scatter.yaw[k] = scatter.time[k + surplus], scatter.yaw[k + surplus]
         scatter.x[k], scatter.y[k] = scatter.x[k + surplus], scatter.y[k + surplus]
         scatter.path_x[k] = scatter.path_x[k + surplus]
