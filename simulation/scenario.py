@@ -138,14 +138,14 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             "patches": self.patches or None,
             "payloads": self.payloads or None,
         }
-        given = {key: value for key, value in options.items() if value is not None}
+        set_options = {key: value for key, value in options.items() if value is not None}
         kind = TRUTHS[self.truth]
-        unknown = [key for key in given if key not in kind.__dataclass_fields__]
+        unknown = [key for key in set_options if key not in kind.__dataclass_fields__]
         if unknown:
             raise SimulationError(
                 f"the {self.truth} truth does not support {' or '.join(unknown)}; use truth = 'friction'"
             )
-        return kind(**given)
+        return kind(**set_options)
 
     def _check_samples(self) -> None:
         """Reject a rate that makes more than `MOST_SAMPLES`."""

@@ -395,17 +395,19 @@ class Lane:
             return
         x, moving = self.x, [i for i in states if i not in fixed]
         outside: Any = False
-        for direction, rest, least in bounds:
-            outside = outside | (least - rest - dot(x_of(x, direction), direction) > least_short)
+        for direction, of_certain, least in bounds:
+            outside = outside | (
+                least - of_certain - dot(x_of(x, direction), direction) > least_short
+            )
 
         def a_round(*values: Any) -> Any:
             """Project onto each bound in turn; the states, and True if any has moved."""
             now, moved = dict(zip(states, values, strict=True)), cast(Any, False)
-            for direction, rest, least in bounds:
+            for direction, of_certain, least in bounds:
                 free = {i: weight for i, weight in direction.items() if i not in fixed}
                 cross = self.P.times(free)
                 variance = dot(cross, free)
-                short = least - rest - dot(now, direction)
+                short = least - of_certain - dot(now, direction)
                 moves = (short > least_short) & (variance > 0.0)
                 per_cross = select(moves, short / select(moves, variance, 1.0), 0.0)
                 now |= {i: now[i] + cross[i] * per_cross for i in moving}
@@ -445,10 +447,10 @@ def plain_kernel(make: Any, of_user: MotionModel | None = None) -> Any:
         flags = 0
         with np.errstate(all="ignore"):
             for lane in range(lanes.shape[1]):
-                made = make(Numbers(lanes[:, lane], inputs[:, lane], constants, of_user))
-                for place, flag in enumerate(made.flags):
+                lane_kernel = make(Numbers(lanes[:, lane], inputs[:, lane], constants, of_user))
+                for place, flag in enumerate(lane_kernel.flags):
                     flags |= bool(flag) << (place * FLAG_BITS + lane)
-                for _, row, value in made.stores:
+                for _, row, value in lane_kernel.stores:
                     lanes[row, lane] = value
         return flags
 

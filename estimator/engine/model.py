@@ -242,18 +242,18 @@ def climb(now: TracedTwist, gravity: Any) -> Climb:
     return Climb(a * v_x + b * v_y, (a, b), propagation.upward((v_x, v_y)))
 
 
-def gravity_rows(angle: Any, tilt: Tilting, kept: Any, dt: Any) -> dict[int, Vector]:
+def gravity_rows(angle: Any, tilt: Tilting, kept_share: Any, dt: Any) -> dict[int, Vector]:
     """Transition of gravity along the ground, which is fixed in odom.
 
     Args:
         angle: turn of the body about its z axis [rad].
         tilt: turning about its other axes.
-        kept: share that is not forgotten where these are not known [-].
+        kept_share: share that is not forgotten where these are not known [-].
         dt: length of the step [s].
     """
     cos, sin = turn(angle)
-    kept, down = select(tilt.is_known, 1.0, kept), tilt.down * dt
-    cos, sin = kept * cos, kept * sin
+    kept_share, down = select(tilt.is_known, 1.0, kept_share), tilt.down * dt
+    cos, sin = kept_share * cos, kept_share * sin
     return {
         s.GRAVITY_X: {s.GRAVITY_X: cos, s.GRAVITY_Y: sin, s.GYRO_BIAS_Y: -down},
         s.GRAVITY_Y: {s.GRAVITY_X: -sin, s.GRAVITY_Y: cos, s.GYRO_BIAS_X: down},

@@ -157,7 +157,7 @@ class Step:
         )
 
     def _fades(self) -> list[GaussMarkov]:
-        """Gauss-Markov process of each component of the slip over the step."""
+        """Gauss-Markov processes of the slip, each over the step."""
         lane = self.lane
         times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
         return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]
@@ -327,13 +327,13 @@ class Step:
         for state, derivative in ((gravity, -1.0), (bias, 1.0)):
             if state in lane.P.states:
                 row[state] = row.get(state, 0.0) + derivative
-        at = self.linearised_at
-        predicted = forecast.predicted + at[bias] - at[gravity]
+        linearised_at = self.linearised_at
+        predicted = forecast.predicted + linearised_at[bias] - linearised_at[gravity]
         force, used = lane.input(INPUT_FORCES[axis]), lane.input("unknown") < 0.5
         if self.kind.may_lack_force:
             used = used & (force == force)
             force = select(used, force, 0.0)
-        z = force - predicted - shift_of(row, lane.x, at)
+        z = force - predicted - shift_of(row, lane.x, linearised_at)
         lane.gated(
             ACCELEROMETERS[axis],
             z,

@@ -107,11 +107,11 @@ def side_speeds(mean: float, wheels: Wheels, limit: float) -> SideSpeeds:
 def nth_of(wheels: Wheels, n: int) -> float:
     """Return the n-th smallest speed, counted from 0."""
     for speed in wheels:
-        lower = same = 0
+        lower = equal = 0
         for other in wheels:
             lower += other < speed
-            same += other == speed
-        if lower <= n < lower + same:
+            equal += other == speed
+        if lower <= n < lower + equal:
             return speed
     return math.nan
 

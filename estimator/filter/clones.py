@@ -236,11 +236,9 @@ def _each(rows: Floats) -> Floats:
 
 
 def _carried(rows: Floats, steps: Floats) -> Floats:
-    """Carry rows (3m, n) of m clones along with the turn of each by its error in yaw.
+    """Covariances (3m, n) of m clones' errors with others, after steps (m, 3).
 
-    Args:
-        rows: covariances of the clones' errors with others.
-        steps: (m, 3) increments of their poses.
+    An error in yaw moves the position by the step, turned by a right angle.
     """
     carried = rows.copy()
     carried[0::3] -= steps[:, 1:2] * rows[2::3]

@@ -174,25 +174,26 @@ class Ekf:
         if yaw is not None and self.clones is not None:
             self.clones = self.clones.inflated(yaw, tuple(states), covariance)
 
-    def updated(self, of: Updated) -> None:
+    def updated(self, change: Updated) -> None:
         """Pass on a scalar update."""
+        z, fixed = change.z, change.fixed
         if self.clones is not None:
-            share = ROUNDING_SHARE if of.is_sharp else 0.0
-            self.clones = self.clones.updated(of, fixed=s.X in of.fixed, inflation=share)
+            share = ROUNDING_SHARE if change.is_sharp else 0.0
+            self.clones = self.clones.updated(change, fixed=s.X in fixed, inflation=share)
         if self.observer is not None:
-            self.observer.updated(of.z, of.h, of.r, of.gain * of.z, of.fixed)
+            self.observer.updated(z, change.h, change.r, change.gain * z, fixed)
 
     def projected(self, change: Floats) -> None:
         """Pass on a projection to the bounds."""
         if self.observer is not None:
             self.observer.projected(change)
 
-    def moved(self, of: Moved) -> None:
+    def moved(self, step: Moved) -> None:
         """Pass on a step."""
         if self.clones is not None:
-            self.clones = self.clones.moved(of)
+            self.clones = self.clones.moved(step)
         if self.observer is not None:
-            self.observer.moved(of.F, of.Q)
+            self.observer.moved(step.F, step.Q)
 
     # --- dense changes ----------------------------------------------------------------------------
 

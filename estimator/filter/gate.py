@@ -49,11 +49,9 @@ def patience_for(square: Any, patience: Any, fastest: Any) -> Any:
 
 
 def inflation(square: float, expected: float) -> float:
-    """Variance to add to a state that is to follow an innovation.
+    """Variance to add to a state that is to follow an innovation: its square, limited.
 
-    Args:
-        square: square of the innovation.
-        expected: its variance, before the inflation.
+    `expected` is the variance of the innovation before the inflation.
     """
     return min(square, LARGEST_INFLATION * expected)
 
@@ -95,14 +93,9 @@ class GateRecord(msgspec.Struct):
 def count_verdict(
     counts: GateRecord, verdict: int, nis: float, degrees: int, interval: float
 ) -> None:
-    """Count a verdict; plain Python, for numba too.
+    """Count a verdict in place; plain Python, for numba too.
 
-    Args:
-        counts: counts of the gate, changed in place.
-        verdict: the verdict.
-        nis: normalised innovation squared.
-        degrees: its degrees of freedom.
-        interval: time that it counts if it is rejected [s].
+    The normalised innovation squared has some `degrees` of freedom. A rejection counts `interval` [s].
     """
     counts.judged += 1
     counts.newest_nis = nis
@@ -162,14 +155,9 @@ class Gate:
         S: tuple[float, float, float],
         interval: float,
     ) -> None:
-        """Count the verdict on a position fix.
+        """Count the verdict on a position fix at a stamp [ns].
 
-        Args:
-            stamp: stamp of the fix [ns].
-            verdict: the verdict.
-            z: its innovation [m].
-            S: covariance of that, xx, xy and yy [m²].
-            interval: time that it counts if it is rejected [s].
+        Its innovation z [m] has the covariance S, xx, xy and yy [m²]. A rejection counts `interval` [s].
         """
         xx, xy, yy = S
         by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy

@@ -275,12 +275,17 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector
     if held.stamp == NEVER or end <= start:
         left, right = speeds_at(held, start, hold_ns)
         return left, right, 0.0
-    left, right, behind, known = 0.0, 0.0, 0.0, start
+    left, right, behind, known_until = 0.0, 0.0, 0.0, start
     if held.counted_from == start <= held.stamp:
-        left, right, behind, known = held.ahead_left, held.ahead_right, held.behind, held.stamp
-    dt, rest = (end - start) * NANOSECOND, (end - known) * NANOSECOND
-    rest *= mean_decay(held, known, end, hold_ns)
-    return (left + rest * held.left) / dt, (right + rest * held.right) / dt, behind / dt
+        left, right, behind, known_until = (
+            held.ahead_left,
+            held.ahead_right,
+            held.behind,
+            held.stamp,
+        )
+    dt, rest_s = (end - start) * NANOSECOND, (end - known_until) * NANOSECOND
+    rest_s *= mean_decay(held, known_until, end, hold_ns)
+    return (left + rest_s * held.left) / dt, (right + rest_s * held.right) / dt, behind / dt
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:

@@ -214,7 +214,7 @@ def measured_noise(axis: AxisNoise) -> float:
     return SIGMA_OVER_MEAN_SIZE * max(axis.readings.size, axis.blocks.size)
 
 
-def assumed_noise(axis: AxisNoise, of_file: float, more: float, least: float) -> float:
+def assumed_noise(axis: AxisNoise, of_file: float, factor: float, least: float) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
     It is that of the robot file if the measured one agrees with it, and the measured one if that differs
@@ -223,12 +223,12 @@ def assumed_noise(axis: AxisNoise, of_file: float, more: float, least: float) ->
     Args:
         axis: the axis.
         of_file: noise density of the robot file [unit/√Hz].
-        more: a measured noise that is larger by this factor counts.
+        factor: a measured noise that is larger by this factor counts.
         least: least noise that counts, over that of the file; at 1 a smaller one does not.
     """
     measured, density = measured_noise(axis), of_file
-    if measured > more * of_file:
-        density = min(measured, measured * measured / (more * more * of_file))
+    if measured > factor * of_file:
+        density = min(measured, measured * measured / (factor * factor * of_file))
     elif 0.0 < measured * LESS < of_file:
         density = max(measured, measured * measured * (LESS * LESS) / of_file, least * of_file)
     return density * density
@@ -246,13 +246,13 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
         settings: settings of the filter.
     """
     of_gyro, of_force = settings.gyro_noise_density, settings.accelerometer_noise_density
-    more = MORE_AT_REST if at_rest else MORE_DRIVING
+    factor = MORE_AT_REST if at_rest else MORE_DRIVING
     if noise.is_first:
         of_gyro, of_force = FACTOR_AT_START * of_gyro, FACTOR_AT_START * of_force
     return ImuNoise(
-        assumed_noise(noise.gyro, of_gyro, more, LEAST_GYRO_SHARE),
-        assumed_noise(noise.accelerometer_x, of_force, more, 1.0),
-        assumed_noise(noise.accelerometer_y, of_force, more, 1.0),
+        assumed_noise(noise.gyro, of_gyro, factor, LEAST_GYRO_SHARE),
+        assumed_noise(noise.accelerometer_x, of_force, factor, 1.0),
+        assumed_noise(noise.accelerometer_y, of_force, factor, 1.0),
     )
 
 

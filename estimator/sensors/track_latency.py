@@ -64,15 +64,15 @@ class RateRecord(msgspec.Struct):
     rates: Buffer = zeros(ROOM)
 
 
-def add_rate(of: RateRecord, stamp: int, rate: float) -> None:
+def add_rate(record: RateRecord, stamp: int, rate: float) -> None:
     """Add a sample, if there is room; plain Python, for numba too."""
-    count = of.count
+    count = record.count
     if count == ROOM:
         return
     if count == 0:
-        of.begin = stamp
-    of.times[count], of.rates[count] = float(stamp - of.begin), rate
-    of.count = count + 1
+        record.begin = stamp
+    record.times[count], record.rates[count] = float(stamp - record.begin), rate
+    record.count = count + 1
 
 
 class RateMemory(msgspec.Struct, frozen=True):

@@ -46,14 +46,14 @@ class _Writer:
     def function(self) -> str:
         """Write the function: nodes in order, each store after the nodes that it needs."""
         kernel = self._kernel
-        wanted = [store.value for store in kernel.stores] + list(kernel.flags) + Traced.effects
+        outputs = [store.value for store in kernel.stores] + list(kernel.flags) + Traced.effects
         waiting = defaultdict(list)
         for store in kernel.stores:
             writer = Traced.writers.get((store.array, store.row), store.value)
             waiting[max(store.value, writer, key=IN_ORDER)].append(store)
-        nodes = reachable(wanted)
+        nodes = reachable(outputs)
         loads = defaultdict(list)
-        for node in reachable(wanted, with_bodies=True):
+        for node in reachable(outputs, with_bodies=True):
             if node.op == "load":
                 loads[node.extra].append(node)
         last_uses = _last_uses(nodes, kernel.flags)

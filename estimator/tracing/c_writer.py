@@ -93,6 +93,7 @@ class FunctionWriter:
     # --- statements ------------------------------------------------------------------------------
 
     def _statement(self, node: ast.stmt) -> None:
+        """Write a statement; docstrings and checks that raise are left out."""
         match node:
             case ast.Expr(value=ast.Constant()) | ast.Raise():
                 return
@@ -106,7 +107,7 @@ class FunctionWriter:
                 )
             case ast.If(test=test, body=body, orelse=orelse):
                 if all(isinstance(one, ast.Raise) for one in body) and not orelse:
-                    return  # a check, see `c_functions`
+                    return
                 self._add(f"if ({self._truth(test)}) {{")
                 self._block(body)
                 if orelse:
@@ -187,6 +188,7 @@ class FunctionWriter:
         self._add(f"return {self._as(code, self.result).text};")
 
     def _assign(self, targets: Sequence[ast.expr], value: ast.expr) -> None:
+        """Assign one value to one or more targets, or a tuple part by part."""
         first = targets[0]
         if len(targets) > 1:
             found = self._code(value)
@@ -220,6 +222,7 @@ class FunctionWriter:
         return Code(name, code.type)
 
     def _store(self, target: ast.expr, code: Code) -> None:
+        """Assign an expression to a variable, an array, one of its elements, or a field."""
         match target:
             case ast.Name(id=name):
                 if code.type.kind == "array" and name not in self._locals and code.text == "{0}":
@@ -275,6 +278,7 @@ class FunctionWriter:
         return self._as(self._code(node), BOOL).text
 
     def _constant(self, value: Any, node: ast.AST) -> Code:
+        """Literal of a number; `node` is where it stands, for the error of anything else."""
         if isinstance(value, bool | np.bool_):
             return Code("true" if value else "false", BOOL, bool(value))
         if isinstance(value, int | np.integer):
@@ -289,6 +293,7 @@ class FunctionWriter:
         raise self._fail(node)
 
     def _code(self, node: ast.expr, wanted: Type | None = None) -> Code:
+        """Expression in C; a tuple has the `wanted` type."""
         match node:
             case ast.Constant(value=value):
                 return self._constant(value, node)
@@ -325,6 +330,7 @@ class FunctionWriter:
         raise self._fail(node)
 
     def _attribute(self, node: ast.Attribute) -> Code:
+        """Constant of a module, part of a complex number, or field of a tuple or record."""
         if isinstance(node.value, ast.Name) and node.value.id not in self._locals:
             return self._constant(getattr(self._globals[node.value.id], node.attr), node)
         owner = self._code(node.value)
@@ -338,6 +344,7 @@ class FunctionWriter:
         return Code(f"(&{text})" if field_type.kind == "record" else text, field_type)
 
     def _subscript(self, node: ast.Subscript) -> Code:
+        """Part of a tuple, element of an array, or the rest of its axes as an array."""
         owner = self._code(node.value)
         if owner.type.kind == "tuple":
             place = self._code(node.slice).value
@@ -360,6 +367,7 @@ class FunctionWriter:
         return Code(f"{owner.text}[{text}]", element)
 
     def _arithmetic(self, node: ast.AST, op: ast.operator, left: Code, right: Code) -> Code:
+        """Sum, difference, product, quotient or power; that of constants is computed here."""
         if isinstance(op, ast.Pow):
             return self._power(node, left, right)
         if type(op) not in ARITHMETIC:
@@ -417,9 +425,10 @@ class FunctionWriter:
         return Code(name, wanted)
 
     def _call(self, node: ast.Call) -> Code:
-        name = _name_of(node.func)
+        """Call of a method, of a function of this package, or of a builtin."""
         if isinstance(node.func, ast.Attribute):
             return self._method(node, node.func)
+        name = _name_of(node.func)
         args: list[Code] = []
         for arg in node.args:
             if isinstance(arg, ast.Starred):
@@ -471,6 +480,7 @@ class FunctionWriter:
         return Code(f"{name}({', '.join(texts)})", result)
 
     def _method(self, node: ast.Call, func: ast.Attribute) -> Code:
+        """Call of `np.empty`, `np.zeros`, a function of `math`, or `conjugate`."""
         owner = _name_of(func.value)
         if owner == "np" and func.attr in ("empty", "zeros"):
             shape = node.args[0]
@@ -494,12 +504,12 @@ class FunctionWriter:
         )
 
     def _extreme(self, name: str, args: Sequence[Code]) -> Code:
-        common = max((one.type for one in args), key=NUMBERS.index)
+        common = max((arg.type for arg in args), key=NUMBERS.index)
         common = INT if common == BOOL else common
         called = {"min": "smaller", "max": "larger"}[name] + ("_int" if common == INT else "")
         text = self._as(args[0], common).text
-        for one in args[1:]:
-            text = f"{called}({text}, {self._as(one, common).text})"
+        for arg in args[1:]:
+            text = f"{called}({text}, {self._as(arg, common).text})"
         return Code(text, common)
 
 

@@ -89,6 +89,7 @@ class _Emitter:
         self.builder.ret(flags)
 
     def _compute(self, node: Traced) -> Any:
+        """Value of a node, which is emitted if it is new."""
         if node.op == "load":
             return self._load(node)
         value = self.values.get(node)
@@ -100,6 +101,7 @@ class _Emitter:
         return value
 
     def _load(self, node: Traced) -> Any:
+        """Row of the workspace, which is loaded again after `RELOAD_AFTER` operations."""
         epoch, value = self.loads.get(node, (-1, None))
         current = self.operations // RELOAD_AFTER
         if value is None or (epoch != current and node.extra not in self.written):

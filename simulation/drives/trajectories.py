@@ -50,11 +50,7 @@ def trajectory_names() -> list[str]:
 
 
 def trajectory_options(name: str) -> dict[str, float | None]:
-    """Options of a trajectory with defaults; None stands for the robot file's value.
-
-    Args:
-        name: one of `trajectory_names`.
-    """
+    """Options of a trajectory with defaults; None stands for the robot file's value."""
     parameters = inspect.signature(_maker(name)).parameters.values()
     return {
         option.name: option.default for option in parameters if option.kind is option.KEYWORD_ONLY

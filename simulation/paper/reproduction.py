@@ -229,6 +229,8 @@ def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
 
 def _signed_inertia(mapped: DynamicMap) -> Floats:
     """|F| sign(x_1) sign(x_2) of all turning motions, with the published H [N]."""
-    at, motion = mapped.turning, mapped.motion
-    x_1, x_2 = symmetry_coordinates(motion.V_l[at], motion.V_r[at], published_parameters().H)
-    return np.asarray(mapped.magnitude[at] * np.sign(x_1) * np.sign(x_2))
+    turning, motion = mapped.turning, mapped.motion
+    x_1, x_2 = symmetry_coordinates(
+        motion.V_l[turning], motion.V_r[turning], published_parameters().H
+    )
+    return np.asarray(mapped.magnitude[turning] * np.sign(x_1) * np.sign(x_2))

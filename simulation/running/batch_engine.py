@@ -77,15 +77,15 @@ def block(
     Lanes compute with numbers of 64 or 32 `bits`. A run with absurd readings is repeated by the streaming
     engine, whose scores count.
     """
-    values = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in filters}
-    reasons = {one.label: [""] * count for one in filters}
+    values = {spec.label: np.empty((count, len(statistics(cell.horizons)))) for spec in filters}
+    reasons = {spec.label: [""] * count for spec in filters}
     times = score_times(cell.scenario)
     batch_filters = [
-        BatchFilter(one.robot, find_variant(one.variant), one.settings, bits) for one in filters
+        BatchFilter(spec.robot, find_variant(spec.variant), spec.settings, bits) for spec in filters
     ]
     schedule = _schedule(cell)
     width = batch_filters[0].width
-    slowest = min(one.robot.vehicle.max_track_speed for one in filters)
+    slowest = min(spec.robot.vehicle.max_track_speed for spec in filters)
     for begin in range(0, count, width):
         used_lanes = min(width, count - begin)
         # The lanes of a group that is not full repeat its last run.
@@ -160,6 +160,7 @@ class _Truth(NamedTuple):
 
 
 def _truth(cell: Cell, run: int) -> _Truth:
+    """Truth of a run by its index; runs with the same true motion share it."""
     scenario = as_sensed_perfectly(cell.scenario)
     return _kept_truth(msgpack.encode(scenario), msgpack.encode(cell.robot), run % cell.truths)
 
@@ -206,10 +207,10 @@ def _measured(
     """Inputs of each filter; filters with the same model of the IMU share one object."""
     by_imu: dict[bytes, Measured] = {}
     of_filters = []
-    for one in filters:
-        key = msgpack.encode(one.robot.imu)
+    for spec in filters:
+        key = msgpack.encode(spec.robot.imu)
         if key not in by_imu:
-            by_imu[key] = measured_of(logs, one.robot, track_stamps)
+            by_imu[key] = measured_of(logs, spec.robot, track_stamps)
         of_filters.append(by_imu[key])
     return of_filters
 

@@ -100,6 +100,7 @@ def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
 
 
 def _write_results(runs: Runs, identity: dict[str, object], store: BlockStore) -> Results:
+    """Write tables and results to the folder of a study; return the results."""
     from icreckon.simulation.study.tables import results_parquet, runs_parquet
 
     cells = cell_summaries(runs)

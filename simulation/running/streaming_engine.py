@@ -48,20 +48,20 @@ def block(
 ) -> dict[str, RunScores]:
     """Statistics of some runs; see `icreckon.simulation.running.engines.Block`."""
     width = len(statistics(cell.horizons))
-    values = {one.label: np.full((count, width), np.nan) for one in filters}
-    reasons: dict[str, list[str]] = {one.label: [] for one in filters}
+    values = {spec.label: np.full((count, width), np.nan) for spec in filters}
+    reasons: dict[str, list[str]] = {spec.label: [] for spec in filters}
     for row in range(count):
         log = study_log(cell, first_run + row)
         times = score_times(cell.scenario)
         measured = replace(log, truth=None)
-        for one in filters:
+        for spec in filters:
             try:
-                result = _run(measured, one, times)
+                result = _run(measured, spec, times)
             except LostFilter as lost:
-                reasons[one.label].append(lost.reason)
+                reasons[spec.label].append(lost.reason)
                 continue
-            reasons[one.label].append("")
-            values[one.label][row] = run_statistics(result, log, cell.horizons)
+            reasons[spec.label].append("")
+            values[spec.label][row] = run_statistics(result, log, cell.horizons)
     return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
 
 

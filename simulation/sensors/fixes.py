@@ -77,9 +77,9 @@ def with_fix_errors(
         poses[:, :2] += errors.wander_sigma * unit[:, :2]
     if errors.heading_sigma is None:
         poses[:, 2] = np.nan
-    stated = np.maximum(sigmas[1:], SMALLEST_FIX_SIGMA) ** 2
-    seen = np.ones(len(times), dtype=bool)
+    stated_variances = np.maximum(sigmas[1:], SMALLEST_FIX_SIGMA) ** 2
+    is_received = np.ones(len(times), dtype=bool)
     for start, end in outages:
-        seen &= (times < start) | (times > end)
-    stamps = to_stamps(times)[seen]
-    return FixSeries(stamps, poses[seen], np.tile(stated, (len(stamps), 1)))
+        is_received &= (times < start) | (times > end)
+    stamps = to_stamps(times)[is_received]
+    return FixSeries(stamps, poses[is_received], np.tile(stated_variances, (len(stamps), 1)))

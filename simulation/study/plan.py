@@ -277,6 +277,7 @@ def nest(flat: dict[str, Any]) -> dict[str, Any]:
 
 
 def _check_range(key: str, found: Any) -> None:
+    """Reject a range that is not (lowest, highest) or (lowest, highest, scale)."""
     wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
     if not isinstance(found, list | tuple) or len(found) not in (2, 3):
         raise SimulationError(f"{wanted}, found {found!r}")
@@ -295,6 +296,7 @@ def _check_range(key: str, found: Any) -> None:
 
 
 def _refuse_shared_keys(sweep: Sweep) -> None:
+    """Reject a key or an axis that more than one part of a sweep changes."""
     owners: dict[str, str] = {}
     axes = [(key, [key]) for key in sweep.grid]
     axes += [

@@ -162,19 +162,19 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
     """Summaries by filter and statistic of the means over some cells, run by run."""
     picked = runs.values[:, list(cells)]
     baseline = picked[list(runs.plan.labels).index(runs.plan.study.compared_with)]
-    motions, found = runs.motions, []
+    motions, of_filters = runs.motions, []
     for values in picked:
         # Only cells where neither failed: otherwise easy cells are compared with hard ones.
         both = np.isfinite(values) & np.isfinite(baseline)
         means = over_cells(values)
         paired, others = (over_cells(np.where(both, of, np.nan)) for of in (values, baseline))
-        found.append(
+        of_filters.append(
             [
                 summarise(means[:, k], others[:, k], motions, paired[:, k])
                 for k in range(len(runs.statistics))
             ]
         )
-    return found
+    return of_filters
 
 
 def _failed(runs: Runs) -> dict[str, Any]:
@@ -296,8 +296,8 @@ def alike(values: Floats, axis: int) -> list[list[int]]:
     return sorted(sorted(group) for group in groups if len(group) > 1)
 
 
-def _same(one: Any, other: Any) -> bool:
+def _same(first: Any, other: Any) -> bool:
     """Return True if values are equal to `ROUNDING`, and missing in the same places."""
-    larger = np.maximum(np.abs(one), np.abs(other))
-    apart = np.abs(one - other) > ROUNDING * larger
-    return bool(np.array_equal(np.isfinite(one), np.isfinite(other)) and not apart.any())
+    larger = np.maximum(np.abs(first), np.abs(other))
+    apart = np.abs(first - other) > ROUNDING * larger
+    return bool(np.array_equal(np.isfinite(first), np.isfinite(other)) and not apart.any())

@@ -167,8 +167,8 @@ def ride(
     normal = _normal(p_x, p_y)
     cos, sin = np.cos(yaw), np.sin(yaw)
     s = p_x * cos + p_y * sin
-    size = 1.0 / np.sqrt(1.0 + s * s)
-    ahead = (cos * size, sin * size, s * size)
+    inverse_length = 1.0 / np.sqrt(1.0 + s * s)
+    ahead = (cos * inverse_length, sin * inverse_length, s * inverse_length)
     left = _cross(normal, ahead)
     forward, aside, turn = by
     step = _sum(forward, ahead, aside, left)
@@ -240,8 +240,8 @@ def _kerbs(surface: Surface, u: float) -> tuple[float, float]:
 @compiled
 def _normal(p_x: float, p_y: float) -> Vector:
     """Unit normal of the ground with a gradient."""
-    size = 1.0 / np.sqrt(1.0 + p_x * p_x + p_y * p_y)
-    return -p_x * size, -p_y * size, size
+    inverse_length = 1.0 / np.sqrt(1.0 + p_x * p_x + p_y * p_y)
+    return -p_x * inverse_length, -p_y * inverse_length, inverse_length
 
 
 @compiled
@@ -256,22 +256,22 @@ def _carry(vector: Vector, normal: Vector, other: Vector) -> Vector:
 
 
 @compiled
-def _sum(a: float, one: Vector, b: float, other: Vector) -> Vector:
-    """Return a times one vector plus b times another."""
-    return (a * one[0] + b * other[0], a * one[1] + b * other[1], a * one[2] + b * other[2])
+def _sum(a: float, first: Vector, b: float, other: Vector) -> Vector:
+    """Sum of two vectors, multiplied by a and b."""
+    return (a * first[0] + b * other[0], a * first[1] + b * other[1], a * first[2] + b * other[2])
 
 
 @compiled
-def _dot(one: Vector, other: Vector) -> float:
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+def _dot(first: Vector, other: Vector) -> float:
+    return first[0] * other[0] + first[1] * other[1] + first[2] * other[2]
 
 
 @compiled
-def _cross(one: Vector, other: Vector) -> Vector:
+def _cross(first: Vector, other: Vector) -> Vector:
     return (
-        one[1] * other[2] - one[2] * other[1],
-        one[2] * other[0] - one[0] * other[2],
-        one[0] * other[1] - one[1] * other[0],
+        first[1] * other[2] - first[2] * other[1],
+        first[2] * other[0] - first[0] * other[2],
+        first[0] * other[1] - first[1] * other[0],
     )
 
 
