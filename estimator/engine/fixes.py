@@ -103,7 +103,7 @@ def position_kernel(
     for states, error in errors_of(indicated):
         # A considered bias, the last state of an error, is not inflated.
         inflate(states[: len(states) - (states[-1] in shape.considered)], error, departs)
-    # Gate: admit, reject, or re-acquire after some time; a gated fix that would be is lost instead.
+    # Gate: admit or reject. After some time a forced fix is re-acquired; a gated one marks a lost lane.
     xx, xy, yy, nis = innovation_spread()
     admitted = nis <= lane.constant("position_threshold")
     square = z[0] * z[0] + z[1] * z[1]

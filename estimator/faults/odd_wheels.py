@@ -190,9 +190,10 @@ def decides(possible: SideSpeeds, expected: float, error: float) -> bool:
 def speed_of(
     side: WheelsRecord, possible: SideSpeeds, wheels: Wheels, expected: float, error: float
 ) -> float:
-    """Speed of one side: the expected one if that decides, else without the odd wheel.
+    """Speed of one side: nearest to the expected one, or without the odd wheel.
 
-    If no wheel is known to be odd, it is the mean of the two possible speeds [m/s].
+    The expected speed with its error counts if it `decides`. If it does not and no wheel is known to be
+    odd, it is the mean of the two possible speeds [m/s].
     """
     low, high = possible.low, possible.high
     if decides(possible, expected, error):

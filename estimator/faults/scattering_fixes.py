@@ -222,8 +222,8 @@ def begin_path(scatter: ScatterRecord, stamp: int) -> None:
 def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
     """Align the newest fix with the path, or let it wait; True if it is aligned.
 
-    A fix too soon after the one before is left out. A used fix, or the last of `REJECTED_IN_ROW` rejected
-    ones, is aligned with all that wait; beyond `MOST_ALIGNED` the oldest are dropped.
+    A fix too soon after the one before is left out. A used fix drops those that wait. The last of
+    `REJECTED_IN_ROW` rejected ones is aligned with them. Beyond `MOST_ALIGNED` the oldest are dropped.
     """
     if fix.used:
         scatter.waiting = 0

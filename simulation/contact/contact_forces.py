@@ -397,12 +397,12 @@ def _mobilised(
     halfway = 0.5 * (y + entry)
     slip_x, slip_y = v_x - halfway * w, v_y + x * w - V
     slip = np.sqrt(slip_x * slip_x + slip_y * slip_y + small * small)
-    rest = np.exp(-time * slip / K)
-    by_slip_over_slip = rest * time / (K * slip)
+    unmobilised = np.exp(-time * slip / K)
+    by_slip_over_slip = unmobilised * time / (K * slip)
     by_x, by_y = by_slip_over_slip * slip_x, by_slip_over_slip * slip_y
     by_w = by_slip_over_slip * (x * slip_y - halfway * slip_x)
-    by_V = -by_slip_over_slip * slip_y + rest / K * slip * time_by_V
-    return 1.0 - rest, by_x, by_y, by_w, by_V
+    by_V = -by_slip_over_slip * slip_y + unmobilised / K * slip * time_by_V
+    return 1.0 - unmobilised, by_x, by_y, by_w, by_V
 
 
 @compiled
