@@ -528,5 +528,5 @@ def evaluate_twist(
             jacobian[axis, places.states[a]] = lane[places.by_state[axis, a], 0]
         for side in range(2):
             by_speeds[axis, side] = lane[places.motion + 5 + 2 * axis + side, 0]
-    m = places.motion
+    m = places.motion  # the five values of the result come first there
     return lane[m, 0], lane[m + 1, 0], lane[m + 2, 0], lane[m + 3, 0], lane[m + 4, 0]

@@ -242,16 +242,17 @@ def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
 def count_distance(
     held: TrackRecord, start: int, before: int, left: float, right: float, hold_ns: int
 ) -> None:
-    """Count the distances by the newest speeds, the means since the sample before.
+    """Add the distances of the newest sample, of mean speeds since the one before.
 
-    Until they came the speeds before were held. Over a gap the new ones count from the estimate on.
+    Before the estimate the old speeds were held in their place: `behind` gets the difference. Over a gap
+    the new speeds count from the estimate on.
 
     Args:
         held: record of the track speeds, with the newest sample.
         start: time of the estimate [ns], or NEVER.
         before: stamp of the sample before [ns], or NEVER.
-        left: speed of the left track by that [m/s].
-        right: speed of the right track by that [m/s].
+        left: speed of the left track in that sample [m/s].
+        right: speed of the right track in that sample [m/s].
         hold_ns: age from which speeds are stale [ns].
     """
     if held.counted_from != start:

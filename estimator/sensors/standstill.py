@@ -218,10 +218,11 @@ def is_carried(still: StandstillRecord) -> bool:
 
 
 def carried_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of the carried robot over a step from start to end [ns] [m²/s].
+    """Error density of a carried robot's velocity over a step [m²/s].
 
-    With its tracks at rest it does not stand, and nothing shows where it goes: the distance is off by
-    `CARRIED_SPEED` times the duration, at one standard deviation.
+    The step lasts from start to end [ns]. With its tracks at rest the robot does not stand, and nothing
+    shows where it goes: the distance is off by `CARRIED_SPEED` times the duration, at one standard
+    deviation.
     """
     since = still.restless_since
     if not is_carried(still):

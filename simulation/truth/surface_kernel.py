@@ -147,7 +147,7 @@ def gravity_on(p_x: float, p_y: float, yaw: float) -> Vector:
 
 @compiled
 def ride(
-    surface: Surface, patches: Floats, time: tuple[float, float], pose: Vector, by: Vector
+    surface: Surface, patches: Floats, time: tuple[float, float], pose: Vector, displacement: Vector
 ) -> tuple[float, float, float, float]:
     """Move a vehicle on the ground by a small displacement in its own axes.
 
@@ -156,7 +156,7 @@ def ride(
         patches: (k, PATCH_WIDTH).
         time: from, and to, since the start of the run [s].
         pose: x, y [m], heading [rad] before.
-        by: forward, left [m], turn about the normal [rad].
+        displacement: forward, left [m], turn about the normal [rad].
 
     Returns:
         x, y [m], heading [rad] after, not wrapped, and the height gained [m].
@@ -170,7 +170,7 @@ def ride(
     inverse_length = 1.0 / np.sqrt(1.0 + s * s)
     ahead = (cos * inverse_length, sin * inverse_length, s * inverse_length)
     left = _cross(normal, ahead)
-    forward, aside, turn = by
+    forward, aside, turn = displacement
     step = _sum(forward, ahead, aside, left)
     # The displacement is that of the mean attitude; the attitude after it needs the place after it.
     p_x, p_y = tilt(surface, patches, after, x + step[0], y + step[1])
