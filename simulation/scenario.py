@@ -138,16 +138,17 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
             "patches": self.patches or None,
             "payloads": self.payloads or None,
         }
-        given = {key: value for key, value in options.items() if value is not None}
+        set_options = {key: value for key, value in options.items() if value is not None}
         kind = TRUTHS[self.truth]
-        unknown = [key for key in given if key not in kind.__dataclass_fields__]
+        unknown = [key for key in set_options if key not in kind.__dataclass_fields__]
         if unknown:
             raise SimulationError(
                 f"the {self.truth} truth does not support {' or '.join(unknown)}; use truth = 'friction'"
             )
-        return kind(**given)
+        return kind(**set_options)
 
     def _check_samples(self) -> None:
+        """Reject a rate that makes more than `MOST_SAMPLES`."""
         rates = [(f"{name} = {getattr(self, name)!r} Hz", getattr(self, name)) for name in RATES]
         grid = grid_rate(self.imu_rate)
         rates.append((f"the true motion at {grid:.0f} Hz (of imu_rate = {self.imu_rate!r})", grid))

@@ -21,7 +21,7 @@ from icreckon.simulation.drives.recorded import read_recording
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.scenario import Scenario, grid_rate
 from icreckon.simulation.sensors.encoders import with_encoder_errors
-from icreckon.simulation.sensors.fixes import shown_times, with_fix_errors
+from icreckon.simulation.sensors.fixes import measured_pose_times, with_fix_errors
 from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors
 from icreckon.simulation.sensors.specs import (
     accelerometer_errors,
@@ -138,7 +138,7 @@ def drive(
     Args:
         scenario: configuration of the run; of its sensors, only the IMU's rate is used.
         robot: the robot as described by its file.
-        streams: draw trajectory and truth.
+        streams: random streams; those of trajectory and truth are used.
         recording: track speeds to drive, see `simulate`.
 
     Raises:
@@ -167,12 +167,12 @@ def drive(
 
 def perfect(motion: TrueMotion, scenario: Scenario, robot: Robot) -> Perfect:
     """Error-free readings of a true motion at the sample times of a scenario."""
-    duration, rate = scenario.duration, scenario.imu_rate
+    duration, imu_rate = scenario.duration, scenario.imu_rate
     errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
     return Perfect(
         motion.mean_track_speeds(sample_times(duration, scenario.track_rate)),
-        perfect_readings(motion, sample_times(duration, rate), rate, robot),
-        motion.poses_at(shown_times(_fix_times(scenario), errors)),
+        perfect_readings(motion, sample_times(duration, imu_rate), imu_rate, robot),
+        motion.poses_at(measured_pose_times(_fix_times(scenario), errors)),
     )
 
 
@@ -183,7 +183,7 @@ def sensed(true: Perfect, scenario: Scenario, robot: Robot, streams: Streams) ->
         true: error-free readings.
         scenario: rates and errors of the sensors.
         robot: the robot that carries the sensors.
-        streams: draw the errors.
+        streams: random streams that draw the errors.
     """
     duration, preset = scenario.duration, noise_preset(scenario.noise)
     tracks = with_encoder_errors(
@@ -226,5 +226,5 @@ def truth_of(motion: TrueMotion, times: Floats) -> Truth:
 def _fix_times(scenario: Scenario) -> Floats:
     """Arrival times of fixes, those in outages included [s]."""
     if scenario.fix_rate == 0.0:
-        return sample_times(0.0, 1.0)[:0]
+        return sample_times(0.0, 1.0)[:0]  # no times
     return sample_times(scenario.duration, scenario.fix_rate)

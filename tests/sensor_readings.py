@@ -8,7 +8,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.sensors.encoders import EncoderErrors, with_encoder_errors
-from icreckon.simulation.sensors.fixes import FixErrors, shown_times, with_fix_errors
+from icreckon.simulation.sensors.fixes import FixErrors, measured_pose_times, with_fix_errors
 from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors
 from icreckon.simulation.truth.true_motion import TrueMotion
 
@@ -22,7 +22,7 @@ def read_tracks(
 def read_fixes(
     motion: TrueMotion, times: Floats, errors: FixErrors, outages: Any, rng: Generator
 ) -> FixSeries:
-    poses = motion.poses_at(shown_times(times, errors))
+    poses = motion.poses_at(measured_pose_times(times, errors))
     return with_fix_errors(poses, times, errors, outages, rng)
 
 

@@ -252,8 +252,10 @@ class _Export:
             **self._tables(),
         }
         parts["DIGEST"] = f"0x{zlib.crc32(repr(parts).encode()):08X}u"
-        names = (one.relative_to(TEMPLATES) for one in sorted(TEMPLATES.rglob("*.in")))
-        files = {one.with_suffix("").as_posix(): _filled(TEMPLATES / one, parts) for one in names}
+        paths = [path.relative_to(TEMPLATES) for path in sorted(TEMPLATES.rglob("*.in"))]
+        files = {
+            path.with_suffix("").as_posix(): _filled(TEMPLATES / path, parts) for path in paths
+        }
         return Exported(files, self._states)
 
     def _places(self) -> tuple[dict[str, str], dict[tuple[str, str], Code]]:
@@ -277,16 +279,18 @@ class _Export:
         return Code(f"INT64_C({value})", INT, value)
 
     def _translate(self, functions: Functions) -> None:
-        """Translate what the template calls."""
+        """Translate the functions that the template calls, for types in the C filter."""
         lanes = Type("array", "real", shape=(len(self._rows), 1))
         inputs = Type("array", "real", shape=(len(INPUTS), 1))
         before = Type("array", "real", shape=(len(self._states),))
         stamps, rates = (Type("array", of, shape=(self._readings,)) for of in ("int", "real"))
         types = functions.records
         record, fixes = types[FilterRecord], types[FixesRecord]
-        four = functions.tuple_type([(f"_{k}", REAL) for k in range(4)])
+        four_reals = functions.tuple_type([(f"_{k}", REAL) for k in range(4)])
         readings = {"stamps": stamps, "rates": rates}
-        functions.translate(sample_inputs, record=record, inputs=inputs, gyro=four, **readings)
+        functions.translate(
+            sample_inputs, record=record, inputs=inputs, gyro=four_reals, **readings
+        )
         functions.translate(move_inputs, record=record, inputs=inputs)
         clocks = imu_clock.is_due_after, imu_clock.is_alive, imu_clock.take_stamp
         for of_clock in (imu_clock.interval_start, *clocks):
@@ -317,7 +321,9 @@ class _Export:
         names = state_names(self._variant)
         learnt = [i for i in self._states if i in LEARNT]
         parameters, latencies = self._layout.parameters, Latencies.of(self._robot)
-        late = {one: round(getattr(latencies, one) / NANOSECOND) for one in LATE_STREAMS}
+        latencies_ns = {
+            stream: round(getattr(latencies, stream) / NANOSECOND) for stream in LATE_STREAMS
+        }
         defines = {
             "INPUTS": len(INPUTS),
             "CONSTANTS": 1 + max(places[constant] for constant in VARYING),
@@ -349,7 +355,7 @@ class _Export:
             "DEFINES": "\n".join(f"#define {name} {value}" for name, value in defines.items()),
             "LATENCIES": "\n".join(
                 f"#define ICR_{name.upper()}_LATENCY INT64_C({value})"
-                for name, value in late.items()
+                for name, value in latencies_ns.items()
             ),
             # Rows behind these are outputs of other kernels.
             "ROW_COUNT": str(rows[MOTION[0]]),
@@ -366,11 +372,9 @@ class _Export:
         learnt = [k for k, i in enumerate(self._states) if i in LEARNT]
         states, unmoved = self._all_states, {*self._shape.considered, s.WANDER_X, s.WANDER_Y}
         pairs = product(states, states)
-        of_velocity, of_standing = ({*fixed, *unmoved} for fixed in (POSE_FIXED, STANDING_FIXED))
-        fixed = [
-            sum(1 << k for k, i in enumerate(states) if i in of)
-            for of in (of_velocity, of_standing)
-        ]
+        # Bit masks of the states that a velocity, and a standing robot, do not move.
+        fixed_states = [{*fixed, *unmoved} for fixed in (POSE_FIXED, STANDING_FIXED)]
+        masks = [sum(1 << k for k, i in enumerate(states) if i in fixed) for fixed in fixed_states]
         values = enumerate(self._workspace)
         start = [f"    lanes[{row}] = {number(value)};" for row, value in values if value]
         uses_force = settings.use_accelerometer and self._variant.accelerometers
@@ -380,7 +384,7 @@ class _Export:
                 "real MOUNTING[18]", SensorModels(self._robot).mounting.ravel()
             ),
             "VALUES": self._array("uint16_t VALUES[ALL]", [rows[f"x{i}"] for i in states]),
-            "FIXED": self._array("uint32_t FIXED[2]", fixed)
+            "FIXED": self._array("uint32_t FIXED[2]", masks)
             + self._array("uint8_t SLIP_PLACE[3]", [states.index(i) for i in SLIP_STATES]),
             "COVARIANCES": self._array(
                 "uint16_t COVARIANCES[ALL * ALL]", [rows[covariance_name(i, j)] for i, j in pairs]
@@ -417,11 +421,12 @@ class _Export:
     def _array(self, declared: str, values: Iterable[Any]) -> str:
         """Constant array in C."""
         is_real = declared.startswith("real")
-        texts = (self._number(one) if is_real else str(int(one)) for one in values)
+        texts = (self._number(value) if is_real else str(int(value)) for value in values)
         return f"static const {declared} = {{{', '.join(texts)}}};"
 
 
 def _filled(template: Path, parts: dict[str, str]) -> str:
+    """Text of a template with parts in place of their names, as @NAME@."""
     text = template.read_text(encoding="utf-8")
     for name, value in parts.items():
         text = text.replace(f"@{name}@", value)

@@ -34,38 +34,38 @@ class Records:
             return self.types[kind]
         name, hints = f"icr_{kind.__name__}", field_types(kind)
         fields, lines = [], []
-        for field, of in self._fields(memory):
-            if hasattr(of, "kind"):
-                found = self.add(of)
-                lines.append(f"    {found.name} {field};")
-            elif issubclass(of, ctypes.Array):
-                found = Type("array", "real", shape=(of._length_,))
-                lines.append(f"    icr_real {field}[{of._length_}];")
-            elif of is ctypes.c_double:
-                found = REAL
+        for field, memory_type in self._fields(memory):
+            if hasattr(memory_type, "kind"):
+                c_type = self.add(memory_type)
+                lines.append(f"    {c_type.name} {field};")
+            elif issubclass(memory_type, ctypes.Array):
+                c_type = Type("array", "real", shape=(memory_type._length_,))
+                lines.append(f"    icr_real {field}[{memory_type._length_}];")
+            elif memory_type is ctypes.c_double:
+                c_type = REAL
                 lines.append(f"    icr_real {field};")
             else:
-                found, size = INT, "int64_t"
+                c_type, integer = INT, "int64_t"
                 if CLOCK not in getattr(hints[field], "__metadata__", ()):
-                    size = self.integers[name, field] = "int32_t"
-                lines.append(f"    {size} {field};")
-            fields.append((field, found))
+                    integer = self.integers[name, field] = "int32_t"
+                lines.append(f"    {integer} {field};")
+            fields.append((field, c_type))
         self.types[kind] = Type("record", name, tuple(fields))
         self.text.append("\n".join(["typedef struct {", *lines, f"}} {name};", ""]))
         return self.types[kind]
 
     def initial(self, record: Any, path: str) -> list[str]:
         """Assignments in C of the values of a record that are not zero."""
-        found: list[str] = []
-        for field, of in self._fields(record):
+        lines: list[str] = []
+        for field, memory_type in self._fields(record):
             value, place = getattr(record, field), f"{path}.{field}"
-            if hasattr(of, "kind"):
-                found += self.initial(value, place)
-            elif of is ctypes.c_double and value:
-                found.append(f"    {place} = {literal(value, self._bits)};")
-            elif of is ctypes.c_int64 and value:
-                found.append(f"    {place} = INT64_C({value});")
-        return found
+            if hasattr(memory_type, "kind"):
+                lines += self.initial(value, place)
+            elif memory_type is ctypes.c_double and value:
+                lines.append(f"    {place} = {literal(value, self._bits)};")
+            elif memory_type is ctypes.c_int64 and value:
+                lines.append(f"    {place} = INT64_C({value});")
+        return lines
 
     def _fields(self, memory: Any) -> list[tuple[str, Any]]:
         without = self._without.get(memory.kind, frozenset())

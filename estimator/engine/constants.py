@@ -38,15 +38,9 @@ def shared_constants(
     settings: Settings,
     state: Floats,
 ) -> Floats:
-    """Constants that all lanes share, with room for those of a step.
+    """Constants that all lanes of a filter share, with room for those of a step.
 
-    Args:
-        shape: shape of the filter.
-        model: its motion model.
-        disturbances: its process noise.
-        robot: its robot.
-        settings: its settings.
-        state: (SIZE,) values of the states that are not uncertain.
+    `state` (SIZE,) has the values of the states that are not uncertain.
     """
     names = shape.layout.constants
     values: Floats = aligned(len(names), PRECISIONS[shape.bits])

@@ -145,12 +145,12 @@ class Covariance:
         if stand_in is None:
             return gain
         state, _ = stand_in
-        held, missing = _missing(cross, fixed, *stand_in)
-        more = missing * inverse_S
-        for i, value in held.items():
-            self.add(state, i, -(more * value))
-        self.add(state, state, more * missing)
-        return gain | {state: gain[state] + more}
+        of_fixed, missing = _missing(cross, fixed, *stand_in)
+        added_gain = missing * inverse_S
+        for i, value in of_fixed.items():
+            self.add(state, i, -(added_gain * value))
+        self.add(state, state, added_gain * missing)
+        return gain | {state: gain[state] + added_gain}
 
     def correct(
         self, x: Any, z: Any, cross: Vector, inverse_S: Any, fixed: Iterable[int], stand_in: StandIn
@@ -168,14 +168,16 @@ class Covariance:
             State -> what was added to its variance.
         """
         added = {i: share * self._base(i, i) for i in self.states}
-        for i, more in added.items():
-            self.add(i, i, more)
+        for i, variance in added.items():
+            self.add(i, i, variance)
         return added
 
     def _stored(self, a: int, b: int) -> Any:
+        """Stored entry of a pair of states, without postponed updates and errors."""
         return self._entries.get((a, b) if a <= b else (b, a), 0.0)
 
     def _base(self, a: int, b: int) -> Any:
+        """Entry of a pair of states with the added errors, before the postponed updates."""
         value = self._stored(a, b)
         for weight, error in self._errors:
             if a in error and b in error:
@@ -184,18 +186,21 @@ class Covariance:
 
 
 def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tuple[Vector, Any]:
-    """Entries of fixed states, and their part of the innovation over the stand-in's."""
-    held = {i: cross[i] for i in fixed if i in cross}
-    return held, dot(held, {i: by for i, by in H.items() if i in held}) / H[state]
+    """Entries of fixed states in P H', and what the stand-in's entry lacks for them.
+
+    The latter, times the stand-in's derivative in H, is the part of fixed states in H P H'.
+    """
+    of_fixed = {i: cross[i] for i in fixed if i in cross}
+    return of_fixed, dot(of_fixed, {i: by for i, by in H.items() if i in of_fixed}) / H[state]
 
 
 def combined(row: Vector, *parts: tuple[Any, Vector]) -> Vector:
     """Sum of a sparse vector and of others times their factors."""
-    found = dict(row)
+    total = dict(row)
     for factor, part in parts:
         for i, value in part.items():
-            found[i] = found.get(i, 0.0) + factor * value
-    return found
+            total[i] = total.get(i, 0.0) + factor * value
+    return total
 
 
 def dot(a: Vector, b: Vector) -> Any:
@@ -241,9 +246,9 @@ class CovarianceInC(Covariance):
 
     def array(self, row: Vector) -> Any:
         """Array in C with the entries of a vector."""
-        found = [(self.places[i], value) for i, value in row.items() if not trace.is_zero(value)]
-        fill = "".join(f"; {{out}}[{place}] = {{{k}}}" for k, (place, _) in enumerate(found))
-        return trace.in_c("real {out}[ALL] = {{0}}" + fill, *(value for _, value in found))
+        entries = [(self.places[i], value) for i, value in row.items() if not trace.is_zero(value)]
+        fill = "".join(f"; {{out}}[{place}] = {{{k}}}" for k, (place, _) in enumerate(entries))
+        return trace.in_c("real {out}[ALL] = {{0}}" + fill, *(value for _, value in entries))
 
     def times(self, row: Vector, *parts: tuple[Any, Vector]) -> Vector:
         """Product with a vector, see `Covariance.times`."""

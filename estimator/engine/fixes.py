@@ -54,19 +54,13 @@ def position_kernel(
     """Make the kernel of a position fix; see `Reckoning._take_fix`.
 
     The kernel returns two flags: lanes whose filter is lost, for the caller to relocate, and lanes that
-    used the fix.
-
-    Args:
-        name: name of the kernel.
-        shape: shape of the filter.
-        kind: kind of the fix.
-        numbers: see `Lane`.
+    used the fix. For `numbers` see `Lane`.
     """
     lane = Lane(shape, numbers, with_fast_slip=kind.fast_slip)
     x, P = lane.x, lane.P
     variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
     values, rows, covariance = _antenna(lane, _predicted(lane, kind))
-    place, values = list(values), list(values)
+    predicted, values = list(values), list(values)
     if s.WANDER_X in shape.states:
         for axis, wander in ((s.X, s.WANDER_X), (s.Y, s.WANDER_Y)):
             values[axis], rows[axis][wander] = values[axis] + x[wander], 1.0
@@ -76,8 +70,8 @@ def position_kernel(
     smooth = lane.input("smooth_left"), lane.input("smooth_right")
     interval, heading = lane.input("fix_interval"), turn(values[s.YAW])
 
-    def spread() -> tuple[Any, Any, Any, Any]:
-        """Innovation covariance, and normalised innovation squared."""
+    def innovation_spread() -> tuple[Any, Any, Any, Any]:
+        """Innovation covariance xx, xy, yy, and normalised innovation squared."""
         of_x, of_y = P.times(rows[s.X]), P.times(rows[s.Y])
         xx = dot(of_x, rows[s.X]) + R[s.X]
         xy = dot(of_x, rows[s.Y]) + covariance[s.X][s.Y]
@@ -85,68 +79,77 @@ def position_kernel(
         by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
         return xx, xy, yy, (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
 
+    # Modes of a fix (`gate`): 0 skipped, 1 gated, 2 forced.
     judged = (mode > 0.5) & (mode < 1.5)
 
     def inflate(states: Sequence[int], error: Sequence[Any], only: Any) -> None:
         """Inflate by an error that moves several states, in some lanes."""
-        more = [select(only, one, 0.0) for one in error[: len(states)]]
-        P.add_error(dict(zip(states, more, strict=True)))
-        products = [one * other for one, other in combinations_with_replacement(more, 2)]
+        moved = [select(only, part, 0.0) for part in error[: len(states)]]
+        P.add_error(dict(zip(states, moved, strict=True)))
+        products = [a * b for a, b in combinations_with_replacement(moved, 2)]
         lane.report("motion", products, states)
 
     inflate((s.X, s.Y, s.SLIP_X), lasting_slip(x[s.SLIP_X], heading, interval), judged)
-    *S, nis = spread()
-    departs = judged & ~(nis <= lane.constant("position_threshold"))
+    # A fix that the gate would reject may depart from the path, which makes the states uncertain.
+    *S, nis = innovation_spread()
+    is_off = judged & ~(nis <= lane.constant("position_threshold"))
     earlier = Departure(*(lane.row(name) for name in DEPARTURE))
     fix = lane.input("fix_x"), lane.input("fix_y")
     fastest, gauge = lane.constant("fastest"), lane.constant("gauge")
-    departure, is_clear, shown = departure_after(
+    departure, is_clear, indicated = departure_after(
         earlier, fix, z, tuple(S), heading, fastest, gauge, interval
     )
-    found = departs & is_clear
-    for states, error in errors_of(shown):
-        inflate(states[: len(states) - (states[-1] in shape.considered)], error, found)
-    xx, xy, yy, nis = spread()
+    departs = is_off & is_clear
+    for states, error in errors_of(indicated):
+        # A considered bias, the last state of an error, is not inflated.
+        inflate(states[: len(states) - (states[-1] in shape.considered)], error, departs)
+    # Gate: admit or reject. After some time a forced fix is re-acquired; a gated one marks a lost lane.
+    xx, xy, yy, nis = innovation_spread()
     admitted = nis <= lane.constant("position_threshold")
     square = z[0] * z[0] + z[1] * z[1]
-    waits = patience_for(square, lane.constant("patience"), fastest)
-    patience_ends = lane.row("position_rejected_for") >= waits
+    patience = patience_for(square, lane.constant("patience"), fastest)
+    patience_ends = lane.row("position_rejected_for") >= patience
     reacquires = ~admitted & patience_ends
     lost = (mode > 0.5) & reacquires & (mode < 1.5)
     reacquired = reacquires & (mode > 1.5)
     tested = (mode > 0.5) & ~lost
     used = tested & (admitted | reacquired)
     at_fix, at_path = Departure(0.0, *fix, *z), Departure(0.0, values[s.X], values[s.Y], *z)
-    afters = zip(DEPARTURE, at_fix, departure, at_path, earlier, strict=True)
-    for row, if_used, if_departs, otherwise, old in afters:
-        after = select(used | lost, if_used, select(departs, if_departs, otherwise))
+    choices = zip(DEPARTURE, at_fix, departure, at_path, earlier, strict=True)
+    for row, if_used, if_off, otherwise, old in choices:
+        after = select(used | lost, if_used, select(is_off, if_off, otherwise))
         lane.stores[row] = select(judged | used, after, old)
+    # Update with both coordinates, one after the other.
     added = select(reacquired, minimum(square, LARGEST_INFLATION * minimum(xx, yy)), 0.0)
     for axis in (s.X, s.Y):
         P.add_error({axis: 1.0}, added)
         lane.report("inflated", (added,), (axis,))
     for axis in (s.X, s.Y):
-        rest = z[axis] - shift_of(rows[axis], x, before)
-        lane.update(rest, rows[axis], R[axis], fixed=shape.considered, only=used)
+        residual = z[axis] - shift_of(rows[axis], x, before)
+        lane.update(residual, rows[axis], R[axis], fixed=shape.considered, only=used)
     lane.cover_rounding(of_fix=True)
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, tested, interval)
-    factor, present = (select(found, LARGEST_FACTOR, lane.row(name)) for name in FACTORS)
+    # Factors on the slip: innovations to the same side increase them, a departure sets the largest.
+    slip_factor, present_factor = (
+        select(departs, LARGEST_FACTOR, lane.row(name)) for name in FACTORS
+    )
     forward, left, size = (lane.row(name) for name in TREND)
-    ahead, beside = normalised(z, (xx, xy, yy), heading)
-    trended = trend_after((forward, left, size), ahead, beside)
-    after = present_factor_after(present, trended, *smooth)
-    taken = tested & admitted
-    largest = slip_factor_after(factor, after, *smooth)
-    lane.stores["slip_factor"] = select(taken, largest, factor)
-    lane.stores["present_factor"] = select(taken, after, present)
-    for row, before_it, after_it in zip(TREND, (forward, left, size), trended, strict=True):
-        lane.stores[row] = select(taken, after_it, before_it)
-    places = {"predicted": place}
+    of_forward, of_left = normalised(z, (xx, xy, yy), heading)
+    trend = trend_after((forward, left, size), of_forward, of_left)
+    present_after = present_factor_after(present_factor, trend, *smooth)
+    counts = tested & admitted
+    slip_after = slip_factor_after(slip_factor, present_after, *smooth)
+    lane.stores["slip_factor"] = select(counts, slip_after, slip_factor)
+    lane.stores["present_factor"] = select(counts, present_after, present_factor)
+    for row, value_before, value_after in zip(TREND, (forward, left, size), trend, strict=True):
+        lane.stores[row] = select(counts, value_after, value_before)
+    # Outputs: places of the antenna, and the innovation.
+    places = {"predicted": predicted}
     if kind.updated:
         places["updated"] = list(_antenna(lane, _predicted(lane, kind)).values)
-    for when, at in places.items():
-        lane.stores |= {f"{when}_{axis}": one for axis, one in zip(PLACE, at, strict=True)}
+    for when, place in places.items():
+        lane.stores |= {f"{when}_{axis}": value for axis, value in zip(PLACE, place, strict=True)}
     innovation = {"z_x": z[0], "z_y": z[1], "S_xx": xx, "S_xy": xy, "S_yy": yy}
     for part, value in innovation.items():
         lane.stores[f"position_{part}"] = select(mode > 0.5, value, lane.row(f"position_{part}"))
@@ -154,19 +157,13 @@ def position_kernel(
 
 
 def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
-    """Make the kernel of a heading fix; see `Reckoning._take_fix`.
-
-    Args:
-        name: name of the kernel.
-        shape: shape of the filter.
-        kind: kind of the fix.
-    """
+    """Make the kernel of a heading fix; see `Reckoning._take_fix`."""
     lane = Lane(shape, with_fast_slip=kind.fast_slip, innovations=True)
     values, rows, covariance = _predicted(lane, kind)
-    turned = lane.input("fix_yaw") - values[s.YAW]
+    unwrapped = lane.input("fix_yaw") - values[s.YAW]
     lane.gated(
         "heading",
-        turned - 2.0 * math.pi * trace.rounded(turned * (0.5 / math.pi)),
+        unwrapped - 2.0 * math.pi * trace.rounded(unwrapped * (0.5 / math.pi)),
         rows[s.YAW],
         maximum(lane.input("yaw_variance") + covariance[s.YAW][s.YAW], LEAST_VARIANCE),
         inflated=s.YAW,
@@ -180,13 +177,14 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
 
 
 def _predicted(lane: Lane, kind: FixKind) -> PredictedPose:
+    """Pose at the fix: that of the state, or a prediction if the fix lies ahead."""
     if kind.ahead:
         # The fast slip of the step before does not go on.
         before, lane.x = lane.x, lane.x.copy()
         lane.x[s.FAST_SLIP] = 0.0
-        found = Step(lane, StepKind(draws=False, moves=False, imu=False)).predict_pose()
+        pose = Step(lane, StepKind(draws=False, moves=False, imu=False)).predict_pose()
         lane.x = before
-        return found
+        return pose
     rows: list[Vector] = [{axis: 1.0} for axis in range(3)]
     return PredictedPose([lane.x[axis] for axis in range(3)], rows, [[0.0] * 3] * 3)
 
@@ -199,15 +197,16 @@ def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     ahead, beside = cos * forward - sin * left, sin * forward + cos * left
     rows = [combined(of_x, (-beside, of_yaw)), combined(of_y, (ahead, of_yaw)), of_yaw]
     by_pose = [{s.X: 1.0, s.YAW: -beside}, {s.Y: 1.0, s.YAW: ahead}, {s.YAW: 1.0}]
-    spread = [
+    of_antenna = [
         [dot(a, {i: dot(b, dict(enumerate(covariance[i]))) for i in range(3)}) for b in by_pose]
         for a in by_pose
     ]
-    at = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
-    return PredictedPose(at, rows, spread)
+    place = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
+    return PredictedPose(place, rows, of_antenna)
 
 
 def _finished(lane: Lane, name: str, flags: Sequence[Any], kind: FixKind) -> Kernel:
+    """Make the kernel of a lane after a fix, with the twist if the kind has it."""
     if kind.twist:
         speeds = lane.input("now_left"), lane.input("now_right")
         now = lane.twist_model(*speeds)

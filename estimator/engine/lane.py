@@ -131,6 +131,7 @@ class Lane:
         self._sharp: Any = 0.0
 
     def _start(self, index: int) -> Any:
+        """Value of a state before the kernel: of the workspace, a constant, or zero."""
         if index in self._states:
             return self.row(f"x{index}")
         is_parameter = s.PARAMETERS.start <= index < s.PARAMETERS.stop
@@ -194,19 +195,20 @@ class Lane:
         return model.twist_model(self.x, self.model_inputs, left, right, slip_shares, states)
 
     def store_twist(self, now: TracedTwist) -> None:
-        """Store a body velocity and its covariance."""
+        """Store a body velocity and its covariance, limited by the fastest drive."""
         with_rows = [self.P.times(row) for row in now.rows]
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-        found = {(i, j): dot(with_rows[i], now.rows[j]) for i, j in pairs}
+        covariance = {(i, j): dot(with_rows[i], now.rows[j]) for i, j in pairs}
         fastest = self.constant("fastest")
-        kept = [model.share_of_sigma(found[axis, axis], fastest) for axis in (0, 1)] + [1.0]
-        values = [*now.twist, *(kept[i] * kept[j] * found[i, j] for i, j in pairs)]
+        shares = [model.share_of_sigma(covariance[axis, axis], fastest) for axis in (0, 1)]
+        shares.append(1.0)
+        values = [*now.twist, *(shares[i] * shares[j] * covariance[i, j] for i, j in pairs)]
         self.stores.update(zip(TWIST, values, strict=True))
 
     def store_motion(self, now: TracedTwist) -> None:
         """Store a twist with all its derivatives, and the motion in the paper's axes."""
         motion = now.motion
-        by_speeds = [by for row in now.by_speeds for by in row]
+        by_speeds = [derivative for row in now.by_speeds for derivative in row]
         values = [*motion.indices, motion.u, motion.force, *by_speeds]
         self.stores.update(zip(TWIST[:3], now.twist, strict=True))
         self.stores.update(zip(MOTION, values, strict=True))
@@ -215,7 +217,7 @@ class Lane:
                 self.stores[f"{axis}_by_{i}"] = row.get(i, 0.0)
 
     def with_smoothed_derivatives(self, now: TracedTwist) -> TracedTwist:
-        """Replace derivatives by the parameters with the regressors."""
+        """Replace derivatives by the parameters with the regressors; `now` is changed."""
         for axis, row in enumerate(now.rows):
             for i in row.keys() & self.layout.parameters:
                 name = f"r{axis}_{i}"
@@ -267,13 +269,14 @@ class Lane:
         fixed: Iterable[int],
         stand_in: int | None = None,
     ) -> None:
-        is_sharp = (R * inverse_S < SHARP_UPDATES[self.shape.bits][0]) & (inverse_S > 0.0)
-        more = select(is_sharp, 1.0, 0.0)
-        self._sharp, fixed = self._sharp + more, tuple(fixed)
+        """Correct state and covariance, and count sharp updates; `cross` is P H'."""
+        sharp_share, _ = SHARP_UPDATES[self.shape.bits]
+        is_sharp = select((R * inverse_S < sharp_share) & (inverse_S > 0.0), 1.0, 0.0)
+        self._sharp, fixed = self._sharp + is_sharp, tuple(fixed)
         instead = None if stand_in is None else (stand_in, H)
         gains = self.P.correct(self.x, z, cross, inverse_S, fixed, instead)
         vectors = (value for vector in (H, cross, gains) for value in self.of_states(vector))
-        self.report("updated", (z, R, inverse_S, more, *vectors), self.P.states, fixed)
+        self.report("updated", (z, R, inverse_S, is_sharp, *vectors), self.P.states, fixed)
 
     def gated(
         self,
@@ -318,16 +321,17 @@ class Lane:
         admitted = nis <= self.constant("threshold")
         patience_ends = self.row(f"{sensor}_rejected_for") >= patience
         reacquired = trace.both(only, ~admitted & patience_ends)
-        more = minimum(square, LARGEST_INFLATION * S)
-        along = H.get(inflated, 0.0)
-
+        inflation = minimum(square, LARGEST_INFLATION * S)
+        by_inflated = H.get(inflated, 0.0)
         added, inverse_S = trace.where_needed(
-            reacquired, [0.0, inverse_S], lambda: [more, 1.0 / (S + more * along * along)]
+            reacquired,
+            [0.0, inverse_S],
+            lambda: [inflation, 1.0 / (S + inflation * by_inflated * by_inflated)],
         )
         if inflated not in self.shape.considered:
             # A considered state cannot be moved: R is inflated instead.
             self.P.add(inflated, inflated, added)
-            cross[inflated] = cross[inflated] + added * along
+            cross[inflated] = cross[inflated] + added * by_inflated
             self.report("inflated", (added,), (inflated,))
         used = admitted | reacquired
         inverse_S = select(trace.both(only, used), inverse_S, 0.0)
@@ -337,23 +341,22 @@ class Lane:
     def count(
         self, sensor: str, nis: Any, admitted: Any, used: Any, only: Any, interval: Any
     ) -> None:
-        """Count verdicts of a gate, in the lanes that have the measurement."""
-        one, both = trace.truth_as_number, trace.both
+        """Add to the counts of a gate, in the lanes (`only`; None for all) that measure."""
         before = self.row(f"{sensor}_rejected_for")
         after = select(used, 0.0, before + interval)
         self.stores[f"{sensor}_rejected_for"] = (
             after if only is None else select(only, after, before)
         )
-        for name, more in (
-            ("used", one(both(only, used))),
-            ("rejected", one(both(only, ~used))),
-            ("admitted", one(both(only, admitted))),
-            ("nis", select(both(only, admitted), nis, 0.0)),
+        for count, increase in (
+            ("used", trace.truth_as_number(trace.both(only, used))),
+            ("rejected", trace.truth_as_number(trace.both(only, ~used))),
+            ("admitted", trace.truth_as_number(trace.both(only, admitted))),
+            ("nis", select(trace.both(only, admitted), nis, 0.0)),
         ):
-            self.stores[f"{sensor}_{name}"] = self.row(f"{sensor}_{name}") + more
+            self.stores[f"{sensor}_{count}"] = self.row(f"{sensor}_{count}") + increase
 
     def add_doubt(self, bias: Any, shared: Any, yaw: Any) -> None:
-        """Inflate the gyro's bias, and the yaw by what that has turned.
+        """Inflate the gyro's bias, and the yaw that has turned by it.
 
         Args:
             bias: variance to add to the bias [rad²/s²].
@@ -377,8 +380,8 @@ class Lane:
         if self.shape.bits == 32 and not of_fix:
             return
         share = SHARP_UPDATES[self.shape.bits][1]
-        for i, more in self.P.inflate(share * self._sharp).items():
-            self.report("inflated", (more,), (i,))
+        for i, added in self.P.inflate(share * self._sharp).items():
+            self.report("inflated", (added,), (i,))
 
     def keep_inside_bounds(self, *, by_imu: bool = False) -> None:
         """Project onto the bounds as `bounds.inside`, if a lane is outside."""
@@ -392,16 +395,19 @@ class Lane:
             return
         x, moving = self.x, [i for i in states if i not in fixed]
         outside: Any = False
-        for direction, rest, least in bounds:
-            outside = outside | (least - rest - dot(x_of(x, direction), direction) > least_short)
+        for direction, of_certain, least in bounds:
+            outside = outside | (
+                least - of_certain - dot(x_of(x, direction), direction) > least_short
+            )
 
         def a_round(*values: Any) -> Any:
+            """Project onto each bound in turn; the states, and True if any has moved."""
             now, moved = dict(zip(states, values, strict=True)), cast(Any, False)
-            for direction, rest, least in bounds:
-                free = {i: by for i, by in direction.items() if i not in fixed}
+            for direction, of_certain, least in bounds:
+                free = {i: weight for i, weight in direction.items() if i not in fixed}
                 cross = self.P.times(free)
                 variance = dot(cross, free)
-                short = least - rest - dot(now, direction)
+                short = least - of_certain - dot(now, direction)
                 moves = (short > least_short) & (variance > 0.0)
                 per_cross = select(moves, short / select(moves, variance, 1.0), 0.0)
                 now |= {i: now[i] + cross[i] * per_cross for i in moving}
@@ -417,13 +423,13 @@ class Lane:
         )
 
     def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
-        """Bounds: rows by uncertain states, sums over all other states, lower limits."""
+        """Bounds: weights of uncertain states, sum over the other states, lower limit."""
         for number, places in enumerate(self.shape.model.bounds):
-            of = {s.PARAMETERS.start + k: self.constant(f"bound{number}_{k}") for k in places}
-            certain = {i: self.x[i] for i in of if i not in self.shape.states}
-            uncertain = {i: by for i, by in of.items() if i in self.shape.states}
+            weights = {s.PARAMETERS.start + k: self.constant(f"bound{number}_{k}") for k in places}
+            certain = {i: self.x[i] for i in weights if i not in self.shape.states}
+            uncertain = {i: weight for i, weight in weights.items() if i in self.shape.states}
             least = self.constant(f"bound{number}_{s.PARAMETER_COUNT}")
-            yield uncertain, dot(certain, {i: of[i] for i in certain}), least
+            yield uncertain, dot(certain, {i: weights[i] for i in certain}), least
 
 
 def array_rows(layout: Layout) -> tuple[int, int, int]:
@@ -434,19 +440,17 @@ def array_rows(layout: Layout) -> tuple[int, int, int]:
 def plain_kernel(make: Any, of_user: MotionModel | None = None) -> Any:
     """Make a function of `ARRAYS` that computes a kernel in Python, lane by lane.
 
-    Args:
-        make: function of plain numbers that makes the kernel.
-        of_user: see `Numbers`.
+    `make` makes the kernel of plain `Numbers`; for `of_user` see there.
     """
 
     def kernel(lanes: Any, inputs: Any, constants: Any) -> int:
         flags = 0
         with np.errstate(all="ignore"):
             for lane in range(lanes.shape[1]):
-                made = make(Numbers(lanes[:, lane], inputs[:, lane], constants, of_user))
-                for place, flag in enumerate(made.flags):
+                lane_kernel = make(Numbers(lanes[:, lane], inputs[:, lane], constants, of_user))
+                for place, flag in enumerate(lane_kernel.flags):
                     flags |= bool(flag) << (place * FLAG_BITS + lane)
-                for _, row, value in made.stores:
+                for _, row, value in lane_kernel.stores:
                     lanes[row, lane] = value
         return flags
 

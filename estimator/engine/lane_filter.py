@@ -56,14 +56,8 @@ NO_FORCE = (math.nan, math.nan, math.nan)
 class LaneSteps:
     """Steps of one filter, which change its state and its record.
 
-    Args:
-        ekf: the filter.
-        disturbances: its process noise.
-        robot: its robot.
-        settings: its settings.
-        record: record of its inputs, shared with compiled code.
-        readings: yaw-rate readings of a standstill.
-        compiles: compile the steps; otherwise execute them in Python.
+    The record is shared with compiled code, if it `compiles`; otherwise Python executes the steps.
+    `readings` are the yaw-rate readings of a standstill.
     """
 
     def __init__(
@@ -110,8 +104,8 @@ class LaneSteps:
         self, stamp: int, left: float, right: float, only_if_usual: bool = False
     ) -> int:
         """Add track speeds, see `lane_functions.take_tracks_of`."""
-        found: int = self._take_tracks(self._records, stamp, left, right, only_if_usual)
-        return found
+        result: int = self._take_tracks(self._records, stamp, left, right, only_if_usual)
+        return result
 
     def take_imu(
         self, m: ImuSample, mounting: Floats, uses_force: bool, *, after_gap: bool = False
@@ -122,9 +116,9 @@ class LaneSteps:
         while True:
             of_readings = m.stamp, readings.stamps, readings.rates, mounting
             sample = *of_readings, *m.angular_velocity, *force, uses_force, after_gap
-            found = self._call(self._take_sample, which, sample, of_sample=True)
-            if found != FULL:
-                return found
+            result = self._call(self._take_sample, which, sample, of_sample=True)
+            if result != FULL:
+                return result
             readings.make_room()
 
     def move(self, stamp: int, which: int = TIME_STEP) -> None:
@@ -141,7 +135,7 @@ class LaneSteps:
         """Take the steps of samples up to one that needs more than a step; fill rows."""
         readings, total = self._readings, np.zeros(4, int)
         while True:
-            found = self._feed_samples(
+            counts = self._feed_samples(
                 self._lane.places,
                 self._records,
                 readings.stamps,
@@ -152,8 +146,8 @@ class LaneSteps:
                 uses_force,
                 rows,
             )
-            total += found
-            samples = samples.after(*found[:2])
+            total += counts
+            samples = samples.after(*counts[:2])
             if not len(samples.imu_stamps) or not is_full(self._record.still, readings.stamps):
                 return Sampled(*total.tolist())
             readings.make_room()
@@ -194,9 +188,13 @@ class LaneSteps:
         inputs[[MODE, INTERVAL], 0] = mode, interval
         flags = self._step(POSITION_AHEAD if ahead else POSITION, stamp, rejected_for)
         z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[self._of_fix, 0].tolist()
-        at = (places[0], places[1], places[2]), (places[3], places[4], places[5])
+        places_of_antenna = (places[0], places[1], places[2]), (places[3], places[4], places[5])
         lost, used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)
-        return TakenFix(stamp, *fix, (z_x, z_y), (xx, xy, yy), *at, used), admitted > 0.0, lost
+        return (
+            TakenFix(stamp, *fix, (z_x, z_y), (xx, xy, yy), *places_of_antenna, used),
+            admitted > 0.0,
+            lost,
+        )
 
     def follow_scatter(self, fix: TakenFix, correction: Floats) -> bool:
         """Add a position fix to the scatter; see `icreckon.estimator.filter.slip_factor`."""
@@ -236,14 +234,14 @@ class LaneSteps:
         """Call `take_step` or `take_sample`, and report the changes of the filter."""
         ekf, lane = self._ekf, self._lane
         yaw, arrays = ekf.x.item(s.YAW), self._all_arrays()
-        found: int = function(lane.places, which, self._records, arrays, *arguments)
-        if found < 0:
-            return found
+        result: int = function(lane.places, which, self._records, arrays, *arguments)
+        if result < 0:
+            return result
         if ekf.clones is not None or ekf.observer is not None:
             values = self._workspace[self._first_report :, 0]
             which = kernel_of_sample(which, self._record) if of_sample else which
             events_of(lane.shape, which).report(values, len(ekf.x), yaw, ekf)
-        return found
+        return result
 
 
 @cache
@@ -258,5 +256,5 @@ def events_of(shape: FilterShape, which: int) -> Events:
     )
     make, arguments = kernel_of(which, shape)
     with np.errstate(all="ignore"):
-        made = make(*arguments, numbers=zeros)
-    return Events(made.events)
+        kernel = make(*arguments, numbers=zeros)
+    return Events(kernel.events)

@@ -115,9 +115,9 @@ def move_inputs(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
 
 def fill_tracks(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
     """Fill the inputs of a step from the track speeds, and the noise of the IMU."""
-    found = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
+    of_tracks = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
     for row in range(TRACK_ROWS):
-        inputs[row, lane] = found[row]
+        inputs[row, lane] = of_tracks[row]
     noise = noise_of_step(record.noise, record.still, record.settings)
     for axis in range(3):
         inputs[NOISE + axis, lane] = noise[axis]
@@ -186,8 +186,8 @@ def take_sample(
     forward = float(mounting[4, 0] * f_x + mounting[4, 1] * f_y + mounting[4, 2] * f_z)
     left = float(mounting[5, 0] * f_x + mounting[5, 1] * f_y + mounting[5, 2] * f_z)
     add_rate(record.yaw_rates, stamp, rate)
-    given = (stamp, (rate, roll, pitch, reading), forward, left, uses_force)
-    sample_inputs(record, stamps, rates, inputs, 0, *given)
+    sample = (stamp, (rate, roll, pitch, reading), forward, left, uses_force)
+    sample_inputs(record, stamps, rates, inputs, 0, *sample)
     return take_step(places, kernel_of_sample(which, record), records, arrays, stamp, 0.0)
 
 
@@ -263,12 +263,12 @@ def feed_samples(
         w, f = angular_velocities[samples], forces[samples]
         if stamp <= record.stamp:
             break
-        given = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
-        sample: Any = (records, arrays, stamp, *given)
-        found = take_sample(places, IMU_STEP, *sample)
-        if found < 0:
+        of_sample = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
+        sample: Any = (records, arrays, stamp, *of_sample)
+        result = take_sample(places, IMU_STEP, *sample)
+        if result < 0:
             break
-        used += found
+        used += result
         stood += record.stands
         samples += 1
     return tracks, samples, used, stood
@@ -290,10 +290,10 @@ def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:
     record, row, n = records[0], rows.progress[COUNT], s.SIZE
     speeds = speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
     twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(x))), np.empty((3, 2))
-    found = twist, jacobian, by_speeds
+    results = twist, jacobian, by_speeds
     model = (x, memory, lane, inputs, constants)
-    indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *found)
-    with_states, kept = np.zeros((3, n)), np.ones(3)
+    indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *results)
+    with_states, shares = np.zeros((3, n)), np.ones(3)
     for axis in range(3):
         for k in range(s.PARAMETER_COUNT):
             jacobian[axis, PARAMETERS + k] = regressors[axis, k]
@@ -310,10 +310,10 @@ def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:
                 covariance[i, j] += with_states[i, k] * jacobian[j, k]
             rows.pose_covariances[row, i, j] = P[i, j]
     for axis in range(2):
-        kept[axis] = share_of_sigma(covariance[axis, axis], record.settings.fastest)
+        shares[axis] = share_of_sigma(covariance[axis, axis], record.settings.fastest)
     for i in range(3):
         for j in range(3):
-            covariance[i, j] *= kept[i] * kept[j]
+            covariance[i, j] *= shares[i] * shares[j]
     for i in range(n):
         rows.states[row, i], rows.sigmas[row, i] = x[i], np.sqrt(P[i, i])
     put_innovation(record.gyro, rows, row, 0)
@@ -528,5 +528,5 @@ def evaluate_twist(
             jacobian[axis, places.states[a]] = lane[places.by_state[axis, a], 0]
         for side in range(2):
             by_speeds[axis, side] = lane[places.motion + 5 + 2 * axis + side, 0]
-    m = places.motion
+    m = places.motion  # the five values of the result come first there
     return lane[m, 0], lane[m + 1, 0], lane[m + 2, 0], lane[m + 3, 0], lane[m + 4, 0]

@@ -188,12 +188,12 @@ def twist_model(
     )
     vehicle, memory = inputs.vehicle, inputs.memory
     if inputs.of_user is not None:
-        motion, by = inputs.of_user.linearise(*of_state)
+        motion, derivatives = inputs.of_user.linearise(*of_state)
     elif inputs.model.kind == "linear":
-        motion, by = _linearise_linear(*of_state, vehicle)
+        motion, derivatives = _linearise_linear(*of_state, vehicle)
     else:
-        motion, by = _linearise_indices(*of_state, vehicle, memory)
-    wanted = (*states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
+        motion, derivatives = _linearise_indices(*of_state, vehicle, memory)
+    wanted_states = (*states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
     twist, by_speeds = np.empty(3, dtype=object), np.empty((3, 2), dtype=object)
     rows: list[Vector] = []
     velocity = motion.twist.v_x, motion.twist.v_y, motion.twist.w
@@ -201,28 +201,35 @@ def twist_model(
         twist[i] = sign * velocity[axis]
         row: Vector = {}
         for j in range(3):
-            by_slip = sign * PAPER_SIGN[j] * by.by_slip[axis][PAPER_AXIS[j]]
+            by_slip = sign * PAPER_SIGN[j] * derivatives.by_slip[axis][PAPER_AXIS[j]]
             row[s.SLIP.start + j] = slip_shares[j] * by_slip
             row[s.FAST_SLIP.start + j] = by_slip
         for j in range(s.PARAMETER_COUNT):
-            row[s.PARAMETERS.start + j] = sign * by.by_parameters[axis][j]
-        by_right, by_forward = by.by_gravity[axis]
+            row[s.PARAMETERS.start + j] = sign * derivatives.by_parameters[axis][j]
+        by_right, by_forward = derivatives.by_gravity[axis]
         row[s.GRAVITY_X], row[s.GRAVITY_Y] = sign * by_forward, -sign * by_right
-        by_left, by_right = sign * by.by_speeds[axis][0], sign * by.by_speeds[axis][1]
+        by_left, by_right = (
+            sign * derivatives.by_speeds[axis][0],
+            sign * derivatives.by_speeds[axis][1],
+        )
         row[s.TRACK_SCALE] = by_left * left + by_right * right
         row[s.TRACK_DIFFERENCE] = 0.5 * (by_right * right - by_left * left)
         by_speeds[i] = factors[0] * by_left, factors[1] * by_right
         # A zero of a user's model may be one for now.
-        keeps = inputs.of_user is not None
+        keeps_zeros = inputs.of_user is not None
         rows.append(
-            {k: row[k] for k in wanted if k in row and (keeps or not trace.is_zero(row[k]))}
+            {
+                k: row[k]
+                for k in wanted_states
+                if k in row and (keeps_zeros or not trace.is_zero(row[k]))
+            }
         )
     return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion)
 
 
 def tilting(x: Any, roll_rate: Any, pitch_rate: Any) -> Tilting:
     """Compute the turning of a tilted body; rates that are not known are NaN."""
-    known = roll_rate == roll_rate
+    known = roll_rate == roll_rate  # not NaN
     down = select(known, down_of((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
     roll = select(known, roll_rate - x[s.GYRO_BIAS_X], 0.0)
     return Tilting(down, roll, select(known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0), known)
@@ -235,18 +242,18 @@ def climb(now: TracedTwist, gravity: Any) -> Climb:
     return Climb(a * v_x + b * v_y, (a, b), propagation.upward((v_x, v_y)))
 
 
-def gravity_rows(angle: Any, tilt: Tilting, kept: Any, dt: Any) -> dict[int, Vector]:
+def gravity_rows(angle: Any, tilt: Tilting, kept_share: Any, dt: Any) -> dict[int, Vector]:
     """Transition of gravity along the ground, which is fixed in odom.
 
     Args:
         angle: turn of the body about its z axis [rad].
         tilt: turning about its other axes.
-        kept: share that is not forgotten where these are not known [-].
+        kept_share: share that is not forgotten where these are not known [-].
         dt: length of the step [s].
     """
     cos, sin = turn(angle)
-    kept, down = select(tilt.is_known, 1.0, kept), tilt.down * dt
-    cos, sin = kept * cos, kept * sin
+    kept_share, down = select(tilt.is_known, 1.0, kept_share), tilt.down * dt
+    cos, sin = kept_share * cos, kept_share * sin
     return {
         s.GRAVITY_X: {s.GRAVITY_X: cos, s.GRAVITY_Y: sin, s.GYRO_BIAS_Y: -down},
         s.GRAVITY_Y: {s.GRAVITY_X: -sin, s.GRAVITY_Y: cos, s.GYRO_BIAS_X: down},

@@ -142,19 +142,14 @@ def one_lane(
 ) -> OneLane:
     """Make the kernels of a motion model for one lane.
 
-    Every parameter, bias and scale is a state, so that all variants of a model share the kernels. A model
-    that has no traced form is computed in Python.
-
-    Args:
-        model: the motion model.
-        considered: consider states.
-        wanders: the wander of position fixes is part of the state.
-        compiles: compile the functions, or load their machine code.
+    Every parameter, bias and scale is a state, so that all variants of a model share the kernels. The
+    wander of position fixes is one, too, if the filter `wanders`. Kernels are compiled if it `compiles`
+    and the model has a traced form; otherwise Python executes them.
     """
-    found = described(model)
-    if found.kind == "plain" or not compiles:
-        return _plain(found, considered, wanders, model if found.kind == "plain" else None)
-    return _compiled(found, considered, wanders)
+    traced = described(model)
+    if traced.kind == "plain" or not compiles:
+        return _plain(traced, considered, wanders, model if traced.kind == "plain" else None)
+    return _compiled(traced, considered, wanders)
 
 
 def shape_of(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> FilterShape:

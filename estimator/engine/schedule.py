@@ -150,14 +150,14 @@ def _walked(stamps: SensorStamps) -> Steps:
     """Walk through stamps [ns] from the first track speeds on."""
     tracks, imu, fixes, headings = stamps
     begin = int(tracks[0])
-    most = 2 * (len(tracks) + len(imu)) + len(fixes)
+    most_steps = 2 * (len(tracks) + len(imu)) + len(fixes)
     kinds = [float if name == "intervals" else np.int64 for name in Steps._fields]
-    columns: list[Any] = [np.zeros(most, kind) for kind in kinds]
+    columns: list[Any] = [np.zeros(most_steps, kind) for kind in kinds]
     state = record_array(Walk(), 1)
-    usual = ClockRecord(interval=USUAL_TRACK_INTERVAL), ClockRecord()
-    clocks = np.concatenate([record_array(one, 1) for one in usual])
-    since = SensorStamps(tracks - begin, imu - begin, fixes - begin, headings)
-    walk_entry(state, clocks, since, Steps(*columns))
+    new_clocks = ClockRecord(interval=USUAL_TRACK_INTERVAL), ClockRecord()
+    clocks = np.concatenate([record_array(clock, 1) for clock in new_clocks])
+    relative = SensorStamps(tracks - begin, imu - begin, fixes - begin, headings)
+    walk_entry(state, clocks, relative, Steps(*columns))
     if state[0]["fails"]:
         raise BatchError("there is an IMU sample at a stamp that the filter has reached without it")
     return Steps(*columns).part(0, int(state[0]["steps"]))

@@ -87,14 +87,7 @@ class PredictedPose(NamedTuple):
 def step_kernel(
     name: str, shape: FilterShape, kind: StepKind, numbers: Numbers | None = None
 ) -> Kernel:
-    """Make the kernel of a step.
-
-    Args:
-        name: name of the kernel.
-        shape: shape of the filter.
-        kind: kind of the step.
-        numbers: see `Lane`.
-    """
+    """Make the kernel of a step; for `numbers` see `Lane`."""
     lane = Lane(shape, numbers, with_fast_slip=kind.resumes, innovations=kind.innovations)
     step = Step(lane, kind)
     if kind.draws:
@@ -164,6 +157,7 @@ class Step:
         )
 
     def _fades(self) -> list[GaussMarkov]:
+        """Gauss-Markov processes of the slip, each over the step."""
         lane = self.lane
         times = model.slip_times(self.slip.time_constant, lane.row("slip_factor"))
         return [model.gauss_markov(lane.constant("dt"), tau) for tau in times]
@@ -172,9 +166,10 @@ class Step:
         """Factors on the slip: its mean over the step is measured and moves the robot."""
         kind = self.kind
         is_moment = kind.imu and not (kind.moves or kind.in_step)
-        return [1.0, 1.0, 1.0] if is_moment else [one.mean for one in self._fades()]
+        return [1.0, 1.0, 1.0] if is_moment else [fade.mean for fade in self._fades()]
 
     def _sigma(self) -> Any:
+        """Standard deviation (3,) of the slip."""
         lane = self.lane
         gauge = lane.constant("gauge")
         factor = lane.row("slip_factor")
@@ -202,18 +197,22 @@ class Step:
         lane, x = self.lane, self.lane.x.copy()
         slip = shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP.stop - 1]
         by_left, by_right = now.by_speeds[2]
-        turning, of_tracks = now.twist[2], now.twist[2] - slip
-        same, square = turning * of_tracks > 0.0, by_left * by_left + by_right * by_right
-        both = select(same, select(abs(turning) < abs(of_tracks), turning, of_tracks), 0.0)
-        less = (both - of_tracks) / select(square > 0.0, square, 1.0)
+        # The smaller one of the yaw rates with and without slip; zero if their signs differ.
+        estimated, of_tracks = now.twist[2], now.twist[2] - slip
+        same_sign, square = estimated * of_tracks > 0.0, by_left * by_left + by_right * by_right
+        shown = select(
+            same_sign, select(abs(estimated) < abs(of_tracks), estimated, of_tracks), 0.0
+        )
+        # Least change of the track speeds that gives that yaw rate.
+        scale = (shown - of_tracks) / select(square > 0.0, square, 1.0)
         x[s.SLIP] = x[s.FAST_SLIP] = 0.0
         parameters = lane.layout.parameters
-        left, right = speeds[0] + by_left * less, speeds[1] + by_right * less
+        left, right = speeds[0] + by_left * scale, speeds[1] + by_right * scale
         at = model.twist_model(x, lane.model_inputs, left, right, shares, parameters)
-        found = {
+        regressors = {
             f"r{a}_{i}": row[i] for a, row in enumerate(at.rows) for i in parameters if i in row
         }
-        for name, value in (*found.items(), (TURN, both)):
+        for name, value in (*regressors.items(), (TURN, shown)):
             before = lane.row(name)
             lane.stores[name] = before + lane.constant("smoothing") * (value - before)
 
@@ -274,9 +273,9 @@ class Step:
             z = -now.twist[axis] - shift_of(row, lane.x, before)
             part = (1.0, self.regressors[axis])
             lane.update(z, row, variance, part, fixed=lane.fixed_for_gyro, only=self.stands)
-        more = trace.truth_as_number(self.stands)
-        lane.stores["standstill"] = lane.row("standstill") + more
-        lane.stores["stood"] = more
+        stands = trace.truth_as_number(self.stands)
+        lane.stores["standstill"] = lane.row("standstill") + stands
+        lane.stores["stood"] = stands
         speeds = lane.input("left"), lane.input("right")
         now = lane.twist_model(*speeds, self._shares())
         self.model = lane.with_smoothed_derivatives(now)
@@ -287,11 +286,11 @@ class Step:
         self.linearised_at = lane.x.copy()
         scale = 1.0 + lane.x[s.GYRO_SCALE]
         row = {i: scale * value for i, value in now.rows[2].items()}
-        for state, more in ((s.GYRO_BIAS, 1.0), (s.GYRO_SCALE, lane.row(TURN))):
+        for state, derivative in ((s.GYRO_BIAS, 1.0), (s.GYRO_SCALE, lane.row(TURN))):
             if state in lane.P.states:
-                row[state] = row.get(state, 0.0) + more
+                row[state] = row.get(state, 0.0) + derivative
         rate = lane.input("rate")
-        works = rate == rate
+        works = rate == rate  # NaN if the gyro fails
         z = select(works, rate, 0.0) - scale * now.twist[2] - lane.x[s.GYRO_BIAS]
         interval = lane.constant("interval")
         variance = model.gyro_variance(self.noise.gyro, interval, now.by_speeds[2], self.change)
@@ -325,16 +324,16 @@ class Step:
         turning, sideways = (forecast.by_w, now.rows[2]), (forecast.by_across, now.rows[across])
         row = combined({}, turning, sideways)
         gravity, bias = s.GRAVITY_X + axis, s.ACCELEROMETER_BIAS_X + axis
-        for state, more in ((gravity, -1.0), (bias, 1.0)):
+        for state, derivative in ((gravity, -1.0), (bias, 1.0)):
             if state in lane.P.states:
-                row[state] = row.get(state, 0.0) + more
-        at = self.linearised_at
-        predicted = forecast.predicted + at[bias] - at[gravity]
+                row[state] = row.get(state, 0.0) + derivative
+        linearised_at = self.linearised_at
+        predicted = forecast.predicted + linearised_at[bias] - linearised_at[gravity]
         force, used = lane.input(INPUT_FORCES[axis]), lane.input("unknown") < 0.5
         if self.kind.may_lack_force:
             used = used & (force == force)
             force = select(used, force, 0.0)
-        z = force - predicted - shift_of(row, lane.x, at)
+        z = force - predicted - shift_of(row, lane.x, linearised_at)
         lane.gated(
             ACCELEROMETERS[axis],
             z,
@@ -356,7 +355,7 @@ class Step:
         turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
         missing = lane.input("missing")
         left, right = lane.input("left") + missing, lane.input("right") + missing
-        shares = [one.mean for one in fades]
+        shares = [fade.mean for fade in fades]
         now = lane.with_smoothed_derivatives(lane.twist_model(left, right, shares))
         self._follow_regressors(now, (left, right), shares)
         tilt = model.Tilting()
@@ -411,14 +410,14 @@ class Step:
     def _with_rows(self, now: model.TracedTwist, climb: model.Climb | None) -> list[Vector]:
         """Products of the covariance with the derivatives of the twist, and of the climb."""
         P = self.lane.P
-        found = [
+        with_rows = [
             P.times({i: value for i, value in row.items() if i not in part}, (1.0, part))
             for row, part in zip(now.rows, self.regressors, strict=True)
         ]
         if climb is not None:
             by_gravity = {i: {j: P.entry(i, j) for j in P.states} for i in GRAVITY}
-            found.append(climb.times(found, by_gravity))
-        return found
+            with_rows.append(climb.times(with_rows, by_gravity))
+        return with_rows
 
     def _moved(self, motion: Motion, with_rows: Sequence[Vector]) -> dict[tuple[int, int], Any]:
         """Entries of the covariance F P F' + Q.
@@ -482,15 +481,16 @@ class Step:
         lane, states = self.lane, self.lane.P.states
         rows, M_dt, yaws, faded, of_pose, own = motion
 
-        def times_M(by: Sequence[Vector]) -> list[list[Any]]:
-            parts = [
+        def times_M(vectors: Sequence[Vector]) -> list[list[Any]]:
+            """Product of M dt with the rows `vectors`, by pose or height and by state."""
+            terms = [
                 [
-                    [factor * row.get(j, 0.0) for factor, row in zip(of, by, strict=True)]
+                    [factor * row.get(j, 0.0) for factor, row in zip(factors, vectors, strict=True)]
                     for j in states
                 ]
-                for of in M_dt
+                for factors in M_dt
             ]
-            return [[sum(one, start=0.0) for one in row] for row in parts]
+            return [[sum(of_entry, start=0.0) for of_entry in row] for row in terms]
 
         moved = range(len(rows))
         noise = [[of_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
@@ -533,14 +533,14 @@ def _move_in_c(P: CovarianceInC, motion: Motion, states: Sequence[int]) -> None:
     moved = zip(M_dt, yaws, strict=True)
     P.transform(
         {
-            i: combined({s.YAW: yaw}, *zip(of, rows, strict=True))
-            for i, (of, yaw) in enumerate(moved)
+            i: combined({s.YAW: yaw}, *zip(factors, rows, strict=True))
+            for i, (factors, yaw) in enumerate(moved)
         }
     )
     for group in (GRAVITY, range(s.SLIP.start, s.SLIP.stop)):
         P.transform({i: {**faded[i], i: faded[i][i] - 1.0} for i in group})
-    for pair, more in (*noise.items(), *(((i, i), own[i]) for i in states)):
-        P.add(*pair, more)
+    for pair, added in (*noise.items(), *(((i, i), own[i]) for i in states)):
+        P.add(*pair, added)
 
 
 def _noise_of_pose(
@@ -554,7 +554,7 @@ def _noise_of_pose(
 ) -> dict[tuple[int, int], Any]:
     """Covariances of pose and height that random walks and slip add over a step."""
     half, third = 0.5 * dt * dt, dt * dt * dt * (1.0 / 3.0)
-    found: dict[tuple[int, int], Any] = {}
+    noise: dict[tuple[int, int], Any] = {}
     count = len(rows)
     by_state = [
         {j: sum((M[i][k] * rows[k].get(j, 0.0) for k in range(count)), start=0.0) for j in walk}
@@ -563,18 +563,18 @@ def _noise_of_pose(
     squares = [part * part for part in sigma]
     for i in range(count):
         for j in walk:
-            found[i, j] = by_state[i][j] * walk[j] * half
+            noise[i, j] = by_state[i][j] * walk[j] * half
         for axis in range(3):
             slipped = by_slip[i][axis] * squares[axis] * fades[axis].cross
-            found[i, s.SLIP.start + axis] = slipped
+            noise[i, s.SLIP.start + axis] = slipped
         for k in range(i, count):
             walked = sum((by_state[i][j] * by_state[k][j] * walk[j] for j in walk), start=0.0)
             parts = [
                 by_slip[i][a] * by_slip[k][a] * (squares[a] * fades[a].integral) for a in range(3)
             ]
             slipped = sum(parts, start=0.0)
-            found[i, k] = walked * third + slipped
-    return found
+            noise[i, k] = walked * third + slipped
+    return noise
 
 
 def _transition(states: Sequence[int], fades: Sequence[GaussMarkov]) -> dict[int, Vector]:

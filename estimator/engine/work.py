@@ -133,25 +133,25 @@ def work_through(
         for c in range(PER_STEP):
             constants[c] = table[k, c]
         constants[places.interval] = table[k, PER_STEP]
-        given = inputs[k]
+        step_inputs = inputs[k]
         is_tick, when = extras[k] & TICK, time_of_fix(kinds[k], extras[k])
         if kinds[k] != AHEAD:
             quiet = False
             for lane in range(width):
-                quiet |= given[QUIET, lane] == given[QUIET, lane]
+                quiet |= step_inputs[QUIET, lane] == step_inputs[QUIET, lane]
             kernel = kernels.full if quiet or is_tick else kernels.usual
             if kinds[k] == MOVE:
                 kernel = kernels.moves[1 if is_tick else 0]
             elif kinds[k] == UPDATE:
                 kernel = kernels.update
-            run_kernel(kernel, workspace, given, constants)
+            run_kernel(kernel, workspace, step_inputs, constants)
         if extras[k] & POSITION:
             kernel = kernels.positions[when]
-            process_position(kernel, workspace, given, constants, fixes, stamps[k], places)
+            process_position(kernel, workspace, step_inputs, constants, fixes, stamps[k], places)
         if extras[k] & HEADING:
             for lane in range(width):
                 let_wander(workspace, lane, fixes[lane], stamps[k], places)
-            run_kernel(kernels.headings[when], workspace, given, constants)
+            run_kernel(kernels.headings[when], workspace, step_inputs, constants)
         if is_tick:
             for row in range(len(places.estimate)):
                 for lane in range(output_lanes):
@@ -166,7 +166,7 @@ def time_of_fix(kind: Any, extra: Any) -> Any:
 def process_position(
     kernel: int,
     workspace: Floats,
-    given: Floats,
+    step_inputs: Floats,
     constants: Floats,
     fixes: Any,
     stamp: int,
@@ -174,65 +174,64 @@ def process_position(
 ) -> None:
     """Update with a position fix, see `Reckoning._take_position`.
 
-    Args:
-        kernel: address of the kernel.
-        workspace: see `BatchFilter.work_through`.
-        given: inputs of the step.
-        constants: see above.
-        fixes: records of fixes.
-        stamp: stamp of the fix [ns].
-        places: places in the workspace.
+    `kernel` is the address of its kernel, `stamp` that of the fix [ns]. Variances and modes among the
+    inputs of the step are changed, and restored at the end.
     """
     width, before = workspace.shape[1], rows_of(workspace, places.x)
-    stated, modes, wandered = given[FIX_VARIANCE].copy(), given[MODE].copy(), np.zeros(width)
+    stated_variances, modes, wandered = (
+        step_inputs[FIX_VARIANCE].copy(),
+        step_inputs[MODE].copy(),
+        np.zeros(width),
+    )
     for lane in range(width):
         if modes[lane] != SKIPPED:
             wandered[lane] = let_wander(workspace, lane, fixes[lane], stamp, places)
             variance = fixes[lane].scatter.variance
-            given[FIX_VARIANCE, lane] = max(given[FIX_VARIANCE, lane], variance)
-    flags = run_kernel(kernel, workspace, given, constants)
+            step_inputs[FIX_VARIANCE, lane] = max(step_inputs[FIX_VARIANCE, lane], variance)
+    flags = run_kernel(kernel, workspace, step_inputs, constants)
     lost, used = flags & ((1 << FLAG_BITS) - 1), flags >> FLAG_BITS
-    judged, predicted = (
-        rows_of(workspace, places.innovation),
-        rows_of(workspace, places.predicted),
-    )
+    innovation = rows_of(workspace, places.innovation)
+    predicted = rows_of(workspace, places.predicted)
     for lane in range(width):
         if modes[lane] != SKIPPED:
-            fix = fix_of(given, lane, given[FIX_VARIANCE])
-            at = three_of(predicted, lane, 0)
-            add_rejected(fixes[lane].rejected, fix, at, wandered[lane])
+            fix = fix_of(step_inputs, lane, step_inputs[FIX_VARIANCE])
+            place = three_of(predicted, lane, 0)
+            add_rejected(fixes[lane].rejected, fix, place, wandered[lane])
     if lost:
         for lane in range(width):
-            given[MODE, lane] = SKIPPED
+            step_inputs[MODE, lane] = SKIPPED
             if (lost >> lane) & 1:
                 if relocate_lane(workspace, lane, fixes[lane].rejected, places):
                     used |= 1 << lane
                 else:
-                    given[MODE, lane] = FORCED
-        used |= run_kernel(kernel, workspace, given, constants) >> FLAG_BITS
-    updated, found = rows_of(workspace, places.updated), False
+                    step_inputs[MODE, lane] = FORCED
+        used |= run_kernel(kernel, workspace, step_inputs, constants) >> FLAG_BITS
+    updated, is_inflated = rows_of(workspace, places.updated), False
     for lane in range(width):
         is_used = (used >> lane) & 1 == 1
         if modes[lane] != SKIPPED and not places.wander_sigma:
-            x, y, variance = fix_of(given, lane, stated)
-            z, S = (judged[0, lane], judged[1, lane]), three_of(judged, lane, 2)
-            pair = three_of(predicted, lane, 0), three_of(updated, lane, 0)
-            taken = TakenFix(stamp, x, y, variance, z, S, *pair, is_used)
-            found |= follow_in_lane(
+            x, y, variance = fix_of(step_inputs, lane, stated_variances)
+            z, S = (innovation[0, lane], innovation[1, lane]), three_of(innovation, lane, 2)
+            places_of_antenna = three_of(predicted, lane, 0), three_of(updated, lane, 0)
+            taken = TakenFix(stamp, x, y, variance, z, S, *places_of_antenna, is_used)
+            is_inflated |= follow_in_lane(
                 workspace, lane, fixes[lane].scatter, taken, before[:, lane], places
             )
         if is_used or modes[lane] == SKIPPED:
             fixes[lane].rejected.count = 0
-    if found:
+    if is_inflated:
         # The twist's covariance follows the inflation.
         for lane in range(width):
-            given[MODE, lane] = SKIPPED
-        run_kernel(kernel, workspace, given, constants)
+            step_inputs[MODE, lane] = SKIPPED
+        run_kernel(kernel, workspace, step_inputs, constants)
     for lane in range(width):
-        given[FIX_VARIANCE, lane], given[MODE, lane] = stated[lane], modes[lane]
+        step_inputs[FIX_VARIANCE, lane], step_inputs[MODE, lane] = (
+            stated_variances[lane],
+            modes[lane],
+        )
 
 
-def run_kernel(kernel: int, workspace: Floats, given: Floats, constants: Floats) -> int:
+def run_kernel(kernel: int, workspace: Floats, step_inputs: Floats, constants: Floats) -> int:
     """Call a kernel, see `call_kernel`.
 
     Raises:
@@ -240,21 +239,21 @@ def run_kernel(kernel: int, workspace: Floats, given: Floats, constants: Floats)
     """
     if kernel == 0:
         raise ValueError(NOT_COMPILED)
-    return call_kernel(kernel, workspace, given, constants)
+    return call_kernel(kernel, workspace, step_inputs, constants)
 
 
 def rows_of(workspace: Floats, rows: Any) -> Floats:
-    """Copy some rows."""
-    found = np.empty((len(rows), workspace.shape[1]))
+    """Copy some rows of the workspace (k, lanes)."""
+    copied = np.empty((len(rows), workspace.shape[1]))
     for k in range(len(rows)):
         for lane in range(workspace.shape[1]):
-            found[k, lane] = workspace[rows[k], lane]
-    return found
+            copied[k, lane] = workspace[rows[k], lane]
+    return copied
 
 
-def fix_of(given: Floats, lane: int, variances: Floats) -> tuple[float, float, float]:
+def fix_of(step_inputs: Floats, lane: int, variances: Floats) -> tuple[float, float, float]:
     """Position fix of a lane: x, y [m] and its variance [m²]."""
-    return float(given[FIX_X, lane]), float(given[FIX_Y, lane]), float(variances[lane])
+    return float(step_inputs[FIX_X, lane]), float(step_inputs[FIX_Y, lane]), float(variances[lane])
 
 
 def three_of(rows: Floats, lane: int, first: int) -> tuple[float, float, float]:
@@ -307,7 +306,7 @@ def follow_in_lane(
     for k in range(len(before)):
         correction[places.states[k]] = workspace[places.x[k], lane] - before[k]
     found = follow_scatter(scatter, fix, correction)
-    for k in range(len(before) * found):
+    for k in range(len(before) * found):  # none if scatter is not found
         moved = scatter.moved[places.states[k]]
         # A correction of x or y may be one of the other.
         first, end = (0, s.Y + 1) if k <= s.Y else (k, k + 1)

@@ -22,17 +22,17 @@ from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 WORKS, JUMPED, REPEATS, BEYOND = range(4)
 # Least jump between two samples [rad/s]: this, what friction can turn (`InputSettings`), or this many
 # times the mean change; and that mean before it is known.
-LEAST_JUMP, MEAN_CHANGES, AT_START = 0.5, 8.0, 0.15
+LEAST_JUMP, MEAN_CHANGES, MEAN_CHANGE_AT_START = 0.5, 8.0, 0.15
 # Time over which the changes are averaged [s], and most that a change counts, over their mean.
-AVERAGING, CLIP = 1.0, 4.0
+AVERAGING, MOST_OF_MEAN = 1.0, 4.0
 # A longer interval between samples is a gap [s]: nothing is a jump.
 LONGEST_INTERVAL = 0.1
 # A change against the jump, of this share of it, ends the fault. So does turning of the tracks that
 # jumped along by this share, and a distance from it of less than this share for so long [s].
-BACK, AGREES = 0.4, 0.5
+JUMP_SHARE, AGREEMENT_TIME = 0.4, 0.5
 # Changes of the reading that have shown how long the gyro repeats itself, and least number of changes of
 # the tracks' turning over equal readings that is a fault: this, and this multiple of the most so far.
-LEARNT, LEAST_REPEATS, UNUSUAL = 200, 5, 4
+LEARNT, LEAST_REPEATS, UNUSUAL_FACTOR = 200, 5, 4
 # Share of the range from which on a reading is clipped.
 FULL_SCALE = 0.995
 
@@ -62,7 +62,7 @@ class GyroRecord(msgspec.Struct):
     stamp: Stamp = NEVER
     rate: float = 0.0
     reading: float = 0.0
-    size: Size = AT_START
+    size: Size = MEAN_CHANGE_AT_START
     turning: float = 0.0
     changes: Count = 0
     repeats: Count = 0
@@ -84,8 +84,8 @@ def watch_gyro(
     reading: float,
     turning: float,
     width: float,
-    before: float,
-    most: float,
+    turning_before: float,
+    gyro_range: float,
     acceleration: float,
 ) -> float:
     """Add a reading of the gyro; return it, or NaN if it is not to be used.
@@ -97,8 +97,8 @@ def watch_gyro(
         reading: reading about the most upright axis of the IMU [rad/s].
         turning: speed of the right track less that of the left [m/s].
         width: effective track width, which turns that into a yaw rate [m].
-        before: `turning` a moment before, smoothed [m/s].
-        most: range of the gyro; 0 if unknown [rad/s].
+        turning_before: `turning` a moment before, smoothed [m/s].
+        gyro_range: range of the gyro; 0 if unknown [rad/s].
         acceleration: largest angular acceleration that friction can give the robot [rad/s²].
     """
     dt = (stamp - gyro.stamp) * NANOSECOND if gyro.stamp != NEVER else 0.0
@@ -106,21 +106,21 @@ def watch_gyro(
     is_gap = not 0.0 < dt < LONGEST_INTERVAL
     count_repeats(gyro, turning, reading == gyro.reading and not is_gap)
     gyro.stamp, gyro.rate, gyro.reading = stamp, rate, reading
-    was, fault = gyro.fault, WORKS
-    if was == WORKS and not is_gap and abs(change) > least_jump(gyro, dt, acceleration):
+    fault_before, fault = gyro.fault, WORKS
+    if fault_before == WORKS and not is_gap and abs(change) > least_jump(gyro, dt, acceleration):
         gyro.jump, gyro.agreed = change, 0.0
-    if gyro.jump != 0.0 and is_over(gyro, dt, change, turning / width, before / width):
+    if gyro.jump != 0.0 and is_jump_over(gyro, dt, change, turning / width, turning_before / width):
         gyro.jump = 0.0
-    if 0.0 < most * FULL_SCALE <= abs(reading):
+    if 0.0 < gyro_range * FULL_SCALE <= abs(reading):
         fault = BEYOND
     elif gyro.jump != 0.0:
         fault = JUMPED
     elif is_frozen(gyro):
         fault = REPEATS
-    elif was == WORKS and not is_gap:
-        size = min(abs(change), CLIP * gyro.size)
+    elif fault_before == WORKS and not is_gap:
+        size = min(abs(change), MOST_OF_MEAN * gyro.size)
         gyro.size += min(1.0, dt / AVERAGING) * (size - gyro.size)
-    if fault != WORKS and was == WORKS:
+    if fault != WORKS and fault_before == WORKS:
         gyro.since = stamp
         gyro.times += 1
     if fault == WORKS:
@@ -133,12 +133,9 @@ def watch_gyro(
 
 
 def count_repeats(gyro: GyroRecord, turning: float, repeated: bool) -> None:
-    """Count changes of the tracks' turning over equal readings.
+    """Count changes of the tracks' `turning` [m/s] over equal readings.
 
-    Args:
-        gyro: record, changed in place.
-        turning: speed of the right track less that of the left [m/s].
-        repeated: the newest reading is that before.
+    `repeated` is True if the newest reading equals the one before.
     """
     turned = turning != gyro.turning
     gyro.turning = turning
@@ -154,7 +151,7 @@ def count_repeats(gyro: GyroRecord, turning: float, repeated: bool) -> None:
 
 def is_frozen(gyro: GyroRecord) -> bool:
     """Return True if the gyro repeats its reading for longer than it ever did."""
-    least = max(LEAST_REPEATS, UNUSUAL * gyro.most_repeats)
+    least = max(LEAST_REPEATS, UNUSUAL_FACTOR * gyro.most_repeats)
     return gyro.changes >= LEARNT and gyro.repeats >= least
 
 
@@ -163,7 +160,9 @@ def least_jump(gyro: GyroRecord, dt: float, acceleration: float) -> float:
     return max(LEAST_JUMP, acceleration * dt, MEAN_CHANGES * gyro.size)
 
 
-def is_over(gyro: GyroRecord, dt: float, change: float, by_tracks: float, before: float) -> bool:
+def is_jump_over(
+    gyro: GyroRecord, dt: float, change: float, by_tracks: float, by_tracks_before: float
+) -> bool:
     """Return True if the gyro reads a yaw rate again, after a jump.
 
     Args:
@@ -171,11 +170,11 @@ def is_over(gyro: GyroRecord, dt: float, change: float, by_tracks: float, before
         dt: time since the reading before [s].
         change: change of the reading since then [rad/s].
         by_tracks: yaw rate by the tracks [rad/s].
-        before: the same a moment before [rad/s].
+        by_tracks_before: the same a moment before [rad/s].
     """
-    size = BACK * abs(gyro.jump)
+    limit = JUMP_SHARE * abs(gyro.jump)
     towards = 1.0 if gyro.jump > 0.0 else -1.0
-    if -towards * change > size or towards * (by_tracks - before) > size:
+    if -towards * change > limit or towards * (by_tracks - by_tracks_before) > limit:
         return True
-    gyro.agreed = gyro.agreed + dt if abs(gyro.rate - by_tracks) < size else 0.0
-    return gyro.agreed > AGREES
+    gyro.agreed = gyro.agreed + dt if abs(gyro.rate - by_tracks) < limit else 0.0
+    return gyro.agreed > AGREEMENT_TIME

@@ -17,7 +17,7 @@ import msgspec
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp
 from icreckon.estimator.faults.spinning_tracks import (
-    LONGEST,
+    LONGEST_INTERVAL,
     SpinRecord,
     is_found,
     spread_of_bends,
@@ -29,15 +29,15 @@ Wheels: TypeAlias = "Sequence[float] | Floats"
 NO_WHEEL = -1
 # Distance of two wheels of a side that is more than control and tyres explain: this much [m/s], or this
 # share of the fastest speed.
-LEAST_APART, OF_FASTEST = 0.15, 0.1
+LEAST_APART, SHARE_OF_FASTEST = 0.15, 0.1
 # Distance by which wheels must have disagreed to be reported [m], and time of agreement that ends it [s].
-LEAST_WAY, OVER = 0.1, 0.2
+LEAST_ODD_DISTANCE, AGREEMENT_TIME = 0.1, 0.2
 # The gyro decides between two speeds if one is as near to that which it shows as this share of their
 # distance, the error of the latter included.
-NEAR = 0.3
+NEAR_SHARE = 0.3
 # That error: this many standard deviations of the robot's bends, at least this share of the difference of
 # the sides; and before bends have shown how the robot turns, for each rad/s [m].
-SIGMAS, LEAST_SHARE, UNKNOWN_WIDTH = 3.0, 0.15, 2.0
+SIGMAS, LEAST_ERROR_SHARE, UNKNOWN_WIDTH = 3.0, 0.15, 2.0
 
 
 class WheelsRecord(msgspec.Struct):
@@ -67,7 +67,7 @@ class WheelsRecord(msgspec.Struct):
     times: Count = 0
 
 
-class Middle(NamedTuple):
+class SideSpeeds(NamedTuple):
     """Speeds that a side may have, by its wheels.
 
     Attributes:
@@ -83,10 +83,10 @@ class Middle(NamedTuple):
 
 def least_apart(fastest: float) -> float:
     """Least distance of two wheels that disagree, by the fastest track [m/s]."""
-    return max(LEAST_APART, OF_FASTEST * fastest)
+    return max(LEAST_APART, SHARE_OF_FASTEST * fastest)
 
 
-def middle_of(mean: float, wheels: Wheels, limit: float) -> Middle:
+def side_speeds(mean: float, wheels: Wheels, limit: float) -> SideSpeeds:
     """Speeds that a side may have.
 
     Args:
@@ -95,30 +95,30 @@ def middle_of(mean: float, wheels: Wheels, limit: float) -> Middle:
         limit: least distance of two that disagree [m/s].
     """
     if len(wheels) < 2:
-        return Middle(mean, mean, True)
+        return SideSpeeds(mean, mean, True)
     if nth_of(wheels, len(wheels) - 1) - nth_of(wheels, 0) <= limit:
-        return Middle(mean, mean, True)
+        return SideSpeeds(mean, mean, True)
     low, high = nth_of(wheels, (len(wheels) - 1) // 2), nth_of(wheels, len(wheels) // 2)
     if high - low > limit:
-        return Middle(low, high, False)
-    return Middle(0.5 * (low + high), 0.5 * (low + high), False)
+        return SideSpeeds(low, high, False)
+    return SideSpeeds(0.5 * (low + high), 0.5 * (low + high), False)
 
 
 def nth_of(wheels: Wheels, n: int) -> float:
     """Return the n-th smallest speed, counted from 0."""
     for speed in wheels:
-        lower = same = 0
+        lower = equal = 0
         for other in wheels:
             lower += other < speed
-            same += other == speed
-        if lower <= n < lower + same:
+            equal += other == speed
+        if lower <= n < lower + equal:
             return speed
     return math.nan
 
 
 def are_found(wheels: WheelsRecord) -> bool:
     """Return True while wheels are found to disagree."""
-    return wheels.way >= LEAST_WAY
+    return wheels.way >= LEAST_ODD_DISTANCE
 
 
 def take_wheels(
@@ -146,17 +146,18 @@ def take_wheels(
         keeps: add the sample; otherwise the records stay as they are.
     """
     limit = least_apart(fastest)
-    one, other = middle_of(speeds[0], left_wheels, limit), middle_of(speeds[1], right_wheels, limit)
+    on_left = side_speeds(speeds[0], left_wheels, limit)
+    on_right = side_speeds(speeds[1], right_wheels, limit)
     turning, error = turning_of(spin, stamp)
-    expected_left = other.low - turning if other.low == other.high else math.nan
-    expected_right = one.low + turning if one.low == one.high else math.nan
-    of_left = speed_of(left, one, left_wheels, expected_left, error)
-    of_right = speed_of(right, other, right_wheels, expected_right, error)
+    expected_left = on_right.low - turning if on_right.low == on_right.high else math.nan
+    expected_right = on_left.low + turning if on_left.low == on_left.high else math.nan
+    of_left = speed_of(left, on_left, left_wheels, expected_left, error)
+    of_right = speed_of(right, on_right, right_wheels, expected_right, error)
     if keeps:
-        take_side(left, stamp, one, left_wheels, of_left, decides(one, expected_left, error))
-        take_side(
-            right, stamp, other, right_wheels, of_right, decides(other, expected_right, error)
-        )
+        decides_left = decides(on_left, expected_left, error)
+        take_side(left, stamp, on_left, left_wheels, of_left, decides_left)
+        decides_right = decides(on_right, expected_right, error)
+        take_side(right, stamp, on_right, right_wheels, of_right, decides_right)
     return of_left, of_right
 
 
@@ -165,43 +166,56 @@ def turning_of(spin: SpinRecord, stamp: int) -> tuple[float, float]:
 
     It is NaN if the gyro shows nothing: it is silent, it fails, or a whole track spins.
     """
-    is_recent = spin.stamp != NEVER and abs(stamp - spin.stamp) * NANOSECOND <= LONGEST
+    is_recent = spin.stamp != NEVER and abs(stamp - spin.stamp) * NANOSECOND <= LONGEST_INTERVAL
     if not is_recent or is_found(spin):
         return math.nan, 0.0
     width = width_of_bends(spin)
     if width == 0.0:
         return 0.0, UNKNOWN_WIDTH * abs(spin.rate)
     turning = width * spin.rate
-    return turning, max(LEAST_SHARE, SIGMAS * spread_of_bends(spin)) * abs(turning)
+    return turning, max(LEAST_ERROR_SHARE, SIGMAS * spread_of_bends(spin)) * abs(turning)
 
 
-def decides(middle: Middle, expected: float, error: float) -> bool:
-    """Return True if it is certain which speed of a side is right."""
-    off = min(abs(middle.low - expected), abs(middle.high - expected))
-    # False if nothing is expected.
-    return middle.low == middle.high or off + error < NEAR * (middle.high - middle.low)
+def decides(possible: SideSpeeds, expected: float, error: float) -> bool:
+    """Return True if it is certain which speed of a side is right.
+
+    The wheels alone decide, or the speed `expected` by gyro and other side, with its `error` [m/s]; it is
+    NaN, which decides nothing, if these show nothing.
+    """
+    distance = min(abs(possible.low - expected), abs(possible.high - expected))
+    limit = NEAR_SHARE * (possible.high - possible.low)
+    return possible.low == possible.high or distance + error < limit
 
 
 def speed_of(
-    side: WheelsRecord, middle: Middle, wheels: Wheels, expected: float, error: float
+    side: WheelsRecord, possible: SideSpeeds, wheels: Wheels, expected: float, error: float
 ) -> float:
-    """Speed of one side; the one that the gyro lets expect has this error [m/s]."""
-    low, high = middle.low, middle.high
-    if decides(middle, expected, error):
+    """Speed of one side: nearest to the expected one, or without the odd wheel.
+
+    The expected speed with its error counts if it `decides`. If it does not and no wheel is known to be
+    odd, it is the mean of the two possible speeds [m/s].
+    """
+    low, high = possible.low, possible.high
+    if decides(possible, expected, error):
         return low if abs(low - expected) < abs(high - expected) else high
     if 0 <= side.odd < len(wheels):
-        # What was certain goes on, less and less so.
+        # The wheel that was certainly wrong stays excluded; the doubt grows.
         odd = wheels[side.odd]
         return high if abs(odd - low) < abs(odd - high) else low
     return 0.5 * (low + high)
 
 
 def take_side(
-    side: WheelsRecord, stamp: int, middle: Middle, wheels: Wheels, speed: float, is_certain: bool
+    side: WheelsRecord,
+    stamp: int,
+    possible: SideSpeeds,
+    wheels: Wheels,
+    speed: float,
+    is_certain: bool,
 ) -> None:
     """Add a sample of one side, with its speed [m/s], by `speed_of` and `decides`."""
-    if middle.agrees:
-        if side.since != NEVER and (stamp - side.newest) * NANOSECOND > OVER:
+    if possible.agrees:
+        if side.since != NEVER and (stamp - side.newest) * NANOSECOND > AGREEMENT_TIME:
             agree_again(side)
         return
     if side.since == NEVER:
@@ -209,10 +223,10 @@ def take_side(
     was_found, before = are_found(side), side.newest
     side.newest = stamp
     side.samples += 1
-    interval = min(OVER, (stamp - before) * NANOSECOND)
+    interval = min(AGREEMENT_TIME, (stamp - before) * NANOSECOND)
     side.way += (nth_of(wheels, len(wheels) - 1) - nth_of(wheels, 0)) * interval
     side.times += are_found(side) and not was_found
-    side.doubt = half = 0.5 * (middle.high - middle.low)
+    side.doubt = half = 0.5 * (possible.high - possible.low)
     if is_certain:
         side.doubt, side.decided = 0.0, stamp
     elif not 0 <= side.odd < len(wheels):
@@ -232,15 +246,10 @@ def agree_again(side: WheelsRecord) -> None:
 
 
 def wheel_density(side: WheelsRecord, newest: int, start: int, end: int) -> float:
-    """Error density over a step of a side whose wheels disagree, if in doubt [m²/s].
+    """Error density of a side in doubt, over a step from start to end [ns] [m²/s].
 
-    The distance is off by the doubt times its duration, at one standard deviation.
-
-    Args:
-        side: record.
-        newest: stamp of the newest track speeds [ns].
-        start: stamp of the step's start [ns].
-        end: stamp of its end [ns].
+    The distance is off by the doubt times its duration, at one standard deviation. It is zero unless the
+    wheels disagree in the `newest` track speeds [ns].
     """
     if side.doubt == 0.0 or side.newest != newest or newest == NEVER:
         return 0.0

@@ -17,7 +17,7 @@ MOST_DRIVEN = 0.3
 # After this many changes of position, at speeds above this [m/s], a receiver has shown over which
 # distance it repeats one while it works. From this multiple of it on a position is not used, and at
 # least this [m].
-LEARNT, MOVING, UNUSUAL, LEAST_DRIVEN = 20, 0.1, 4.0, 0.1
+ENOUGH_CHANGES, MOVING, UNUSUAL_FACTOR, LEAST_DRIVEN = 20, 0.1, 4.0, 0.1
 
 
 class PlaceRecord(msgspec.Struct):
@@ -29,7 +29,7 @@ class PlaceRecord(msgspec.Struct):
         stamp: stamp of the newest fix there [ns], or NEVER.
         driven: way forward by the tracks since the first fix there [m].
         longest: longest such way after which the position changed, at most `MOST_DRIVEN` [m].
-        changes: number of changes of position while driving, at most `LEARNT`.
+        changes: number of changes of position while driving, at most `ENOUGH_CHANGES`.
         rejected: number of fixes that were not used because they repeat a position.
     """
 
@@ -52,22 +52,22 @@ def repeats(place: PlaceRecord, stamp: int, x: float, y: float, speed: float) ->
         y: measured [m].
         speed: forward speed by the tracks [m/s]; noise of resting ones adds up to nothing.
     """
-    same = place.stamp != NEVER and x == place.x and y == place.y
-    if same:
+    is_same = place.stamp != NEVER and x == place.x and y == place.y
+    if is_same:
         place.driven += speed * (stamp - place.stamp) * NANOSECOND
     elif place.stamp != NEVER:
         if abs(place.driven) <= MOST_DRIVEN and abs(speed) > MOVING:
             place.longest = max(place.longest, abs(place.driven))
-            place.changes = min(LEARNT, place.changes + 1)
+            place.changes = min(ENOUGH_CHANGES, place.changes + 1)
         place.driven = 0.0
     place.x, place.y, place.stamp = x, y, stamp
-    found = abs(place.driven) > most_driven(place)
-    place.rejected += found
-    return found
+    is_repeated = abs(place.driven) > most_driven(place)
+    place.rejected += is_repeated
+    return is_repeated
 
 
 def most_driven(place: PlaceRecord) -> float:
     """Longest way over which a receiver that works may repeat a position [m]."""
-    if place.changes < LEARNT:
+    if place.changes < ENOUGH_CHANGES:
         return MOST_DRIVEN
-    return min(MOST_DRIVEN, max(LEAST_DRIVEN, UNUSUAL * place.longest))
+    return min(MOST_DRIVEN, max(LEAST_DRIVEN, UNUSUAL_FACTOR * place.longest))

@@ -31,40 +31,40 @@ from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 
 # Most and fewest fixes that are aligned with the path, and time between two of them [s]: at first less,
 # this share of the time since the oldest.
-MOST, FEWEST, APART, SHARE_APART = 16, 4, 0.9, 0.25
+MOST_ALIGNED, FEWEST_ALIGNED, LEAST_INTERVAL, SHARE_OF_SPAN = 16, 4, 0.9, 0.25
 # Number of fixes from which on the order of the residuals counts.
-IN_ORDER = 8
+FEWEST_IN_ORDER = 8
 # After a longer time without a fix, the path is no measure [s].
-LONGEST = 15.0
+LONGEST_GAP = 15.0
 # Error of a step of the path, as a share of it; after more than a second, times the number of seconds.
-OF_STEP = 0.08
+STEP_ERROR = 0.08
 # Number of the newest steps, most of which are off if fixes scatter. With 15 an error that wanders is
 # found too late, with 3 hardly (`scoreboard.py --parts healthy faults`).
-STEPS = 7
+NEWEST_STEPS = 7
 # Variance of steps over the expected one, from which on fixes scatter, and from which on they still do;
 # of few fixes it must be larger. Median of squares of normal errors over their variance.
-FOUND, STILL, OF_FEW, MEDIAN = 4.0, 2.0, 12.0, 0.455
+FACTOR_FOUND, FACTOR_STILL, FACTOR_OF_FEW, MEDIAN_SQUARE = 4.0, 2.0, 12.0, 0.455
 # Sum of squares of second differences of residuals over that of differences, below which the robot
 # slides: it is 3 for white errors, 2 for those that walk, and about 1 for slides of some seconds.
-SLIDING = 1.35
+SLIDING_RATIO = 1.35
 # Rejected fixes in a row that are no outliers.
-ROW = 3
+REJECTED_IN_ROW = 3
 # Likeness of an error to one that walks, 0 if it is white, 1 if it does: weight of a fix in its mean, its
 # value before there is any, that up to which an error is white, and that from which on it walks.
-LIKENESS_WEIGHT, LIKENESS_AT_START, WHITE, WALK = 0.025, 0.4, 0.2, 0.55
+LIKENESS_WEIGHT, LIKENESS_AT_START, WHITE_UP_TO, WALKS_FROM = 0.025, 0.4, 0.2, 0.55
 # Number of fixes over which the correlation of innovations is averaged, and from which on it counts.
-AVERAGED, ENOUGH = 100, 30
+MOST_AVERAGED, FEWEST_AVERAGED = 100, 30
 # Assumed correlation time of an error that wanders [s].
 WANDER_TIME = 60.0
 # Share of the variance that is kept from one fix to the next, if they scatter less; of an error that
 # walks the time until 1/e of it is left [s], since it is calm at times.
-KEPT, KEPT_TIME = 0.85, 20.0
-# Least way on which the path shows a stretch [m].
-LEAST_WAY = 0.1
+KEPT_SHARE, KEPT_TIME = 0.85, 20.0
+# Least distance on which the path shows a stretch [m].
+LEAST_DISTANCE = 0.1
 
 
 # Room for the fixes that are aligned with the path, and for those that wait.
-ROOM = MOST + ROW
+ROOM = MOST_ALIGNED + REJECTED_IN_ROW
 OfFixes = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
 OfStates = Annotated[list[float], msgspec.Meta(min_length=s.SIZE, max_length=s.SIZE)]
 
@@ -96,7 +96,7 @@ class ScatterRecord(msgspec.Struct):
         likeness: likeness of their errors to those that walk: 0 if they are white, 1 if they do.
         variance: variance with which a fix is used, 0 if the scatter is as stated [m²].
         used: number of fixes that were used with it.
-        judged: number of fixes whose innovations were counted, at most `AVERAGED`.
+        judged: number of fixes whose innovations were counted, at most `MOST_AVERAGED`.
         innovation_x: normalised innovation of the newest fix [-].
         innovation_y: see above [-].
         products: averaged product of successive ones.
@@ -105,8 +105,8 @@ class ScatterRecord(msgspec.Struct):
 
     begin: Stamp = NEVER
     newest: Stamp = NEVER
-    laid: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0
-    waiting: Annotated[int, msgspec.Meta(ge=0, lt=ROW)] = 0
+    laid: Annotated[int, msgspec.Meta(ge=0, le=MOST_ALIGNED)] = 0
+    waiting: Annotated[int, msgspec.Meta(ge=0, lt=REJECTED_IN_ROW)] = 0
     time: OfFixes = zeros(ROOM)
     x: OfFixes = zeros(ROOM)
     y: OfFixes = zeros(ROOM)
@@ -132,18 +132,18 @@ class ScatterRecord(msgspec.Struct):
 
 def wanders(scatter: ScatterRecord) -> bool:
     """Return True if fixes scatter, and their errors resemble those before them."""
-    return scatter.variance > 0.0 and scatter.likeness > 0.5 * (WHITE + WALK)
+    return scatter.variance > 0.0 and scatter.likeness > 0.5 * (WHITE_UP_TO + WALKS_FROM)
 
 
 def correlation_of(scatter: ScatterRecord) -> float | None:
-    """Correlation of successive innovations; None before `ENOUGH`."""
-    counts = scatter.judged >= ENOUGH and scatter.squares
+    """Correlation of successive innovations; None before `FEWEST_AVERAGED`."""
+    counts = scatter.judged >= FEWEST_AVERAGED and scatter.squares
     return scatter.products / scatter.squares if counts else None
 
 
 def count_innovation(scatter: ScatterRecord, x: float, y: float) -> None:
     """Add the normalised innovation of the newest fix [-]."""
-    scatter.judged = min(AVERAGED, scatter.judged + 1)
+    scatter.judged = min(MOST_AVERAGED, scatter.judged + 1)
     product, square = x * scatter.innovation_x + y * scatter.innovation_y, x * x + y * y
     scatter.innovation_x, scatter.innovation_y = x, y
     scatter.products += (product - scatter.products) / scatter.judged
@@ -184,10 +184,10 @@ def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
         fix: the fix.
         correction: (SIZE,) change of the state by the update with it.
     """
-    before, elapsed = scatter.variance, 0.0
+    variance_before, elapsed = scatter.variance, 0.0
     if scatter.newest != NEVER:
         elapsed = (fix.stamp - scatter.newest) * NANOSECOND
-    if scatter.newest == NEVER or not 0.0 <= elapsed <= LONGEST:
+    if scatter.newest == NEVER or not 0.0 <= elapsed <= LONGEST_GAP:
         begin_path(scatter, fix.stamp)
     else:
         x, y, _ = fix.predicted
@@ -199,15 +199,15 @@ def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
         scatter.interval += weight * (elapsed - scatter.interval)
     scatter.newest = fix.stamp
     is_laid = lay_out(scatter, fix)
-    kept = 1.0 - 1.0 / MOST if is_laid else 1.0
+    kept = 1.0 - 1.0 / MOST_ALIGNED if is_laid else 1.0
     for k in range(len(correction)):
         scatter.moved[k] = kept * scatter.moved[k] + correction[k]
     scatter.antenna_x, scatter.antenna_y = fix.updated[0], fix.updated[1]
     scatter.turn += fix.updated[2] - fix.predicted[2]
-    scatter.used += fix.used and before > fix.variance
-    if is_laid and scatter.laid >= FEWEST:
+    scatter.used += fix.used and variance_before > fix.variance
+    if is_laid and scatter.laid >= FEWEST_ALIGNED:
         measure(scatter, fix.variance)
-    return before == 0.0 < scatter.variance
+    return variance_before == 0.0 < scatter.variance
 
 
 def begin_path(scatter: ScatterRecord, stamp: int) -> None:
@@ -220,23 +220,27 @@ def begin_path(scatter: ScatterRecord, stamp: int) -> None:
 
 
 def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
-    """Lay the newest fix over the path, or let it wait; return True if it is laid."""
+    """Align the newest fix with the path, or let it wait; True if it is aligned.
+
+    A fix too soon after the one before is left out. A used fix drops those that wait. The last of
+    `REJECTED_IN_ROW` rejected ones is aligned with them. Beyond `MOST_ALIGNED` the oldest are dropped.
+    """
     if fix.used:
         scatter.waiting = 0
     count, time = scatter.laid + scatter.waiting, float(scatter.newest - scatter.begin)
     if count:
         span, gap = time - scatter.time[0], time - scatter.time[count - 1]
-        if gap * NANOSECOND < min(APART, SHARE_APART * span * NANOSECOND):
+        if gap * NANOSECOND < min(LEAST_INTERVAL, SHARE_OF_SPAN * span * NANOSECOND):
             return False
     scatter.time[count], scatter.x[count], scatter.y[count] = time, fix.x, fix.y
     scatter.path_x[count], scatter.path_y[count] = scatter.newest_x, scatter.newest_y
     scatter.yaw[count] = fix.predicted[2] - scatter.turn
     scatter.waiting += 1
-    if not fix.used and scatter.waiting < ROW:
+    if not fix.used and scatter.waiting < REJECTED_IN_ROW:
         return False
-    surplus = max(0, count + 1 - MOST)
+    surplus = max(0, count + 1 - MOST_ALIGNED)
     scatter.laid, scatter.waiting = count + 1 - surplus, 0
-    for k in range(scatter.laid * (surplus > 0)):
+    for k in range(scatter.laid * (surplus > 0)):  # none without surplus
         scatter.time[k], scatter.yaw[k] = scatter.time[k + surplus], scatter.yaw[k + surplus]
         scatter.x[k], scatter.y[k] = scatter.x[k + surplus], scatter.y[k + surplus]
         scatter.path_x[k] = scatter.path_x[k + surplus]
@@ -245,26 +249,26 @@ def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
 
 
 def measure(scatter: ScatterRecord, stated: float) -> None:
-    """Measure the variance of the laid fixes, the newest of which states one [m²]."""
-    n, least = scatter.laid, STILL if scatter.variance > 0.0 else FOUND
-    found = spread_of(scatter)
-    is_no_slide = found.second > SLIDING * found.successive
-    scatters = is_no_slide and steps_scatter(scatter, stated, least)
-    apart, interval = max(found.apart, NANOSECOND), max(scatter.interval, NANOSECOND)
-    white, times = 0.0, 1.0
+    """Measure the variance of aligned fixes; the newest states another, `stated` [m²]."""
+    factor = FACTOR_STILL if scatter.variance > 0.0 else FACTOR_FOUND
+    spread = spread_of(scatter)
+    is_no_slide = spread.second > SLIDING_RATIO * spread.successive
+    scatters = is_no_slide and steps_scatter(scatter, stated, factor)
+    apart, interval = max(spread.apart, NANOSECOND), max(scatter.interval, NANOSECOND)
+    white, walk_over_white = 0.0, 1.0
     if scatters:
         of_white, of_walk, walked = expected_sums(scatter)
-        if n >= IN_ORDER:
-            ratio = found.successive / found.squares
-            of_fixes = (of_white - ratio) / (of_white - of_walk)
-            scatter.likeness += LIKENESS_WEIGHT * (of_fixes - scatter.likeness)
+        if scatter.laid >= FEWEST_IN_ORDER:
+            ratio = spread.successive / spread.squares
+            likeness = (of_white - ratio) / (of_white - of_walk)
+            scatter.likeness += LIKENESS_WEIGHT * (likeness - scatter.likeness)
         # The variance of a walk over a minute, times the number of fixes in it, over that of white
         # errors.
-        times = max(1.0, WANDER_TIME**2 / (walked * apart * interval))
-        white = 0.5 * found.squares / found.freedom
-    share = min(1.0, max(0.0, (scatter.likeness - WHITE) / (WALK - WHITE)))
-    kept = KEPT ** (1.0 - share) * math.exp(-share * apart / KEPT_TIME)
-    variance = max(white * times**share, kept * scatter.variance)
+        walk_over_white = max(1.0, WANDER_TIME**2 / (walked * apart * interval))
+        white = 0.5 * spread.squares / spread.freedom
+    share = min(1.0, max(0.0, (scatter.likeness - WHITE_UP_TO) / (WALKS_FROM - WHITE_UP_TO)))
+    kept = KEPT_SHARE ** (1.0 - share) * math.exp(-share * apart / KEPT_TIME)
+    variance = max(white * walk_over_white**share, kept * scatter.variance)
     scatter.variance = variance if variance > stated else 0.0
 
 
@@ -278,11 +282,11 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
         stated: variance that the fixes state [m²].
         least: factor on the expected variance of a step, of many fixes.
     """
-    first = max(1, scatter.laid - STEPS)
+    first = max(1, scatter.laid - NEWEST_STEPS)
     fit = steps_fit(scatter, first, 1.0 + 0j, stated, least)
     for k in range(first, scatter.laid):
         path, fixes = path_step(scatter, k), fix_step(scatter, k)
-        if not fit and min(size_of(path), size_of(fixes)) > LEAST_WAY:
+        if not fit and min(size_of(path), size_of(fixes)) > LEAST_DISTANCE:
             stretch = fixes * path.conjugate() * (1.0 / square_of(path))
             fit = steps_fit(scatter, first, stretch, stated, least)
     return not fit
@@ -292,18 +296,18 @@ def steps_fit(
     scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
 ) -> bool:
     """Return True if half of the steps of the turned path fit, along or across."""
-    back, number = stretch.conjugate() * (1.0 / size_of(stretch)), scatter.laid - first
-    beyond = MEDIAN * least * (1.0 + OF_FEW / (number - 1.0) ** 2)
+    turn_back, count = stretch.conjugate() * (1.0 / size_of(stretch)), scatter.laid - first
+    factor = MEDIAN_SQUARE * least * (1.0 + FACTOR_OF_FEW / (count - 1.0) ** 2)
     along = across = 0
     for k in range(first, scatter.laid):
         path = path_step(scatter, k)
         seconds = (scatter.time[k] - scatter.time[k - 1]) * NANOSECOND
-        of_path = OF_STEP * size_of(path) * max(1.0, seconds)
-        axes = (fix_step(scatter, k) - stretch * path) * turn_by(-scatter.yaw[k]) * back
-        limit = beyond * (2.0 * stated + of_path**2)
+        of_path = STEP_ERROR * size_of(path) * max(1.0, seconds)
+        axes = (fix_step(scatter, k) - stretch * path) * turn_by(-scatter.yaw[k]) * turn_back
+        limit = factor * (2.0 * stated + of_path**2)
         along += axes.real**2 <= limit
         across += axes.imag**2 <= limit
-    return 2 * max(along, across) >= number
+    return 2 * max(along, across) >= count
 
 
 def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
@@ -319,24 +323,24 @@ def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
         middle += path_at(scatter, k) * (1.0 / n)
     for k in range(n):
         extent += square_of(path_at(scatter, k) - middle)
-    by_extent = 1.0 / extent if extent > n * LEAST_WAY**2 else 0.0
+    by_extent = 1.0 / extent if extent > n * LEAST_DISTANCE**2 else 0.0
     white = of_white = walking = of_walk = 0.0
     later = 0j
     # Residuals of an error of 1 at a fix, and of one of 1 from that fix on.
     for first in range(n - 1, -1, -1):
-        one = (path_at(scatter, first) - middle).conjugate() * by_extent
-        later += one
-        old = walked = 0j
+        of_fix = (path_at(scatter, first) - middle).conjugate() * by_extent
+        later += of_fix
+        rest_before = walk_before = 0j
         for k in range(n):
             off = path_at(scatter, k) - middle
-            rest = (1.0 if k == first else 0.0) - 1.0 / n - off * one
+            rest = (1.0 if k == first else 0.0) - 1.0 / n - off * of_fix
             walk = (1.0 if k >= first else 0.0) - (n - first) / n - off * later
             white += square_of(rest)
             walking += square_of(walk)
             if k > 0:
-                of_white += square_of(rest - old)
-                of_walk += square_of(walk - walked)
-            old, walked = rest, walk
+                of_white += square_of(rest - rest_before)
+                of_walk += square_of(walk - walk_before)
+            rest_before, walk_before = rest, walk
     return of_white / white, of_walk / walking, walking / (n - 2.0)
 
 
@@ -369,7 +373,7 @@ def spread_of(scatter: ScatterRecord) -> Spread:
         off = path_at(scatter, k) - path
         extent += square_of(off)
         shared += (fix_at(scatter, k) - fixes) * off.conjugate()
-    stretch = shared * (1.0 / extent) if extent > n * LEAST_WAY**2 else 1.0 + 0j
+    stretch = shared * (1.0 / extent) if extent > n * LEAST_DISTANCE**2 else 1.0 + 0j
     squares = successive = second = 0.0
     before = step = 0j
     for k in range(n):

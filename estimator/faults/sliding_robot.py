@@ -25,7 +25,7 @@ LEAST_SPEED, SIGMAS = 0.7, 8.0
 RMS_AT_START, TIME_AT_START, RMS_AVERAGING = 0.2, 2.0, 20.0
 # A difference to the other side, of this share of the slide's speed, ends it. The next is not found
 # before the difference is below this share of the limit.
-BACK, OVER = 0.5, 0.5
+ENDING_SHARE, CALM_SHARE = 0.5, 0.5
 # Time after which a slide is forgotten [s].
 LONGEST_SLIDE = 10.0
 # Longest interval between samples of the IMU that counts as driving [s].
@@ -82,14 +82,14 @@ def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> 
     if not 0.0 < dt < LONGEST_INTERVAL:
         slide.difference = 0.0
         return
-    more = force * dt - change
-    slide.difference += more - slide.mean * dt - min(1.0, dt / FORGETTING) * slide.difference
-    slide.mean += (more - slide.mean * dt) / GRAVITY_AVERAGING
+    difference = force * dt - change  # of the changes of velocity by accelerometer and tracks
+    slide.difference += difference - slide.mean * dt - min(1.0, dt / FORGETTING) * slide.difference
+    slide.mean += (difference - slide.mean * dt) / GRAVITY_AVERAGING
     limit = max(LEAST_SPEED, SIGMAS * math.sqrt(slide.square))
     if slides(slide):
-        _go_on(slide)
+        _continue_slide(slide)
     elif slide.speed != 0.0:
-        if abs(slide.difference) < OVER * limit:
+        if abs(slide.difference) < CALM_SHARE * limit:
             slide.speed = 0.0
     elif abs(slide.difference) > limit:
         slide.since, slide.speed = stamp, slide.difference
@@ -99,24 +99,19 @@ def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> 
     slide.square += dt / slide.averaged * (square - slide.square)
 
 
-def _go_on(slide: SlideRecord) -> None:
-    """Update the speed of a slide, or end it."""
+def _continue_slide(slide: SlideRecord) -> None:
+    """Update the speed of a slide; end it at the opposite change, or after too long."""
     if abs(slide.difference) > abs(slide.speed) and slide.difference * slide.speed > 0.0:
         slide.speed = slide.difference
-    back = slide.difference * slide.speed < -BACK * slide.speed * slide.speed
-    if back or (slide.stamp - slide.since) * NANOSECOND > LONGEST_SLIDE:
+    is_opposite = slide.difference * slide.speed < -ENDING_SHARE * slide.speed * slide.speed
+    if is_opposite or (slide.stamp - slide.since) * NANOSECOND > LONGEST_SLIDE:
         slide.since = NEVER
 
 
 def slide_density(slide: SlideRecord, start: int, end: int) -> float:
-    """Error density of the speed over a step of a slide [m²/s].
+    """Error density of the sliding speed over a step from start to end [ns] [m²/s].
 
     The distance is off by the slide's speed times its duration, at one standard deviation.
-
-    Args:
-        slide: record.
-        start: stamp of the step's start [ns].
-        end: stamp of its end [ns].
     """
     if not slides(slide):
         return 0.0

@@ -19,25 +19,25 @@ from icreckon.estimator.base.records import NEVER, Count, Flag, Size, Stamp
 
 LEFT, UNKNOWN, RIGHT = -1, 0, 1
 Side = Annotated[int, msgspec.Meta(ge=LEFT, le=RIGHT)]
-# What slip explains beyond the turning of the robot's own bends, as a share of it: this many standard
-# deviations of its bends, at least, and at most below and above.
+# Turning that slip explains beyond that of the robot's own bends, as a share of it: standard deviations
+# of its bends, the least share, and the largest shares below and above.
 SIGMAS, LEAST_SHARE, MOST_BELOW, MOST_ABOVE = 5.0, 0.15, 0.4, 0.7
-# The same once a track whose speed jumped is found: it goes on until the speeds agree well.
+# Standard deviations once a track whose speed jumped is found: it spins until the speeds agree well.
 SIGMAS_FOUND = 2.0
 # Turning after which the robot's own bends count, and over which they are forgotten [rad].
-ENOUGH, MEMORY = 3.0, 20.0
+ENOUGH_TURNING, MEMORY_OF_TURNING = 3.0, 20.0
 # Longest interval between samples of the gyro that counts as turning [s].
-LONGEST = 0.1
+LONGEST_INTERVAL = 0.1
 # Mismatch of the track speeds beyond that which counts: this much, or this share of the fastest speed.
-LEAST_MISMATCH, OF_FASTEST = 0.25, 0.1
-# Ways of the mismatch after which a track may spin, and does [m]; time without it after which it grips
-# again [s]. What is shorter is a sample of the gyro that is older than that of the tracks.
-LIKELY_WAY, LEAST_WAY, OVER = 0.04, 0.1, 0.2
+LEAST_MISMATCH, SHARE_OF_FASTEST = 0.25, 0.1
+# Distances of mismatch from which on a track may spin, and does [m]; time without mismatch after which it
+# grips again [s]. A shorter mismatch is a sample of the gyro that is older than that of the tracks.
+LIKELY_SPIN_DISTANCE, LEAST_SPIN_DISTANCE, GRIP_TIME = 0.04, 0.1, 0.2
 # Greatest change of a robot's yaw rate [rad/s²]; beyond it the gyro fails, if its jump is this share of
 # the mismatch that counts.
-MOST_ACCELERATION, OF_JUMP = 30.0, 0.5
+MOST_ACCELERATION, JUMP_SHARE = 30.0, 0.5
 # A mismatch below this share of the one that counts is none, once a track spins.
-GONE = 0.5
+GONE_SHARE = 0.5
 # Time over which the force to the left is averaged [s], and the least that indicates loads [m/s²].
 LOAD_AVERAGING, LEAST_FORCE = 0.5, 0.15
 # Time over which the error of the assumed speed, as large as the mismatch, is correlated [s].
@@ -88,7 +88,7 @@ class SpinRecord(msgspec.Struct):
 
 def width_of_bends(spin: SpinRecord) -> float:
     """Difference of the track speeds for each rad/s; 0 before bends show one [m]."""
-    return max(0.0, spin.by_rate / spin.of_rate) if spin.turned >= ENOUGH else 0.0
+    return max(0.0, spin.by_rate / spin.of_rate) if spin.turned >= ENOUGH_TURNING else 0.0
 
 
 def spread_of_bends(spin: SpinRecord) -> float:
@@ -114,18 +114,18 @@ def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIG
     below = min(MOST_BELOW, max(LEAST_SHARE, share)) * abs(expected)
     above = min(MOST_ABOVE, max(LEAST_SHARE, share)) * abs(expected)
     low, high = (below, above) if expected > 0.0 else (above, below)
-    more = turning - expected
-    return more - high if more > high else min(0.0, more + low)
+    excess = turning - expected
+    return excess - high if excess > high else min(0.0, excess + low)
 
 
 def learn_width(spin: SpinRecord, dt: float) -> None:
     """Add a sample of ordinary driving, after a time [s], to the robot's bends."""
     turned = abs(spin.rate) * dt
-    kept = math.exp(-turned / MEMORY)
-    spin.turned = kept * spin.turned + turned
-    spin.by_rate = kept * spin.by_rate + (spin.right - spin.left) * spin.rate * dt
-    spin.of_rate = kept * spin.of_rate + spin.rate * spin.rate * dt
-    spin.of_turning = kept * spin.of_turning + (spin.right - spin.left) ** 2 * dt
+    decay = math.exp(-turned / MEMORY_OF_TURNING)
+    spin.turned = decay * spin.turned + turned
+    spin.by_rate = decay * spin.by_rate + (spin.right - spin.left) * spin.rate * dt
+    spin.of_rate = decay * spin.of_rate + spin.rate * spin.rate * dt
+    spin.of_turning = decay * spin.of_turning + (spin.right - spin.left) ** 2 * dt
 
 
 def side_that_changed(
@@ -150,7 +150,7 @@ def side_that_changed(
 
 def least_mismatch(fastest: float) -> float:
     """Least mismatch that counts, for a highest speed of a track [m/s]."""
-    return max(LEAST_MISMATCH, OF_FASTEST * fastest)
+    return max(LEAST_MISMATCH, SHARE_OF_FASTEST * fastest)
 
 
 def side_with_less_load(force: float) -> int:
@@ -162,7 +162,7 @@ def side_with_less_load(force: float) -> int:
 
 def is_found(spin: SpinRecord) -> bool:
     """Return True while a track is found spinning."""
-    return spin.way >= LEAST_WAY
+    return spin.way >= LEAST_SPIN_DISTANCE
 
 
 def certain_side(spin: SpinRecord) -> int:
@@ -172,7 +172,7 @@ def certain_side(spin: SpinRecord) -> int:
 
 def is_likely(spin: SpinRecord) -> bool:
     """Return True if a track is found spinning or is likely to be."""
-    return spin.way >= LIKELY_WAY
+    return spin.way >= LIKELY_SPIN_DISTANCE
 
 
 def forget_mismatch(spin: SpinRecord) -> None:
@@ -205,7 +205,7 @@ def watch_spin(
         fastest: highest speed of a track [m/s].
     """
     dt = (stamp - spin.stamp) * NANOSECOND if spin.stamp != NEVER else 0.0
-    if not 0.0 < dt < LONGEST:
+    if not 0.0 < dt < LONGEST_INTERVAL:
         dt = 0.0
     change = rate - spin.rate if dt > 0.0 else 0.0
     spin.stamp, spin.rate = stamp, rate
@@ -218,13 +218,13 @@ def watch_spin(
     if abs(mismatch) <= limit:
         spin.gyro_jumped = 0
     elif spin.since == NEVER and abs(change) > MOST_ACCELERATION * dt:
-        spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > OF_JUMP * limit)
+        spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > JUMP_SHARE * limit)
     # Tracks at rest do not begin to spin; the robot is pushed or carried.
-    turns = was_found or max(abs(spin.left), abs(spin.right)) > limit
-    least = GONE * limit if was_found else limit
-    counts = turns and not spin.gyro_jumped and abs(mismatch) > least
-    same = spin.since == NEVER or mismatch * spin.mismatch > 0.0
-    if counts and same:
+    may_spin = was_found or max(abs(spin.left), abs(spin.right)) > limit
+    limit_now = GONE_SHARE * limit if was_found else limit
+    is_mismatch = may_spin and not spin.gyro_jumped and abs(mismatch) > limit_now
+    same_sign = spin.since == NEVER or mismatch * spin.mismatch > 0.0
+    if is_mismatch and same_sign:
         if spin.since == NEVER:
             spin.since, spin.way = stamp, 0.0
             spin.side = side_that_changed(mismatch, change_left, change_right, limit)
@@ -233,7 +233,7 @@ def watch_spin(
             spin.side = side_with_less_load(spin.force)
         spin.mismatch, spin.newest = mismatch, stamp
         spin.way += abs(mismatch) * dt
-    elif spin.since != NEVER and (not was_found or (stamp - spin.newest) * NANOSECOND > OVER):
+    elif spin.since != NEVER and (not was_found or (stamp - spin.newest) * NANOSECOND > GRIP_TIME):
         forget_mismatch(spin)
     if not (was_found and is_found(spin)) and not spin.gyro_jumped:
         learn_width(spin, dt)
@@ -242,10 +242,10 @@ def watch_spin(
 
 
 def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> tuple[float, float]:
-    """Speeds of both tracks, as the gyro shows them while one spins [m/s].
+    """Speeds of both tracks, corrected by the gyro while one is likely to spin [m/s].
 
-    The one that spins gives all of the turning that the gyro does not confirm. As long as it is not
-    certain that a track spins, or which one, each gives half of it: their mean stays.
+    The turning that the gyro does not confirm is subtracted from the track that spins. As long as it is
+    not certain that a track spins, or which one, each gets half of it, which keeps their mean.
 
     Args:
         spin: record.
@@ -253,22 +253,17 @@ def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> t
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
     """
-    if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST:
+    if spin.stamp == NEVER or (stamp - spin.stamp) * NANOSECOND > LONGEST_INTERVAL:
         return left, right
     if not is_likely(spin):
         return left, right
     excess = right - left - width_of_bends(spin) * spin.rate
-    from_left = 0.5 * (1.0 - certain_side(spin))
-    return left + from_left * excess, right - (1.0 - from_left) * excess
+    share_of_left = 0.5 * (1.0 - certain_side(spin))
+    return left + share_of_left * excess, right - (1.0 - share_of_left) * excess
 
 
 def spin_density(spin: SpinRecord, side: int) -> float:
-    """Error density of the speed of the track of a side [m²/s].
-
-    Args:
-        spin: record.
-        side: `LEFT` or `RIGHT`, the track.
-    """
+    """Error density of the speed of the track `LEFT` or `RIGHT` [m²/s]."""
     if not is_likely(spin) or certain_side(spin) == -side:
         return 0.0
     return CORRELATION * spin.mismatch * spin.mismatch

@@ -16,13 +16,13 @@ from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 
 # Required number of different readings of the other track, and of its own before.
-OTHERS, OWN = 10, 20
+OTHER_READINGS, OWN_READINGS = 10, 20
 # Number of different readings of the other track from which repetition is suspicious.
 SUSPICIOUS = 5
 # Repetition is unusual from this multiple of the longest before.
-UNUSUAL = 3.0
+UNUSUAL_FACTOR = 3.0
 # Least time of a repetition of both [s]; and change at its end that shows a steady speed [m/s].
-BOTH, STEADY = 1.0, 0.1
+LEAST_FROZEN_TIME, STEADY_CHANGE = 1.0, 0.1
 
 
 class Repeating(msgspec.Struct):
@@ -32,9 +32,9 @@ class Repeating(msgspec.Struct):
         reading: newest reading [m/s].
         since: stamp of the first of the consecutive samples with this reading [ns].
         newest: stamp of the last of them [ns].
-        changes: number of changes of the reading, at most `OWN`.
+        changes: number of changes of the reading, at most `OWN_READINGS`.
         longest: longest time of one reading while moving and not stuck [s].
-        other_count: number of distinct readings of the other track since then, at most `OTHERS`.
+        other_count: number of distinct readings of the other track since then, at most `OTHER_READINGS`.
         others: those readings [m/s]; the rest is unused.
     """
 
@@ -43,10 +43,10 @@ class Repeating(msgspec.Struct):
     newest: Stamp = NEVER
     changes: Count = 0
     longest: Size = 0.0
-    other_count: Annotated[int, msgspec.Meta(ge=0, le=OTHERS)] = 0
-    others: Annotated[list[float], msgspec.Meta(min_length=OTHERS, max_length=OTHERS)] = zeros(
-        OTHERS
-    )
+    other_count: Annotated[int, msgspec.Meta(ge=0, le=OTHER_READINGS)] = 0
+    others: Annotated[
+        list[float], msgspec.Meta(min_length=OTHER_READINGS, max_length=OTHER_READINGS)
+    ] = zeros(OTHER_READINGS)
 
 
 def repeating_after(
@@ -65,11 +65,11 @@ def repeating_after(
     if after_gap or reading != track.reading:
         if not after_gap:
             repeated = track.since != track.newest and track.reading != 0.0
-            time = (track.newest - track.since) * NANOSECOND
-            is_usual = time < BOTH or abs(reading - track.reading) < STEADY
+            duration = (track.newest - track.since) * NANOSECOND
+            is_usual = duration < LEAST_FROZEN_TIME or abs(reading - track.reading) < STEADY_CHANGE
             if repeated and is_usual and stuck_from(track, hold) == NEVER:
-                track.longest = max(track.longest, time)
-            if track.changes < OWN:
+                track.longest = max(track.longest, duration)
+            if track.changes < OWN_READINGS:
                 track.changes += 1
         track.reading = reading
         track.since = track.newest = stamp
@@ -79,7 +79,7 @@ def repeating_after(
     was_stuck = stuck_from(track, hold) != NEVER
     track.newest = stamp
     count = track.other_count
-    if count < OTHERS:
+    if count < OTHER_READINGS:
         for k in range(count):
             if track.others[k] == other:
                 return False
@@ -100,25 +100,26 @@ def stuck_from(track: Repeating, hold: float) -> int:
         track: record of the track.
         hold: age up to which a reading is valid in any case [s].
     """
-    if track.since == track.newest or track.other_count < OTHERS or track.changes < OWN:
+    if (
+        track.since == track.newest
+        or track.other_count < OTHER_READINGS
+        or track.changes < OWN_READINGS
+    ):
         return NEVER
-    start = track.since + int(max(hold, UNUSUAL * track.longest) / NANOSECOND)
+    start = track.since + int(max(hold, UNUSUAL_FACTOR * track.longest) / NANOSECOND)
     return start if track.newest > start and track.reading != 0.0 else NEVER
 
 
 def frozen_from(left: Repeating, right: Repeating, least: float) -> int:
     """Stamp from which both readings repeat for unusually long [ns], or NEVER.
 
-    Args:
-        left: record of the left track.
-        right: record of the right track.
-        least: slower tracks rest [m/s].
+    It is NEVER at rest, with both tracks slower than `least` [m/s].
     """
-    rest = max(abs(left.reading), abs(right.reading)) < least
-    if rest or left.since == left.newest or right.since == right.newest:
+    is_at_rest = max(abs(left.reading), abs(right.reading)) < least
+    if is_at_rest or left.since == left.newest or right.since == right.newest:
         return NEVER
-    if min(left.changes, right.changes) < OWN:
+    if min(left.changes, right.changes) < OWN_READINGS:
         return NEVER
-    longest = max(BOTH, UNUSUAL * max(left.longest, right.longest))
+    longest = max(LEAST_FROZEN_TIME, UNUSUAL_FACTOR * max(left.longest, right.longest))
     start = max(left.since, right.since) + int(longest / NANOSECOND)
     return start if left.newest > start else NEVER

@@ -88,26 +88,22 @@ class Listener(Protocol):
     def inflated(self, states: Sequence[int], covariance: Floats, yaw: float | None = None) -> None:
         """Inflation of n states by a covariance (n, n); with a yaw [rad], of the motion."""
 
-    def updated(self, of: Updated) -> None:
+    def updated(self, change: Updated) -> None:
         """Scalar update."""
 
     def projected(self, change: Floats) -> None:
         """Projection of the state to its bounds by this change (size,)."""
 
-    def moved(self, of: Moved) -> None:
+    def moved(self, step: Moved) -> None:
         """Step."""
 
 
 class Events:
-    """Changes that one call of a kernel reports.
-
-    Args:
-        events: the changes; their values are not used.
-    """
+    """Changes that one call of a kernel reports; the values of `events` are not used."""
 
     def __init__(self, events: Sequence[Event]) -> None:
-        self._events = [(one.kind, list(one.states), one.fixed) for one in events]
-        self._ends = np.cumsum([len(one.values) for one in events])
+        self._events = [(event.kind, list(event.states), event.fixed) for event in events]
+        self._ends = np.cumsum([len(event.values) for event in events])
         self._begins = np.concatenate([[0], self._ends[:-1]])
 
     def report(self, values: Floats, size: int, yaw: float, listener: Listener) -> None:
@@ -134,8 +130,8 @@ class Events:
                     vectors = np.zeros((3, size))
                     vectors[:, states] = values[begin + 4 : end].reshape(3, -1)
                     h, cross, gain = vectors
-                    of = Updated(z, r, 1.0 / inverse_S, is_sharp > 0.0, h, cross, gain, fixed)
-                    listener.updated(of)
+                    S = 1.0 / inverse_S
+                    listener.updated(Updated(z, r, S, is_sharp > 0.0, h, cross, gain, fixed))
             elif kind == "moved":
                 listener.moved(_moved(values[begin:end], states, size))
             elif kind == "projected":
@@ -169,6 +165,7 @@ def moved_values(
 
 
 def _moved(values: Floats, states: list[int], size: int) -> Moved:
+    """Step of a filter with `size` states, from the values of `moved_values`."""
     yaw, step, by_yaw, decay = values.item(0), values[1:4].copy(), values[5:7], values[7:10]
     rows = np.zeros((15, size))
     rows[:, states] = values[10:].reshape(15, -1)

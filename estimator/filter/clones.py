@@ -113,22 +113,22 @@ class Clones(msgspec.Struct, frozen=True):
             self.covariance[np.ix_(rows, rows)],
         )
 
-    def moved(self, of: Moved) -> Clones:
+    def moved(self, move: Moved) -> Clones:
         """Propagate over a step of the filter."""
-        step, F, Q = of.step, of.F, of.Q
-        turns = _turns(self.poses[:, 2] - of.yaw)
+        step, F, Q = move.step, move.F, move.Q
+        turns = _turns(self.poses[:, 2] - move.yaw)
         steps = turns @ step
-        by_state, moved = turns @ of.by_state, turns @ of.with_state
+        by_state, with_state = turns @ move.by_state, turns @ move.with_state
         carried = _carried(self.cross, steps)
         # Half of what the step adds to the covariance; the other half is its transpose.
         of_step = np.concatenate(
-            [_each(carried) + 0.5 * moved, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
+            [_each(carried) + 0.5 * with_state, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
         )
         by_step = np.concatenate([by_state, turns], 2)
         mixed = of_step[:, None] @ by_step.transpose(0, 2, 1)
         mixed = mixed.transpose(0, 2, 1, 3).reshape(self.covariance.shape)
         covariance = _carried(_carried(self.covariance, steps).T, steps) + (mixed + mixed.T)
-        cross = (_each(carried) + moved) @ F.T + turns @ Q[s.POSE]
+        cross = (_each(carried) + with_state) @ F.T + turns @ Q[s.POSE]
         return Clones(
             self.stamps,
             self.poses + steps,
@@ -166,15 +166,15 @@ class Clones(msgspec.Struct, frozen=True):
         total = self.covariance + 0.5 * (own + own.T)
         return Clones(self.stamps, self.poses, self.cross + cross, total)
 
-    def updated(self, of: Updated, *, fixed: bool, more: float = 0.0) -> Clones:
+    def updated(self, update: Updated, *, fixed: bool, inflation: float = 0.0) -> Clones:
         """Update with a scalar measurement.
 
         Args:
-            of: the update of the filter.
+            update: the update of the filter.
             fixed: the poses are not to be moved; their covariance takes that into account.
-            more: share of its variances before the update by which the covariance is inflated.
+            inflation: share of the variances before the update that is added to the covariance.
         """
-        z, h, c, K, S = of.z, of.h, of.cross, of.gain, of.S
+        z, h, c, K, S = update.z, update.h, update.cross, update.gain, update.S
         own = self.cross @ h
         poses, covariance = self.poses, self.covariance
         cross = self.cross - own[:, None] * K
@@ -183,8 +183,8 @@ class Clones(msgspec.Struct, frozen=True):
             half = np.outer(own_gain, own - 0.5 * S * own_gain)
             poses, covariance = poses + z * own_gain.reshape(-1, 3), covariance - (half + half.T)
             cross -= np.outer(own_gain, c - S * K)
-        if more:
-            covariance = covariance + more * np.diag(self.covariance.diagonal())
+        if inflation:
+            covariance = covariance + inflation * np.diag(self.covariance.diagonal())
         return Clones(self.stamps, poses, cross, covariance)
 
     def between(self, from_stamp: int, to_stamp: int | None, now: int) -> RelativeMotion:
@@ -236,11 +236,9 @@ def _each(rows: Floats) -> Floats:
 
 
 def _carried(rows: Floats, steps: Floats) -> Floats:
-    """Carry rows (3m, n) of m clones along with the turn of each by its error in yaw.
+    """Covariances (3m, n) of m clones' errors with others, after steps (m, 3).
 
-    Args:
-        rows: covariances of the clones' errors with others.
-        steps: (m, 3) increments of their poses.
+    An error in yaw moves the position by the step, turned by a right angle.
     """
     carried = rows.copy()
     carried[0::3] -= steps[:, 1:2] * rows[2::3]

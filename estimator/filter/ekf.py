@@ -151,11 +151,11 @@ class Ekf:
             slip_shares: factors on the slip, for its mean over a step.
         """
         arrays = self.x.tobytes(), self.model.memory.tobytes(), self.regressors.tobytes()
-        at = (left, right, *slip_shares, *arrays)
-        if at != self._evaluated_at:
+        key = (left, right, *slip_shares, *arrays)
+        if key != self._evaluated_at:
             model = self.evaluation(self, left, right, slip_shares)
             model.jacobian[:, s.PARAMETERS] = self.regressors[:, : s.PARAMETER_COUNT]
-            self._evaluated, self._evaluated_at = model, at
+            self._evaluated, self._evaluated_at = model, key
         return self._evaluated
 
     # --- changes by a step, see `changes.Listener` ------------------------------------------------
@@ -174,34 +174,31 @@ class Ekf:
         if yaw is not None and self.clones is not None:
             self.clones = self.clones.inflated(yaw, tuple(states), covariance)
 
-    def updated(self, of: Updated) -> None:
+    def updated(self, change: Updated) -> None:
         """Pass on a scalar update."""
+        z, fixed = change.z, change.fixed
         if self.clones is not None:
-            more = ROUNDING_SHARE if of.is_sharp else 0.0
-            self.clones = self.clones.updated(of, fixed=s.X in of.fixed, more=more)
+            share = ROUNDING_SHARE if change.is_sharp else 0.0
+            self.clones = self.clones.updated(change, fixed=s.X in fixed, inflation=share)
         if self.observer is not None:
-            self.observer.updated(of.z, of.h, of.r, of.gain * of.z, of.fixed)
+            self.observer.updated(z, change.h, change.r, change.gain * z, fixed)
 
     def projected(self, change: Floats) -> None:
         """Pass on a projection to the bounds."""
         if self.observer is not None:
             self.observer.projected(change)
 
-    def moved(self, of: Moved) -> None:
+    def moved(self, step: Moved) -> None:
         """Pass on a step."""
         if self.clones is not None:
-            self.clones = self.clones.moved(of)
+            self.clones = self.clones.moved(step)
         if self.observer is not None:
-            self.observer.moved(of.F, of.Q)
+            self.observer.moved(step.F, step.Q)
 
     # --- dense changes ----------------------------------------------------------------------------
 
     def renew_fast_slip(self, covariance: Floats) -> None:
-        """Begin a step with a new fast slip, independent of all other states.
-
-        Args:
-            covariance: (3, 3) covariance of the new fast slip.
-        """
+        """Begin a step with a new, independent fast slip of a covariance (3, 3)."""
         self.x[s.FAST_SLIP] = 0.0
         self.P[s.FAST_SLIP, :] = 0.0
         self.P[:, s.FAST_SLIP] = 0.0
@@ -345,10 +342,10 @@ def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
 
 def _resolved(linearised: Linearised) -> Linearised:
     """Limit the variances of a measurement to those that the state resolves."""
-    missing = LEAST_VARIANCE - linearised.R.diagonal()
-    if missing.max() <= 0.0:
+    shortfall = LEAST_VARIANCE - linearised.R.diagonal()
+    if shortfall.max() <= 0.0:
         return linearised
-    return linearised._replace(R=linearised.R + np.diag(np.maximum(missing, 0.0)))
+    return linearised._replace(R=linearised.R + np.diag(np.maximum(shortfall, 0.0)))
 
 
 def _inflated(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
@@ -361,22 +358,17 @@ def _inflated(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floa
     if model.inflated_jointly:
         squares, variances = np.full(len(z), z @ z), np.full(len(z), variances.min())
     for k, state in enumerate(model.inflated):
-        more = inflation(squares.item(k), variances.item(k))
+        added = inflation(squares.item(k), variances.item(k))
         if state in ekf.considered:
             R = R.copy()
-            R[k, k] += more * H.item(k, state) ** 2
+            R[k, k] += added * H.item(k, state) ** 2
         else:
-            ekf.inflate(state, variance=more)
+            ekf.inflate(state, variance=added)
     return R
 
 
 def fade_wander(P: Floats, decay: float) -> None:
-    """Multiply the wander of position fixes in a matrix, in place.
-
-    Args:
-        P: (n, n) covariance or information matrix with the states of the wander.
-        decay: factor on the wander.
-    """
+    """Scale the wander of fixes in a covariance or information matrix, in place."""
     P[s.WANDER] *= decay
     P[:, s.WANDER] *= decay
 

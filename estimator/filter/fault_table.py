@@ -91,13 +91,14 @@ class Fault(NamedTuple):
 
 def _stuck(record: Any) -> Iterator[Found]:
     tracks, settings = record.tracks, record.settings
-    both = frozen_from(tracks.repeating_left, tracks.repeating_right, settings.track_speed)
-    if both != NEVER:
+    frozen_since = frozen_from(tracks.repeating_left, tracks.repeating_right, settings.track_speed)
+    if frozen_since != NEVER:
         effect = "the speeds are unknown, as in a gap; accelerometers are excluded"
-        yield Found("tracks", "both tracks repeat their readings", since=both, effect=effect)
+        text = "both tracks repeat their readings"
+        yield Found("tracks", text, since=frozen_since, effect=effect)
         return
-    for side, one in (("left", tracks.repeating_left), ("right", tracks.repeating_right)):
-        since = stuck_from(one, settings.hold)
+    for side, track in (("left", tracks.repeating_left), ("right", tracks.repeating_right)):
+        since = stuck_from(track, settings.hold)
         if since != NEVER:
             part = f"{side} track"
             yield Found("tracks", f"the {part} repeats its reading", part, since)
@@ -137,8 +138,8 @@ def _wheel_off(record: Any) -> Iterator[Found]:
 def _sliding(record: Any) -> Iterator[Found]:
     slide = record.tracks.forward
     if slides(slide):
-        than = "slower" if slide.speed < 0.0 else "faster"
-        text = f"the robot is {abs(slide.speed):.2f} m/s {than} than its tracks"
+        comparison = "slower" if slide.speed < 0.0 else "faster"
+        text = f"the robot is {abs(slide.speed):.2f} m/s {comparison} than its tracks"
         yield Found("robot", text, since=slide.since, size=slide.speed)
 
 
@@ -393,9 +394,8 @@ def add_fault(kind: type[OwnFault]) -> None:
             no default.
     """
     texts = [getattr(kind, name, None) for name in ("name", "effect")]
-    if not (isinstance(kind, type) and issubclass(kind, OwnFault)) or not all(
-        isinstance(one, str) and one for one in texts
-    ):
+    has_texts = all(isinstance(text, str) and text for text in texts)
+    if not (isinstance(kind, type) and issubclass(kind, OwnFault) and has_texts):
         raise EstimatorError(
             f"a fault is a class of OwnFault with a name and an effect, found {kind!r}"
         )
@@ -420,14 +420,14 @@ def remove_fault(name: str) -> None:
 
 def findings_of(record: Any) -> list[Finding]:
     """Find the faults of the table that last, by a `FilterRecord`."""
-    return [finding(one, found) for one in FAULTS for found in one.find(record)]
+    return [finding(fault, found) for fault in FAULTS for found in fault.find(record)]
 
 
-def finding(of: Fault | OwnFault, found: Found) -> Finding:
-    """Finding of a fault."""
+def finding(fault: Fault | OwnFault, found: Found) -> Finding:
+    """Complete what a rule found with the name and the effect of its fault."""
     since = None if found.since in (None, NEVER) else int(found.since or 0)
-    effect = found.effect or of.effect
-    return Finding(found.sensor, found.part, of.name, since, found.size, found.text, effect)
+    effect = found.effect or fault.effect
+    return Finding(found.sensor, found.part, fault.name, since, found.size, found.text, effect)
 
 
 def times_of(record: Any) -> dict[str, int]:

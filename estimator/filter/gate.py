@@ -32,7 +32,7 @@ IMU_PATIENCE = 0.1
 # Most that a rejected fix counts of the time since the fix before it [s].
 LONGEST_COUNTED = 1.0
 # Largest factor on the patience by the distance of a position.
-FAR = 6.0
+LARGEST_PATIENCE_FACTOR = 6.0
 # Largest inflation, over the variance of the innovation: double precision would lose that next to more.
 LARGEST_INFLATION = 1e10
 
@@ -45,15 +45,13 @@ def patience_for(square: Any, patience: Any, fastest: Any) -> Any:
         patience: that of the settings [s].
         fastest: highest track speed of the robot [m/s].
     """
-    return max(patience, min(FAR * patience, math.sqrt(square) / fastest))
+    return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, math.sqrt(square) / fastest))
 
 
 def inflation(square: float, expected: float) -> float:
-    """Variance to add to a state that is to follow an innovation.
+    """Variance to add to a state that is to follow an innovation: its square, limited.
 
-    Args:
-        square: square of the innovation.
-        expected: its variance, before the inflation.
+    `expected` is the variance of the innovation before the inflation.
     """
     return min(square, LARGEST_INFLATION * expected)
 
@@ -95,14 +93,9 @@ class GateRecord(msgspec.Struct):
 def count_verdict(
     counts: GateRecord, verdict: int, nis: float, degrees: int, interval: float
 ) -> None:
-    """Count a verdict; plain Python, for numba too.
+    """Count a verdict in place; plain Python, for numba too.
 
-    Args:
-        counts: counts of the gate, changed in place.
-        verdict: the verdict.
-        nis: normalised innovation squared.
-        degrees: its degrees of freedom.
-        interval: time that it counts if it is rejected [s].
+    The normalised innovation squared has some `degrees` of freedom. A rejection counts `interval` [s].
     """
     counts.judged += 1
     counts.newest_nis = nis
@@ -145,14 +138,14 @@ class Gate:
         Args:
             nis: normalised innovation squared.
             interval: time that it counts if it is rejected [s].
-            patience: in place of that of the gate [s].
+            patience: time of rejections before re-acquisition; None for that of the gate [s].
         """
-        counts, found = self.counts, ADMITTED
+        counts, verdict = self.counts, ADMITTED
         if not nis <= self.threshold:
-            waits = self.patience if patience is None else patience
-            found = REACQUIRED if counts.rejected_for >= waits else REJECTED
-        count_verdict(counts, found, nis, self._degrees, interval)
-        return found
+            limit = self.patience if patience is None else patience
+            verdict = REACQUIRED if counts.rejected_for >= limit else REJECTED
+        count_verdict(counts, verdict, nis, self._degrees, interval)
+        return verdict
 
     def count(
         self,
@@ -162,14 +155,9 @@ class Gate:
         S: tuple[float, float, float],
         interval: float,
     ) -> None:
-        """Count the verdict on a position fix.
+        """Count the verdict on a position fix at a stamp [ns].
 
-        Args:
-            stamp: stamp of the fix [ns].
-            verdict: the verdict.
-            z: its innovation [m].
-            S: covariance of that, xx, xy and yy [m²].
-            interval: time that it counts if it is rejected [s].
+        Its innovation z [m] has the covariance S, xx, xy and yy [m²]. A rejection counts `interval` [s].
         """
         xx, xy, yy = S
         by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
@@ -233,11 +221,11 @@ def gates_of(
     """
     return {
         name: Gate(
-            len(found),
+            len(names),
             imu_patience(settings) if name in records else settings.patience,
             records.get(name) or make_record(GateRecord()),
         )
-        for name, found in components.items()
+        for name, names in components.items()
     }
 
 

@@ -120,9 +120,9 @@ class SensorHealth:
 
     def copy(self) -> SensorHealth:
         """Copy the counts."""
-        found = copy(self)
-        found.rejected = self.rejected.copy()
-        return found
+        copied = copy(self)
+        copied.rejected = self.rejected.copy()
+        return copied
 
     def add(self, other: SensorHealth) -> None:
         """Add the counts of another."""
@@ -176,12 +176,12 @@ def noise_health(
     """Noise of each axis of an IMU, by the name of its sensor."""
     assumed = imu_noise(record, at_rest, settings)
     of_force = settings.accelerometer_noise_density
-    found = {}
+    by_sensor = {}
     for name, density in assumed._asdict().items():
         of_file = settings.gyro_noise_density if name == "gyro" else of_force
         measured = measured_noise(getattr(record, name))
-        found[name] = NoiseHealth(measured or None, of_file, math.sqrt(density))
-    return found
+        by_sensor[name] = NoiseHealth(measured or None, of_file, math.sqrt(density))
+    return by_sensor
 
 
 class TiltHealth(NamedTuple):
@@ -207,19 +207,14 @@ class TiltHealth(NamedTuple):
 
 
 def tilt_health(sums: TiltRecord, imu: Imu) -> TiltHealth | None:
-    """Tilt of the IMU; None while it is not known, or with a gyro of one axis.
-
-    Args:
-        sums: record of the gyros' readings.
-        imu: the robot file's `[imu]`.
-    """
-    found = tilt_of(sums)
-    if found is None or found.sigma > KNOWN_TILT:
+    """Tilt of the IMU; None while it is not known, or with a gyro of one axis."""
+    tilt = tilt_of(sums)
+    if tilt is None or tilt.sigma > KNOWN_TILT:
         return None
     level = imu.accelerometer_bias_sigma / GRAVITY
-    wrong = max(abs(found.roll), abs(found.pitch)) > TILTED * (level + found.sigma)
-    roll, pitch, sigma = map(math.degrees, found)
-    return TiltHealth(roll, pitch, sigma, wrong)
+    is_wrong = max(abs(tilt.roll), abs(tilt.pitch)) > TILTED * (level + tilt.sigma)
+    roll, pitch, sigma = map(math.degrees, tilt)
+    return TiltHealth(roll, pitch, sigma, is_wrong)
 
 
 class WanderHealth(NamedTuple):
@@ -303,37 +298,29 @@ class Health:
 
     def copy(self) -> Health:
         """Copy the counts."""
-        found = copy(self)
-        found.sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
-        found.noise, found.times = self.noise.copy(), self.times.copy()
-        found.findings = self.findings.copy()
-        return found
+        copied = copy(self)
+        copied.sensors = {name: sensor.copy() for name, sensor in self.sensors.items()}
+        copied.noise, copied.times = self.noise.copy(), self.times.copy()
+        copied.findings = self.findings.copy()
+        return copied
 
     def add(self, other: Health) -> None:
-        """Add the counts of another, and take over its events and estimates."""
+        """Add the counts of another, and replace events and estimates by its own, if any."""
         for name, sensor in other.sensors.items():
             self.sensor(name).add(sensor)
         self.noise.update(other.noise)
         for fault, count in other.times.items():
             self.times[fault] = self.times.get(fault, 0) + count
-        for one in fields(self):
-            theirs, nothing = getattr(other, one.name), getattr(Health(), one.name)
-            if isinstance(theirs, int):
-                setattr(self, one.name, getattr(self, one.name) + theirs)
-            elif not isinstance(theirs, dict) and theirs != nothing:
-                setattr(self, one.name, theirs)
+        for name in (one.name for one in fields(self)):
+            value, default = getattr(other, name), getattr(Health(), name)
+            if isinstance(value, int):
+                setattr(self, name, getattr(self, name) + value)
+            elif not isinstance(value, dict) and value != default:
+                setattr(self, name, value)
 
 
 def add_findings(health: Health, record: Any, x: Floats, P: Floats, imu: Imu) -> None:
-    """Add to health what a filter has found.
-
-    Args:
-        health: health, changed in place.
-        record: its `FilterRecord`.
-        x: (n,) its state.
-        P: (n, n) its covariance.
-        imu: the robot file's `[imu]`.
-    """
+    """Add to health what a filter finds, by its `FilterRecord`, state and covariance."""
     gyro = record.tracks.gyro
     health.noise = noise_health(record.noise, tracks_rest(record.still), record.settings)
     health.findings, health.times = findings_of(record), times_of(record)

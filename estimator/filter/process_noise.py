@@ -141,8 +141,8 @@ def slip_times(time_constant: float, factor: float) -> Vector3:
         time_constant: that of the slip without the factor [s].
         factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
     """
-    own = 1.0 / (factor * factor)
-    mean = own * time_constant + (1.0 - own) * GROUND_TIME
+    own_share = 1.0 / (factor * factor)
+    mean = own_share * time_constant + (1.0 - own_share) * GROUND_TIME
     return mean, time_constant, time_constant
 
 
@@ -154,9 +154,9 @@ def lasting_slip(slip: Any, heading: tuple[Any, Any], interval: Any) -> tuple[An
         heading: cosine and sine of the yaw.
         interval: time since the fix before [s].
     """
-    faded = slip * min(1.0, interval / GROUND_TIME)
-    way = 0.5 * interval * faded
-    return heading[0] * way, heading[1] * way, faded
+    lasting = slip * min(1.0, interval / GROUND_TIME)
+    distance = 0.5 * interval * lasting
+    return heading[0] * distance, heading[1] * distance, lasting
 
 
 def change_density(sigma: float, time_constant: float) -> float:
@@ -211,9 +211,10 @@ def twist_covariance(jacobian: Floats, P: Floats, fastest: float) -> Floats:
         P: (n, n) covariance of the state.
         fastest: highest speed of a track [m/s].
     """
-    found = np.asarray(jacobian @ P @ jacobian.T)
-    kept = np.array([share_of_sigma(found.item(axis, axis), fastest) for axis in (0, 1)] + [1.0])
-    return found * np.outer(kept, kept)
+    covariance = np.asarray(jacobian @ P @ jacobian.T)
+    v_x, v_y = (share_of_sigma(covariance.item(axis, axis), fastest) for axis in (0, 1))
+    shares = np.array([v_x, v_y, 1.0])
+    return covariance * np.outer(shares, shares)
 
 
 def share_of_sigma(variance: Any, fastest: Any) -> Any:

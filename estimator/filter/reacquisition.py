@@ -22,9 +22,10 @@ from icreckon.estimator.base.records import zeros
 FEWEST, MOST = 5, 64
 # Largest standard deviation of the turn [rad], and least turn, in such standard deviations; otherwise a
 # shift is enough.
-KNOWN_TURN, CLEAR_TURN = 0.3, 4.0
-# Largest residuals: multiple of the variance of the fixes, and share of the path's extent, for its drift.
-LEFT_OVER, WARPED = 4.0, 0.05
+LARGEST_TURN_SIGMA, LEAST_TURN_SIGMAS = 0.3, 4.0
+# Largest mean square of the residuals: multiple of the variance of the fixes, plus the square of a share
+# of the path's extent, for its drift.
+LARGEST_VARIANCE_FACTOR, LARGEST_WARP = 4.0, 0.05
 OfRejected = Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOST)]
 
 
@@ -54,7 +55,7 @@ def add_rejected(
     predicted: tuple[float, float, float],
     wandered: float,
 ) -> None:
-    """Add a position fix.
+    """Add a position fix; the oldest of `MOST` is dropped.
 
     Args:
         rejected: the record, changed in place.
@@ -91,22 +92,23 @@ def relocate(
         covariance: (5, 5) written to: covariance of the pose, and of a new wander of zero.
         wander_sigma: standard deviation of the wander [m].
     """
-    fit = laid_over(rejected)
+    fit = aligned_path(rejected)
     if not fit.fits:
         return False
     cos, sin = math.cos(fit.turn), math.sin(fit.turn)
+    # Position relative to the path's middle, before and after the turn.
     x, y = pose[0] - fit.x, pose[1] - fit.y
-    away_x, away_y = cos * x - sin * y, sin * x + cos * y
-    pose[0], pose[1], pose[2] = fit.to_x + away_x, fit.to_y + away_y, pose[2] + fit.turn
-    by_turn, of_wander = (-away_y, away_x, 1.0), wander_sigma * wander_sigma
+    turned_x, turned_y = cos * x - sin * y, sin * x + cos * y
+    pose[0], pose[1], pose[2] = fit.to_x + turned_x, fit.to_y + turned_y, pose[2] + fit.turn
+    by_turn, wander_variance = (-turned_y, turned_x, 1.0), wander_sigma * wander_sigma
     covariance[:] = 0.0
     for i in range(3):
         for j in range(3):
             covariance[i, j] = fit.turn_variance * by_turn[i] * by_turn[j]
     for axis in range(2):
-        covariance[axis, axis] += fit.variance + of_wander
-        covariance[3 + axis, 3 + axis] = of_wander
-        covariance[axis, 3 + axis] = covariance[3 + axis, axis] = -of_wander
+        covariance[axis, axis] += fit.variance + wander_variance
+        covariance[3 + axis, 3 + axis] = wander_variance
+        covariance[axis, 3 + axis] = covariance[3 + axis, axis] = -wander_variance
     return True
 
 
@@ -134,9 +136,12 @@ class Alignment(NamedTuple):
     variance: float
 
 
-def laid_over(rejected: RejectedRecord) -> Alignment:
-    """Align the estimated path with the rejected fixes by least squares."""
-    none = Alignment(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def aligned_path(rejected: RejectedRecord) -> Alignment:
+    """Align the estimated path with the rejected fixes by least squares.
+
+    It does not fit with too few fixes, large residuals, or a turn that is uncertain or not significant.
+    """
+    no_fit = Alignment(False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     to_x = to_y = x = y = variance = 0.0
     count = rejected.count
     for k in range(count):
@@ -153,21 +158,22 @@ def laid_over(rejected: RejectedRecord) -> Alignment:
         along += p_x * z_x + p_y * z_y
         across += p_x * z_y - p_y * z_x
     if count < FEWEST or extent <= 0.0:
-        return none
+        return no_fit
     turn = math.atan2(across, along)
     cos, sin = math.cos(turn), math.sin(turn)
-    left = 0.0
+    squares = 0.0
     for k in range(count):
         p_x, p_y = rejected.predicted_x[k] - x, rejected.predicted_y[k] - y
-        left_x = rejected.x[k] - to_x - (cos * p_x - sin * p_y)
-        left_y = rejected.y[k] - to_y - (sin * p_x + cos * p_y)
-        left += left_x * left_x + left_y * left_y
-    left_variance = left / (2.0 * count - 3.0)
-    if left_variance > LEFT_OVER * variance + WARPED * WARPED * extent / count:
-        return none
-    noise = max(variance, left_variance)
+        rest_x = rejected.x[k] - to_x - (cos * p_x - sin * p_y)
+        rest_y = rejected.y[k] - to_y - (sin * p_x + cos * p_y)
+        squares += rest_x * rest_x + rest_y * rest_y
+    residual_variance = squares / (2.0 * count - 3.0)
+    warp_variance = LARGEST_WARP * LARGEST_WARP * extent / count
+    if residual_variance > LARGEST_VARIANCE_FACTOR * variance + warp_variance:
+        return no_fit
+    noise = max(variance, residual_variance)
     turn_variance = noise / extent
     sigma = math.sqrt(turn_variance)
-    if sigma > KNOWN_TURN or abs(turn) < CLEAR_TURN * sigma:
-        return none
+    if sigma > LARGEST_TURN_SIGMA or abs(turn) < LEAST_TURN_SIGMAS * sigma:
+        return no_fit
     return Alignment(True, turn, turn_variance, x, y, to_x, to_y, noise)

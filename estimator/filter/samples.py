@@ -39,7 +39,7 @@ class SampleArrays(NamedTuple):
     forces: Floats
 
     def newest(self, tracks: int, imu: int) -> tuple[int, int]:
-        """Key of the last of a number of track speeds and IMU samples, at least one."""
+        """Key of the newest of the first `tracks` track speeds and `imu` IMU samples."""
         streams = (TrackSpeeds, self.track_stamps, tracks), (ImuSample, self.imu_stamps, imu)
         return max((int(at[count - 1]), RANKS[kind]) for kind, at, count in streams if count)
 
@@ -52,16 +52,17 @@ class SampleArrays(NamedTuple):
     def split(self, stamp: int) -> tuple[SampleArrays, SampleArrays]:
         """Samples up to a stamp [ns], and those after it."""
         tracks, imu = (
-            int(np.searchsorted(one, stamp, "right"))
-            for one in (self.track_stamps, self.imu_stamps)
+            int(np.searchsorted(stamps, stamp, "right"))
+            for stamps in (self.track_stamps, self.imu_stamps)
         )
-        up_to: Any = (*(one[:tracks] for one in self[:4]), *(one[:imu] for one in self[4:]))
+        # The first four fields are of the track speeds, the others of the IMU.
+        up_to: Any = (*(part[:tracks] for part in self[:4]), *(part[:imu] for part in self[4:]))
         return SampleArrays(*up_to), self.after(tracks, imu)
 
     def after(self, tracks: int, imu: int) -> SampleArrays:
-        """Samples without a number of track speeds and IMU samples at the start."""
-        left: Any = (*(one[tracks:] for one in self[:4]), *(one[imu:] for one in self[4:]))
-        return SampleArrays(*left)
+        """Samples after the first `tracks` track speeds and the first `imu` IMU samples."""
+        rest: Any = (*(part[tracks:] for part in self[:4]), *(part[imu:] for part in self[4:]))
+        return SampleArrays(*rest)
 
 
 class Sampled(NamedTuple):
@@ -115,10 +116,10 @@ def samples_of(log: Log) -> SampleArrays:
     tracks, imu = log.tracks, log.imu
     stamps, rates, forces = NO_STAMPS, np.zeros((0, 3)), np.zeros((0, 3))
     if imu is not None:
-        stamps, rates, given = imu.stamps, imu.angular_velocity, imu.linear_acceleration
-        forces = np.full(rates.shape, np.nan) if given is None else given
-    found: Any = (tracks.stamps, tracks.speeds, *wheels_of(tracks), stamps, rates, forces)
-    return SampleArrays(*(np.require(one, requirements=("C", "W")) for one in found))
+        stamps, rates, measured_forces = imu.stamps, imu.angular_velocity, imu.linear_acceleration
+        forces = np.full(rates.shape, np.nan) if measured_forces is None else measured_forces
+    arrays: Any = (tracks.stamps, tracks.speeds, *wheels_of(tracks), stamps, rates, forces)
+    return SampleArrays(*(np.require(array, requirements=("C", "W")) for array in arrays))
 
 
 def wheels_of(tracks: TrackSpeedSeries) -> tuple[Floats, Floats]:
@@ -136,9 +137,7 @@ def are_in_order(samples: SampleArrays) -> bool:
 def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
     """Return True if a log has readings that are rejected before the gates.
 
-    Args:
-        log: the log.
-        max_track_speed: highest track speed of the robot, or of the slowest of several [m/s].
+    `max_track_speed` [m/s] is that of the robot, or of the slowest one of several.
     """
     imu, fastest = log.imu, ABSURD_SPEED * max_track_speed
     readings = [(values, fastest) for values in (log.tracks.speeds, *wheels_of(log.tracks))]

@@ -30,8 +30,8 @@ from icreckon.estimator.filter.process_noise import lasting_slip, travel_speed
 
 # Weight of a position fix in the trend, and in the size of the innovations.
 TREND_WEIGHT, SIZE_WEIGHT = 0.2, 0.1
-# Variance of the trend of white innovations, over that of one.
-OF_WHITE = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
+# Variance of the trend of white innovations, over that of a single innovation.
+WHITE_TREND_VARIANCE = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
 # Size of the innovations below which a trend counts less: it scatters by a quarter.
 FULL_SIZE = 0.8
 # Weight of a position fix in the factor on the slip, at speeds above this [m/s].
@@ -98,15 +98,13 @@ def present_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, ri
         left: speed of the left track [m/s].
         right: speed of the right track [m/s].
     """
-    square = (trend[0] * trend[0] + trend[1] * trend[1]) / (2.0 * OF_WHITE)
+    trend_square = (trend[0] * trend[0] + trend[1] * trend[1]) / (2.0 * WHITE_TREND_VARIANCE)
     size = min(1.0, trend[2] / FULL_SIZE)
-    share = FACTOR_WEIGHT * is_moving(left, right)
-    grown = (
-        factor
-        * factor
-        * (1.0 + share * (min(LARGEST_SQUARE, size * size * square) - EXPECTED_SQUARE))
-    )
-    return min(LARGEST_FACTOR, max(1.0, math.sqrt(grown)))
+    weight = FACTOR_WEIGHT * is_moving(left, right)
+    factor_square = factor * factor
+    excess = min(LARGEST_SQUARE, size * size * trend_square) - EXPECTED_SQUARE
+    grown = math.sqrt(factor_square * (1.0 + weight * excess))
+    return min(LARGEST_FACTOR, max(1.0, grown))
 
 
 def slip_factor_after(factor: Any, present: Any, left: Any, right: Any) -> Any:
@@ -126,7 +124,7 @@ def slip_factor_after(factor: Any, present: Any, left: Any, right: Any) -> Any:
 
 
 def is_moving(left: Any, right: Any) -> Any:
-    """Return 1 for a moving robot and 0 for one at rest, and less than 1 between.
+    """Weight of the motion: 0 at rest, 1 above `MOVING`, linear in the speed between.
 
     Args:
         left: speed of the left track [m/s].
@@ -138,10 +136,7 @@ def is_moving(left: Any, right: Any) -> Any:
 def let_slip_last(ekf: Ekf, yaw: float, interval: float) -> None:
     """Inflate slip and position by the slip that has faded since the last fix.
 
-    Args:
-        ekf: the filter, changed in place.
-        yaw: yaw at the fix [rad].
-        interval: time since the fix before [s].
+    `yaw` is that at the fix [rad], `interval` the time since the fix before [s].
     """
     faded = lasting_slip(ekf.x.item(s.SLIP_X), (math.cos(yaw), math.sin(yaw)), interval)
     ekf.inflate_jointly((s.X, s.Y, s.SLIP_X), np.outer(faded, faded), of_motion=True)

@@ -195,14 +195,16 @@ def take_motion(
     width = width_of_bends(spin)
     if width == 0.0:
         width = settings.track_width
-    turning, before = spin.right - spin.left, held.smooth_right - held.smooth_left
-    most, acceleration = settings.gyro_range, settings.yaw_acceleration
-    rate = watch_gyro(held.gyro, stamp, rate, reading, turning, width, before, most, acceleration)
+    turning, turning_before = spin.right - spin.left, held.smooth_right - held.smooth_left
+    gyro_range, acceleration = settings.gyro_range, settings.yaw_acceleration
+    rate = watch_gyro(
+        held.gyro, stamp, rate, reading, turning, width, turning_before, gyro_range, acceleration
+    )
     if rate != rate or stamp - held.stamp > settings.hold_ns:
         return rate
     mean = 0.5 * (held.left + held.right)
     watch_slide(held.forward, stamp, force_x, mean)
-    left, right = spin.left - held.smooth_left, spin.right - held.smooth_right
+    change_left, change_right = spin.left - held.smooth_left, spin.right - held.smooth_right
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
     sticks = may_stick(repeating[0]) or may_stick(repeating[1])
@@ -211,7 +213,7 @@ def take_motion(
         forget_mismatch(spin)
         spin.stamp = stamp
         return rate
-    watch_spin(spin, stamp, rate, force_y, left, right, settings.fastest)
+    watch_spin(spin, stamp, rate, force_y, change_left, change_right, settings.fastest)
     return rate
 
 
@@ -240,16 +242,17 @@ def speeds_at(held: TrackRecord, now: int, hold_ns: int) -> tuple[float, float]:
 def count_distance(
     held: TrackRecord, start: int, before: int, left: float, right: float, hold_ns: int
 ) -> None:
-    """Count the distances by the newest speeds, the means since the sample before.
+    """Add the distances of the newest sample, of mean speeds since the one before.
 
-    Until they came the speeds before were held. Over a gap the new ones count from the estimate on.
+    Before the estimate the old speeds were held in their place: `behind` gets the difference. Over a gap
+    the new speeds count from the estimate on.
 
     Args:
         held: record of the track speeds, with the newest sample.
         start: time of the estimate [ns], or NEVER.
         before: stamp of the sample before [ns], or NEVER.
-        left: speed of the left track by that [m/s].
-        right: speed of the right track by that [m/s].
+        left: speed of the left track in that sample [m/s].
+        right: speed of the right track in that sample [m/s].
         hold_ns: age from which speeds are stale [ns].
     """
     if held.counted_from != start:
@@ -273,12 +276,17 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector
     if held.stamp == NEVER or end <= start:
         left, right = speeds_at(held, start, hold_ns)
         return left, right, 0.0
-    left, right, behind, known = 0.0, 0.0, 0.0, start
+    left, right, behind, known_until = 0.0, 0.0, 0.0, start
     if held.counted_from == start <= held.stamp:
-        left, right, behind, known = held.ahead_left, held.ahead_right, held.behind, held.stamp
-    dt, rest = (end - start) * NANOSECOND, (end - known) * NANOSECOND
-    rest *= mean_decay(held, known, end, hold_ns)
-    return (left + rest * held.left) / dt, (right + rest * held.right) / dt, behind / dt
+        left, right, behind, known_until = (
+            held.ahead_left,
+            held.ahead_right,
+            held.behind,
+            held.stamp,
+        )
+    dt, rest_s = (end - start) * NANOSECOND, (end - known_until) * NANOSECOND
+    rest_s *= mean_decay(held, known_until, end, hold_ns)
+    return (left + rest_s * held.left) / dt, (right + rest_s * held.right) / dt, behind / dt
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:

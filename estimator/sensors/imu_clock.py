@@ -49,10 +49,7 @@ def take_stamp(clock: Clocked, stamp: int, hold: float) -> None:
 def is_alive(clock: Clocked, stamp: int, hold: float) -> bool:
     """Return True if a sample is expected that covers the motion up to a stamp [ns].
 
-    Args:
-        clock: clock of the sensor.
-        stamp: the stamp [ns].
-        hold: a sensor without samples for longer has stopped [s].
+    A sensor without samples for longer than `hold` [s] has stopped.
     """
     return (stamp - clock.stamp) * NANOSECOND <= hold
 

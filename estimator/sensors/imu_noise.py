@@ -24,17 +24,17 @@ MEMORY = 3.0
 CLIP = 4.0
 # Variance of the second difference of white noise of variance 1, and the standard deviation of a normal
 # distribution over its mean size.
-OF_DIFFERENCES, OF_MEAN_SIZE = 6.0, math.sqrt(0.5 * math.pi)
+DIFFERENCE_VARIANCE, SIGMA_OVER_MEAN_SIZE = 6.0, math.sqrt(0.5 * math.pi)
 # An interval that is longer than the usual one by this factor is a gap: differences start again.
-GAP = 1.7
+GAP_FACTOR = 1.7
 # The file's noise counts while the measured noise is at most this many times as large, driving or with
 # resting tracks, or this many times as small. Jolts of driving are among the differences, and are motion.
-MORE, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
+MORE_DRIVING, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
 # Least noise of the gyro that counts, over that of the file: the delay of the track speeds counts like
 # noise as a robot drives on, even if the gyro has none.
-LEAST = 0.3
+LEAST_GYRO_SHARE = 0.3
 # Noise of the first sample, over that of the file: it may be shaken, which the next ones show.
-AT_START = 30.0
+FACTOR_AT_START = 30.0
 # Density of the specific force of a robot that is carried [m²/s³].
 CARRIED_FORCE = 1e4
 
@@ -171,10 +171,7 @@ def measure_noise(
 def paced(pace: Pace, stamp: int, hold: float) -> float:
     """Add the stamp [ns] of a value; return the time since the one before [s].
 
-    Args:
-        pace: clock, changed in place.
-        stamp: stamp of the value.
-        hold: a longer interval is a gap [s].
+    It is zero after a gap: an interval longer than `hold` [s].
     """
     dt = (stamp - pace.stamp) * NANOSECOND
     pace.stamp = stamp
@@ -183,40 +180,41 @@ def paced(pace: Pace, stamp: int, hold: float) -> float:
         return 0.0
     if pace.interval == 0.0:
         pace.interval = dt
-    pace.run = 1 if dt > GAP * pace.interval else min(3, pace.run + 1)
+    pace.run = 1 if dt > GAP_FACTOR * pace.interval else min(3, pace.run + 1)
     pace.interval += min(1.0, dt / MEMORY) * (dt - pace.interval)
     return dt
 
 
-def add_value(of: Differences, value: float, run: int, dt: float, interval: float) -> None:
+def add_value(differences: Differences, value: float, run: int, dt: float, interval: float) -> None:
     """Add a value of an axis.
 
     Args:
-        of: differences of the axis, changed in place.
+        differences: differences of the axis, changed in place.
         value: the value.
         run: number of values since the newest gap.
         dt: time since the value before [s].
         interval: averaged interval between values [s].
     """
-    change = value - of.newest
-    difference = abs(change - of.change)
-    of.newest, of.change = value, change
+    change = value - differences.newest
+    difference = abs(change - differences.change)
+    differences.newest, differences.change = value, change
     # Equal differences are those of a coarse or constant reading, which hides its noise.
     if run < 3 or not difference > 0.0:
         return
-    of.count += 1
-    size = difference * math.sqrt(interval / OF_DIFFERENCES)
-    if of.count > 1:
-        size = min(size, CLIP * of.size)
-    of.size += max(1.0 / of.count, min(1.0, dt / MEMORY)) * (size - of.size)
+    differences.count += 1
+    size = difference * math.sqrt(interval / DIFFERENCE_VARIANCE)
+    if differences.count > 1:
+        size = min(size, CLIP * differences.size)
+    weight = max(1.0 / differences.count, min(1.0, dt / MEMORY))
+    differences.size += weight * (size - differences.size)
 
 
 def measured_noise(axis: AxisNoise) -> float:
     """Measured noise density of an axis [unit/√Hz]; 0 before there is one."""
-    return OF_MEAN_SIZE * max(axis.readings.size, axis.blocks.size)
+    return SIGMA_OVER_MEAN_SIZE * max(axis.readings.size, axis.blocks.size)
 
 
-def assumed_noise(axis: AxisNoise, of_file: float, more: float, least: float) -> float:
+def assumed_noise(axis: AxisNoise, of_file: float, factor: float, least: float) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
     It is that of the robot file if the measured one agrees with it, and the measured one if that differs
@@ -225,12 +223,12 @@ def assumed_noise(axis: AxisNoise, of_file: float, more: float, least: float) ->
     Args:
         axis: the axis.
         of_file: noise density of the robot file [unit/√Hz].
-        more: a measured noise that is larger by this factor counts.
+        factor: a measured noise that is larger by this factor counts.
         least: least noise that counts, over that of the file; at 1 a smaller one does not.
     """
     measured, density = measured_noise(axis), of_file
-    if measured > more * of_file:
-        density = min(measured, measured * measured / (more * more * of_file))
+    if measured > factor * of_file:
+        density = min(measured, measured * measured / (factor * factor * of_file))
     elif 0.0 < measured * LESS < of_file:
         density = max(measured, measured * measured * (LESS * LESS) / of_file, least * of_file)
     return density * density
@@ -248,13 +246,13 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
         settings: settings of the filter.
     """
     of_gyro, of_force = settings.gyro_noise_density, settings.accelerometer_noise_density
-    more = MORE_AT_REST if at_rest else MORE
+    factor = MORE_AT_REST if at_rest else MORE_DRIVING
     if noise.is_first:
-        of_gyro, of_force = AT_START * of_gyro, AT_START * of_force
+        of_gyro, of_force = FACTOR_AT_START * of_gyro, FACTOR_AT_START * of_force
     return ImuNoise(
-        assumed_noise(noise.gyro, of_gyro, more, LEAST),
-        assumed_noise(noise.accelerometer_x, of_force, more, 1.0),
-        assumed_noise(noise.accelerometer_y, of_force, more, 1.0),
+        assumed_noise(noise.gyro, of_gyro, factor, LEAST_GYRO_SHARE),
+        assumed_noise(noise.accelerometer_x, of_force, factor, 1.0),
+        assumed_noise(noise.accelerometer_y, of_force, factor, 1.0),
     )
 
 
@@ -262,13 +260,8 @@ def noise_of_step(noise: NoiseRecord, still: StandstillRecord, settings: InputSe
     """Noise of an IMU that a step assumes.
 
     The accelerometers of a robot that is carried show nothing of the motion of its tracks.
-
-    Args:
-        noise: record of the noise.
-        still: record of the standstill.
-        settings: settings of the filter.
     """
-    found = imu_noise(noise, tracks_rest(still), settings)
+    assumed = imu_noise(noise, tracks_rest(still), settings)
     if is_carried(still):
-        return ImuNoise(found.gyro, CARRIED_FORCE, CARRIED_FORCE)
-    return found
+        return ImuNoise(assumed.gyro, CARRIED_FORCE, CARRIED_FORCE)
+    return assumed

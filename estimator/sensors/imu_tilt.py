@@ -92,12 +92,12 @@ def tilt_of(sums: TiltRecord) -> Tilt | None:
     if sums.time == 0.0:
         return None
     mean = sums.turned / sums.time
-    spread = sums.square - mean * sums.turned
-    if not spread > 0.0:
+    yaw_spread = sums.square - mean * sums.turned
+    if not yaw_spread > 0.0:
         return None
-    roll = (sums.pitch_in_turns - mean * sums.pitched) / spread
-    pitch = -(sums.roll_in_turns - mean * sums.rolled) / spread
+    roll = (sums.pitch_in_turns - mean * sums.pitched) / yaw_spread
+    pitch = -(sums.roll_in_turns - mean * sums.rolled) / yaw_spread
     of_means = (sums.rolled * sums.rolled + sums.pitched * sums.pitched) / sums.time
-    left = sums.tilted - of_means - spread * (roll * roll + pitch * pitch)
-    variance = ROLLING_TIME * 0.5 * max(0.0, left) / sums.time / spread
+    residual = sums.tilted - of_means - yaw_spread * (roll * roll + pitch * pitch)
+    variance = ROLLING_TIME * 0.5 * max(0.0, residual) / sums.time / yaw_spread
     return Tilt(roll, pitch, variance**0.5)

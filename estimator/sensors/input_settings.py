@@ -11,7 +11,7 @@ from icreckon.estimator.robot.settings import Settings
 MOST_FRICTION = 2.0
 # Standard deviations within which a gyro's bias lies, and at least this [rad/s]: 20 deg/s, the
 # zero-rate output of the coarsest gyros (data sheet of the MPU-6050).
-OF_BIAS, LEAST_TURN = 5.0, 0.35
+BIAS_SIGMAS, LEAST_BIAS_RANGE = 5.0, 0.35
 # Share of the standard deviation of its bias by which that may change between standstills.
 USUAL_CHANGE = 0.5
 
@@ -37,7 +37,7 @@ class InputSettings(NamedTuple):
         gyro_noise_density: noise density of the gyro in the robot file [rad/s/√Hz].
         accelerometer_noise_density: that of the accelerometers [m/s²/√Hz].
         undetected_share: slip of both tracks that nothing shows, as a share of their speed [-].
-        undetected_time: how long it lasts [s].
+        undetected_time: time for which it lasts [s].
     """
 
     hold: float
@@ -76,7 +76,7 @@ def input_settings(robot: Robot, settings: Settings) -> InputSettings:
         _yaw_acceleration(robot.vehicle),
         float(robot.imu.gyro_range),
         float(robot.imu.gyro_bias),
-        float(max(LEAST_TURN, OF_BIAS * robot.imu.gyro_bias_sigma)),
+        float(max(LEAST_BIAS_RANGE, BIAS_SIGMAS * robot.imu.gyro_bias_sigma)),
         float(USUAL_CHANGE * robot.imu.gyro_bias_sigma),
         float(robot.imu.gyro_noise_density),
         float(robot.imu.accelerometer_noise_density),

@@ -68,8 +68,8 @@ def point_on_robot(pose: Prediction, forward: float, left: float) -> Prediction:
 
     Args:
         pose: predicted pose.
-        forward: of the point in base_link [m].
-        left: of the point in base_link [m].
+        forward: place of the point in base_link [m].
+        left: its place to the left [m].
     """
     if forward == 0.0 == left:
         return pose
@@ -99,6 +99,7 @@ def twist_ahead(x: Floats, model: TwistModel, density: Floats, interval: float) 
 
 
 def _without_fast_slip(x: Floats, model: TwistModel) -> tuple[Floats, Floats]:
+    """Twist (3,) and its Jacobian (3, SIZE) if the fast slip is zero."""
     jacobian = model.jacobian.copy()
     jacobian[:, s.FAST_SLIP] = 0.0
     return model.twist - model.jacobian[:, s.FAST_SLIP] @ x[s.FAST_SLIP], jacobian

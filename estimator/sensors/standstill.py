@@ -22,9 +22,9 @@ from icreckon.estimator.sensors.input_settings import InputSettings
 ROOM = 64
 # Standard deviations within which quiet readings are about their mean: of the file's noise, and of
 # measured noise beyond that, which may be that of an engine and no white noise.
-OF_FILE, OF_MEASURED = 5.0, 8.0
+SIGMAS_OF_FILE, SIGMAS_OF_MEASURED = 5.0, 8.0
 # Standard deviations beyond which their mean shows that the bias has changed.
-OF_MEAN = 4.0
+SIGMAS_OF_MEAN = 4.0
 # A slow turn is this share of a bias that changed, at one standard deviation.
 SLOW_TURN = 0.5
 # Time without quiet readings after which a robot with its tracks at rest is carried: a robot rocks for a
@@ -152,7 +152,7 @@ def quiet_mean(
     mean = total / (end - first)
     per_second = (end - first - 1) * 1e9 / max(1, stamp - stamps[first])
     of_file = settings.gyro_noise_density
-    spread = OF_FILE * of_file + OF_MEASURED * max(0.0, noise - of_file)
+    spread = SIGMAS_OF_FILE * of_file + SIGMAS_OF_MEASURED * max(0.0, noise - of_file)
     quiet = max(settings.quiet_gyro, spread * math.sqrt(per_second))
     for k in range(end - 1, first - 1, -1):
         if abs(rates[k] - mean) > quiet:
@@ -169,7 +169,9 @@ def quiet_mean(
         return math.nan
     settle(still)
     of_mean = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
-    keep_quiet(still, stamp, mean, settings.usual_change + OF_MEAN * math.sqrt(2.0) * of_mean)
+    keep_quiet(
+        still, stamp, mean, settings.usual_change + SIGMAS_OF_MEAN * math.sqrt(2.0) * of_mean
+    )
     return mean
 
 
@@ -206,7 +208,7 @@ def keep_restless(still: StandstillRecord, stamp: int) -> None:
 
 
 def settle(still: StandstillRecord) -> None:
-    """Reset the record of a robot that is carried."""
+    """Reset what indicates that the robot is shaken or carried."""
     still.restless_since, still.carried_since = NEVER, NEVER
 
 
@@ -216,15 +218,11 @@ def is_carried(still: StandstillRecord) -> bool:
 
 
 def carried_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of the velocity over a step of a robot that is carried [m²/s].
+    """Error density of a carried robot's velocity over a step [m²/s].
 
-    With its tracks at rest it does not stand, and nothing shows where it goes: the distance is off by
-    `CARRIED_SPEED` times the duration, at one standard deviation.
-
-    Args:
-        still: record.
-        start: stamp of the step's start [ns].
-        end: stamp of its end [ns].
+    The step lasts from start to end [ns]. With its tracks at rest the robot does not stand, and nothing
+    shows where it goes: the distance is off by `CARRIED_SPEED` times the duration, at one standard
+    deviation.
     """
     since = still.restless_since
     if not is_carried(still):
@@ -234,12 +232,9 @@ def carried_density(still: StandstillRecord, start: int, end: int) -> float:
 
 
 def turn_density(still: StandstillRecord, start: int, end: int) -> float:
-    """Error density of the yaw of a robot that may turn while it rests [rad²/s].
+    """Error density of the yaw over a step from start to end [ns] [rad²/s].
 
-    Args:
-        still: record.
-        start: stamp of the step's start [ns].
-        end: stamp of its end [ns].
+    A robot whose quiet mean has changed may turn while it rests.
     """
     if still.changed_at == NEVER:
         return 0.0
@@ -273,7 +268,7 @@ def bias_change(change: Any, variance: Any, rest_time: Any, drive_time: Any) -> 
         rest_time: time at rest since the robot last stood [s].
         drive_time: time of driving since then [s].
     """
-    square = max(0.0, change * change - OF_MEAN * OF_MEAN * variance)
+    square = max(0.0, change * change - SIGMAS_OF_MEAN * SIGMAS_OF_MEAN * variance)
     of_rest = (1.0 + SLOW_TURN * SLOW_TURN) * (rest_time * rest_time)
     of_drive = drive_time * drive_time * (1.0 / 3.0)
     return BiasChange(square, -square * rest_time, square * (of_rest + of_drive))

@@ -64,15 +64,15 @@ class RateRecord(msgspec.Struct):
     rates: Buffer = zeros(ROOM)
 
 
-def add_rate(of: RateRecord, stamp: int, rate: float) -> None:
+def add_rate(record: RateRecord, stamp: int, rate: float) -> None:
     """Add a sample, if there is room; plain Python, for numba too."""
-    count = of.count
+    count = record.count
     if count == ROOM:
         return
     if count == 0:
-        of.begin = stamp
-    of.times[count], of.rates[count] = float(stamp - of.begin), rate
-    of.count = count + 1
+        record.begin = stamp
+    record.times[count], record.rates[count] = float(stamp - record.begin), rate
+    record.count = count + 1
 
 
 class RateMemory(msgspec.Struct, frozen=True):
@@ -142,29 +142,29 @@ class _Rate:
 
         A clock that was set back before them is a hole, too.
         """
-        found = np.concatenate([self.stamps[-1:], stamps])
-        steps = np.diff(found)
+        all_stamps = np.concatenate([self.stamps[-1:], stamps])
+        steps = np.diff(all_stamps)
         are_holes = steps > LARGEST_HOLE
         if len(self.stamps):
             are_holes[:1] |= steps[:1] < -LARGEST_HOLE
         holes = np.flatnonzero(are_holes)
-        return int(found[holes[0] + 1]) if len(holes) else NO_HOLE
+        return int(all_stamps[holes[0] + 1]) if len(holes) else NO_HOLE
 
     def add(self, stamps: Stamps, rates: Floats) -> None:
         """Add samples; those whose stamps [ns] do not rise are left out."""
-        found = np.concatenate([self.stamps, stamps])
+        all_stamps = np.concatenate([self.stamps, stamps])
         values = np.concatenate([self._rates, rates])
-        rises = np.ones(len(found), bool)
-        rises[1:] = found[1:] > np.maximum.accumulate(found)[:-1]
-        self.stamps, self._rates = found[rises][-CAPACITY:], values[rises][-CAPACITY:]
+        rises = np.ones(len(all_stamps), bool)
+        rises[1:] = all_stamps[1:] > np.maximum.accumulate(all_stamps)[:-1]
+        self.stamps, self._rates = all_stamps[rises][-CAPACITY:], values[rises][-CAPACITY:]
 
     def integral(self, begin: int, count: int) -> Floats:
         """Integral (count,) up to each point of a grid that begins at a stamp [ns]."""
         seconds, rates = (self.stamps - begin) * NANOSECOND, self._rates
         values = np.zeros(len(seconds))
         np.cumsum(np.diff(seconds) * rates[1:], out=values[1:])
-        found: Floats = np.interp(np.arange(count) * (GRID * NANOSECOND), seconds, values)
-        return found
+        at_grid: Floats = np.interp(np.arange(count) * (GRID * NANOSECOND), seconds, values)
+        return at_grid
 
     def drop_before(self, stamp: int) -> None:
         """Drop samples that integrals from a stamp on [ns] do not depend on."""
@@ -208,22 +208,22 @@ class TrackLatencyEstimator:
             gyro_stamps: (m,) raw stamps of the gyro [ns].
             rates: (m,) its yaw rates, with the bias [rad/s].
         """
-        given = (track_stamps, turning), (gyro_stamps, rates)
-        cut = NEVER
-        while cut != NO_HOLE:
-            of_rates = self._tracks, self._gyro
-            cut = min(
-                one.first_after_hole(stamps)
-                for one, (stamps, _) in zip(of_rates, given, strict=True)
+        series = (track_stamps, turning), (gyro_stamps, rates)
+        hole = NEVER
+        while hole != NO_HOLE:
+            own_rates = self._tracks, self._gyro
+            hole = min(
+                rate.first_after_hole(stamps)
+                for rate, (stamps, _) in zip(own_rates, series, strict=True)
             )
-            for one, (stamps, values) in zip(of_rates, given, strict=True):
-                before = stamps < cut
-                one.add(stamps[before], values[before])
+            for rate, (stamps, values) in zip(own_rates, series, strict=True):
+                before = stamps < hole
+                rate.add(stamps[before], values[before])
             self._use_windows()
-            if cut != NO_HOLE:
+            if hole != NO_HOLE:
                 self._begin()
-                (a, x), (b, y) = given
-                given = (a[a >= cut], x[a >= cut]), (b[b >= cut], y[b >= cut])
+                (a, x), (b, y) = series
+                series = (a[a >= hole], x[a >= hole]), (b[b >= hole], y[b >= hole])
 
     def estimate(self) -> Lag | None:
         """Estimate the lag behind the gyro; None while it is not observable."""
@@ -296,14 +296,14 @@ class TrackLatencyEstimator:
         while len(y):
             turned = self._turned + np.cumsum(np.abs(y)) * (WINDOW_STEP / WINDOW)
             count = int(np.searchsorted(turned, BLOCK)) + 1
-            of_x, of_y, one = x[:count], y[:count], np.ones(len(SHIFTS))
+            of_x, of_y, ones = x[:count], y[:count], np.ones(len(SHIFTS))
             self._open += [
-                len(of_y) * one,
+                len(of_y) * ones,
                 of_x.sum(axis=0),
-                of_y.sum() * one,
+                of_y.sum() * ones,
                 (of_x * of_x).sum(axis=0),
                 of_y @ of_x,
-                of_y @ of_y * one,
+                of_y @ of_y * ones,
             ]
             self._turned = float(turned[len(of_y) - 1])
             if count <= len(y):
@@ -322,11 +322,15 @@ def _best(sums: Floats) -> Floats:
     variance = yy - y * y / n
     with np.errstate(divide="ignore", invalid="ignore"):
         misfit = variance - (xy - x * y / n) ** 2 / (xx - x * x / n)
-        found = np.argmin(misfit, axis=1)
-        at = np.clip(found, 1, len(SHIFTS) - 2)
+        best_shift = np.argmin(misfit, axis=1)
+        inner_shift = np.clip(best_shift, 1, len(SHIFTS) - 2)
         rows = np.arange(len(sums))
-        explained = 1.0 - misfit[rows, at] / variance[rows, at]
-        refined = SHIFTS[at] + beside_lowest(misfit, at) * (GRID * NANOSECOND)
-    known = np.isfinite(misfit).all(axis=1) & (found == at) & (variance[rows, at] > 0.0)
-    known &= explained >= LEAST_CORRELATION**2
-    return np.where(known, refined, np.nan)
+        explained = 1.0 - misfit[rows, inner_shift] / variance[rows, inner_shift]
+        refined = SHIFTS[inner_shift] + beside_lowest(misfit, inner_shift) * (GRID * NANOSECOND)
+    is_known = (
+        np.isfinite(misfit).all(axis=1)
+        & (best_shift == inner_shift)
+        & (variance[rows, inner_shift] > 0.0)
+    )
+    is_known &= explained >= LEAST_CORRELATION**2
+    return np.where(is_known, refined, np.nan)

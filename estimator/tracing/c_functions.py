@@ -39,36 +39,44 @@ class Functions:
         self.constants, self.integers = constants, integers
         self.text: list[str] = []
         self.tuples: dict[Type, str] = {}
-        self._found: dict[tuple[Any, tuple[Type, ...]], tuple[str, Type]] = {}
+        self._translated: dict[tuple[Any, tuple[Type, ...]], tuple[str, Type]] = {}
         self._names: set[str] = set()
 
     def translate(self, function: Callable[..., Any], **types: Type) -> None:
-        """Translate a function; types of the parameters without annotations are given."""
+        """Translate a function; `types` of parameters come before their annotations."""
         hints = get_type_hints(function)
         names = inspect.signature(function).parameters
-        found = [types.get(name) or self.of_annotation(hints[name]) for name in names]
-        self.called(function, [one or NONE for one in found])
+        known = [types.get(name) or self.of_annotation(hints[name]) for name in names]
+        self.name_and_result(function, [c_type or NONE for c_type in known])
 
-    def called(self, function: Callable[..., Any], types: Sequence[Type]) -> tuple[str, Type]:
-        """Name and result of a function for arguments of these types."""
+    def name_and_result(
+        self, function: Callable[..., Any], types: Sequence[Type]
+    ) -> tuple[str, Type]:
+        """Name in C and type of the result of a function; translate it if it is new.
+
+        An annotated number or tuple type of a parameter is used instead of the argument's.
+        """
         names = list(inspect.signature(function).parameters)
         hints = get_type_hints(function)
-        of = []
-        for name, given in zip(names, types, strict=True):
-            stated = self.of_annotation(hints.get(name))
-            of.append(stated if stated in NUMBERS or (stated and stated.kind == "tuple") else given)
-        key = function, tuple(of)
-        if key not in self._found:
+        used_types = []
+        for name, of_argument in zip(names, types, strict=True):
+            annotated = self.of_annotation(hints.get(name))
+            counts = annotated in NUMBERS or (annotated and annotated.kind == "tuple")
+            used_types.append(annotated if annotated and counts else of_argument)
+        key = function, tuple(used_types)
+        if key not in self._translated:
             name = function.__name__.lstrip("_")
             while name in self._names:
                 name += "_"
             self._names.add(name)
             result = self.of_annotation(hints.get("return"))
-            writer = FunctionWriter(self, function, dict(zip(names, of, strict=True)), result)
+            writer = FunctionWriter(
+                self, function, dict(zip(names, used_types, strict=True)), result
+            )
             text = writer.function(name)
-            self._found[key] = name, writer.result or NONE
+            self._translated[key] = name, writer.result or NONE
             self.text.append(text)
-        return self._found[key]
+        return self._translated[key]
 
     def of_annotation(self, hint: Any) -> Type | None:
         """Type that an annotation states; None if it leaves it open."""
@@ -79,21 +87,21 @@ class Functions:
             return self.records[hint]
         if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
             fields = get_type_hints(hint).items()
-            known = [(name, self.of_annotation(of) or REAL) for name, of in fields]
-            return self.tuple_type(known, hint.__name__)
+            typed = [(name, self.of_annotation(of_field) or REAL) for name, of_field in fields]
+            return self.tuple_type(typed, hint.__name__)
         if get_origin(hint) is tuple and Ellipsis not in get_args(hint):
-            found = [self.of_annotation(of) for of in get_args(hint)]
-            if all(found):
-                return self.tuple_type([(f"_{k}", of or REAL) for k, of in enumerate(found)])
+            types = [self.of_annotation(element) for element in get_args(hint)]
+            if all(types):
+                return self.tuple_type([(f"_{k}", of or REAL) for k, of in enumerate(types)])
         return None
 
     def tuple_type(self, fields: Sequence[tuple[str, Type]], name: str = "") -> Type:
         """Type of a tuple, which is defined if it is new."""
-        name = name or "tuple_" + "".join(
-            of.kind[0] if of in NUMBERS else of.name for _, of in fields
-        )
-        found = Type("tuple", name, tuple(fields))
-        if found not in self.tuples:
-            lines = "".join(f"    {of.c} {field};\n" for field, of in fields)
-            self.tuples[found] = f"typedef struct {{\n{lines}}} {name};\n"
-        return found
+        types = [c_type for _, c_type in fields]
+        letters = [of.kind[0] if of in NUMBERS else of.name for of in types]
+        name = name or "tuple_" + "".join(letters)
+        result = Type("tuple", name, tuple(fields))
+        if result not in self.tuples:
+            lines = "".join(f"    {c_type.c} {field};\n" for field, c_type in fields)
+            self.tuples[result] = f"typedef struct {{\n{lines}}} {name};\n"
+        return result

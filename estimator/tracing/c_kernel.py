@@ -28,11 +28,8 @@ def function_name(name: str, bits: int) -> str:
 def kernel_in_c(kernel: Kernel, bits: int) -> str:
     """C function of `lanes`, `inputs` and `constants` that returns the kernel's flags.
 
-    A kernel that stores into an array `found` has it as its fourth argument.
-
-    Args:
-        kernel: kernel in traced numbers; the function has its name.
-        bits: number of bits of each number, 64 or 32.
+    It has the kernel's name, and numbers of 64 or 32 `bits`. A kernel that stores into an array `found`
+    has it as its fourth argument.
     """
     return _Writer(kernel, bits).function()
 
@@ -47,16 +44,16 @@ class _Writer:
         self._indent = "    "
 
     def function(self) -> str:
-        """Write the function."""
+        """Write the function: nodes in order, each store after the nodes that it needs."""
         kernel = self._kernel
-        wanted = [store.value for store in kernel.stores] + list(kernel.flags) + Traced.effects
+        outputs = [store.value for store in kernel.stores] + list(kernel.flags) + Traced.effects
         waiting = defaultdict(list)
         for store in kernel.stores:
             writer = Traced.writers.get((store.array, store.row), store.value)
             waiting[max(store.value, writer, key=IN_ORDER)].append(store)
-        nodes = reachable(wanted)
+        nodes = reachable(outputs)
         loads = defaultdict(list)
-        for node in reachable(wanted, with_bodies=True):
+        for node in reachable(outputs, with_bodies=True):
             if node.op == "load":
                 loads[node.extra].append(node)
         last_uses = _last_uses(nodes, kernel.flags)
@@ -145,22 +142,22 @@ class _Writer:
             return f"{args[0]} {OPERATORS[node.op]} {args[1]}"
         return f"{function_name(FUNCTIONS[node.op], self._bits)}({args[0]})"
 
-    def _loop(self, of: Traced) -> None:
+    def _loop(self, loop_node: Traced) -> None:
         """Write a loop; its carried values are variables, and its results after it."""
         loop: Loop
-        loop, most = of.extra
-        needed, *begin = [self._name(arg) for arg in of.args]
-        names = [f"l{of.number}_{k}" for k in range(len(begin))]
-        again = f"l{of.number}_again"
-        for name, value in zip(names, begin, strict=True):
+        loop, most = loop_node.extra
+        needed, *first_values = [self._name(arg) for arg in loop_node.args]
+        names = [f"l{loop_node.number}_{k}" for k in range(len(first_values))]
+        again = f"l{loop_node.number}_again"
+        for name, value in zip(names, first_values, strict=True):
             self._add(f"real {name} = {value};")
         self._add(f"bool {again} = {needed};")
-        round_ = f"l{of.number}_round"
+        round_ = f"l{loop_node.number}_round"
         self._add(f"for (int {round_} = 0; {again} && {round_} < {most}; {round_}++) {{")
         outer, self._indent = self._indent, self._indent + "    "
-        known = dict(self._names)
+        names_before = dict(self._names)
         self._names.update(zip(loop.carried, names, strict=True))
-        inside = reachable([*loop.results, loop.again]) - set(known) - set(loop.carried)
+        inside = reachable([*loop.results, loop.again]) - set(names_before) - set(loop.carried)
         for node in sorted(inside, key=IN_ORDER):
             self._name(node)
         results = [self._name(result) for result in loop.results]
@@ -171,47 +168,47 @@ class _Writer:
             self._add(f"{name} = {name}_next;")
         self._indent = outer
         self._add("}")
-        self._names = known
-        self._names[of] = ""
-        for name, found in zip([*names, again], _results_of(of), strict=True):
-            if found is not None:
-                self._names[found] = name
+        self._names = names_before
+        self._names[loop_node] = ""
+        for name, result_node in zip([*names, again], _results_of(loop_node), strict=True):
+            if result_node is not None:
+                self._names[result_node] = name
 
 
-def _results_of(of: Traced) -> list[Traced | None]:
-    """Results of a loop, in their order; None for those that nobody asked for."""
-    found: list[Traced | None] = [None] * len(of.args)
+def _results_of(loop_node: Traced) -> list[Traced | None]:
+    """Results of a loop, in their order; None for those that are not used."""
+    results: list[Traced | None] = [None] * len(loop_node.args)
     for node in Traced._nodes.values():
-        if node.op == "result" and node.args[0] is of:
-            found[node.extra] = node
-    return found
+        if node.op == "result" and node.args[0] is loop_node:
+            results[node.extra] = node
+    return results
 
 
 def _last_uses(nodes: Iterable[Traced], flags: Iterable[Traced]) -> dict[Traced, int]:
-    """Number of the newest node that needs each, also in the body of a loop."""
-    found: dict[Traced, int] = {}
+    """Node -> number of the newest node that needs it, also in the body of a loop."""
+    last_uses: dict[Traced, int] = {}
     top = set(nodes)
     for node in top:
-        for one in (*node.args, *(_needs_of_body(node, top) if node.op == "loop" else ())):
-            found[one] = max(found.get(one, -1), node.number)
+        for needed in (*node.args, *(_needs_of_body(node, top) if node.op == "loop" else ())):
+            last_uses[needed] = max(last_uses.get(needed, -1), node.number)
     for flag in flags:
-        found[flag] = 2**62
-    return found
+        last_uses[flag] = 2**62  # the return statement
+    return last_uses
 
 
-def _needs_of_body(of: Traced, top: set[Traced]) -> set[Traced]:
+def _needs_of_body(loop_node: Traced, top: set[Traced]) -> set[Traced]:
     """Nodes that the rounds of a loop read, down to those that are computed before it."""
-    found: set[Traced] = set()
-    left = [of]
-    while left:
-        node = left.pop()
-        if node in found:
+    seen: set[Traced] = set()
+    to_visit = [loop_node]
+    while to_visit:
+        node = to_visit.pop()
+        if node in seen:
             continue
-        found.add(node)
-        if node is not of and node in top and node.number < of.number:
+        seen.add(node)
+        if node is not loop_node and node in top and node.number < loop_node.number:
             continue
-        left += node.args if node is not of else ()
+        to_visit += node.args if node is not loop_node else ()
         if node.op == "loop":
             loop, _ = node.extra
-            left += [*loop.results, loop.again]
-    return found
+            to_visit += [*loop.results, loop.again]
+    return seen

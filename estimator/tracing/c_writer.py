@@ -44,13 +44,13 @@ class FunctionWriter:
         parameters: dict[str, Type],
         result: Type | None,
     ) -> None:
-        self._all, self._function, self._parameters = functions, function, parameters
-        self.result = result
+        self._functions, self._function, self._parameters = functions, function, parameters
+        self.result = result  # without annotation None, until a return statement has been written
         self._globals = function.__globals__
         tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
         self._tree: Any = tree.body[0]
         self._locals = dict(parameters)
-        self._known: dict[str, int] = {}
+        self._unrolled: dict[str, int] = {}
         self._lines: list[str] = []
         self._declared: list[str] = []
         self._indent = "    "
@@ -61,7 +61,8 @@ class FunctionWriter:
         for statement in self._tree.body:
             self._statement(statement)
         parameters = [
-            f"{of.c} {_safe(one)}".replace("* ", "*") for one, of in self._parameters.items()
+            f"{c_type.c} {_safe(parameter)}".replace("* ", "*")
+            for parameter, c_type in self._parameters.items()
         ]
         head = f"static {(self.result or NONE).c} {name}({', '.join(parameters) or 'void'})"
         unused = [f"    (void){_safe(one)};" for one in self._parameters]
@@ -75,22 +76,24 @@ class FunctionWriter:
     def _add(self, line: str) -> None:
         self._lines.append(self._indent + line)
 
-    def _local(self, name: str, of: Type, *, is_alias: bool = False) -> None:
-        before = self._locals.get(name)
-        if before is None:
-            self._locals[name] = of
+    def _local(self, name: str, c_type: Type, *, is_alias: bool = False) -> None:
+        """Declare a local variable if it is new; an alias of an array has no elements."""
+        if name not in self._locals:
+            self._locals[name] = c_type
             name = _safe(name)
-            if of.kind == "array" and not is_alias:
-                declared = f"{ELEMENTS[of.name]} {name}[{math.prod(of.shape)}] = {{0}}"
-            elif of.kind in ("array", "record"):
-                declared = f"{of.c}{name} = NULL"
+            if c_type.kind == "array" and not is_alias:
+                declared = f"{ELEMENTS[c_type.name]} {name}[{math.prod(c_type.shape)}] = {{0}}"
+            elif c_type.kind in ("array", "record"):
+                declared = f"{c_type.c}{name} = NULL"
             else:
-                declared = f"{of.c} {name}" + (" = 0" if of in NUMBERS and of != COMPLEX else "")
+                starts_at_zero = c_type in NUMBERS and c_type != COMPLEX
+                declared = f"{c_type.c} {name}" + (" = 0" if starts_at_zero else "")
             self._declared += [f"    {declared};", f"    (void){name};"]
 
     # --- statements ------------------------------------------------------------------------------
 
     def _statement(self, node: ast.stmt) -> None:
+        """Write a statement; docstrings and checks that raise are left out."""
         match node:
             case ast.Expr(value=ast.Constant()) | ast.Raise():
                 return
@@ -131,20 +134,21 @@ class FunctionWriter:
         self._indent = outer
 
     def _for(self, name: str, over: ast.expr, body: Sequence[ast.stmt]) -> None:
+        """Loop over a range, unrolled if it indexes a tuple, or over an array (n,)."""
         if isinstance(over, ast.Call) and _name_of(over.func) == "range":
             bounds = [self._code(arg) for arg in over.args]
             start, stop = bounds[:2] if len(bounds) > 1 else (Code("0", INT, 0), bounds[0])
             if self._indexes_tuple(name, body):
                 for k in range(start.value, stop.value):
-                    self._known[name] = k
+                    self._unrolled[name] = k
                     for statement in body:
                         self._statement(statement)
-                    del self._known[name]
+                    del self._unrolled[name]
                 return
             stride = bounds[2].value if len(bounds) > 2 else 1
             if stride not in (1, -1):
                 raise self._fail(over)
-            stop = stop if stop.value is not None else self._kept(stop)
+            stop = stop if stop.value is not None else self._in_variable(stop)
             relation, step = (">", "--") if stride < 0 else ("<", "++")
             self._local(name, INT)
             at = _safe(name)
@@ -168,42 +172,48 @@ class FunctionWriter:
         """Return True if a loop's variable is the index of a tuple."""
         for node in chain.from_iterable(map(ast.walk, body)):
             if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
-                of = self._locals.get(node.value.id)
-                if of is not None and of.kind == "tuple" and _name_of(node.slice) == name:
+                owner_type = self._locals.get(node.value.id)
+                if (
+                    owner_type is not None
+                    and owner_type.kind == "tuple"
+                    and _name_of(node.slice) == name
+                ):
                     return True
         return False
 
     def _return(self, value: ast.expr) -> None:
-        found = self._code(value, self.result)
+        code = self._code(value, self.result)
         if self.result is None:
-            self.result = found.type
-        self._add(f"return {self._as(found, self.result).text};")
+            self.result = code.type
+        self._add(f"return {self._as(code, self.result).text};")
 
     def _assign(self, targets: Sequence[ast.expr], value: ast.expr) -> None:
+        """Assign one value to one or more targets, or a tuple part by part."""
         first = targets[0]
         if len(targets) > 1:
             found = self._code(value)
             if not isinstance(value, ast.Constant):
-                found = self._kept(found)
+                found = self._in_variable(found)
             for target in targets:
                 self._store(target, found)
         elif isinstance(first, ast.Tuple) and isinstance(value, ast.Tuple):
-            kept = [
-                found if isinstance(one, ast.Constant) else self._kept(found)
-                for one in value.elts
-                for found in [self._code(one)]
+            # All values before the first assignment, as in a swap.
+            values = [
+                code if isinstance(element, ast.Constant) else self._in_variable(code)
+                for element in value.elts
+                for code in [self._code(element)]
             ]
-            for target, one in zip(first.elts, kept, strict=True):
-                self._store(target, one)
+            for target, code in zip(first.elts, values, strict=True):
+                self._store(target, code)
         elif isinstance(first, ast.Tuple):
-            found = self._kept(self._code(value))
-            for target, (name, of) in zip(first.elts, found.type.fields, strict=True):
-                self._store(target, Code(f"{found.text}.{name}", of))
+            found = self._in_variable(self._code(value))
+            for target, (field, c_type) in zip(first.elts, found.type.fields, strict=True):
+                self._store(target, Code(f"{found.text}.{field}", c_type))
         else:
             self._store(first, self._code(value))
 
-    def _kept(self, code: Code) -> Code:
-        """Value of an expression in a variable of its own."""
+    def _in_variable(self, code: Code) -> Code:
+        """Assign an expression to a new variable, so that it is evaluated once."""
         if code.type.kind in ("record", "array"):
             return code
         name = f"t_{self._count}"
@@ -212,21 +222,22 @@ class FunctionWriter:
         return Code(name, code.type)
 
     def _store(self, target: ast.expr, code: Code) -> None:
+        """Assign an expression to a variable, an array, one of its elements, or a field."""
         match target:
             case ast.Name(id=name):
                 if code.type.kind == "array" and name not in self._locals and code.text == "{0}":
                     self._local(name, code.type)
                     return
                 self._local(name, code.type, is_alias=True)
-                of = self._locals[name]
-                if of == INT and code.type == REAL:
+                declared = self._locals[name]
+                if declared == INT and code.type == REAL:
                     raise self._fail(target, f"{name}, first a whole number and then a real one,")
-                self._add(f"{_safe(name)} = {self._as(code, of).text};")
+                self._add(f"{_safe(name)} = {self._as(code, declared).text};")
             case ast.Subscript(slice=ast.Slice(lower=None, upper=None)):
                 array = self._code(target.value)
                 place = f"k_{self._count}"
                 self._count += 1
-                size, kept = math.prod(array.type.shape), self._kept(self._as(code, REAL))
+                size, kept = math.prod(array.type.shape), self._in_variable(self._as(code, REAL))
                 self._add(f"for (int {place} = 0; {place} < {size}; {place}++) {{")
                 self._add(f"    {array.text}[{place}] = {kept.text};")
                 self._add("}")
@@ -235,53 +246,59 @@ class FunctionWriter:
                 value = self._as(code, found.type).text
                 if isinstance(target, ast.Attribute) and found.type in (INT, BOOL):
                     owner = self._code(target.value).type.name
-                    value = f"({self._all.integers.get((owner, target.attr), 'int64_t')})({value})"
+                    value = f"({self._functions.integers.get((owner, target.attr), 'int64_t')})({value})"
                 self._add(f"{found.text} = {value};")
             case _:
                 raise self._fail(target)
 
     # --- expressions -----------------------------------------------------------------------------
 
-    def _as(self, code: Code, of: Type) -> Code:
+    def _as(self, code: Code, wanted: Type) -> Code:
         """Convert a number to another type."""
-        if code.type == of or code.type.kind in ("tuple", "record", "array"):
+        if code.type == wanted or code.type.kind in ("tuple", "record", "array"):
             return code
-        if of == REAL and code.type in (INT, BOOL):
+        if wanted == REAL and code.type in (INT, BOOL):
             if code.value is not None:
-                return Code(literal(float(code.value), self._all.bits), REAL, float(code.value))
+                return Code(
+                    literal(float(code.value), self._functions.bits), REAL, float(code.value)
+                )
             return Code(f"(real)({code.text})", REAL)
-        if of == INT and code.type == BOOL:
+        if wanted == INT and code.type == BOOL:
             return Code(f"(int64_t)({code.text})", INT)
-        if of == BOOL:
+        if wanted == BOOL:
             return Code(f"{code.text} != 0", BOOL)
-        if of == COMPLEX:
-            zero = literal(0.0, self._all.bits)
+        if wanted == COMPLEX:
+            zero = literal(0.0, self._functions.bits)
             return Code(f"complex_of({self._as(code, REAL).text}, {zero})", COMPLEX)
         raise NotImplementedError(
-            f"{self._function.__qualname__}: {code.text} is {code.type.kind}, not {of.kind}"
+            f"{self._function.__qualname__}: {code.text} is {code.type.kind}, not {wanted.kind}"
         )
 
     def _truth(self, node: ast.expr) -> str:
         return self._as(self._code(node), BOOL).text
 
     def _constant(self, value: Any, node: ast.AST) -> Code:
+        """Literal of a number; `node` is where it stands, for the error of anything else."""
         if isinstance(value, bool | np.bool_):
             return Code("true" if value else "false", BOOL, bool(value))
         if isinstance(value, int | np.integer):
             return Code(_whole(int(value)), INT, int(value))
         if isinstance(value, float):
-            return Code(literal(value, self._all.bits), REAL, value)
+            return Code(literal(value, self._functions.bits), REAL, value)
         if isinstance(value, complex):
-            parts = ", ".join(literal(one, self._all.bits) for one in (value.real, value.imag))
+            parts = ", ".join(
+                literal(one, self._functions.bits) for one in (value.real, value.imag)
+            )
             return Code(f"complex_of({parts})", COMPLEX)
         raise self._fail(node)
 
     def _code(self, node: ast.expr, wanted: Type | None = None) -> Code:
+        """Expression in C; a tuple has the `wanted` type."""
         match node:
             case ast.Constant(value=value):
                 return self._constant(value, node)
-            case ast.Name(id=name) if name in self._known:
-                return self._constant(self._known[name], node)
+            case ast.Name(id=name) if name in self._unrolled:
+                return self._constant(self._unrolled[name], node)
             case ast.Name(id=name) if name in self._locals:
                 return Code(_safe(name), self._locals[name])
             case ast.Name(id=name):
@@ -313,102 +330,111 @@ class FunctionWriter:
         raise self._fail(node)
 
     def _attribute(self, node: ast.Attribute) -> Code:
+        """Constant of a module, part of a complex number, or field of a tuple or record."""
         if isinstance(node.value, ast.Name) and node.value.id not in self._locals:
             return self._constant(getattr(self._globals[node.value.id], node.attr), node)
         owner = self._code(node.value)
         if owner.type == COMPLEX:
             return Code(f"({owner.text}).{node.attr[:2]}", REAL)
-        replaced: Code | None = self._all.constants.get((owner.type.name, node.attr))
+        replaced: Code | None = self._functions.constants.get((owner.type.name, node.attr))
         if replaced is not None:
             return replaced
-        of = owner.type.field(node.attr)
+        field_type = owner.type.field(node.attr)
         text = f"{owner.text}{'->' if owner.type.kind == 'record' else '.'}{node.attr}"
-        return Code(f"(&{text})" if of.kind == "record" else text, of)
+        return Code(f"(&{text})" if field_type.kind == "record" else text, field_type)
 
     def _subscript(self, node: ast.Subscript) -> Code:
+        """Part of a tuple, element of an array, or the rest of its axes as an array."""
         owner = self._code(node.value)
         if owner.type.kind == "tuple":
             place = self._code(node.slice).value
             if place is None:
                 raise self._fail(node)
-            name, of = owner.type.fields[place]
-            return Code(f"{owner.text}.{name}", of)
+            name, field_type = owner.type.fields[place]
+            return Code(f"{owner.text}.{name}", field_type)
         parts = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
         places = [self._code(one) for one in parts]
         text = ""
         for place, size in zip(places, owner.type.shape, strict=False):
             text = f"({text}) * {size} + {place.text}" if text else place.text
-        rest = owner.type.shape[len(places) :]
-        if rest:
+        rest_of_shape = owner.type.shape[len(places) :]
+        if rest_of_shape:
             return Code(
-                f"({owner.text} + ({text}) * {math.prod(rest)})", owner.type._replace(shape=rest)
+                f"({owner.text} + ({text}) * {math.prod(rest_of_shape)})",
+                owner.type._replace(shape=rest_of_shape),
             )
         element = REAL if owner.type.name == "real" else INT
         return Code(f"{owner.text}[{text}]", element)
 
     def _arithmetic(self, node: ast.AST, op: ast.operator, left: Code, right: Code) -> Code:
+        """Sum, difference, product, quotient or power; that of constants is computed here."""
         if isinstance(op, ast.Pow):
             return self._power(node, left, right)
         if type(op) not in ARITHMETIC:
             raise self._fail(node)
-        of = max(left.type, right.type, key=NUMBERS.index)
+        common = max(left.type, right.type, key=NUMBERS.index)
         if isinstance(op, ast.Div):
-            of = max(of, REAL, key=NUMBERS.index)
-        of = INT if of == BOOL else of
+            common = max(common, REAL, key=NUMBERS.index)
+        common = INT if common == BOOL else common
         if left.value is not None and right.value is not None:
             return self._constant(COMPUTED[type(op)](left.value, right.value), node)
-        a, b = self._as(left, of).text, self._as(right, of).text
-        if of == COMPLEX:
-            return Code(f"complex_{OF_COMPLEX[type(op)]}({a}, {b})", of)
-        return Code(f"({a} {ARITHMETIC[type(op)]} {b})", of)
+        a, b = self._as(left, common).text, self._as(right, common).text
+        if common == COMPLEX:
+            return Code(f"complex_{OF_COMPLEX[type(op)]}({a}, {b})", common)
+        return Code(f"({a} {ARITHMETIC[type(op)]} {b})", common)
 
     def _power(self, node: ast.AST, base: Code, power: Code) -> Code:
         if base.value is not None and power.value is not None:
             return self._constant(base.value**power.value, node)
         base = self._as(base, REAL)
         if power.value == 2:
-            kept = self._kept(base) if not base.text.isidentifier() else base
+            kept = self._in_variable(base) if not base.text.isidentifier() else base
             return Code(f"({kept.text} * {kept.text})", REAL)
-        name = function_name("pow", self._all.bits)
+        name = function_name("pow", self._functions.bits)
         return Code(f"{name}({base.text}, {self._as(power, REAL).text})", REAL)
 
     def _comparison(self, node: ast.Compare) -> Code:
-        found = [self._code(one) for one in (node.left, *node.comparators)]
+        operands = [self._code(one) for one in (node.left, *node.comparators)]
         parts = []
-        for op, a, b in zip(node.ops, found, found[1:], strict=False):
-            of = max(a.type, b.type, INT, key=NUMBERS.index)
-            if of == COMPLEX:
+        for op, a, b in zip(node.ops, operands, operands[1:], strict=False):
+            common = max(a.type, b.type, INT, key=NUMBERS.index)
+            if common == COMPLEX:
                 raise self._fail(node)
-            parts.append(f"{self._as(a, of).text} {RELATION[type(op)]} {self._as(b, of).text}")
+            parts.append(
+                f"{self._as(a, common).text} {RELATION[type(op)]} {self._as(b, common).text}"
+            )
         return Code(parts[0] if len(parts) == 1 else f"({') && ('.join(parts)})", BOOL)
 
     def _choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Code:
-        one, other = self._code(body), self._code(orelse)
-        of = one.type
-        if of in NUMBERS:
-            of = max(of, other.type, key=NUMBERS.index)
-        yes, no = self._as(one, of).text, self._as(other, of).text
-        return Code(f"(({self._truth(test)}) ? {yes} : {no})", of)
+        first, other = self._code(body), self._code(orelse)
+        common = first.type
+        if common in NUMBERS:
+            common = max(common, other.type, key=NUMBERS.index)
+        yes, no = self._as(first, common).text, self._as(other, common).text
+        return Code(f"(({self._truth(test)}) ? {yes} : {no})", common)
 
-    def _tuple(self, values: Sequence[Code], of: Type | None = None) -> Code:
-        if of is None or of.kind != "tuple":
-            of = self._all.tuple_type([(f"_{k}", one.type) for k, one in enumerate(values)])
+    def _tuple(self, values: Sequence[Code], wanted: Type | None = None) -> Code:
+        if wanted is None or wanted.kind != "tuple":
+            fields = [(f"_{k}", value.type) for k, value in enumerate(values)]
+            wanted = self._functions.tuple_type(fields)
         name = f"t_{self._count}"
         self._count += 1
-        self._declared.append(f"    {of.name} {name};")
-        for (field, kind), one in zip(of.fields, values, strict=True):
-            self._add(f"{name}.{field} = {self._as(one, kind).text};")
-        return Code(name, of)
+        self._declared.append(f"    {wanted.name} {name};")
+        for (field, c_type), value in zip(wanted.fields, values, strict=True):
+            self._add(f"{name}.{field} = {self._as(value, c_type).text};")
+        return Code(name, wanted)
 
     def _call(self, node: ast.Call) -> Code:
-        name = _name_of(node.func)
+        """Call of a method, of a function of this package, or of a builtin."""
         if isinstance(node.func, ast.Attribute):
             return self._method(node, node.func)
+        name = _name_of(node.func)
         args: list[Code] = []
         for arg in node.args:
             if isinstance(arg, ast.Starred):
-                whole = self._kept(self._code(arg.value))
-                args += [Code(f"{whole.text}.{field}", of) for field, of in whole.type.fields]
+                whole = self._in_variable(self._code(arg.value))
+                fields = whole.type.fields
+                args += [Code(f"{whole.text}.{field}", c_type) for field, c_type in fields]
             else:
                 args.append(self._code(arg))
         if name in self._globals:
@@ -432,52 +458,59 @@ class FunctionWriter:
                 return self._constant(args[0].type.shape[0], node)
         raise self._fail(node)
 
-    def _call_of(self, node: ast.Call, called: Any, args: list[Code]) -> Code:
+    def _call_of(self, node: ast.Call, called: Any, args: Sequence[Code]) -> Code:
+        """Call of a named tuple's type, or of a function of this package.
+
+        The default of a parameter without argument must be a tuple of numbers.
+        """
         if isinstance(called, type) and issubclass(called, tuple):
-            return self._tuple(args, self._all.of_annotation(called))
+            return self._tuple(args, self._functions.of_annotation(called))
         if not str(getattr(called, "__module__", "")).startswith(LIBRARY):
             raise self._fail(node)
-        signature = inspect.signature(called)
-        bound = list(signature.parameters.values())
-        defaults = [one.default for one in bound[len(args) :]]
-        args += [self._tuple([self._constant(one, node) for one in of]) for of in defaults]
-        name, result = self._all.called(called, [one.type for one in args])
-        hints = get_type_hints(called)
-        given = []
-        for parameter, one in zip(bound, args, strict=True):
-            stated = self._all.of_annotation(hints.get(parameter.name))
-            given.append(self._as(one, stated).text if stated in NUMBERS and stated else one.text)
-        return Code(f"{name}({', '.join(given)})", result)
+        parameters = list(inspect.signature(called).parameters.values())
+        omitted = [[*parameter.default] for parameter in parameters[len(args) :]]
+        defaults = [self._tuple([self._constant(k, node) for k in numbers]) for numbers in omitted]
+        all_args = [*args, *defaults]
+        name, result = self._functions.name_and_result(called, [arg.type for arg in all_args])
+        hints, texts = get_type_hints(called), []
+        for parameter, arg in zip(parameters, all_args, strict=True):
+            annotated = self._functions.of_annotation(hints.get(parameter.name))
+            is_number = annotated is not None and annotated in NUMBERS
+            texts.append(self._as(arg, annotated).text if is_number else arg.text)
+        return Code(f"{name}({', '.join(texts)})", result)
 
     def _method(self, node: ast.Call, func: ast.Attribute) -> Code:
+        """Call of `np.empty`, `np.zeros`, a function of `math`, or `conjugate`."""
         owner = _name_of(func.value)
         if owner == "np" and func.attr in ("empty", "zeros"):
             shape = node.args[0]
             sizes = shape.elts if isinstance(shape, ast.Tuple) else [shape]
-            of = Type("array", "real", shape=tuple(self._code(one).value for one in sizes))
-            return Code("{0}", of)
+            c_type = Type("array", "real", shape=tuple(self._code(one).value for one in sizes))
+            return Code("{0}", c_type)
         args = [self._code(arg) for arg in node.args]
         if owner == "math" and func.attr in OF_MATH:
-            name = function_name(func.attr, self._all.bits)
+            name = function_name(func.attr, self._functions.bits)
             return Code(f"{name}({', '.join(self._as(one, REAL).text for one in args)})", REAL)
         if func.attr == "conjugate":
-            found = self._kept(self._code(func.value))
+            found = self._in_variable(self._code(func.value))
             return Code(f"complex_of({found.text}.re, -{found.text}.im)", COMPLEX)
         raise self._fail(node)
 
     def _absolute(self, code: Code) -> Code:
         if code.type == INT:
             return Code(f"larger_int({code.text}, -({code.text}))", INT)
-        return Code(f"{function_name('fabs', self._all.bits)}({self._as(code, REAL).text})", REAL)
+        return Code(
+            f"{function_name('fabs', self._functions.bits)}({self._as(code, REAL).text})", REAL
+        )
 
     def _extreme(self, name: str, args: Sequence[Code]) -> Code:
-        of = max((one.type for one in args), key=NUMBERS.index)
-        of = INT if of == BOOL else of
-        called = {"min": "smaller", "max": "larger"}[name] + ("_int" if of == INT else "")
-        text = self._as(args[0], of).text
-        for one in args[1:]:
-            text = f"{called}({text}, {self._as(one, of).text})"
-        return Code(text, of)
+        common = max((arg.type for arg in args), key=NUMBERS.index)
+        common = INT if common == BOOL else common
+        called = {"min": "smaller", "max": "larger"}[name] + ("_int" if common == INT else "")
+        text = self._as(args[0], common).text
+        for arg in args[1:]:
+            text = f"{called}({text}, {self._as(arg, common).text})"
+        return Code(text, common)
 
 
 def _safe(name: str) -> str:

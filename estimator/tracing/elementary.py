@@ -102,8 +102,7 @@ PLAIN: dict[str, Any] = {
 def traced(function: Callable[..., Any]) -> Any:
     """Copy a function of plain numbers, and those that it calls, for traced numbers.
 
-    Args:
-        function: function of plain numbers, without branches on them.
+    They must have no branches on these numbers.
     """
     twins: dict[Any, Any] = {}
 

@@ -36,12 +36,7 @@ def lanes_of_machine(bits: int) -> int:
 def emit(module: Any, symbol: str, kernel: Kernel, width: int, bits: int = 64) -> None:
     """Emit a kernel into a module, as a function of `ARRAYS` that returns its flags.
 
-    Args:
-        module: module of LLVM's intermediate representation.
-        symbol: name of the function.
-        kernel: the kernel.
-        width: number of lanes.
-        bits: number of bits of each number, 64 or 32.
+    The function is named `symbol`, and has `width` lanes of numbers of 64 or 32 `bits`.
     """
     number = ir.DoubleType() if bits == 64 else ir.FloatType()
     kind = ir.FunctionType(LONG, [number.as_pointer()] * len(ARRAYS))
@@ -61,7 +56,7 @@ class _Emitter:
         self.rows = dict(zip(ARRAYS, kernel.rows, strict=True))
         self.values: dict[Traced, Any] = {}
         self.written: set[tuple[str, int]] = set()
-        self.done = 0
+        self.operations = 0
         self.in_loop = False
         self.loads: dict[Traced, tuple[int, Any]] = {}
         self.wide: dict[Traced, Any] = {}
@@ -94,22 +89,24 @@ class _Emitter:
         self.builder.ret(flags)
 
     def _compute(self, node: Traced) -> Any:
+        """Value of a node, which is emitted if it is new."""
         if node.op == "load":
             return self._load(node)
-        found = self.values.get(node)
-        if found is None:
-            self.done += 1
-            if self.done % RELOAD_AFTER == 0 and not self.in_loop:
+        value = self.values.get(node)
+        if value is None:
+            self.operations += 1
+            if self.operations % RELOAD_AFTER == 0 and not self.in_loop:
                 self._hide_pointers()
-            found = self.values[node] = self._code(node)
-        return found
+            value = self.values[node] = self._code(node)
+        return value
 
     def _load(self, node: Traced) -> Any:
+        """Row of the workspace, which is loaded again after `RELOAD_AFTER` operations."""
         epoch, value = self.loads.get(node, (-1, None))
-        now = self.done // RELOAD_AFTER
-        if value is None or (epoch != now and node.extra not in self.written):
+        current = self.operations // RELOAD_AFTER
+        if value is None or (epoch != current and node.extra not in self.written):
             value = self.builder.load(self._address(*node.extra), align=self.align)
-            self.loads[node] = now, value
+            self.loads[node] = current, value
         return value
 
     def _hide_pointers(self) -> None:
@@ -119,6 +116,7 @@ class _Emitter:
             self.pointers[name] = self.builder.asm(kind, "", "=r,0", [pointer], side_effect=True)
 
     def _code(self, node: Traced) -> Any:
+        """Emit the instructions of a node that is no load; return its value."""
         b = self.builder
         match node.op:
             case "constant":
@@ -216,15 +214,16 @@ class _Emitter:
         return b.zext(lanes, LONG)
 
     def _any(self, flag: Any) -> Any:
+        """Truth value that a flag is true in any lane."""
         b = self.builder
         kind = ir.IntType(self.width)
         return b.icmp_unsigned("!=", b.bitcast(flag, kind), kind(0))
 
-    def _loop(self, of: Traced) -> list[Any]:
+    def _loop(self, node_of_loop: Traced) -> list[Any]:
         """Emit the rounds of a loop; return its final values."""
-        loop, most = of.extra
+        loop, most = node_of_loop.extra
         b = self.builder
-        needed, *begin = [self._widened(arg) for arg in of.args]
+        needed, *first_values = [self._widened(arg) for arg in node_of_loop.args]
         # Values that only the rounds need are computed there; the optimiser moves constant ones out.
         inside = reachable([*loop.results, loop.again]) - set(self.values) - set(loop.carried)
         if most > 1:
@@ -237,7 +236,7 @@ class _Emitter:
         counter.add_incoming(INT(0), before)
         values, wide, loads = dict(self.values), dict(self.wide), dict(self.loads)
         was_in_loop, self.in_loop = self.in_loop, True
-        for carried, value in zip(loop.carried, begin, strict=True):
+        for carried, value in zip(loop.carried, first_values, strict=True):
             phi = b.phi(self.vector)
             phi.add_incoming(value, before)
             self.values[carried] = phi
@@ -254,7 +253,7 @@ class _Emitter:
         b.cbranch(more, body, after)
         b.position_at_end(after)
         final = []
-        for value, result in zip([*begin, needed], [*results, again], strict=True):
+        for value, result in zip([*first_values, needed], [*results, again], strict=True):
             phi = b.phi(value.type)
             phi.add_incoming(value, before)
             phi.add_incoming(result, end)

@@ -49,9 +49,6 @@ def entry(function: Callable[..., Any]) -> Any:
 
     The machine code releases the interpreter's lock while it runs.
 
-    Args:
-        function: the function.
-
     Raises:
         ValueError: the function has variables of an enclosing function, which its name does not show;
             or a function that it calls calls itself.
@@ -62,6 +59,7 @@ def entry(function: Callable[..., Any]) -> Any:
 
 
 def _cached(function: FunctionType, options: dict[str, Any]) -> Any:
+    """Compile with numba's options, and the disk cache of the function's package."""
     dispatcher = njit(**options)(function)
     package = function.__module__.split(".")[1]
     dispatcher._cache = KernelCache(f"{function.__module__}.{function.__qualname__}", package)
@@ -78,14 +76,17 @@ def jit(function: Any, callers: tuple[Any, ...] = ()) -> Any:
         raise ValueError(f"{function.__qualname__} calls itself, which compiled functions cannot")
     if function not in COMPILED:
         dispatcher: Any = njit(**INNER)(_with_compiled_callees(function, callers))
-        typed = dispatcher.get_call_template
+        template = dispatcher.get_call_template
         # numba would compile a function again for each constant that it is called with.
-        dispatcher.get_call_template = lambda args, kws: typed([*map(types.unliteral, args)], kws)
+        dispatcher.get_call_template = lambda args, kws: template(
+            [*map(types.unliteral, args)], kws
+        )
         COMPILED[function] = dispatcher
     return COMPILED[function]
 
 
 def _with_compiled_callees(function: Any, callers: tuple[Any, ...]) -> FunctionType:
+    """Copy a function; functions of this package that it calls are compiled ones."""
     names = dict(function.__globals__)
     for name in _loaded_globals(function):
         callee = names.get(name)
@@ -112,6 +113,7 @@ def _renamed(function: Any, names: dict[str, Any]) -> FunctionType:
 
 
 def _holds(condition: bool) -> bool:
+    """Twin of `choices.every` and `choices.some` for one number at a time."""
     return condition
 
 

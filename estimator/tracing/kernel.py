@@ -37,11 +37,7 @@ class Kernel(NamedTuple):
 def call_kernel(kernel: Any, lanes: Any, inputs: Any, constants: Any) -> int:
     """Call a kernel with its `ARRAYS`, and return its flags.
 
-    Args:
-        kernel: function of them; in compiled code the address of its machine code.
-        lanes: workspace of the lanes.
-        inputs: inputs of the step.
-        constants: constants of all lanes.
+    It is a function of these; in compiled code the address of its machine code.
     """
     flags: int = kernel(lanes, inputs, constants)
     return flags

@@ -114,7 +114,7 @@ def cache_folder() -> Path:
 
 
 def kernel_files() -> list[Path]:
-    """Compiled functions of this version of the code and of the compiler."""
+    """Files of compiled functions of this version of the code and of the compiler."""
     folders = {cache_folder() / environment_digest(package) for package in PACKAGES}
     return [path for folder in folders for path in folder.glob("*.kernel") if path.is_file()]
 

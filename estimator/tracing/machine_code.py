@@ -44,11 +44,8 @@ def address_of(
 
     The kernel is traced and compiled, or its code is loaded from disk.
 
-    Args:
-        make: function of the package that makes the kernel.
-        arguments: its arguments, whose `repr` shows all that the kernel depends on.
-        width: number of lanes.
-        bits: number of bits of each number, 64 or 32.
+    `make` makes the kernel from arguments whose `repr` shows all that it depends on, for `width` lanes of
+    numbers of 64 or 32 `bits`.
     """
     described = repr((make.__module__, make.__qualname__, arguments, width, bits))
     digest = hashlib.sha256(described.encode()).hexdigest()[:DIGITS]

@@ -28,9 +28,9 @@ COMMUTATIVE = {"add", "mul", "and", "or"}
 Operator: TypeAlias = "Callable[[Traced, Any], Traced]"
 
 
-def _both_ways(of: Callable[[Traced, Traced], Traced]) -> tuple[Operator, Operator]:
-    """Operator of a number with another, and of another with the number."""
-    return lambda a, b: of(a, lift(b)), lambda b, a: of(lift(a), b)
+def _both_ways(operation: Callable[[Traced, Traced], Traced]) -> tuple[Operator, Operator]:
+    """Make the methods of an operator with a traced number on the left, on the right."""
+    return lambda a, b: operation(a, lift(b)), lambda b, a: operation(lift(a), b)
 
 
 def _comparison(relation: str) -> Operator:
@@ -55,7 +55,7 @@ class Traced:
     __array_ufunc__ = None
     _nodes: ClassVar[dict[Any, Traced]] = {}
     _known: ClassVar[Mapping[tuple[str, int], float]] = {}
-    # Effects, and the last on each row of the workspace.
+    # Statements in C of the graph, and the last one that changes each row of the workspace.
     effects: ClassVar[list[Traced]] = []
     writers: ClassVar[dict[tuple[str, int], Traced]] = {}
     bits: ClassVar[int] = 64
@@ -116,11 +116,7 @@ class Traced:
 
 
 def start(bits: int = 64) -> None:
-    """Start a new graph, of which there is one at a time.
-
-    Args:
-        bits: number of bits of each number, 64 or 32.
-    """
+    """Start a new graph, the only one, of numbers of 64 or 32 `bits`."""
     Traced._nodes, Traced.bits = {}, bits
     Traced.effects, Traced.writers = [], {}
 
@@ -150,12 +146,12 @@ def lane_input(array: str, row: int) -> Traced:
 
 
 def in_c(code: str, *args: Any) -> Traced:
-    """Value of an expression in C of arguments {0}, {1}, ...; or a vector {out}."""
+    """Value of an expression in C of arguments {0}, {1}, ..., or the vector {out}."""
     return _make("vector" if "{out}" in code else "code", tuple(map(lift, args)), (code, ()))
 
 
 def effect(code: str, *args: Any, rows: Iterable[int] = ()) -> None:
-    """Add a statement in C, which changes a vector or these rows of the workspace."""
+    """Add a statement in C, which changes a vector or these `rows` of the workspace."""
     written = tuple(("lanes", row) for row in rows)
     node = _fresh("effect", (code, written), tuple(map(lift, args)))
     Traced.effects.append(node)
@@ -298,17 +294,17 @@ def where_needed(
 
 def reachable(wanted: Iterable[Traced], *, with_bodies: bool = False) -> set[Traced]:
     """Nodes that some numbers depend on, with or without those in the bodies of loops."""
-    found: set[Traced] = set()
-    left = list(wanted)
-    while left:
-        node = left.pop()
-        if node not in found:
-            found.add(node)
-            left.extend(node.args)
+    nodes: set[Traced] = set()
+    to_visit = list(wanted)
+    while to_visit:
+        node = to_visit.pop()
+        if node not in nodes:
+            nodes.add(node)
+            to_visit.extend(node.args)
             if with_bodies and node.op == "loop":
                 loop, _ = node.extra
-                left += [*loop.results, loop.again]
-    return found
+                to_visit += [*loop.results, loop.again]
+    return nodes
 
 
 # --- graph ----------------------------------------------------------------------------------------
@@ -322,14 +318,14 @@ def _make(
     uniform: bool = False,
     truth: bool = False,
 ) -> Traced:
-    """Make a number, uniform itself or because its arguments are, if it is new."""
+    """Make a number, or find the equal one; uniform arguments make it uniform."""
     numbers = [arg.number for arg in args]
     key = (op, tuple(sorted(numbers) if op in COMMUTATIVE else numbers), extra, truth)
-    found = Traced._nodes.get(key)
-    if found is None:
+    node = Traced._nodes.get(key)
+    if node is None:
         uniform = uniform or (bool(args) and all(arg.uniform for arg in args))
-        found = Traced._nodes[key] = _new(op, args, extra, uniform, truth)
-    return found
+        node = Traced._nodes[key] = _new(op, args, extra, uniform, truth)
+    return node
 
 
 def _fresh(op: str, extra: Any, args: tuple[Traced, ...] = ()) -> Traced:
@@ -443,10 +439,11 @@ def _compare(relation: str, a: Traced, b: Traced) -> Traced:
 
 def _logical(op: str, a: Any, b: Any) -> Traced:
     a, b = lift_truth(a), lift_truth(b)
-    for one, other in ((a, b), (b, a)):
-        if one.constant is not None:
-            absorbs = (one.constant == 0.0) == (op == "and")
-            return cast(Traced, one if absorbs else other)
+    for constant, other in ((a, b), (b, a)):
+        if constant.constant is not None:
+            # False and x is False, True or x is True.
+            decides = (constant.constant == 0.0) == (op == "and")
+            return cast(Traced, constant if decides else other)
     return _make(op, (a, b), truth=True)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
-from icreckon.estimator.faults.odd_wheels import LEAST_WAY, OVER, least_apart
+from icreckon.estimator.faults.odd_wheels import AGREEMENT_TIME, LEAST_ODD_DISTANCE, least_apart
 from icreckon.estimator.log.series import TrackSpeedSeries
 
 OPPOSITE = 0.1
@@ -70,11 +70,11 @@ def of_sides(
     disagree = [_range(one) > least_apart(fastest) for one in wheels]
     if not (disagree[0].any() or disagree[1].any()):
         return TrackSpeedSeries(stamps, means), []
-    intervals = np.minimum(np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, OVER)
+    intervals = np.minimum(np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, AGREEMENT_TIME)
     notes = []
     sides = zip(("left", "right"), wheels, disagree, (names[:left], names[left:]), strict=True)
     for side, of_side, odd, of_names in sides:
-        if (_range(of_side) * intervals)[odd].sum() >= LEAST_WAY:
+        if (_range(of_side) * intervals)[odd].sum() >= LEAST_ODD_DISTANCE:
             seconds = float(intervals[odd].sum())
             notes.append(
                 f"wheels of the {side} side disagree for {seconds:.1f} s: "

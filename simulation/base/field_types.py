@@ -38,6 +38,7 @@ def _fields(kind: type[msgspec.Struct]) -> list[tuple[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
+    """Value in plain Python types, with tuples in place of lists."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, os.PathLike):

@@ -4,6 +4,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 
+# Stamp of the start of every run [ns].
 EPOCH = 1_700_000_000_000_000_000
 
 

@@ -128,13 +128,13 @@ class Contact:
     body: Body
 
     def __post_init__(self) -> None:
-        half, rear, front = _outline(self.geometry)
-        if not (abs(self.body.x_CM) < half and rear < self.body.y_CM < front):
+        half_width, rear, front = _outline(self.geometry)
+        if not (abs(self.body.x_CM) < half_width and rear < self.body.y_CM < front):
             raise ValueError(
                 f"the centre of mass ({self.body.x_CM!r}, {self.body.y_CM!r}) m lies outside the "
-                f"contact, {-half!r} to {half!r} m right and {rear!r} to {front!r} m forward"
+                f"contact, {-half_width!r} to {half_width!r} m right and {rear!r} to {front!r} m forward"
             )
-        highest = min(half, 0.5 * (front - rear)) / LEAST_TIPPING_SLOPE
+        highest = min(half_width, 0.5 * (front - rear)) / LEAST_TIPPING_SLOPE
         if self.body.z_CM > highest:
             raise ValueError(
                 f"the centre of mass is {self.body.z_CM!r} m above the ground, and beyond "
@@ -216,8 +216,8 @@ def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Lo
     from icreckon.simulation.contact.contact_forces import loads_of_many
 
     packed = ground(contact)
-    kind = np.result_type(right, forward, float)
-    right, forward = np.array(np.broadcast_arrays(np.atleast_1d(right), forward), dtype=kind)
+    number_type = np.result_type(right, forward, float)
+    right, forward = np.array(np.broadcast_arrays(np.atleast_1d(right), forward), dtype=number_type)
     count = len(packed.x)
     loads = np.empty((len(right), count), dtype=right.dtype)
     by_right, by_forward = np.empty((2, len(right), count))
@@ -266,7 +266,7 @@ def ground(contact: Contact) -> Ground:
 
 @lru_cache(maxsize=64)
 def _even_loads(geometry: ContactGeometry) -> Floats:
-    """Inverse (3, 3) of the moments of 1, x, y at the contact points."""
+    """Inverse (3, 3) of the weighted sums of products of 1, x, y over all points."""
     points = contact_points(geometry)
     basis = np.stack([np.ones_like(points.x), points.x, points.y])
     return np.asarray(np.linalg.inv((points.weight * basis) @ basis.T), dtype=float)

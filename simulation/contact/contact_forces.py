@@ -3,8 +3,8 @@
 Loads, friction and rolling resistance are implemented only here; `contact`, the stationary solver and the
 transient dynamics all call it. Import it inside functions only: numba takes half a second to load. Every
 function but `newton_of_many` accepts floats, or complex numbers for complex-step differentiation
-(comparisons use the real part). Columns of Jacobians are, in this order, the derivatives by v_x, v_y, w,
-V_l, V_r and by the force at the centre of mass to the right and forward.
+(comparisons use the real part, as in `V.real`). Columns of Jacobians are, in this order, the derivatives
+by v_x, v_y, w, V_l, V_r and by the force at the centre of mass to the right and forward.
 """
 
 from typing import Any, NamedTuple
@@ -75,8 +75,8 @@ def point_loads(
 ) -> bool:
     """Compute loads (m,) [N] under weight and a force at the centre of mass, in place.
 
-    Slopes are the derivatives by that force; see `icreckon.simulation.contact.contact.vertical_loads`.
-    Returns True if the vehicle tips.
+    `by_right` and `by_forward` are the derivatives by that force. Returns True if the vehicle tips; then
+    the centre of pressure (x, y) is held just inside the contact's edge. See `contact.vertical_loads`.
     """
     x_CM, y_CM, z_CM = ground.centre
     half, rear, front = ground.outline
@@ -156,9 +156,9 @@ def add_track_forces(
     for track in range(2):
         V = V_r if track else V_l
         mu_x, mu_y = ground.friction[track]
-        of_V = 3 + track
-        zero = 0.0 * V
+        V_column, zero = 3 + track, 0.0 * V
         load, f_x, f_y, moment = zero, zero, zero, zero
+        # Sums of the derivatives k_xx, k_xy, k_yy of friction by slip; xx_y is the sum of k_xx y.
         xx, xx_y, xx_yy, yy, yy_x, yy_xx = zero, zero, zero, zero, zero, zero
         xy, xy_x, xy_y, xy_xy = zero, zero, zero, zero
         right_load, right_x, right_y, right_moment = zero, zero, zero, zero
@@ -169,15 +169,15 @@ def add_track_forces(
             scale = 1.0 / np.sqrt(u_x * u_x + u_y * u_y + mu_x * mu_y * small * small)
             e_x, e_y = u_x * scale, u_y * scale
             t_x, t_y = mu_x * e_x, mu_y * e_y
-            pressed = p * scale
+            p_over_slip = p * scale
             if sheared:
-                built_up, h_x, h_y, h_w, h_V = _built_up(ground, x, y, v_x, v_y, w, V)
+                h, h_x, h_y, h_w, h_V = _mobilised(ground, x, y, v_x, v_y, w, V)
                 # The product rule's other half: the effect of the shear displacement.
-                for column, slope in ((0, h_x), (1, h_y), (2, h_w), (of_V, h_V)):
-                    jacobian[0, column] -= p * t_x * slope
-                    jacobian[1, column] -= p * t_y * slope
-                    jacobian[2, column] -= p * (x * t_y - y * t_x) * slope
-                t_x, t_y, pressed = t_x * built_up, t_y * built_up, pressed * built_up
+                for column, h_by in ((0, h_x), (1, h_y), (2, h_w), (V_column, h_V)):
+                    jacobian[0, column] -= p * t_x * h_by
+                    jacobian[1, column] -= p * t_y * h_by
+                    jacobian[2, column] -= p * (x * t_y - y * t_x) * h_by
+                t_x, t_y, p_over_slip = t_x * h, t_y * h, p_over_slip * h
             turning = x * t_y - y * t_x
             load += p
             f_x += p * t_x
@@ -191,9 +191,9 @@ def add_track_forces(
             forward_x += by_forward[i] * t_x
             forward_y += by_forward[i] * t_y
             forward_moment += by_forward[i] * turning
-            k_xx = mu_x * mu_x * pressed * (1.0 - e_x * e_x)
-            k_xy = -mu_x * mu_y * pressed * e_x * e_y
-            k_yy = mu_y * mu_y * pressed * (1.0 - e_y * e_y)
+            k_xx = mu_x * mu_x * p_over_slip * (1.0 - e_x * e_x)
+            k_xy = -mu_x * mu_y * p_over_slip * e_x * e_y
+            k_yy = mu_y * mu_y * p_over_slip * (1.0 - e_y * e_y)
             xx += k_xx
             xx_y += k_xx * y
             xx_yy += k_xx * y * y
@@ -211,7 +211,7 @@ def add_track_forces(
             (0, xx, xy, xy_x - xx_y),
             (1, xy, yy, yy_x - xy_y),
             (2, xy_x - xx_y, yy_x - xy_y, xx_yy - 2.0 * xy_xy + yy_xx),
-            (of_V, -xy, -yy, xy_y - yy_x),
+            (V_column, -xy, -yy, xy_y - yy_x),
             (5, right_x, right_y, right_moment),
             (6, forward_x, forward_y, forward_moment),
         ):
@@ -233,7 +233,7 @@ def add_track_forces(
                     jacobian[row, 1] += lever * slope
                     jacobian[row, 2] += lever * X * slope
                 else:
-                    jacobian[row, of_V] += lever * slope
+                    jacobian[row, V_column] += lever * slope
 
 
 @compiled
@@ -242,8 +242,8 @@ def add_steady_balance(
 ) -> None:
     """Add to zeros the balance (3,) of steady motion and its derivatives (3, COLUMNS).
 
-    The force at the centre of mass is that of inertia, (4) and (10). Loads and their slopes (m,) are
-    overwritten; other arguments as in `add_track_forces`.
+    The force at the centre of mass is that of inertia, (4) and (10). `pressing` is overwritten; for the
+    other arguments see `add_track_forces`.
     """
     v_x, v_y, w = twist
     M = ground.mass
@@ -304,7 +304,7 @@ def mass_matrix(mass: float, x_CM: float, y_CM: float, yaw_inertia: float) -> Fl
 
 @compiled
 def solve_3(matrix: Any, right_hand_side: Any, solution: Any) -> bool:
-    """Solve a 3 by 3 system by cofactors; zero and False if it is singular."""
+    """Solve a 3 by 3 system by cofactors; if it is singular, set zero, return False."""
     a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
     d, e, f = matrix[1, 0], matrix[1, 1], matrix[1, 2]
     g, h, i = matrix[2, 0], matrix[2, 1], matrix[2, 2]
@@ -346,7 +346,7 @@ def newton_of_many(
     values, jacobian = np.empty(3), np.empty((3, COLUMNS))
     step, trial = np.empty(3), np.empty(3)
     for k in range(len(V)):
-        size, merit = 1.0, np.inf
+        step_share, merit = 1.0, np.inf
         trial[:] = twist[k]
         step[:] = 0.0
         for _ in range(steps + 1):
@@ -355,9 +355,9 @@ def newton_of_many(
             at, speeds = (trial[0], trial[1], trial[2]), (V[k, 0], V[k, 1])
             add_steady_balance(ground, at, speeds, pressing, values, jacobian)
             values *= unit
-            found = (values * values).sum()
-            if found < (1.0 - SUFFICIENT_DECREASE * size) * merit:
-                merit = found
+            squares = (values * values).sum()
+            if squares < (1.0 - SUFFICIENT_DECREASE * step_share) * merit:
+                merit = squares
                 twist[k] = trial
                 residual[k] = np.abs(values).max()
                 if residual[k] <= tolerance:
@@ -365,41 +365,44 @@ def newton_of_many(
                 for row in range(3):
                     jacobian[row] *= unit[row]
                 solve_3(jacobian, values, step)
-                size = 1.0
+                step_share = 1.0
             else:
-                size *= 0.5
-                if size <= SMALLEST_STEP:
+                step_share *= 0.5
+                if step_share <= SMALLEST_STEP:
                     break
-            trial[:] = twist[k] - size * step
+            trial[:] = twist[k] - step_share * step
 
 
 @compiled
-def _built_up(
+def _mobilised(
     ground: Ground, x: float, y: float, v_x: Any, v_y: Any, w: Any, V: Any
 ) -> tuple[Any, Any, Any, Any, Any]:
-    """Wong and Chiang's share h of the friction at a point, and h by v_x, v_y, w, V.
+    """Mobilised share h = 1 - exp(-j / K) of a point's friction, and its derivatives.
 
-    A point of the track enters the contact at the end toward which the track drives, and reaches y
-    after the time |y - y_entry| / |V|. Its shear displacement is the slip summed over that time in
-    the vehicle's axes (the vehicle's rotation meanwhile is neglected). For a track at rest no end is the
-    entry, and all its points have full friction.
+    A point of the track enters the contact at the end toward which the track drives, and reaches y after
+    the time |y - y_entry| / |V|. Its shear displacement j [m] is that time multiplied by the slip speed
+    halfway there (midpoint rule); the vehicle's rotation meanwhile is neglected. Returns h [-] (Wong and
+    Chiang) and its derivatives by v_x, v_y [s/m], w [s/rad] and V [s/m].
     """
     _, rear, front = ground.outline
-    entry, passage = y, front - rear
+    # At V = 0 no end is the entry: the travel time is very long, and friction practically full.
+    entry, distance = y, front - rear
     if V.real > 0.0:
-        entry, passage = front, abs(y - front)
+        entry, distance = front, abs(y - front)
     elif V.real < 0.0:
-        entry, passage = rear, abs(y - rear)
+        entry, distance = rear, abs(y - rear)
     small, K = ground.small, ground.shear_modulus
-    time = passage / np.sqrt(V * V + small * small)
-    time_V = -time * V / (V * V + small * small)
-    middle = 0.5 * (y + entry)
-    m_x, m_y = v_x - middle * w, v_y + x * w - V
-    speed = np.sqrt(m_x * m_x + m_y * m_y + small * small)
-    missing = np.exp(-time * speed / K)
-    slope = missing * time / (K * speed)
-    by_V = -slope * m_y + missing / K * speed * time_V
-    return 1.0 - missing, slope * m_x, slope * m_y, slope * (x * m_y - middle * m_x), by_V
+    time = distance / np.sqrt(V * V + small * small)
+    time_by_V = -time * V / (V * V + small * small)
+    halfway = 0.5 * (y + entry)
+    slip_x, slip_y = v_x - halfway * w, v_y + x * w - V
+    slip = np.sqrt(slip_x * slip_x + slip_y * slip_y + small * small)
+    unmobilised = np.exp(-time * slip / K)
+    by_slip_over_slip = unmobilised * time / (K * slip)
+    by_x, by_y = by_slip_over_slip * slip_x, by_slip_over_slip * slip_y
+    by_w = by_slip_over_slip * (x * slip_y - halfway * slip_x)
+    by_V = -by_slip_over_slip * slip_y + unmobilised / K * slip * time_by_V
+    return 1.0 - unmobilised, by_x, by_y, by_w, by_V
 
 
 @compiled
@@ -442,7 +445,7 @@ def _inverse_of_touching(ground: Ground, x: float, y: float, plane: Floats) -> F
     inverse, step = np.empty((3, 3)), np.empty(3)
     active = np.empty(len(ground.x), dtype=np.bool_)
     gradient, moments = np.empty(3), np.array([1.0, x, y])
-    before = _dual(ground, plane, moments, gradient, active)
+    previous = _dual(ground, plane, moments, gradient, active)
     for _ in range(ACTIVE_SET_ITERATIONS):
         _invert_moments(ground, active, inverse)
         if np.abs(gradient).max() <= NO_LOAD:
@@ -453,14 +456,14 @@ def _inverse_of_touching(ground: Ground, x: float, y: float, plane: Floats) -> F
             for column in range(3):
                 step[row] -= inverse[row, column] * gradient[column]
             descent += step[row] * gradient[row]
-        size = 1.0
+        step_share = 1.0
         for _ in range(LINE_SEARCH_HALVINGS):
-            trial = plane + size * step
-            found = _dual(ground, trial, moments, gradient, active)
-            if found <= before + ARMIJO * size * descent + 1e-15:
+            trial = plane + step_share * step
+            value = _dual(ground, trial, moments, gradient, active)
+            if value <= previous + ARMIJO * step_share * descent + 1e-15:
                 break
-            size *= 0.5
-        plane, before = trial, found
+            step_share *= 0.5
+        plane, previous = trial, value
     return inverse
 
 

@@ -1,4 +1,4 @@
-"""Contact of a robot with its usual ground, and what its file leaves out for that."""
+"""Contact of a robot with its usual ground, and warnings about its file."""
 
 import numpy as np
 
@@ -9,13 +9,13 @@ from icreckon.estimator.robot.soil import Soil
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import solve_steady
 
-# Slow turns to both sides, tracks left and right as shares of the crawl [m/s]: inertia is negligible.
+# Slow turns to both sides, with negligible inertia: speeds (left, right) in multiples of CRAWL [m/s].
 TURNS = np.array([[1.0, 2.0], [2.0, 1.0], [1.0, 1.3], [1.3, 1.0]])
 CRAWL = 0.05
 # Name of the truth in which the contact moves the robot.
 FRICTION = "friction"
-# Factor between the effective tracks of the file and of its contact that is remarked on [-].
-FAR = 1.15
+# A warning is given if the eta0 of the file and of its contact differ by more than this factor [-].
+LARGEST_ETA_RATIO = 1.15
 
 
 def contact_of(robot: Robot) -> Contact:
@@ -52,26 +52,28 @@ def slow_turns(contact: Contact) -> IndexValues:
 
 
 def robot_remarks(robot: Robot, truth: str) -> list[str]:
-    """Describe what a robot file leaves out, so that simulations with it mislead.
+    """Return warnings about a robot file that makes friction simulations misleading.
+
+    It has a centre of mass without height, or an eta0 far from that of its contact.
 
     Args:
         robot: the robot.
-        truth: name of the scenario's truth.
+        truth: name of the scenario's truth; only `FRICTION` has warnings.
     """
     if truth != FRICTION:
         return []
-    found = []
+    warnings = []
     if robot.vehicle.centre_of_mass[2] == 0.0:
-        found.append(
+        warnings.append(
             f"{robot.name}: the centre of mass is on the ground, so no load shifts in bends and the ICRs "
             "hardly move with inertia; set its height, the third number of centre_of_mass in [vehicle]"
         )
-    contact = float(np.mean(slow_turns(contact_of(robot)).eta))
-    stated = robot.constant_indices.eta0
-    if not 1.0 / FAR < contact / stated < FAR:
-        found.append(
-            f"{robot.name}: its contact turns it with an effective track of {contact:.2f} times the "
-            f"gauge, its file states {stated:.2f}, where the filters begin; set eta0 = "
-            f"{contact:.2f} in [indices], or calibrate on simulated logs"
+    eta_of_contact = float(np.mean(slow_turns(contact_of(robot)).eta))
+    eta0_of_file = robot.constant_indices.eta0
+    if not 1.0 / LARGEST_ETA_RATIO < eta_of_contact / eta0_of_file < LARGEST_ETA_RATIO:
+        warnings.append(
+            f"{robot.name}: its contact turns it with an effective track of {eta_of_contact:.2f} times "
+            f"the gauge, its file states {eta0_of_file:.2f}, where the filters begin; set eta0 = "
+            f"{eta_of_contact:.2f} in [indices], or calibrate on simulated logs"
         )
-    return found
+    return warnings

@@ -48,10 +48,9 @@ SPEED_STEPS = (16, 64)
 YAW_SHARES = np.linspace(0.1, 1.1, 11)
 FORWARD_SHARES = np.linspace(-1.0, 1.0, 17)
 LATERAL_SHARES = (-0.2, 0.0, 0.2)
-# The guess: effective gauge over gauge of a typical skid-steer vehicle.
+# First guess: effective gauge over gauge of a typical skid-steer vehicle.
 TYPICAL_ETA = 2.5
-# Most pairs that an error names.
-NAMED = 8
+MOST_NAMED_PAIRS = 8
 
 
 @dataclass(frozen=True)
@@ -85,13 +84,15 @@ class SteadyMotion:
         if not failed.size:
             return self
         V_l, V_r, residual = (
-            values.ravel()[failed] for values in (self.V_l, self.V_r, self.residual)
+            values.ravel()[failed[:MOST_NAMED_PAIRS]]
+            for values in (self.V_l, self.V_r, self.residual)
         )
         named = ", ".join(
-            f"({left:.6g}, {right:.6g}) with {rest:.1e}"
-            for left, right, rest in list(zip(V_l, V_r, residual, strict=True))[:NAMED]
+            f"({left:.6g}, {right:.6g}) with {balance:.1e}"
+            for left, right, balance in zip(V_l, V_r, residual, strict=True)
         )
-        more = f" and {failed.size - NAMED} more" if failed.size > NAMED else ""
+        unnamed = failed.size - MOST_NAMED_PAIRS
+        more = f" and {unnamed} more" if unnamed > 0 else ""
         raise SimulationError(
             f"no stationary motion found for {failed.size} of {self.converged.size} pairs of track "
             f"speeds: (V_l, V_r) [m/s] and the balance left as a share of the weight: {named}{more}"
@@ -121,10 +122,9 @@ def solve_steady(
     v_x, v_y, w = (part.reshape(shape) for part in twist)
     inertia = steady_inertia(PaperTwist(*twist), contact.body)
     tipping = vertical_loads(contact, inertia[0], inertia[1]).tipping.reshape(shape)
-    rest = residual.reshape(shape)
-    motion = SteadyMotion(
-        left.copy(), right.copy(), PaperTwist(v_x, v_y, w), rest, rest <= CONVERGED, tipping
-    )
+    residual = residual.reshape(shape)
+    converged, twists = residual <= CONVERGED, PaperTwist(v_x, v_y, w)
+    motion = SteadyMotion(left.copy(), right.copy(), twists, residual, converged, tipping)
     return motion.require_converged() if strict else motion
 
 
@@ -148,24 +148,28 @@ class _Solved(NamedTuple):
 
 
 def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
-    found = _newton(start, V, contact, DIRECT_STEPS, TOLERANCE)
-    left = np.flatnonzero(found.residual > TOLERANCE)
-    if left.size:
-        _keep_better(found, left, _along_regularisation(start[:, left], V[:, left], contact))
+    """Apply the module's stages in turn, each to the pairs that are not solved yet."""
+    solved = _newton(start, V, contact, DIRECT_STEPS, TOLERANCE)
+    unsolved = np.flatnonzero(solved.residual > TOLERANCE)
+    if unsolved.size:
+        _keep_better(
+            solved, unsolved, _along_regularisation(start[:, unsolved], V[:, unsolved], contact)
+        )
     for steps in SPEED_STEPS:
-        left = np.flatnonzero(found.residual > CONVERGED)
-        if not left.size:
+        unsolved = np.flatnonzero(solved.residual > CONVERGED)
+        if not unsolved.size:
             break
-        _keep_better(found, left, _along_speed(V[:, left], contact, steps))
-    for pair in np.flatnonzero(found.residual > CONVERGED):
-        _keep_better(found, np.array([pair]), _from_everywhere(V[:, [pair]], contact))
-    return found
+        _keep_better(solved, unsolved, _along_speed(V[:, unsolved], contact, steps))
+    for pair in np.flatnonzero(solved.residual > CONVERGED):
+        _keep_better(solved, np.array([pair]), _from_everywhere(V[:, [pair]], contact))
+    return solved
 
 
-def _keep_better(found: _Solved, at: NDArray[np.intp], other: _Solved) -> None:
-    better = other.residual < found.residual[at]
-    found.twist[:, at[better]] = other.twist[:, better]
-    found.residual[at[better]] = other.residual[better]
+def _keep_better(solved: _Solved, at: NDArray[np.intp], other: _Solved) -> None:
+    """Overwrite solutions at indices `at` where the other's residual is smaller."""
+    better = other.residual < solved.residual[at]
+    solved.twist[:, at[better]] = other.twist[:, better]
+    solved.residual[at[better]] = other.residual[better]
 
 
 def _along_regularisation(start: Floats, V: Floats, contact: Contact) -> _Solved:
@@ -181,7 +185,7 @@ def _along_regularisation(start: Floats, V: Floats, contact: Contact) -> _Solved
 
 
 def _along_speed(V: Floats, contact: Contact, steps: int) -> _Solved:
-    """Newton's iteration along rising track speeds, each from the previous motion."""
+    """Newton's iteration along rising track speeds, each from the last motion, scaled."""
     twist = _guess(V, contact)
     for step in range(1, steps):
         share = step / steps
@@ -196,10 +200,10 @@ def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
     w = yaw.ravel() * (V[1, 0] - V[0, 0]) / contact.geometry.gauge
     v_y = V.mean() + 0.5 * difference * forward.ravel()
     start = np.stack([contact.body.y_CM * w + 0.5 * difference * lateral.ravel(), v_y, w])
-    many = np.repeat(V, w.size, axis=1)
-    best = _newton(start, many, contact, FINAL_STEPS, TOLERANCE)
+    V_of_each = np.repeat(V, w.size, axis=1)
+    best = _newton(start, V_of_each, contact, FINAL_STEPS, TOLERANCE)
     if best.residual.min() > CONVERGED:
-        best = _along_regularisation(start, many, contact)
+        best = _along_regularisation(start, V_of_each, contact)
     chosen = [int(best.residual.argmin())]
     return _Solved(best.twist[:, chosen], best.residual[chosen])
 

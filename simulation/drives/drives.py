@@ -21,11 +21,11 @@ from icreckon.simulation.drives.smooth_speeds import (
     STEEPEST,
     Blends,
     Slalom,
-    blend_length,
+    blend_duration,
     blends,
 )
 
-# Distance that half a square wave loses to its blended edges, as a share of an edge's length.
+# Time by which blended edges shorten half a square wave of turning, as a share of an edge's duration.
 EDGE_LOSS = 0.3125
 
 Share = Annotated[float, msgspec.Meta(ge=-1.0, le=1.0)]
@@ -85,14 +85,13 @@ def figure_eight(
     """
     top = robot.vehicle.max_track_speed
     mean, half = speed * top, abs(turn) * top
-    lobe = np.pi * robot.vehicle.track_gauge * robot.indices.eta0 / half
-    edge = blend_length(2.0 * half)
-    lobe += EDGE_LOSS * edge
+    edge_s = blend_duration(2.0 * half)
+    circle_s = np.pi * robot.vehicle.track_gauge * robot.indices.eta0 / half + EDGE_LOSS * edge_s
     events, start, side = [], STANDSTILL, 1.0 if turn > 0.0 else -1.0
     while True:
         events.append((start, mean - side * half, mean + side * half))
-        ramp = blend_length(abs(mean) + half) if start == STANDSTILL else edge
-        start, side = start + max(lobe, ramp), -side
+        ramp_s = blend_duration(abs(mean) + half) if start == STANDSTILL else edge_s
+        start, side = start + max(circle_s, ramp_s), -side
         if start > duration:
             return blends(events)
 
@@ -232,7 +231,7 @@ def stop_and_go(
         rest: seconds of standstill between two drives.
     """
     top = robot.vehicle.max_track_speed
-    ramp = blend_length((abs(speed) + abs(turn)) * top)
+    ramp = blend_duration((abs(speed) + abs(turn)) * top)
     events, start, drives = [], STANDSTILL, 0
     while start <= duration:
         half = (0.0, turn, -turn)[drives % 3]
@@ -245,12 +244,13 @@ def stop_and_go(
 def _random_blends(
     duration: float, rng: Generator, draw: Callable[[], tuple[float, float]], hold: float
 ) -> Blends:
+    """Blends to drawn speeds, each held for an exponential time of mean `hold` [s]."""
     events, start, before = [], STANDSTILL, (0.0, 0.0)
     while True:
         target = draw()
         events.append((start, *target))
         change = max(abs(target[0] - before[0]), abs(target[1] - before[1]))
-        start, before = start + blend_length(change) + rng.exponential(abs(hold)), target
+        start, before = start + blend_duration(change) + rng.exponential(abs(hold)), target
         if start > duration:
             return blends(events)
 

@@ -13,11 +13,12 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.errors import nearest_hint
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.drives.smooth_speeds import STANDSTILL, blend_length
+from icreckon.simulation.drives.smooth_speeds import STANDSTILL, blend_duration
 
 COLUMNS = ("t", "left", "right")
 # A longer recording has its times in another unit than seconds [s].
-LONGEST = 1e6
+LONGEST_RECORDING = 1e6
+FINAL_REST = 1.0  # [s]
 
 
 @dataclass(frozen=True)
@@ -58,24 +59,26 @@ def recorded(
 ) -> Recorded:
     """Commands of a recording: standstill, ramp up, the recording, ramp to standstill.
 
+    The first standstill lasts for `STANDSTILL`, the last one for `FINAL_REST` [s].
+
     Args:
         series: the recorded track speeds.
         factor: factor on its speeds [-].
 
     Raises:
         SimulationError: fewer than two samples, a number that is not finite, times that do not rise,
-            or times that span more than `LONGEST`.
+            or times that span more than `LONGEST_RECORDING`.
     """
     _check_samples(
         np.asarray(series.stamps * NANOSECOND), series.speeds, "the recorded track speeds"
     )
-    since = (series.stamps - series.stamps[0]) * NANOSECOND
+    elapsed_s = (series.stamps - series.stamps[0]) * NANOSECOND
     speeds = factor * series.speeds
-    start = STANDSTILL + blend_length(np.abs(speeds[0]).max())
-    end = start + since[-1] + blend_length(np.abs(speeds[-1]).max())
+    start = STANDSTILL + blend_duration(np.abs(speeds[0]).max())
+    end = start + elapsed_s[-1] + blend_duration(np.abs(speeds[-1]).max())
     rest = np.zeros((2, 2))
     return Recorded(
-        np.concatenate([[0.0, STANDSTILL], start + since, [end, end + 1.0]]),
+        np.concatenate([[0.0, STANDSTILL], start + elapsed_s, [end, end + FINAL_REST]]),
         np.concatenate([rest, speeds, rest]),
     )
 
@@ -140,15 +143,15 @@ def _check_samples(times: Floats, speeds: Floats, source: str) -> None:
     bad = ~(np.isfinite(times) & np.isfinite(speeds).all(axis=1))
     if bad.any():
         raise SimulationError(f"{source}: a number of row {bad.argmax() + 1} is not finite")
-    if np.ptp(times) > LONGEST:
+    if np.ptp(times) > LONGEST_RECORDING:
         raise SimulationError(
             f"{source}: t spans {np.ptp(times):.3g} s, {np.ptp(times) / 86400.0:.3g} days; is it in "
             "seconds?"
         )
-    stays = np.diff(times) < NANOSECOND
-    if stays.any():
-        at = int(stays.argmax())
+    does_not_rise = np.diff(times) < NANOSECOND
+    if does_not_rise.any():
+        before = int(does_not_rise.argmax())
         raise SimulationError(
-            f"{source}: t must rise from row to row, found {times[at]:.9g} s and then "
-            f"{times[at + 1]:.9g} s in row {at + 2}; sort the rows or remove the duplicate"
+            f"{source}: t must rise from row to row, found {times[before]:.9g} s and then "
+            f"{times[before + 1]:.9g} s in row {before + 2}; sort the rows or remove the duplicate"
         )

@@ -1,7 +1,7 @@
 """Track speeds with continuous speed and acceleration, as functions of time.
 
-Every function stands still for `STANDSTILL` seconds first, and keeps each track's acceleration within
-`ACCELERATION` [m/s²].
+Every function stands still for the duration `STANDSTILL` [s] first, and keeps each track's acceleration
+within `ACCELERATION` [m/s²]. No blend is shorter than `SHORTEST_BLEND` [s].
 """
 
 from dataclasses import dataclass
@@ -33,13 +33,13 @@ class Blends:
 
     def __call__(self, times: Floats) -> Floats:
         """Track speeds (n, 2) [m/s] at times (n,) [s]."""
-        at = np.searchsorted(self.starts, times, side="right") - 1
-        begun = at >= 0
-        at = np.maximum(at, 0)
-        held = np.vstack([np.zeros((1, 2)), self.targets])
-        blend = smooth_step((times - self.starts[at]) / self.lengths[at])[:, None]
-        speeds = held[at] + blend * (held[at + 1] - held[at])
-        return np.where(begun[:, None], speeds, 0.0)
+        newest = np.searchsorted(self.starts, times, side="right") - 1
+        has_begun = newest >= 0
+        newest = np.maximum(newest, 0)
+        before = np.vstack([np.zeros((1, 2)), self.targets])[newest]
+        share = smooth_step((times - self.starts[newest]) / self.lengths[newest])[:, None]
+        speeds = before + share * (self.targets[newest] - before)
+        return np.where(has_begun[:, None], speeds, 0.0)
 
     @property
     def top_speed(self) -> float:
@@ -49,14 +49,14 @@ class Blends:
 
 @dataclass(frozen=True)
 class Slalom:
-    """Mean speed plus a cosine of opposite sign on each track, of linear frequency.
+    """Mean speed plus a cosine of opposite sign on each track, of rising frequency.
 
     Attributes:
         mean: mean speed of the tracks [m/s].
         swing: amplitude of half their difference [m/s].
         ramp: seconds that mean and swing take to grow from zero.
         lowest: frequency at the start [Hz].
-        highest: frequency after `rise` [Hz].
+        highest: frequency after `rise`, reached linearly [Hz].
         rise: seconds from the lowest to the highest frequency.
     """
 
@@ -69,15 +69,15 @@ class Slalom:
 
     def __call__(self, times: Floats) -> Floats:
         """Track speeds (n, 2) [m/s] at times (n,) [s]."""
-        since = np.maximum(times - STANDSTILL, 0.0)
-        rising = np.minimum(since, self.rise)
-        turns = (
+        elapsed = np.maximum(times - STANDSTILL, 0.0)
+        rising = np.minimum(elapsed, self.rise)
+        cycles = (
             self.lowest * rising
             + 0.5 * (self.highest - self.lowest) * rising**2 / self.rise
-            + self.highest * (since - rising)
+            + self.highest * (elapsed - rising)
         )
-        envelope = smooth_step(since / self.ramp)
-        half_difference = self.swing * np.cos(2.0 * np.pi * turns)
+        envelope = smooth_step(elapsed / self.ramp)
+        half_difference = self.swing * np.cos(2.0 * np.pi * cycles)
         return np.stack(
             [envelope * (self.mean - half_difference), envelope * (self.mean + half_difference)],
             axis=-1,
@@ -90,14 +90,14 @@ class Slalom:
 
 
 def blends(events: list[tuple[float, float, float]]) -> Blends:
-    """Blends from (start [s], left, right [m/s]) at the acceleration limit."""
+    """Make blends from (start [s], left, right [m/s]), at the acceleration limit."""
     table = np.array(events, dtype=float)
     targets = table[:, 1:]
     changes = np.abs(np.diff(targets, axis=0, prepend=np.zeros((1, 2)))).max(axis=1)
-    return Blends(table[:, 0], np.array([blend_length(change) for change in changes]), targets)
+    return Blends(table[:, 0], np.array([blend_duration(change) for change in changes]), targets)
 
 
-def blend_length(change: float) -> float:
+def blend_duration(change: float) -> float:
     """Duration [s] of a blend that changes a speed by `change`, up or down [m/s]."""
     return max(STEEPEST * abs(change) / ACCELERATION, SHORTEST_BLEND)
 

@@ -50,13 +50,11 @@ def trajectory_names() -> list[str]:
 
 
 def trajectory_options(name: str) -> dict[str, float | None]:
-    """Options of a trajectory with defaults; None stands for the robot file's value.
-
-    Args:
-        name: one of `trajectory_names`.
-    """
+    """Options of a trajectory with defaults; None stands for the robot file's value."""
     parameters = inspect.signature(_maker(name)).parameters.values()
-    return {one.name: one.default for one in parameters if one.kind is one.KEYWORD_ONLY}
+    return {
+        option.name: option.default for option in parameters if option.kind is option.KEYWORD_ONLY
+    }
 
 
 def check_trajectory(
@@ -132,7 +130,8 @@ def make_trajectory(
         command = TRAJECTORIES[name](duration, robot, rng, **options)
     top = robot.vehicle.max_track_speed
     if command.top_speed > top * (1.0 + ROUNDING):
-        speeds = [one for one in trajectory_options(name) if one in {"speed", "turn", "factor"}]
+        speed_options = {"speed", "turn", "factor"}
+        speeds = [option for option in trajectory_options(name) if option in speed_options]
         raise SimulationError(
             f"trajectory {name!r} reaches {command.top_speed:.3g} m/s, more than max_track_speed = "
             f"{top!r} m/s of {robot.name!r}; lower {' or '.join(speeds)}"

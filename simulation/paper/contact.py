@@ -61,9 +61,6 @@ class PaperContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 def make_contact(parameters: ContactParameters) -> Contact:
     """Make the contact model of Auriga-alpha.
 
-    Args:
-        parameters: parameters of the contact.
-
     Raises:
         SimulationError: the values are no valid contact.
     """
@@ -93,9 +90,6 @@ def make_contact(parameters: ContactParameters) -> Contact:
 
 def load_paper_contact(path: Path = BEST_FILE) -> PaperContact:
     """Load a guess from a TOML file; the best known one by default.
-
-    Args:
-        path: the file.
 
     Raises:
         SimulationError: no such file, a misspelt key, a wrong type or a bad value.

@@ -67,15 +67,15 @@ class VelocityErrors(NamedTuple):
 
 
 def map_of(motion: SteadyMotion, vehicle: VehicleConstants) -> DynamicMap:
-    """Map of given stationary motions.
+    """Make the map of stationary motions.
 
     Args:
         motion: stationary motions, on a grid of track speeds or at any.
         vehicle: L, M and the centre of mass.
     """
     turning = (motion.V_l != motion.V_r) & (motion.twist.w != 0.0)
-    at = PaperTwist(*(np.where(turning, part, np.nan) for part in motion.twist))
-    icrs = icrs_from_twist(motion.V_l, motion.V_r, at)
+    turning_twist = PaperTwist(*(np.where(turning, part, np.nan) for part in motion.twist))
+    icrs = icrs_from_twist(motion.V_l, motion.V_r, turning_twist)
     right, forward = inertial_force(motion.twist, vehicle.mass, vehicle.x_CM, vehicle.y_CM)
     return DynamicMap(
         motion=motion,
@@ -108,13 +108,13 @@ def on_spot_line(mapped: DynamicMap) -> float:
         )
     _, forward = velocity_of_centre_of_mass(motion.twist, vehicle.x_CM, vehicle.y_CM)
     rises = (forward[:-1] < 0.0) & (forward[1:] >= 0.0) & (motion.V_r[1:] != 0.0)
-    below, column = np.nonzero(rises)
+    below, column = np.nonzero(rises)  # indices of the grid point just before each crossing
     if not below.size:
         raise SimulationError("no on-spot turning on this grid of track speeds; widen it")
     before, after = forward[below, column], forward[below + 1, column]
     share = before / (before - after)
-    V_r, low = motion.V_r[below, column], motion.V_l[below, column]
-    V_l = low + share * (motion.V_l[below + 1, column] - low)
+    V_r, V_l_below = motion.V_r[below, column], motion.V_l[below, column]
+    V_l = V_l_below + share * (motion.V_l[below + 1, column] - V_l_below)
     return float(-(V_l @ V_r) / (V_r @ V_r))
 
 
@@ -140,12 +140,7 @@ def inertia_based_twist(
 
 
 def constant_twist(mapped: DynamicMap, icrs: ConstantIcr) -> PaperTwist:
-    """Twists of the constant-ICR kinematics at the map's track speeds.
-
-    Args:
-        mapped: the map.
-        icrs: the constant ICRs.
-    """
+    """Twists of the constant-ICR kinematics at the map's track speeds."""
     constant = Icrs(icrs.x_ICRl, icrs.x_ICRr, icrs.y_ICR)
     gauge = mapped.vehicle.gauge
     return direct(mapped.motion.V_l, mapped.motion.V_r, indices_from_icrs(constant, gauge), gauge)

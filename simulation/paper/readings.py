@@ -97,14 +97,14 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
     x_1, x_2 = symmetry_coordinates(mapped.motion.V_l[chosen], mapped.motion.V_r[chosen], H)
     force = mapped.magnitude[chosen]
     zeta, epsilon, eta = (part[chosen] for part in mapped.indices)
-    one, signed = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
-    weight = mapped.motion.twist.w[chosen] ** 2 if reading.fit == "velocity" else one
+    ones, signed_force = np.ones_like(force), force * np.sign(x_1) * np.sign(x_2)
+    weight = mapped.motion.twist.w[chosen] ** 2 if reading.fit == "velocity" else ones
     fit = _absolute if reading.fit == "absolute" else _weighted
     values = [H]
     for target, columns in (
-        (zeta, [one, force * np.sign(x_2)]),
-        (epsilon, [one, signed]),
-        (eta, [one, signed, force**2]),
+        (zeta, [ones, force * np.sign(x_2)]),
+        (epsilon, [ones, signed_force]),
+        (eta, [ones, signed_force, force**2]),
     ):
         values += fit(np.stack(columns, axis=-1), target, weight).tolist()
     try:
@@ -133,6 +133,7 @@ def read_errors(
 
 
 def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
+    """Mask of the motions in means and fits; a SimulationError if there are none."""
     difference = np.abs(mapped.motion.V_l - mapped.motion.V_r)
     chosen = mapped.turning & (difference >= reading.least_difference)
     if reading.largest_inertia is not None:
@@ -143,6 +144,7 @@ def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
 
 
 def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
+    """Weighted least squares: coefficients (k,) of columns (n, k) for a target (n,)."""
     root = np.sqrt(weight)
     solution, _, rank, _ = np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)
     if rank < columns.shape[1]:
@@ -151,7 +153,7 @@ def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
 
 
 def _absolute(columns: Floats, target: Floats, weight: Floats) -> Floats:
-    """Least absolute deviations, with equal weights of all motions."""
+    """Fit by least absolute deviations; `weight` is only that of the first guess."""
     solution = _weighted(columns, target, weight)
     least = SMALLEST_DEVIATION * float(np.abs(target - columns @ solution).max()) + 1e-300
     for _ in range(REWEIGHTINGS):

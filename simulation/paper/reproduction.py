@@ -145,9 +145,6 @@ def numbers(
 def reproduce(guess: PaperContact) -> Reproduction:
     """Reproduce all published numbers for a contact and a reading.
 
-    Args:
-        guess: contact and reading.
-
     Raises:
         SimulationError: see `paper_map` and `numbers`.
     """
@@ -201,17 +198,13 @@ def map_of_published_model() -> DynamicMap:
     V_l, V_r = track_speed_grid()
     parameters = published_parameters().as_array()
     twist = solve(V_l, V_r, parameters, AURIGA_ALPHA, form="literal").twist
-    none = np.zeros_like(V_l)
-    motion = SteadyMotion(V_l, V_r, PaperTwist(*twist), none, none == 0.0, none != 0.0)
+    residual, yes, no = np.zeros_like(V_l), np.full(V_l.shape, True), np.full(V_l.shape, False)
+    motion = SteadyMotion(V_l, V_r, PaperTwist(*twist), residual, converged=yes, tipping=no)
     return map_of(motion, AURIGA_ALPHA)
 
 
 def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
-    """Check whether the published means and fits can come from the same motions.
-
-    Args:
-        mapped: the reproduced motions.
-    """
+    """Check whether published means and fits can come from the (reproduced) motions."""
     icrs, fitted = published_mean_icrs(), published_parameters()
     mean_epsilon = 0.5 * (icrs.x_ICRl + icrs.x_ICRr)
     # Half a unit of the last published digit, of either mean ICR (so of their mean) and of the fit.
@@ -236,6 +229,8 @@ def check_intercepts(mapped: DynamicMap) -> InterceptCheck:
 
 def _signed_inertia(mapped: DynamicMap) -> Floats:
     """|F| sign(x_1) sign(x_2) of all turning motions, with the published H [N]."""
-    at, motion = mapped.turning, mapped.motion
-    x_1, x_2 = symmetry_coordinates(motion.V_l[at], motion.V_r[at], published_parameters().H)
-    return np.asarray(mapped.magnitude[at] * np.sign(x_1) * np.sign(x_2))
+    turning, motion = mapped.turning, mapped.motion
+    x_1, x_2 = symmetry_coordinates(
+        motion.V_l[turning], motion.V_r[turning], published_parameters().H
+    )
+    return np.asarray(mapped.magnitude[turning] * np.sign(x_1) * np.sign(x_2))

@@ -60,11 +60,11 @@ def why_not(plan: Plan) -> str | None:
         encoders = encoder_errors(cell.robot, scenario.encoders, noise_preset(scenario.noise))
         if encoders.dropouts_per_hour > 0.0 and scenario.track_rate > scenario.imu_rate:
             return f"in cell {cell.index}, encoders with dropouts are faster than the IMU"
-        for one in cell.filters:
-            slowest = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
-            if 1.0 / slowest > 0.5 * one.settings.longest_gap:
+        lowest_rate = min(scenario.imu_rate, scenario.track_rate, scenario.fix_rate or np.inf)
+        for settings in (one.settings for one in cell.filters):
+            if 1.0 / lowest_rate > 0.5 * settings.longest_gap:
                 return f"in cell {cell.index}, samples are further apart than half the longest_gap"
-            if 1.0 / scenario.imu_rate > one.settings.hold:
+            if 1.0 / scenario.imu_rate > settings.hold:
                 return f"in cell {cell.index}, samples of the IMU are further apart than hold"
     return None
 
@@ -74,45 +74,39 @@ def block(
 ) -> dict[str, RunScores]:
     """Statistics of some runs; see `icreckon.simulation.running.engines.Block`.
 
-    Args:
-        cell: cell of the runs.
-        filters: filters of the cell to run.
-        first_run: index of the first run.
-        count: number of runs.
-        bits: floating-point precision of the lanes, 64 or 32.
-
-    Returns:
-        Label of the filter -> statistics of the runs, and reasons of those that failed.
+    Lanes compute with numbers of 64 or 32 `bits`. A run with absurd readings is repeated by the streaming
+    engine, whose scores count.
     """
-    values = {one.label: np.empty((count, len(statistics(cell.horizons)))) for one in filters}
-    reasons = {one.label: [""] * count for one in filters}
+    values = {spec.label: np.empty((count, len(statistics(cell.horizons)))) for spec in filters}
+    reasons = {spec.label: [""] * count for spec in filters}
     times = score_times(cell.scenario)
-    made = [
-        BatchFilter(one.robot, find_variant(one.variant), one.settings, bits) for one in filters
+    batch_filters = [
+        BatchFilter(spec.robot, find_variant(spec.variant), spec.settings, bits) for spec in filters
     ]
     schedule = _schedule(cell)
-    width = made[0].width
-    slowest = min(one.robot.vehicle.max_track_speed for one in filters)
+    width = batch_filters[0].width
+    slowest = min(spec.robot.vehicle.max_track_speed for spec in filters)
     for begin in range(0, count, width):
-        here = min(width, count - begin)
-        # A group that is not full runs its last run more than once.
-        runs = [first_run + begin + min(lane, here - 1) for lane in range(width)]
+        used_lanes = min(width, count - begin)
+        # The lanes of a group that is not full repeat its last run.
+        runs = [first_run + begin + min(lane, used_lanes - 1) for lane in range(width)]
         truths = [_truth(cell, run) for run in runs]
         logs = [_log(cell, run, truth) for run, truth in zip(runs, truths, strict=True)]
-        doubtful = {lane for lane in range(here) if has_absurd_readings(logs[lane], slowest)}
+        absurd_lanes = [k for k in range(used_lanes) if has_absurd_readings(logs[k], slowest)]
         measured = _measured(logs, filters, schedule.track_stamps)
         worked = work_through_runs(
-            made, measured, schedule.steps, start=np.zeros(3), start_sigma=np.zeros(3)
+            batch_filters, measured, schedule.steps, start=np.zeros(3), start_sigma=np.zeros(3)
         )
         ticks = zip(*(truth.ticks for truth in truths), strict=True)
         truth = TrueTicks(*(np.stack(parts, axis=1) for parts in ticks))
-        for one, lanes, result in zip(filters, made, worked, strict=True):
+        group = slice(begin, begin + used_lanes)
+        for label, batch_filter, result in zip(values, batch_filters, worked, strict=True):
             path = side_by_side(schedule.truth_stamps, result)
             of_path = path_statistics(path, truth, schedule.segments)
-            rows = np.stack([*of_path, *_consistency(lanes, result)], axis=-1)
-            values[one.label][begin : begin + here] = rows[:here]
-            reasons[one.label][begin : begin + here] = _losses(path, times)[:here]
-        for lane in sorted(doubtful):
+            rows = np.stack([*of_path, *_consistency(batch_filter, result)], axis=-1)
+            values[label][group] = rows[:used_lanes]
+            reasons[label][group] = _losses(path, times)[:used_lanes]
+        for lane in absurd_lanes:
             # A run that the streaming filter rejects must not take the other lanes with it.
             for label, scores in study_streaming.block(cell, filters, runs[lane], 1).items():
                 values[label][begin + lane] = scores.values[0]
@@ -128,6 +122,8 @@ def single_block(
 
 
 class _Schedule(NamedTuple):
+    """Stamps, steps and scored segments that all runs of a cell share."""
+
     track_stamps: Stamps
     truth_stamps: Stamps
     steps: Steps
@@ -164,6 +160,7 @@ class _Truth(NamedTuple):
 
 
 def _truth(cell: Cell, run: int) -> _Truth:
+    """Truth of a run by its index; runs with the same true motion share it."""
     scenario = as_sensed_perfectly(cell.scenario)
     return _kept_truth(msgpack.encode(scenario), msgpack.encode(cell.robot), run % cell.truths)
 
@@ -185,6 +182,7 @@ def as_sensed_perfectly(scenario: Scenario) -> Scenario:
 
 @lru_cache(KEPT_TRUTHS)
 def _kept_truth(scenario_data: bytes, robot_data: bytes, truth: int) -> _Truth:
+    """Drive a true motion, by its index, of an encoded scenario and robot."""
     scenario = msgpack.decode(scenario_data, type=Scenario)
     robot = msgpack.decode(robot_data, type=Robot)
     motion = drive(scenario, robot, random_streams(scenario.seed, truth))
@@ -196,7 +194,7 @@ def _kept_truth(scenario_data: bytes, robot_data: bytes, truth: int) -> _Truth:
 
 
 def _log(cell: Cell, run: int, truth: _Truth) -> Log:
-    """Log without truth, as of `icreckon.simulation.running.streaming_engine`."""
+    """Log of a run without truth, with the readings of `streaming_engine.study_log`."""
     scenario = cell.scenario
     streams = random_streams(scenario.seed, run)
     read = sensed(truth.perfect, scenario, cell.robot, streams)
@@ -207,14 +205,14 @@ def _measured(
     logs: Sequence[Log], filters: Sequence[Filter], track_stamps: Stamps
 ) -> list[Measured]:
     """Inputs of each filter; filters with the same model of the IMU share one object."""
-    known: dict[bytes, Measured] = {}
-    found = []
-    for one in filters:
-        key = msgpack.encode(one.robot.imu)
-        if key not in known:
-            known[key] = measured_of(logs, one.robot, track_stamps)
-        found.append(known[key])
-    return found
+    by_imu: dict[bytes, Measured] = {}
+    of_filters = []
+    for spec in filters:
+        key = msgpack.encode(spec.robot.imu)
+        if key not in by_imu:
+            by_imu[key] = measured_of(logs, spec.robot, track_stamps)
+        of_filters.append(by_imu[key])
+    return of_filters
 
 
 def _losses(path: Trajectory, times: Floats) -> list[str]:
@@ -228,9 +226,9 @@ def _losses(path: Trajectory, times: Floats) -> list[str]:
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def _consistency(filters: BatchFilter, worked: Worked) -> list[Floats]:
+def _consistency(batch_filter: BatchFilter, worked: Worked) -> list[Floats]:
     """NIS and rejections (width,) of each sensor, and all rejections."""
-    counts = filters.counts(worked.lanes)
+    counts = batch_filter.counts(worked.lanes)
     return [
         *(counts[f"{name}_nis"] / (DEGREES[name] * counts[f"{name}_admitted"]) for name in SENSORS),
         *(counts[f"{name}_rejected"] for name in SENSORS),

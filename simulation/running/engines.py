@@ -1,6 +1,7 @@
 """Engines that compute the runs of a study: same statistics, at different speeds.
 
-An engine is a function `block` in a module that may have `why_not` of a `Plan`, too.
+An engine is a module with a function `block`, and optionally `why_not` of a `Plan`: the reason why it
+cannot run that plan, or None.
 """
 
 from collections.abc import Sequence
@@ -45,7 +46,7 @@ class Engine:
     """Engine of a study.
 
     Attributes:
-        name: name by which it is chosen.
+        name: name in study files and commands.
         module: module of its functions.
         block_runs: runs of a block; part of the study's identity, independent of workers.
         threads: True if it runs in threads (it releases the GIL), False if it needs processes.

@@ -74,17 +74,17 @@ def digest(plan: Plan, engine: Engine) -> str:
 
 def differences(old: Plain, new: Plain, table: str = "") -> list[str]:
     """Differences of two manifests, as "key: there OLD, here NEW"."""
-    found = []
+    changes = []
     for key in sorted({*old, *new}):
         path = f"{table}.{key}" if table else key
         was, now = old.get(key), new.get(key)
         if was == now or key == "digest":
             continue
         if isinstance(was, dict) and isinstance(now, dict):
-            found += differences(was, now, path)
+            changes += differences(was, now, path)
         else:
-            found.append(f"{path}: there {_short(was)}, here {_short(now)}")
-    return found
+            changes.append(f"{path}: there {_short(was)}, here {_short(now)}")
+    return changes
 
 
 def as_json(data: Any) -> str:
@@ -112,6 +112,7 @@ def _short(value: Any) -> str:
 
 
 def _finite(value: Any) -> Any:
+    """Plain data with None in place of NaN and infinity."""
     if isinstance(value, dict):
         return {key: _finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

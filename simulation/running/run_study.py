@@ -67,8 +67,8 @@ def run_study(
         if slow is not None:
             remark(f"runs are computed one after the other, which is slow: {slow}")
         first = plan.cells[0]
-        for text in robot_remarks(first.robot, first.scenario.truth):
-            remark(text)
+        for warning in robot_remarks(first.robot, first.scenario.truth):
+            remark(warning)
     identity = manifest(plan, chosen)
     shape = (len(plan.labels), len(statistics(study.horizons)))
     store = open_store(Path(folder), identity, shape, overwrite=overwrite)
@@ -84,6 +84,7 @@ def run_study(
 
 
 def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
+    """Statistics of all blocks; raises a SimulationError if one has been removed."""
     study = plan.study
     shape = (len(plan.labels), len(plan.cells), study.runs, len(statistics(study.horizons)))
     values, reasons = np.empty(shape), np.full(shape[:3], "", dtype=object)
@@ -93,12 +94,13 @@ def _gathered(plan: Plan, jobs: Sequence[Job], store: BlockStore) -> Runs:
             raise SimulationError(
                 f"{store.path(job)}: has been removed meanwhile; give the same command again"
             )
-        here = slice(job.first_run, job.first_run + job.count)
-        values[:, job.cell, here], reasons[:, job.cell, here] = block
+        of_block = slice(job.first_run, job.first_run + job.count)
+        values[:, job.cell, of_block], reasons[:, job.cell, of_block] = block
     return Runs(plan, values, reasons)
 
 
 def _write_results(runs: Runs, identity: dict[str, object], store: BlockStore) -> Results:
+    """Write tables and results to the folder of a study; return the results."""
     from icreckon.simulation.study.tables import results_parquet, runs_parquet
 
     cells = cell_summaries(runs)

@@ -46,17 +46,15 @@ class Progress:
 
 
 Report = Callable[[Progress], None]
+# Statistics, reasons and versions, see `work`.
 Worked = tuple[Floats, Reasons, dict[str, str]]
 
 
 def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
-    """Compute a block, on the worker.
+    """Compute a block on the worker: `count` runs of a cell from run `first_run` on.
 
-    Args:
-        engine: the engine.
-        cell: cell of the runs.
-        first_run: index of the first run.
-        count: number of runs.
+    If the block raises an exception, its runs are repeated one by one, and only those that raise it again
+    fail.
 
     Returns:
         Statistics (filters, runs, statistics), NaN for failed runs; reasons of failed runs (filters,
@@ -65,18 +63,17 @@ def work(engine: Engine, cell: Cell, first_run: int, count: int) -> Worked:
     block = engine.block
     filters = {one.label: one for one in cell.filters}
     try:
-        found = block(cell, cell.filters, first_run, count)
+        scores_by_label = block(cell, cell.filters, first_run, count)
     except MemoryError:
         raise
     except Exception:
-        # A run that raises an exception takes no other with it.
         runs, width = range(first_run, first_run + count), len(statistics(cell.horizons))
-        found = run_by_run(
+        scores_by_label = run_by_run(
             lambda run, label: block(cell, [filters[label]], run, 1)[label], runs, [*filters], width
         )
-    good = [checked(found[label], cell.horizons) for label in filters]
-    values = np.stack([one.values for one in good])
-    reasons = np.array([one.reasons for one in good], dtype=str)
+    of_filters = [checked(scores_by_label[label], cell.horizons) for label in filters]
+    values = np.stack([scores.values for scores in of_filters])
+    reasons = np.array([scores.reasons for scores in of_filters], dtype=str)
     return np.ascontiguousarray(values, dtype=np.float64), reasons, computing_versions()
 
 
@@ -123,6 +120,7 @@ class Runner:
                 self._work_through(workplace)
 
     def _work_through(self, workplace: Workplace) -> None:
+        """Submit and settle all blocks; if workers die, queue theirs again and raise."""
         futures: dict[Future[Worked], Job] = {}
         try:
             while self._waiting or futures:
@@ -144,6 +142,7 @@ class Runner:
             raise
 
     def _settle(self, future: Future[Worked], job: Job) -> None:
+        """Store the result of a block, or queue it again if its worker has died."""
         try:
             values, reasons, versions = future.result()
         except (BrokenExecutor, CancelledError) as problem:

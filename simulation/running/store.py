@@ -80,17 +80,12 @@ class BlockStore:
         except UNREADABLE:
             return None
         filters, count = self._shape
-        right = values.shape == (filters, job.count, count) and values.dtype == np.float64
-        right &= reasons.shape == values.shape[:2] and reasons.dtype.kind == "U"
-        return (values, reasons) if right and digest == self._digest else None
+        fits = values.shape == (filters, job.count, count) and values.dtype == np.float64
+        fits &= reasons.shape == values.shape[:2] and reasons.dtype.kind == "U"
+        return (values, reasons) if fits and digest == self._digest else None
 
     def write(self, job: Job, values: Floats, reasons: Reasons) -> None:
-        """Write a finished block.
-
-        Args:
-            job: the block.
-            values: (filters, runs, statistics).
-            reasons: (filters, runs) reasons of failed runs.
+        """Write a finished block: values and reasons as from `read`.
 
         Raises:
             SimulationError: the file cannot be written.
@@ -146,21 +141,22 @@ def write_files(folder: Path, files: dict[str, bytes]) -> None:
 
 
 def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
+    """Raise an error if a folder has other content than this study."""
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return
-    found = _read_manifest(folder)
-    if found is None:
+    manifest_there = _read_manifest(folder)
+    if manifest_there is None:
         raise SimulationError(
             f"{folder} is there, and holds no study of icreckon; it is left alone, give another --out"
         )
-    if found.get("digest") == manifest["digest"]:
+    if manifest_there.get("digest") == manifest["digest"]:
         return
-    changed = differences(found, json.loads(as_json(manifest)))
-    changed = [one for one in changed if not one.startswith(UNLISTED)]
+    all_changes = differences(manifest_there, json.loads(as_json(manifest)))
+    changed = [change for change in all_changes if not change.startswith(UNLISTED)]
     listed = "; ".join(changed[:MOST_LISTED]) or "content of the robot or recording"
-    more = f"; and {len(changed) - MOST_LISTED} more" if len(changed) > MOST_LISTED else ""
+    unlisted = f"; and {len(changed) - MOST_LISTED} more" if len(changed) > MOST_LISTED else ""
     raise SimulationError(
-        f"{folder} holds another study ({listed}{more}); give another --out, or --overwrite to throw "
+        f"{folder} holds another study ({listed}{unlisted}); give another --out, or --overwrite to throw "
         "that away"
     )
 
@@ -177,8 +173,9 @@ def _throw_away_others(folder: Path, manifest: dict[str, Any]) -> None:
 
 
 def _read_manifest(folder: Path) -> dict[str, Any] | None:
+    """Manifest of a folder; None if it is missing, unreadable or has no digest."""
     try:
-        found = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        data = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return None
-    return found if isinstance(found, dict) and "digest" in found else None
+    return data if isinstance(data, dict) and "digest" in data else None

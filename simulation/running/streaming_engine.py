@@ -48,43 +48,45 @@ def block(
 ) -> dict[str, RunScores]:
     """Statistics of some runs; see `icreckon.simulation.running.engines.Block`."""
     width = len(statistics(cell.horizons))
-    values = {one.label: np.full((count, width), np.nan) for one in filters}
-    reasons: dict[str, list[str]] = {one.label: [] for one in filters}
+    values = {spec.label: np.full((count, width), np.nan) for spec in filters}
+    reasons: dict[str, list[str]] = {spec.label: [] for spec in filters}
     for row in range(count):
         log = study_log(cell, first_run + row)
         times = score_times(cell.scenario)
-        seen = replace(log, truth=None)
-        for one in filters:
+        measured = replace(log, truth=None)
+        for spec in filters:
             try:
-                result = _run(seen, one, times)
+                result = _run(measured, spec, times)
             except LostFilter as lost:
-                reasons[one.label].append(lost.reason)
+                reasons[spec.label].append(lost.reason)
                 continue
-            reasons[one.label].append("")
-            values[one.label][row] = run_statistics(result, log, cell.horizons)
+            reasons[spec.label].append("")
+            values[spec.label][row] = run_statistics(result, log, cell.horizons)
     return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
 
 
 @np.errstate(all="ignore")
-def _run(log: Log, one: Filter, times: Floats) -> Run:
+def _run(log: Log, chosen: Filter, times: Floats) -> Run:
     """Run a filter over a log, with a row at each of the given times (n,) [s].
 
-    Raises:
-        LostFilter: the estimate is not finite, has negative variances, or is implausible.
-    """
-    estimator = PoseEstimator(one.robot, one.variant, settings=one.settings)
-    wanted = deque(to_stamps(times).tolist())
-    rows, count = Rows(len(wanted)), 0
+    Times before the filter's first estimate have no row.
 
-    def finished() -> Run:
+    Raises:
+        LostFilter: the filter raises an unexpected exception, or its estimate is not finite, has negative
+            variances, or is implausible.
+    """
+    estimator = PoseEstimator(chosen.robot, chosen.variant, settings=chosen.settings)
+    stamps_left = deque(to_stamps(times).tolist())
+    rows, count = Rows(len(stamps_left)), 0
+
+    def run_so_far() -> Run:
         names = state_names(estimator.variant)
         return rows.finish(count, estimator.variant.name, names, estimator.health)
 
     for measurement in chain(log.measurements(), [None]):
         try:
-            while wanted and (measurement is None or measurement.stamp > wanted[0]):
-                # Skip ticks before the filter's first estimate.
-                if wanted.popleft() == estimator.stamp:
+            while stamps_left and (measurement is None or measurement.stamp > stamps_left[0]):
+                if stamps_left.popleft() == estimator.stamp:
                     rows.put(count, estimator.snapshot())
                     count += 1
             if measurement is not None:
@@ -93,12 +95,12 @@ def _run(log: Log, one: Filter, times: Floats) -> Run:
             raise
         except Exception as problem:
             stamp = log.end if measurement is None else measurement.stamp
-            raise stopped_by(problem, finished(), log.start, stamp) from problem
-    done = finished()
-    lost = loss_of(done, log.start)
+            raise stopped_by(problem, run_so_far(), log.start, stamp) from problem
+    run = run_so_far()
+    lost = loss_of(run, log.start)
     if lost is not None:
         raise lost
-    return done
+    return run
 
 
 def study_log(cell: Cell, run_index: int) -> Log:

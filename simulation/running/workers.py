@@ -58,11 +58,7 @@ def given(executor: Executor, workers: int) -> Iterator[Workplace]:
 
 @contextmanager
 def cluster(address: str) -> Iterator[Workplace]:
-    """Connect to the workers of a `dask.distributed` cluster.
-
-    Args:
-        address: address of its scheduler, as tcp://host:8786.
-    """
+    """Connect to the workers of a `dask.distributed` scheduler, as tcp://host:8786."""
     try:
         import distributed
     except ImportError:
@@ -84,7 +80,7 @@ def cluster(address: str) -> Iterator[Workplace]:
 
 
 def _require_listener(address: str) -> None:
-    """Reject an address without listener at once; the cluster's own client is slow to."""
+    """Reject an address without listener at once; the cluster's client takes long."""
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     if parts.scheme not in {"tcp", "tls"}:
         return

@@ -65,10 +65,10 @@ def with_encoder_errors(
     noise = errors.speed_noise_density * np.sqrt(rate) * rng.standard_normal(true.shape)
     measured = true / (scale + difference * np.array([0.5, -0.5])) + noise
     speeds = np.where(np.abs(true) > STANDING, measured, 0.0)
-    begun = constants.random(2)
+    first_fraction = constants.random(2)  # of a count, at the start
     if errors.resolution > 0.0:
         steps = np.diff(times, prepend=times[0] - 1.0 / rate)[:, None]
-        counts = np.floor(np.cumsum(speeds * steps, axis=0) / errors.resolution + begun)
+        counts = np.floor(np.cumsum(speeds * steps, axis=0) / errors.resolution + first_fraction)
         speeds = np.diff(counts, axis=0, prepend=0.0) * errors.resolution / steps
     lost = _dropouts(times, errors, events)
     if errors.dropout_reads == "nothing":

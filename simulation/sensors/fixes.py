@@ -41,7 +41,7 @@ class FixErrors(msgspec.Struct, frozen=True, kw_only=True):
     wander_time: float = 60.0
 
 
-def shown_times(times: Floats, errors: FixErrors) -> Floats:
+def measured_pose_times(times: Floats, errors: FixErrors) -> Floats:
     """Times (n,) of the poses measured by fixes that arrive at `times` (n,) [s].
 
     A fix of a pose before the run measures the pose at its start, where the robot stood.
@@ -59,7 +59,7 @@ def with_fix_errors(
     """Position fixes, with heading if its sigma is given, and none in an outage.
 
     Args:
-        poses: (n, 3) true poses at `shown_times`.
+        poses: (n, 3) true poses at `measured_pose_times`.
         times: (n,) arrival times of the fixes [s].
         errors: errors of the fixes.
         outages: start and end [s] of each span without fixes, both included.
@@ -77,9 +77,9 @@ def with_fix_errors(
         poses[:, :2] += errors.wander_sigma * unit[:, :2]
     if errors.heading_sigma is None:
         poses[:, 2] = np.nan
-    stated = np.maximum(sigmas[1:], SMALLEST_FIX_SIGMA) ** 2
-    seen = np.ones(len(times), dtype=bool)
+    stated_variances = np.maximum(sigmas[1:], SMALLEST_FIX_SIGMA) ** 2
+    is_received = np.ones(len(times), dtype=bool)
     for start, end in outages:
-        seen &= (times < start) | (times > end)
-    stamps = to_stamps(times)[seen]
-    return FixSeries(stamps, poses[seen], np.tile(stated, (len(stamps), 1)))
+        is_received &= (times < start) | (times > end)
+    stamps = to_stamps(times)[is_received]
+    return FixSeries(stamps, poses[is_received], np.tile(stated_variances, (len(stamps), 1)))

@@ -8,9 +8,9 @@ integral stays. Every parameter has its own random numbers, so that changing one
 A bias is the sum of three parts: the turn-on bias (of the gyro about that of the robot file), a random
 walk (rate or acceleration random walk, K), and the bias instability B. A data sheet reads B off the Allan
 deviation of the sensor, whose floor is sqrt(2 ln 2 / pi) B = 0.664 B for flicker noise (IEEE Std
-952-1997, annex C). Flicker noise has no finite
-model. As usual a first-order Gauss-Markov process of correlation time T approximates it, scaled so that
-its Allan deviation peaks at that floor. With x = tau / T its Allan variance is
+952-1997, annex C). Flicker noise has no finite model. As usual a first-order Gauss-Markov process of
+correlation time T approximates it, scaled so that its Allan deviation peaks at that floor. With
+x = tau / T its Allan variance is
 
     sigma_b² (2 / x) (1 - (3 - 4 e^-x + e^-2x) / (2 x))
 
@@ -127,8 +127,8 @@ def with_inertial_errors(
     """
     rates, forces = perfect
     # The bias of the robot file is about the vertical of base_link.
-    usual = robot.imu.gyro_bias * robot.imu_rotation[2]
-    angular_velocity, gyro_bias = _read(rates, rate, gyro, gyro_rng, usual)
+    usual_bias = robot.imu.gyro_bias * robot.imu_rotation[2]
+    angular_velocity, gyro_bias = _read(rates, rate, gyro, gyro_rng, usual_bias)
     force, force_bias = _read(forces, rate, accelerometer, accelerometer_rng, np.zeros(3))
     if robot.imu.gyro_axes == "z":
         angular_velocity[:, :2] = 0.0
@@ -203,22 +203,22 @@ def _unturned_gravity(motion: TrueMotion, gravity: Floats, times: Floats) -> Flo
 
 
 def _read(
-    true: Floats, rate: float, errors: InertialErrors, rng: Generator, usual: Floats
+    true: Floats, rate: float, errors: InertialErrors, rng: Generator, usual_bias: Floats
 ) -> tuple[Floats, Floats]:
     """Readings (n, 3) of true values (n, 3) in the sensor's axes, and bias [unit]."""
     constants, instabilities = rng.spawn(2)
     count = len(true)
-    start = usual + errors.bias_sigma * rng.standard_normal(3)
+    turn_on_bias = usual_bias + errors.bias_sigma * rng.standard_normal(3)
     draws = rng.standard_normal((count, 2, 3))
     bias = np.zeros((count, 3))
     if errors.bias_instability > 0.0:
         unit = gauss_markov(count, 1.0 / rate, errors.bias_instability_time, instabilities)
         bias += INSTABILITY_FLOOR / MARKOV_PEAK * errors.bias_instability * unit
     scale = 1.0 + errors.scale_sigma * constants.standard_normal(3)
-    lean = errors.misalignment_sigma * constants.standard_normal((3, 3))
-    triad = np.where(np.eye(3, dtype=bool), np.diag(scale), lean)
+    misalignment = errors.misalignment_sigma * constants.standard_normal((3, 3))
+    triad = np.where(np.eye(3, dtype=bool), np.diag(scale), misalignment)
     white, walk = errors.noise_density * np.sqrt(rate), errors.bias_walk / np.sqrt(rate)
-    bias += np.cumsum(np.vstack([start, walk * draws[1:, 1]]), axis=0)
+    bias += np.cumsum(np.vstack([turn_on_bias, walk * draws[1:, 1]]), axis=0)
     reading = white * draws[:, 0] + bias
     for column, of_axis in zip(triad.T, true.T, strict=True):
         reading += of_axis[:, None] * column

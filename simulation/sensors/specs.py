@@ -150,10 +150,7 @@ Errors = TypeVar("Errors", bound=msgspec.Struct)
 
 
 def noise_preset(name: str) -> SensorSpecs:
-    """Sensor specifications of a preset.
-
-    Args:
-        name: one of `NOISE_PRESETS`.
+    """Sensor specifications of a preset, by its name in `NOISE_PRESETS`.
 
     Raises:
         SimulationError: an unknown preset; the message names the nearest.
@@ -164,52 +161,52 @@ def noise_preset(name: str) -> SensorSpecs:
     return NOISE_PRESETS[name]
 
 
-def encoder_errors(robot: Robot, given: EncoderSpec, preset: SensorSpecs) -> EncoderErrors:
-    """Encoder errors from the given parameters, the preset, and the robot file."""
-    own = EncoderSpec(
+def encoder_errors(robot: Robot, spec: EncoderSpec, preset: SensorSpecs) -> EncoderErrors:
+    """Encoder errors from a specification, the preset, and the robot file."""
+    of_robot = EncoderSpec(
         speed_noise_density=robot.tracks.speed_noise_density, scale_sigma=robot.tracks.scale_sigma
     )
-    return _in_force(EncoderErrors, ENCODER_SCALED, given, preset.encoders, own)
+    return _in_force(EncoderErrors, ENCODER_SCALED, spec, preset.encoders, of_robot)
 
 
-def gyro_errors(robot: Robot, given: InertialSpec, preset: SensorSpecs) -> InertialErrors:
-    """Gyro errors from the given parameters, the preset, and the robot file."""
+def gyro_errors(robot: Robot, spec: InertialSpec, preset: SensorSpecs) -> InertialErrors:
+    """Gyro errors from a specification, the preset, and the robot file."""
     imu = robot.imu
-    own = InertialSpec(
+    of_robot = InertialSpec(
         noise_density=imu.gyro_noise_density,
         bias_sigma=imu.gyro_bias_sigma,
         bias_walk=imu.gyro_bias_walk,
         scale_sigma=imu.gyro_scale_sigma,
     )
-    return _in_force(InertialErrors, INERTIAL_SCALED, given, preset.gyro, own)
+    return _in_force(InertialErrors, INERTIAL_SCALED, spec, preset.gyro, of_robot)
 
 
-def accelerometer_errors(robot: Robot, given: InertialSpec, preset: SensorSpecs) -> InertialErrors:
-    """Accelerometer errors from the given parameters, the preset, and the robot file."""
+def accelerometer_errors(robot: Robot, spec: InertialSpec, preset: SensorSpecs) -> InertialErrors:
+    """Accelerometer errors from a specification, the preset, and the robot file."""
     imu = robot.imu
-    own = InertialSpec(
+    of_robot = InertialSpec(
         noise_density=imu.accelerometer_noise_density,
         bias_sigma=imu.accelerometer_bias_sigma,
         bias_walk=imu.accelerometer_bias_walk,
     )
-    return _in_force(InertialErrors, INERTIAL_SCALED, given, preset.accelerometer, own)
+    return _in_force(InertialErrors, INERTIAL_SCALED, spec, preset.accelerometer, of_robot)
 
 
-def fix_errors(given: FixSpec, preset: SensorSpecs) -> FixErrors:
-    """Position fix errors from the given parameters and the preset alone."""
-    return _in_force(FixErrors, FIX_SCALED, given, preset.fixes)
+def fix_errors(spec: FixSpec, preset: SensorSpecs) -> FixErrors:
+    """Position fix errors from a specification and the preset alone."""
+    return _in_force(FixErrors, FIX_SCALED, spec, preset.fixes)
 
 
 def _in_force(
     kind: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
 ) -> Errors:
-    """Errors from the first spec that has each parameter; `scaled` ones times factor."""
-    figures: dict[str, Any] = {}
+    """Errors, each from the first spec that has it; `scaled` ones times its factor."""
+    parameters: dict[str, Any] = {}
     for spec in reversed(specs):
         given = msgspec.structs.asdict(spec)
-        figures |= {name: value for name, value in given.items() if value is not None}
-    factor = figures.pop("factor", 1.0)
-    errors = kind(**figures)
+        parameters |= {name: value for name, value in given.items() if value is not None}
+    factor = parameters.pop("factor", 1.0)
+    errors = kind(**parameters)
     sizes = {name: getattr(errors, name) for name in scaled}
     return msgspec.structs.replace(
         errors, **{name: factor * size for name, size in sizes.items() if size is not None}

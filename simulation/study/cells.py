@@ -129,9 +129,9 @@ def expand(study: Study) -> Plan:
         values = {name: value for shown, _ in points for name, value in shown.items()}
         changes = {key: value for _, changed in points for key, value in changed.items()}
         cells.append(_cell(study, robot, index, values, changes))
-    terrain, level = study.scenario.terrain, Terrain()
-    given = [name for name in NEEDS if getattr(terrain, name) != getattr(level, name)]
-    refuse_idle_keys([cell.scenario.terrain for cell in cells], given, "scenario")
+    terrain, default = study.scenario.terrain, Terrain()
+    set_keys = [key for key in NEEDS if getattr(terrain, key) != getattr(default, key)]
+    refuse_idle_keys([cell.scenario.terrain for cell in cells], set_keys, "scenario")
     return Plan(study, axes, tuple(cells))
 
 
@@ -142,19 +142,18 @@ def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
     dimensions: list[list[_Point]] = []
     if sweep is None:
         return (), []
-    for key, given in sweep.grid.items():
-        values = tuple(_shown(value) for value in given)
+    for key, raw_values in sweep.grid.items():
+        values = tuple(_shown(value) for value in raw_values)
         axes.append(Axis(key, _scale_of(values), values))
-        dimensions.append(
-            [({key: shown}, {key: raw}) for shown, raw in zip(values, given, strict=True)]
-        )
+        pairs = zip(values, raw_values, strict=True)
+        dimensions.append([({key: shown}, {key: raw}) for shown, raw in pairs])
     for axis, named in sweep.cases.items():
         axes.append(Axis(axis, "names", tuple(named)))
         dimensions.append([({axis: name}, changes) for name, changes in named.items()])
     if sweep.latin is not None:
         points = latin_points(sweep.latin, study.seed)
-        for key, found in sweep.latin.ranges.items():
-            scale = cast(Scale, found[2] if len(found) == 3 else "linear")
+        for key, (_, _, *scales) in sweep.latin.ranges.items():
+            scale = cast(Scale, scales[0] if scales else "linear")
             rising = tuple(sorted(point[key] for point in points))
             axes.append(Axis(key, scale, rising, sampled=True))
         dimensions.append([(dict(point), dict(point)) for point in points])
@@ -174,20 +173,17 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
     sampler = qmc.LatinHypercube(len(ranges), seed=np.random.default_rng([seed, len(ranges)]))
     shares = sampler.random(latin.points)
     columns = {}
-    for (key, found), share in zip(ranges.items(), shares.T, strict=True):
-        low, high = float(found[0]), float(found[1])
-        if found[2:] and found[2] == "log":
-            column = low * (high / low) ** share
-        else:
-            column = low + (high - low) * share
+    for (key, (lowest, highest, *scale)), share in zip(ranges.items(), shares.T, strict=True):
+        low, high = float(lowest), float(highest)
+        column = low * (high / low) ** share if scale == ["log"] else low + (high - low) * share
         columns[key] = [float(f"{value:.6g}") for value in column.tolist()]
     return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
-    """Settings with the wander of the scenario's fixes, if they name none.
+    """Settings with the wander of the scenario's fixes, unless they have one.
 
-    As their variance, it is given to the filter; that of a robot file is about its logs.
+    It replaces that of a robot file, which describes the fixes of its logs; without wander, by none.
     """
     errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
     wanders = errors.wander_sigma > 0.0
@@ -200,48 +196,49 @@ def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Se
 def _cell(
     study: Study, robot: Robot, index: int, values: dict[str, Value], changes: dict[str, Any]
 ) -> Cell:
+    """Cell of a study from its changes (dotted key -> value) of scenario and robots."""
     roots = {key: _root(key) for key in changes}
     parts = {
         root: nest({key.partition(".")[2]: changes[key] for key in changes if roots[key] == root})
         for root in ROBOTS
     }
-    own = {key: value for key, value in changes.items() if roots[key] not in ROBOTS}
-    outage = own.pop(OUTAGE, None)
-    scenario = change_scenario(
-        study.scenario, nest(own) | {"seed": study.seed}, f"sweep of {study.name}"
-    )
+    of_scenario = {key: value for key, value in changes.items() if roots[key] not in ROBOTS}
+    outage = of_scenario.pop(OUTAGE, None)
+    of_scenario = nest(of_scenario) | {"seed": study.seed}
+    scenario = change_scenario(study.scenario, of_scenario, f"sweep of {study.name}")
     if outage is not None:
         scenario = _with_outage(scenario, outage)
-    alike = _changed_robot(robot, parts[ROBOT], ROBOT)
-    driving = _changed_robot(alike, parts[TRUE_ROBOT], TRUE_ROBOT)
-    told = _with_noise_of(alike, driving, scenario) if study.filters_know_noise else alike
-    modelled = _changed_robot(told, parts[FILTER], FILTER)
+    robot = _changed_robot(robot, parts[ROBOT], ROBOT)
+    true_robot = _changed_robot(robot, parts[TRUE_ROBOT], TRUE_ROBOT)
+    modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
+    modelled = _changed_robot(modelled, parts[FILTER], FILTER)
     filters = []
     for spec in study.filters():
         own_robot = _changed_robot(modelled, spec.robot, f"robot of {spec.label}")
         settings = _aware_of_wander(spec.made_settings(), own_robot, scenario)
-        assumptions(own_robot, find_variant(spec.variant), settings)
+        assumptions(own_robot, find_variant(spec.variant), settings)  # raises if they do not fit
         filters.append(Filter(spec.label, spec.variant, own_robot, settings))
     truths, horizons = study.true_motions, study.horizons
-    return Cell(index, values, scenario, driving, tuple(filters), truths, horizons)
+    return Cell(index, values, scenario, true_robot, tuple(filters), truths, horizons)
 
 
-def _with_noise_of(robot: Robot, driving: Robot, scenario: Scenario) -> Robot:
+def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot:
     """Robot file with the noise of the simulated IMU and encoders.
 
-    The accelerometer's is that of the file if larger, which has vibration and slopes in it.
+    The accelerometer's noise density is the larger one of simulation and file: the latter includes
+    vibration and slopes.
     """
     preset = noise_preset(scenario.noise)
-    gyro = gyro_errors(driving, scenario.gyro, preset)
-    force = accelerometer_errors(driving, scenario.accelerometer, preset)
-    encoders = encoder_errors(driving, scenario.encoders, preset)
-    shaken = max(force.noise_density, robot.imu.accelerometer_noise_density)
+    gyro = gyro_errors(true_robot, scenario.gyro, preset)
+    force = accelerometer_errors(true_robot, scenario.accelerometer, preset)
+    encoders = encoder_errors(true_robot, scenario.encoders, preset)
+    accelerometer_noise = max(force.noise_density, robot.imu.accelerometer_noise_density)
     imu = {
         "gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
         "gyro_bias_sigma": gyro.bias_sigma,
         "gyro_bias_walk": _walk_of(gyro),
         "gyro_scale_sigma": gyro.scale_sigma,
-        "accelerometer_noise_density": shaken,
+        "accelerometer_noise_density": accelerometer_noise,
         "accelerometer_bias_sigma": force.bias_sigma,
         "accelerometer_bias_walk": _walk_of(force),
     }
@@ -250,13 +247,13 @@ def _with_noise_of(robot: Robot, driving: Robot, scenario: Scenario) -> Robot:
 
 
 def _walk_of(errors: InertialErrors) -> float:
-    """Random walk of a bias that has an instability, too, over its correlation time."""
+    """Random walk that is as large as a bias' walk and its instability together."""
     instability = errors.bias_instability * math.sqrt(2.0 / errors.bias_instability_time)
     return math.hypot(errors.bias_walk, instability)
 
 
 def _root(key: str) -> str:
-    """Root of a dotted key, checked."""
+    """Root of a dotted key; a SimulationError if there is nothing to change by it."""
     root, _, rest = key.partition(".")
     allowed = [*(name for name in Scenario.__struct_fields__ if name != "seed"), OUTAGE, *ROBOTS]
     if root not in allowed:

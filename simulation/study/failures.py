@@ -48,9 +48,9 @@ def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:
     kinds = statistics(horizons)
     values, reasons = scores.values.copy(), []
     for row, reason in zip(values, scores.reasons, strict=True):
-        found = (reason or _why_impossible(row, kinds))[:LONGEST_REASON]
-        reasons.append(found)
-        if found:
+        failure = (reason or _why_impossible(row, kinds))[:LONGEST_REASON]
+        reasons.append(failure)
+        if failure:
             row[:] = math.nan
     return RunScores(values, tuple(reasons))
 
@@ -58,7 +58,9 @@ def checked(scores: RunScores, horizons: Sequence[float]) -> RunScores:
 def run_by_run(
     one_run: Callable[[int, str], RunScores], runs: range, labels: Sequence[str], width: int
 ) -> dict[str, RunScores]:
-    """Score runs one at a time, after an exception in one of them.
+    """Score runs one at a time; an exception becomes the reason of a failed run.
+
+    Only MemoryError is raised.
 
     Args:
         one_run: scores of a run (its index) by a filter (its label).
@@ -66,7 +68,7 @@ def run_by_run(
         labels: labels of the filters.
         width: number of statistics.
     """
-    found = {}
+    by_label = {}
     for label in labels:
         values, reasons = np.full((len(runs), width), math.nan), []
         for row, run in enumerate(runs):
@@ -81,8 +83,8 @@ def run_by_run(
             else:
                 values[row] = scores.values[0]
                 reasons += scores.reasons
-        found[label] = RunScores(values, tuple(reasons))
-    return found
+        by_label[label] = RunScores(values, tuple(reasons))
+    return by_label
 
 
 def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:
@@ -92,27 +94,27 @@ def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:
         Index of the cell, label of the filter, numbers of failed and of all runs, and the reasons, the
         most frequent first, each with its number of runs and its first run.
     """
-    found = []
+    failures = []
     for cell in range(reasons.shape[1]):
         for label, of_cell in zip(labels, reasons[:, cell], strict=True):
-            at = np.flatnonzero(of_cell != "")
-            if len(at):
-                failed = [(str(of_cell[run]), int(run)) for run in at]
+            failed = [(str(of_cell[run]), int(run)) for run in np.flatnonzero(of_cell != "")]
+            if failed:
                 counts = Counter(reason for reason, _ in failed)
-                first = dict(reversed(failed))
-                found.append(
+                # Of equal keys, a dictionary keeps the last value: here the first run.
+                first_run = dict(reversed(failed))
+                failures.append(
                     {
                         "cell": cell,
                         "variant": label,
                         "runs": len(failed),
                         "of": len(of_cell),
                         "reasons": [
-                            {"reason": reason, "runs": count, "first_run": first[reason]}
+                            {"reason": reason, "runs": count, "first_run": first_run[reason]}
                             for reason, count in counts.most_common()
                         ],
                     }
                 )
-    return found
+    return failures
 
 
 def _why_impossible(values: Floats, kinds: Sequence[Statistic]) -> str:

@@ -265,18 +265,19 @@ def nest(flat: dict[str, Any]) -> dict[str, Any]:
     """
     data: dict[str, Any] = {}
     for path, value in flat.items():
-        table, *keys = data, *path.split(".")
-        for key in keys[:-1]:
+        table, (*parents, last) = data, path.split(".")
+        for key in parents:
             table = table.setdefault(key, {})
             if not isinstance(table, dict):
                 raise SimulationError(f"{key!r} of {path!r} is a value, and no table, elsewhere")
-        if isinstance(table.get(keys[-1]), dict):
+        if isinstance(table.get(last), dict):
             raise SimulationError(f"{path!r} is a table, and no value, elsewhere")
-        table[keys[-1]] = value
+        table[last] = value
     return data
 
 
 def _check_range(key: str, found: Any) -> None:
+    """Reject a range that is not (lowest, highest) or (lowest, highest, scale)."""
     wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
     if not isinstance(found, list | tuple) or len(found) not in (2, 3):
         raise SimulationError(f"{wanted}, found {found!r}")
@@ -295,6 +296,7 @@ def _check_range(key: str, found: Any) -> None:
 
 
 def _refuse_shared_keys(sweep: Sweep) -> None:
+    """Reject a key or an axis that more than one part of a sweep changes."""
     owners: dict[str, str] = {}
     axes = [(key, [key]) for key in sweep.grid]
     axes += [

@@ -3,6 +3,7 @@
 Pages, figures and tables are made from it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -16,7 +17,7 @@ from icreckon.simulation.study.statistics import DRIFT, Statistic, statistics
 from icreckon.simulation.study.summary import (
     GROUPS,
     Summary,
-    half_of_jackknife,
+    jackknife_half_width,
     over_cells,
     summarise,
 )
@@ -106,13 +107,7 @@ def shown(value: Value) -> str:
 def study_results(
     runs: Runs, manifest: dict[str, Any], cells: Sequence[list[list[Summary]]]
 ) -> Results:
-    """Results of a study, ready for JSON.
-
-    Args:
-        runs: all statistics.
-        manifest: manifest of the study.
-        cells: `cell_summaries` of the runs.
-    """
+    """Results of a study, ready for JSON, with its manifest and `cell_summaries`."""
     plan = runs.plan
     everything = tuple(cell.index for cell in plan.cells)
     return {
@@ -167,49 +162,53 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
     """Summaries by filter and statistic of the means over some cells, run by run."""
     picked = runs.values[:, list(cells)]
     baseline = picked[list(runs.plan.labels).index(runs.plan.study.compared_with)]
-    motions, found = runs.motions, []
-    for one in picked:
+    motions, of_filters = runs.motions, []
+    for values in picked:
         # Only cells where neither failed: otherwise easy cells are compared with hard ones.
-        both = np.isfinite(one) & np.isfinite(baseline)
-        means, paired, others = (
-            over_cells(values)
-            for values in (one, np.where(both, one, np.nan), np.where(both, baseline, np.nan))
-        )
-        found.append(
+        both = np.isfinite(values) & np.isfinite(baseline)
+        means = over_cells(values)
+        paired, others = (over_cells(np.where(both, of, np.nan)) for of in (values, baseline))
+        of_filters.append(
             [
                 summarise(means[:, k], others[:, k], motions, paired[:, k])
                 for k in range(len(runs.statistics))
             ]
         )
-    return found
+    return of_filters
 
 
 def _failed(runs: Runs) -> dict[str, Any]:
     """Failed runs: their number of all runs, with cells and reasons."""
-    found = [] if runs.reasons is None else failures_of(runs.reasons, runs.plan.labels)
-    filters, count, of_each = runs.values.shape[:3]
+    failures = [] if runs.reasons is None else failures_of(runs.reasons, runs.plan.labels)
     return {
-        "runs": sum(one["runs"] for one in found),
-        "of": filters * count * of_each,
-        "cells": [one | {"values": runs.plan.cells[one["cell"]].values} for one in found],
+        "runs": sum(failure["runs"] for failure in failures),
+        "of": math.prod(runs.values.shape[:3]),
+        "cells": [
+            failure | {"values": runs.plan.cells[failure["cell"]].values} for failure in failures
+        ],
     }
 
 
-def _by_variant(runs: Runs, found: list[list[Summary]]) -> dict[str, Any]:
-    names = [one.name for one in runs.statistics]
+def _by_variant(runs: Runs, summaries: list[list[Summary]]) -> dict[str, Any]:
+    """Label of the filter -> name of the statistic -> plain data of its summary."""
+    names = [statistic.name for statistic in runs.statistics]
     return {
-        label: {name: asdict(one) for name, one in zip(names, summaries, strict=True)}
-        for label, summaries in zip(runs.plan.labels, found, strict=True)
+        label: {name: asdict(summary) for name, summary in zip(names, of_filter, strict=True)}
+        for label, of_filter in zip(runs.plan.labels, summaries, strict=True)
     }
 
 
 def _reported_drift(runs: Runs) -> str:
-    """Drift statistic of headline and figures: of 30 s, or of the most common horizon."""
+    """Drift statistic of headline and figures: over the horizon that most cells have.
+
+    Of several such horizons it is the one nearest to `USUAL_HORIZON`.
+    """
     names = [one.name for one in runs.statistics]
-    horizons = sorted(runs.plan.study.horizons, key=lambda one: (abs(one - USUAL_HORIZON), one))
+    horizons = sorted(runs.plan.study.horizons, key=lambda s: (abs(s - USUAL_HORIZON), s))
     columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
-    have = [int(np.isfinite(runs.values[..., column]).any(axis=(0, 2)).sum()) for column in columns]
-    return names[columns[int(np.argmax(have))]]
+    known = (np.isfinite(runs.values[..., column]).any(axis=(0, 2)) for column in columns)
+    cells_with = [int(of_cells.sum()) for of_cells in known]
+    return names[columns[int(np.argmax(cells_with))]]
 
 
 def _typical(runs: Runs) -> dict[str, Any]:
@@ -222,24 +221,28 @@ def _typical(runs: Runs) -> dict[str, Any]:
     drifts, motions = runs.values[..., column], runs.motions
     baseline = drifts[list(runs.plan.labels).index(runs.plan.study.compared_with)]
 
-    def log_ratio(one: Floats, kept: Any) -> float:
-        both = np.isfinite(one) & np.isfinite(baseline) & kept
-        own, other = (np.where(both, of, 0.0).sum(axis=1) for of in (one, baseline))
-        there = (own > 0.0) & (other > 0.0)
-        return float(np.log(own[there] / other[there]).mean()) if there.any() else np.nan
+    def log_ratio(drift: Floats, counted: Any) -> float:
+        """Mean over cells of the logarithm of the ratio to the baseline."""
+        both = np.isfinite(drift) & np.isfinite(baseline) & counted
+        own, other = (np.where(both, values, 0.0).sum(axis=1) for values in (drift, baseline))
+        has_ratio = np.asarray((own > 0.0) & (other > 0.0))
+        return (
+            float(np.log(own[has_ratio] / other[has_ratio]).mean()) if has_ratio.any() else np.nan
+        )
 
-    found = {}
-    for label, one in zip(runs.plan.labels, drifts, strict=True):
-        without = [log_ratio(one, motions != motion) for motion in np.unique(motions)]
-        middle, half = log_ratio(one, True), half_of_jackknife(np.array(without))
-        means = [float(cell[np.isfinite(cell)].mean()) for cell in one if np.isfinite(cell).any()]
-        found[label] = {
+    by_label = {}
+    for label, drift in zip(runs.plan.labels, drifts, strict=True):
+        without_one = [log_ratio(drift, motions != motion) for motion in np.unique(motions)]
+        middle, half = log_ratio(drift, True), jackknife_half_width(np.array(without_one))
+        known = [cell[np.isfinite(cell)] for cell in drift]
+        means = [float(values.mean()) for values in known if len(values)]
+        by_label[label] = {
             "median_percent": float(np.median(means)) if means else np.nan,
             "ratio": float(np.exp(middle)),
             "ratio_low": float(np.exp(middle - half)),
             "ratio_high": float(np.exp(middle + half)),
         }
-    return found
+    return by_label
 
 
 def _final_errors(runs: Runs) -> list[dict[str, Any]]:
@@ -251,21 +254,21 @@ def _final_errors(runs: Runs) -> list[dict[str, Any]]:
         groups = groups_of(plan, plan.axes[0])
         picks = np.linspace(0, len(groups) - 1, min(MOST_DISTRIBUTIONS, len(groups)))
         groups = [groups[round(pick)] for pick in picks.tolist()]
-    kept = []
+    distributions = []
     errors = runs.values[..., column]
     for group in groups:
         values = errors[:, list(group.cells)].reshape(len(plan.labels), -1)
         percentiles = {
             label: [
                 float(f"{value:.{SHOWN_DIGITS}g}")
-                for value in np.percentile(one[np.isfinite(one)], PERCENTILES).tolist()
+                for value in np.percentile(of_filter[np.isfinite(of_filter)], PERCENTILES).tolist()
             ]
-            for label, one in zip(plan.labels, values, strict=True)
-            if np.isfinite(one).any()
+            for label, of_filter in zip(plan.labels, values, strict=True)
+            if np.isfinite(of_filter).any()
         }
         axis = plan.axes[0].name if plan.axes else ""
-        kept.append({"axis": axis, "group": group.name, "percentiles": percentiles})
-    return kept
+        distributions.append({"axis": axis, "group": group.name, "percentiles": percentiles})
+    return distributions
 
 
 def alike(values: Floats, axis: int) -> list[list[int]]:
@@ -280,20 +283,21 @@ def alike(values: Floats, axis: int) -> list[list[int]]:
     places = np.moveaxis(values, axis, 0)
     known = np.isfinite(places)
     sums = np.where(known, places, 0.0).reshape(len(places), -1).sum(axis=1)
-    found: list[list[int]] = []
+    groups: list[list[int]] = []
     previous = None
     for place in np.argsort(sums, kind="stable").tolist():
         if not known[place].any():
             continue
         if previous is not None and _same(places[previous], places[place]):
-            found[-1].append(place)
+            groups[-1].append(place)
         else:
-            found.append([place])
+            groups.append([place])
             previous = place
-    return sorted(sorted(group) for group in found if len(group) > 1)
+    return sorted(sorted(group) for group in groups if len(group) > 1)
 
 
-def _same(one: Any, other: Any) -> bool:
-    larger = np.maximum(np.abs(one), np.abs(other))
-    apart = np.abs(one - other) > ROUNDING * larger
-    return bool(np.array_equal(np.isfinite(one), np.isfinite(other)) and not apart.any())
+def _same(first: Any, other: Any) -> bool:
+    """Return True if values are equal to `ROUNDING`, and missing in the same places."""
+    larger = np.maximum(np.abs(first), np.abs(other))
+    apart = np.abs(first - other) > ROUNDING * larger
+    return bool(np.array_equal(np.isfinite(first), np.isfinite(other)) and not apart.any())

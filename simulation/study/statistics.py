@@ -125,21 +125,21 @@ def scored_segments(
         start: start of the run [ns].
         end: its end [ns].
     """
-    first, found = segment_starts(stamps), []
+    first, scored = segment_starts(stamps), []
     for horizon in (*horizons, YAW_HORIZON):
         last = np.searchsorted(stamps, stamps[first] + int(horizon / NANOSECOND))
         within = without_fixes(fixes, start, end, horizon) if len(fixes) else None
         # The truth of a study has no gaps.
         usable = usable_segments(stamps, first, last, within=within, largest_gap=math.inf)
-        found.append(Segments(horizon, *usable))
-    return found
+        scored.append(Segments(horizon, *usable))
+    return scored
 
 
-def run_statistics(one: Run, log: Log, horizons: Sequence[float]) -> Floats:
+def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
     """Statistics (n,) of a run, in the order of `statistics`.
 
     Args:
-        one: the run; it starts at the true pose.
+        run: the run; it starts at the true pose.
         log: log of the run, with its truth.
         horizons: lengths of the segments over which drift is scored [s].
 
@@ -148,21 +148,21 @@ def run_statistics(one: Run, log: Log, horizons: Sequence[float]) -> Floats:
     """
     if log.truth is None or log.truth.twists is None:
         raise ValueError("there is no truth to score against")
-    path, poses, twists = one.trajectory, log.truth.poses, log.truth.twists
+    path, poses, twists = run.trajectory, log.truth.poses, log.truth.twists
     stamps = shared_stamps(path, poses)
-    at, of_truth = np.searchsorted(path.stamps, stamps), np.searchsorted(twists.stamps, stamps)
+    in_path, in_truth = (np.searchsorted(of.stamps, stamps) for of in (path, twists))
     estimate = Trajectory(
         stamps,
         interpolate_poses(path.pose_series, stamps),
-        path.pose_covariances[at],
+        path.pose_covariances[in_path],
         interpolate(path.stamps, path.twists, stamps),
-        path.twist_covariances[at],
+        path.twist_covariances[in_path],
     )
     true = interpolate_poses(poses, stamps)
-    truth = TrueTicks(true, twists.twists[of_truth], path_length(PoseSeries(stamps, true)))
+    truth = TrueTicks(true, twists.twists[in_truth], path_length(PoseSeries(stamps, true)))
     fixes = np.zeros(0, np.int64) if log.fixes is None else log.fixes.stamps
     segments = scored_segments(stamps, horizons, fixes, log.start, log.end)
-    return np.array([*path_statistics(estimate, truth, segments), *_consistency(one.health)])
+    return np.array([*path_statistics(estimate, truth, segments), *_consistency(run.health)])
 
 
 @np.errstate(all="ignore")
@@ -176,7 +176,7 @@ def path_statistics(
         truth: truth at their stamps.
         segments: see `scored_segments`.
     """
-    ratios = [_drift(estimate, truth, one) for one in segments]
+    ratios = [_drift(estimate, truth, horizon) for horizon in segments]
     errors = estimate.poses - truth.poses
     errors[..., 2] = wrap_angle(errors[..., 2])
     velocities = estimate.twists - truth.twists
@@ -195,14 +195,12 @@ def path_statistics(
     ]
 
 
-def _drift(estimate: Trajectory, truth: TrueTicks, over: Segments) -> tuple[Floats, Floats]:
+def _drift(estimate: Trajectory, truth: TrueTicks, segments: Segments) -> tuple[Floats, Floats]:
     """Drift (...) of position [-] and yaw [rad/m] of one horizon."""
-    position, yaw = segment_errors(estimate.poses, truth.poses, over.first, over.last)
-    distances = truth.lengths[over.last] - truth.lengths[over.first]
-    return (
-        mean_ratio(position, distances, over.horizon),
-        mean_ratio(np.abs(yaw), distances, over.horizon),
-    )
+    horizon, first, last = segments
+    position, yaw = segment_errors(estimate.poses, truth.poses, first, last)
+    distances = truth.lengths[last] - truth.lengths[first]
+    return (mean_ratio(position, distances, horizon), mean_ratio(np.abs(yaw), distances, horizon))
 
 
 def _nees(errors: Floats, covariances: Floats) -> tuple[Floats, Floats]:

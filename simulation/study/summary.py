@@ -73,23 +73,23 @@ def summarise(
         paired: (n,) values of the runs over the cells that the baseline has too; `values` by default.
     """
     paired = values if paired is None else paired
-    known = np.isfinite(values)
-    some, of = values[known], motions[known]
+    has_value = np.isfinite(values)
+    known, known_motions = values[has_value], motions[has_value]
     both = np.isfinite(paired) & np.isfinite(baseline)
-    mean = mean_interval(some, of, positive=True)
-    apart = mean_interval(paired[both] - baseline[both], motions[both])
-    times = ratio_interval(paired[both], baseline[both], motions[both])
-    median, p05, p95 = np.percentile(some, (50.0, 5.0, 95.0)) if len(some) else [math.nan] * 3
+    mean = mean_interval(known, known_motions, positive=True)
+    difference = mean_interval(paired[both] - baseline[both], motions[both])
+    ratio = ratio_interval(paired[both], baseline[both], motions[both])
+    median, p05, p95 = np.percentile(known, (50.0, 5.0, 95.0)) if len(known) else [math.nan] * 3
     return Summary(
-        len(some),
-        len(np.unique(of)),
+        len(known),
+        len(np.unique(known_motions)),
         *mean,
         float(median),
         float(p05),
         float(p95),
         int(both.sum()),
-        *apart,
-        *times,
+        *difference,
+        *ratio,
     )
 
 
@@ -114,23 +114,29 @@ def mean_interval(
 
 def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[float, float, float]:
     """Ratio of two means over the same runs (n,) and its 95 % interval."""
-    below = float(baseline.mean()) if len(baseline) else 0.0
-    if below == 0.0:
+    mean_of_baseline = float(baseline.mean()) if len(baseline) else 0.0
+    if mean_of_baseline == 0.0:
         return math.nan, math.nan, math.nan
-    ratio = float(values.mean()) / below
-    half = _half_width((values - ratio * baseline) / below, motions)
+    ratio = float(values.mean()) / mean_of_baseline
+    half = _half_width((values - ratio * baseline) / mean_of_baseline, motions)
     return _on_log_scale(ratio, half) if ratio > 0.0 else (ratio, ratio - half, ratio + half)
 
 
 def _on_log_scale(value: float, half: float) -> tuple[float, float, float]:
-    """Positive value and the interval of its logarithm, by the half-width of its own."""
+    """Positive value and its interval, which is even about its logarithm.
+
+    `half` is the half-width of the value's own interval; divided by the value, of its logarithm's.
+    """
     with np.errstate(over="ignore"):
         factor = float(np.exp(half / value))
     return value, value / factor, value * factor
 
 
-def half_of_jackknife(without: Floats) -> float:
-    """Half a 95 % interval by estimates (m,) without one true motion each, or NaN."""
+def jackknife_half_width(without: Floats) -> float:
+    """Half-width of a 95 % interval, from estimates (m,) without one true motion each.
+
+    It is NaN for fewer than two estimates.
+    """
     count = len(without)
     if count < 2:
         return math.nan
@@ -147,7 +153,7 @@ def over_cells(values: Floats) -> Floats:
 
 
 def _half_width(residuals: Floats, motions: Ints) -> float:
-    """Half-width of the interval of a mean, from residuals (n,) about it."""
+    """Half-width of the interval of a mean, from residuals (n,) about it, or NaN."""
     sums = np.bincount(np.unique(motions, return_inverse=True)[1], weights=residuals)
     clusters = len(sums)
     if clusters < 2:
@@ -158,7 +164,7 @@ def _half_width(residuals: Floats, motions: Ints) -> float:
 
 @cache
 def _student(degrees: int) -> float:
-    """Half-width of the 95 % interval of Student's t."""
+    """Half-width of the 95 % interval of Student's t, by its degrees of freedom."""
     from scipy.stats import t
 
     return float(t.ppf(0.5 + 0.5 * CONFIDENCE, degrees))

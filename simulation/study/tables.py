@@ -16,23 +16,16 @@ AXIS = "axis:{}"
 
 
 def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
-    """Table of summaries: one row for each cell, variant and statistic.
-
-    Args:
-        runs: all statistics.
-        cells: `icreckon.simulation.study.results.cell_summaries` of the runs.
-    """
+    """Table of `results.cell_summaries`: one row for each cell, variant and statistic."""
     plan, kinds = runs.plan, runs.statistics
-    rows = np.array([astuple(one) for cell in cells for found in cell for one in found])
-    columns = _places(plan, len(kinds))
-    for key, texts in (
-        ("statistic", [one.name for one in kinds]),
-        ("unit", [one.unit for one in kinds]),
-    ):
+    rows = np.array([astuple(one) for cell in cells for of_filter in cell for one in of_filter])
+    columns = _key_columns(plan, len(kinds))
+    names, units = ([getattr(kind, key) for kind in kinds] for key in ("name", "unit"))
+    for key, texts in (("statistic", names), ("unit", units)):
         columns[key] = np.tile(np.array(texts, dtype=object), len(plan.cells) * len(plan.labels))
     for name, values in zip(COLUMNS, rows.T, strict=True):
-        whole = Summary.__dataclass_fields__[name].type is int
-        columns[name] = values.astype(np.int64) if whole else values.astype(np.float64)
+        is_whole = Summary.__dataclass_fields__[name].type is int
+        columns[name] = values.astype(np.int64) if is_whole else values.astype(np.float64)
     return _parquet(columns)
 
 
@@ -40,29 +33,29 @@ def runs_parquet(runs: Runs) -> bytes:
     """Table of runs: one row for each cell, variant and run, one column per statistic."""
     plan = runs.plan
     filters, cells, count, _ = runs.values.shape
-    columns = _places(plan, count)
+    columns = _key_columns(plan, count)
     columns["run"] = np.tile(np.arange(count, dtype=np.int64), cells * filters)
     if runs.reasons is not None:
         ordered = runs.reasons.transpose(1, 0, 2).reshape(-1)
         columns["failed"] = np.where(ordered == "", None, ordered)
     columns["true_motion"] = np.tile(runs.motions.astype(np.int64), cells * filters)
     ordered = runs.values.transpose(1, 0, 2, 3).reshape(cells * filters * count, -1)
-    for one, values in zip(runs.statistics, ordered.T, strict=True):
-        columns[one.name] = values
+    for kind, values in zip(runs.statistics, ordered.T, strict=True):
+        columns[kind.name] = values
     return _parquet(columns)
 
 
-def _places(plan: Plan, rows: int) -> dict[str, Any]:
+def _key_columns(plan: Plan, rows: int) -> dict[str, Any]:
     """Columns of cell, axes and variant, for a number of rows of each variant."""
-    at = np.repeat(np.arange(len(plan.cells)), len(plan.labels) * rows)
-    columns: dict[str, Any] = {"cell": at.astype(np.int32)}
+    cell_of_row = np.repeat(np.arange(len(plan.cells)), len(plan.labels) * rows)
+    columns: dict[str, Any] = {"cell": cell_of_row.astype(np.int32)}
     for axis in plan.axes:
         values = [cell.values[axis.name] for cell in plan.cells]
         if axis.scale == "names":
             column = np.array([str(value) for value in values], dtype=object)
         else:
             column = np.array(values, dtype=np.float64)
-        columns[AXIS.format(axis.name)] = column[at]
+        columns[AXIS.format(axis.name)] = column[cell_of_row]
     labels = np.repeat(np.array(plan.labels, dtype=object), rows)
     return columns | {"variant": np.tile(labels, len(plan.cells))}
 

@@ -195,8 +195,9 @@ def drive(
         states[0] = start
         pose[2] = start[5]
     for first, last in _spans(payloads, count, step):
-        on = [load for load in payloads if load.time[0] < (first + 0.5) * step < load.time[1]]
-        body, inertia = loaded(contact.body, yaw_inertia, on)
+        time = (first + 0.5) * step
+        carried = [load for load in payloads if load.time[0] < time < load.time[1]]
+        body, inertia = loaded(contact.body, yaw_inertia, carried)
         try:
             loaded_contact = Contact(contact.soil, contact.geometry, body)
         except ValueError as error:
@@ -204,27 +205,25 @@ def drive(
                 f"the vehicle cannot stand with its payload: the centre of mass, {body.y_CM:.3f} m "
                 f"forward and {-body.x_CM:.3f} m left, lies outside the contact"
             ) from error
-        absolute = np.array(
-            [SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW], dtype=float
-        )
-        part = slice(first, last + 1)
+        scales = np.array([SMALL_VELOCITY] * 3 + [SMALL_LOAD * body.weight] * 2 + [SMALL_YAW])
+        span = slice(first, last + 1)
         mass = mass_matrix(body.mass, body.x_CM, body.y_CM, inertia)
-        taken = ode.integrate(
+        steps = ode.integrate(
             ode.Vehicle(ground(loaded_contact), np.asarray(np.linalg.inv(mass), float), load_lag),
             surface,
             rows,
             ode.DrivenTracks(
                 first * step,
                 step,
-                np.ascontiguousarray(speeds[part]),
-                np.ascontiguousarray(speed_rates[part]),
+                np.ascontiguousarray(speeds[span]),
+                np.ascontiguousarray(speed_rates[span]),
             ),
-            ode.Tolerance(tolerance, tolerance * absolute),
-            ode.GridMotion(pose, states[part], slopes[part], tipping[part], residual[part]),
+            ode.Tolerance(tolerance, tolerance * scales),
+            ode.GridMotion(pose, states[span], slopes[span], tipping[span], residual[span]),
         )
-        if taken < 0:
+        if steps < 0:  # minus the index of the grid point that was not reached
             raise SimulationError(
-                f"the motion cannot be integrated beyond {(first - taken) * step:.3f} s: "
+                f"the motion cannot be integrated beyond {(first - steps) * step:.3f} s: "
                 "the integration step became too small"
             )
     return Drive(states[:, :3], states[:, 3:5], slopes, tipping)
@@ -284,7 +283,7 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
 
 
 def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...]) -> TrueMotion:
-    """Motion with its twists, on a surface in place of the plane.
+    """Repeat a planar motion on a surface: the same twists, other poses, and gravity.
 
     Args:
         motion: planar motion; its twists are in base_link's axes.
@@ -296,8 +295,8 @@ def on_surface(motion: TrueMotion, surface: Surface, patches: tuple[Patch, ...])
     step = 1.0 / motion.rate
     poses, gravity = np.zeros_like(motion.poses), np.empty_like(motion.poses)
     heights = np.empty(len(poses))
-    by = displacements(motion.twists, step)
-    ride_along(surface, patch_rows(patches), step, by, poses, gravity, heights)
+    moves = displacements(motion.twists, step)
+    ride_along(surface, patch_rows(patches), step, moves, poses, gravity, heights)
     return replace(motion, poses=poses, gravity=gravity, turns=motion.poses[:, 2], heights=heights)
 
 
@@ -314,16 +313,14 @@ def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
 
 
 def _within(value: float, width: float) -> float:
-    """Clip a coordinate of the centre of mass to stay well inside the contact."""
+    """Clip a coordinate of the centre of mass to 40 % of the contact's extent."""
     return float(np.clip(value, -0.4 * width, 0.4 * width))
 
 
 def _spans(payloads: tuple[Payload, ...], count: int, step: float) -> list[tuple[int, int]]:
-    """First and last grid point of each span of constant load."""
+    """First and last grid point of each span of constant load; spans share their ends."""
     changes = {0, count - 1}
     for payload in payloads:
-        changes |= {
-            round(min(max(at / step, 0.0), count - 1.0)) for at in payload.time if np.isfinite(at)
-        }
-    ends = sorted(changes)
-    return list(pairwise(ends))
+        times = filter(np.isfinite, payload.time)
+        changes |= {round(min(max(time / step, 0.0), count - 1.0)) for time in times}
+    return list(pairwise(sorted(changes)))

@@ -68,7 +68,7 @@ C = np.array(
     ]
 )
 STAGE_TIMES = np.array([0.0, 0.386, 0.21, 0.63, 1.0, 1.0])
-OF_TIME = np.array([0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0])
+TIME_GAMMAS = np.array([0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0])
 # Step control: safety, and how much a step may shrink or grow.
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
 SMALLEST_STEP = 1e-10
@@ -181,8 +181,8 @@ def integrate(
         patches: (k, PATCH_WIDTH) terrain, see `icreckon.simulation.truth.surface_kernel`.
         tracks: track speeds.
         tolerance: error allowed per step.
-        motion: pose, slip and first state given, for the first grid point; else overwritten, except the
-            last value of `tipping`.
+        motion: slip, and pose and state of the first grid point, are inputs. The rest is overwritten,
+            except for the last value of `tipping`; the pose with the last one.
 
     Returns:
         Number of steps, rejected ones included; or, if the step became too small, minus the index of
@@ -207,17 +207,17 @@ def integrate(
     )
     by_state, by_time = np.empty((SIZE, SIZE)), np.empty(SIZE)
     matrix, pivots = np.empty((SIZE, SIZE)), np.empty(SIZE, dtype=np.int64)
-    stages, rate, at = np.empty((STAGES, SIZE)), np.empty(SIZE), np.empty(SIZE)
+    stages, rate, trial = np.empty((STAGES, SIZE)), np.empty(SIZE), np.empty(SIZE)
     ground = vehicle.ground
-    under = TrackGround(ground.friction, ground.rolling_resistance)
-    outside = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
-    h, taken = step, 0
+    under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
+    outside_patches = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
+    h, steps = step, 0
     for k in range(len(speeds)):
         time = start + k * step
         if not surface.present:
             pose[2] = states[k, 5]
         place = (pose[0], pose[1], pose[2])
-        look_up(patches, time, place, ground.half_gauge, outside, under, slopes[k])
+        look_up(patches, time, place, ground.half_gauge, outside_patches, under_tracks, slopes[k])
         if surface.present:
             p_x, p_y = tilt(surface, patches, time, pose[0], pose[1])
             _set_slope(gravity_on(p_x, p_y, pose[2]), states[k, 5], slopes[k])
@@ -228,23 +228,24 @@ def integrate(
         y[:] = states[k]
         done = 0.0
         while done < 1.0:
-            h = min(h, (1.0 - done) * step)
+            rest = (1.0 - done) * step
+            # A step that nearly reaches the next grid point reaches it.
             if h > 0.999 * (1.0 - done) * step:
-                h = (1.0 - done) * step
+                h = rest
             for stage in range(STAGES):
                 for row in range(SIZE):
-                    at[row] = y[row]
+                    trial[row] = y[row]
                     for before in range(stage):
-                        at[row] += A[stage, before] * stages[before, row]
+                        trial[row] += A[stage, before] * stages[before, row]
                 share = done + STAGE_TIMES[stage] * h / step
                 left, left_rate = _speed_at(speeds, speed_rates, k, 0, step, share)
                 right, right_rate = _speed_at(speeds, speed_rates, k, 1, step, share)
-                tips = _rates(vehicle, pressing, slopes[k], at, (left, right), forces, rate)
+                tips = _rates(vehicle, pressing, slopes[k], trial, (left, right), forces, rate)
                 if stage == 0:
                     if done == 0.0:
                         tipping[k] = tips
                     speed_rate, jacobian = (left_rate, right_rate), forces.jacobian
-                    _slopes(
+                    _rate_derivatives(
                         vehicle, pressing, slopes[k], y, speed_rate, jacobian, by_state, by_time
                     )
                     for row in range(SIZE):
@@ -253,41 +254,41 @@ def integrate(
                         matrix[row, row] += 1.0 / (GAMMA * h)
                     _factor(matrix, pivots)
                 for row in range(SIZE):
-                    total = rate[row] + h * OF_TIME[stage] * by_time[row]
+                    total = rate[row] + h * TIME_GAMMAS[stage] * by_time[row]
                     for before in range(stage):
                         total += C[stage, before] / h * stages[before, row]
                     stages[stage, row] = total
                 _substitute(matrix, pivots, stages[stage])
             error = 0.0
             for row in range(SIZE):
-                at[row] += stages[STAGES - 1, row]
+                trial[row] += stages[STAGES - 1, row]
                 scale = tolerance.absolute[row] + tolerance.relative * max(
-                    abs(y[row]), abs(at[row])
+                    abs(y[row]), abs(trial[row])
                 )
                 error += (stages[STAGES - 1, row] / scale) ** 2
             error = np.sqrt(error / SIZE)
-            taken += 1
-            used = h
+            steps += 1
+            h_tried = h
             if error > 0.0:
                 h *= min(GROW, max(SHRINK, SAFETY * error**-0.25))
             elif error == 0.0:
                 h *= GROW
-            else:
+            else:  # NaN
                 h *= SHRINK
             if error <= 1.0:
-                y[:] = at
-                done += used / step
+                y[:] = trial
+                done += h_tried / step
                 if 1.0 - done < 1e-12:
                     done = 1.0
             elif h < SMALLEST_STEP:
                 return -(k + 1)
         if surface.present:
-            by = _displacement(states[k], y, slip[k], slip[k + 1], step)
+            moved = _displacement(states[k], y, slip[k], slip[k + 1], step)
             times = (time, time + step)
-            pose[0], pose[1], pose[2], _ = ride(surface, patches, times, place, by)
+            pose[0], pose[1], pose[2], _ = ride(surface, patches, times, place, moved)
         else:
             _advance(pose, states[k], y, step)
-    return taken
+    return steps
 
 
 @compiled
@@ -302,7 +303,7 @@ def _rates(
 ) -> bool:
     """Compute the rates (6,) of the state, in place; return True if the vehicle tips.
 
-    `forces` is overwritten with the ground's forces and their derivatives.
+    `pressing` is from `_pressing`. `forces` is overwritten with the ground's forces and derivatives.
     """
     v_x, v_y, w = y[0], y[1], y[2]
     values, jacobian = forces.values, forces.jacobian
@@ -328,7 +329,7 @@ def _rates(
 
 
 @compiled
-def _slopes(
+def _rate_derivatives(
     vehicle: Vehicle,
     pressing: Ground,
     slope: Floats,
@@ -338,7 +339,7 @@ def _slopes(
     by_state: Floats,
     by_time: Floats,
 ) -> None:
-    """Derivatives of the rates by the state (6, 6) and by time (6,)."""
+    """Compute derivatives of `_rates` by state (6, 6) and by time (6,), in place."""
     by_state[:] = 0.0
     v_x, v_y, w = y[0], y[1], y[2]
     x, y_CM, _ = pressing.centre
@@ -354,8 +355,9 @@ def _slopes(
         elif column == 5:
             right, forward = M * g_forward, -M * g_right
         if column < 5:
-            of = column if column < 3 else column + 2
-            f_x, f_y, moment = jacobian[0, of], jacobian[1, of], jacobian[2, of]
+            # The forces' Jacobian has the track speeds in columns 3 and 4.
+            j = column if column < 3 else column + 2
+            f_x, f_y, moment = jacobian[0, j], jacobian[1, j], jacobian[2, j]
         by_state[3, column] = -f_x / vehicle.load_lag
         by_state[4, column] = -f_y / vehicle.load_lag
         f_x, f_y, moment = f_x + right, f_y + forward, moment + x * forward - y_CM * right
@@ -386,7 +388,7 @@ def _in_body(slope: Floats, yaw: float) -> tuple[float, float]:
 
 @compiled
 def _pressing(ground: Ground, slope: Floats) -> Ground:
-    """Contact whose weight is reduced by gravity's part along the slope."""
+    """Contact pressed by the part of the weight that is square to the slope."""
     flat = ground.weight / ground.mass
     down = np.sqrt(max(flat * flat - slope[0] * slope[0] - slope[1] * slope[1], 0.0))
     return Ground(

@@ -69,9 +69,9 @@ class KinematicTruth:
 
 
 def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
-    """Draw the robot's index parameters, each times its own log-normal factor.
+    """Draw index parameters: those of the robot, each times its own log-normal factor.
 
-    H is not changed, and eta0 >= 1.
+    H stays as it is; eta0 is at least 1.
 
     Args:
         robot: gives the nominal parameters.

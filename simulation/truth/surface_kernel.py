@@ -107,7 +107,7 @@ def gradient(surface: Surface, x: float, y: float) -> tuple[float, float]:
 
 @compiled
 def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> tuple[float, float]:
-    """Gradient under the vehicle's origin, with the slopes of patches over it.
+    """Gradient under the vehicle's origin; slopes of patches replace the surface's.
 
     Args:
         surface: the height field.
@@ -120,9 +120,9 @@ def tilt(surface: Surface, patches: Floats, time: float, x: float, y: float) -> 
     for patch in patches:
         share, along_x, along_y = _slope_cover(patch, time, x, y)
         if share > 0.0:
-            down = np.sqrt(GRAVITY * GRAVITY - along_x * along_x - along_y * along_y)
-            p_x += share * (-along_x / down - p_x)
-            p_y += share * (-along_y / down - p_y)
+            normal_part = np.sqrt(GRAVITY * GRAVITY - along_x * along_x - along_y * along_y)
+            p_x += share * (-along_x / normal_part - p_x)
+            p_y += share * (-along_y / normal_part - p_y)
     return p_x, p_y
 
 
@@ -147,7 +147,7 @@ def gravity_on(p_x: float, p_y: float, yaw: float) -> Vector:
 
 @compiled
 def ride(
-    surface: Surface, patches: Floats, time: tuple[float, float], pose: Vector, by: Vector
+    surface: Surface, patches: Floats, time: tuple[float, float], pose: Vector, displacement: Vector
 ) -> tuple[float, float, float, float]:
     """Move a vehicle on the ground by a small displacement in its own axes.
 
@@ -156,7 +156,7 @@ def ride(
         patches: (k, PATCH_WIDTH).
         time: from, and to, since the start of the run [s].
         pose: x, y [m], heading [rad] before.
-        by: forward, left [m], turn about the normal [rad].
+        displacement: forward, left [m], turn about the normal [rad].
 
     Returns:
         x, y [m], heading [rad] after, not wrapped, and the height gained [m].
@@ -167,21 +167,21 @@ def ride(
     normal = _normal(p_x, p_y)
     cos, sin = np.cos(yaw), np.sin(yaw)
     s = p_x * cos + p_y * sin
-    size = 1.0 / np.sqrt(1.0 + s * s)
-    ahead = (cos * size, sin * size, s * size)
+    inverse_length = 1.0 / np.sqrt(1.0 + s * s)
+    ahead = (cos * inverse_length, sin * inverse_length, s * inverse_length)
     left = _cross(normal, ahead)
-    forward, aside, turn = by
+    forward, aside, turn = displacement
     step = _sum(forward, ahead, aside, left)
     # The displacement is that of the mean attitude; the attitude after it needs the place after it.
     p_x, p_y = tilt(surface, patches, after, x + step[0], y + step[1])
-    carried = _carry(step, normal, _normal(p_x, p_y))
-    x += 0.5 * (step[0] + carried[0])
-    y += 0.5 * (step[1] + carried[1])
+    step_after = _carry(step, normal, _normal(p_x, p_y))
+    x += 0.5 * (step[0] + step_after[0])
+    y += 0.5 * (step[1] + step_after[1])
     p_x, p_y = tilt(surface, patches, after, x, y)
     facing = _sum(np.cos(turn), ahead, np.sin(turn), left)
     facing = _carry(facing, normal, _normal(p_x, p_y))
     turned = np.arctan2(cos * facing[1] - sin * facing[0], cos * facing[0] + sin * facing[1])
-    return x, y, yaw + turned, 0.5 * (step[2] + carried[2])
+    return x, y, yaw + turned, 0.5 * (step[2] + step_after[2])
 
 
 @compiled
@@ -224,11 +224,11 @@ def ride_along(
 
 @compiled
 def _kerbs(surface: Surface, u: float) -> tuple[float, float]:
-    """Height [m] and slope [-] of the kerbs at u; they go up and down in turn."""
+    """Height [m] and slope [-] of the kerbs at u: cycloids, up and down in turn."""
     if surface.kerb_height == 0.0:
         return 0.0, 0.0
     place = u / surface.kerb_every + surface.phases[2]
-    number = np.floor(place)
+    number = np.floor(place)  # even kerbs go up, odd ones down
     share = min((place - number) * surface.kerb_every / surface.kerb_length, 1.0)
     angle = 2.0 * np.pi * share
     risen, slope = share - np.sin(angle) / (2.0 * np.pi), 1.0 - np.cos(angle)
@@ -240,38 +240,38 @@ def _kerbs(surface: Surface, u: float) -> tuple[float, float]:
 @compiled
 def _normal(p_x: float, p_y: float) -> Vector:
     """Unit normal of the ground with a gradient."""
-    size = 1.0 / np.sqrt(1.0 + p_x * p_x + p_y * p_y)
-    return -p_x * size, -p_y * size, size
+    inverse_length = 1.0 / np.sqrt(1.0 + p_x * p_x + p_y * p_y)
+    return -p_x * inverse_length, -p_y * inverse_length, inverse_length
 
 
 @compiled
-def _carry(vector: Vector, normal: Vector, to: Vector) -> Vector:
+def _carry(vector: Vector, normal: Vector, other: Vector) -> Vector:
     """Turn a vector square to a normal by the smallest rotation to another normal."""
-    share = -_dot(to, vector) / (1.0 + _dot(normal, to))
+    share = -_dot(other, vector) / (1.0 + _dot(normal, other))
     return (
-        vector[0] + share * (normal[0] + to[0]),
-        vector[1] + share * (normal[1] + to[1]),
-        vector[2] + share * (normal[2] + to[2]),
+        vector[0] + share * (normal[0] + other[0]),
+        vector[1] + share * (normal[1] + other[1]),
+        vector[2] + share * (normal[2] + other[2]),
     )
 
 
 @compiled
-def _sum(a: float, one: Vector, b: float, other: Vector) -> Vector:
-    """Return a times one vector plus b times another."""
-    return (a * one[0] + b * other[0], a * one[1] + b * other[1], a * one[2] + b * other[2])
+def _sum(a: float, first: Vector, b: float, other: Vector) -> Vector:
+    """Sum of two vectors, multiplied by a and b."""
+    return (a * first[0] + b * other[0], a * first[1] + b * other[1], a * first[2] + b * other[2])
 
 
 @compiled
-def _dot(one: Vector, other: Vector) -> float:
-    return one[0] * other[0] + one[1] * other[1] + one[2] * other[2]
+def _dot(first: Vector, other: Vector) -> float:
+    return first[0] * other[0] + first[1] * other[1] + first[2] * other[2]
 
 
 @compiled
-def _cross(one: Vector, other: Vector) -> Vector:
+def _cross(first: Vector, other: Vector) -> Vector:
     return (
-        one[1] * other[2] - one[2] * other[1],
-        one[2] * other[0] - one[0] * other[2],
-        one[0] * other[1] - one[1] * other[0],
+        first[1] * other[2] - first[2] * other[1],
+        first[2] * other[0] - first[0] * other[2],
+        first[0] * other[1] - first[1] * other[0],
     )
 
 
@@ -308,4 +308,5 @@ def _inside(value: float, low: float, high: float, soft: float) -> float:
 
 @compiled
 def _blend(value: float, patch: float, share: float) -> float:
+    """Mix a value with that of a patch, by its weight; NaN keeps the value."""
     return value if np.isnan(patch) else value + share * (patch - value)

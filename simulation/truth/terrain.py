@@ -102,8 +102,8 @@ class Terrain(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 def refuse_idle_keys(terrains: Sequence[Terrain], given: Iterable[str], source: str) -> None:
     """Refuse keys of `[terrain]` that change nothing.
 
-    Such are the wavelength of ground that does not roll, or the direction of level ground.
-    One that is written as zero counts as given: it is there to be changed.
+    These are, for example, the wavelength of ground that does not roll. A needed key that is written as
+    zero counts as given, since a study may change it.
 
     Args:
         terrains: the terrain, or those of the cells of a study.
@@ -217,9 +217,9 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
         rolling = nothing if patch.rolling_resistance is None else patch.rolling_resistance
         downhill = (nothing, nothing)
         if patch.slope_deg is not None:
-            size = -GRAVITY * np.sin(np.radians(patch.slope_deg))
+            pull = -GRAVITY * np.sin(np.radians(patch.slope_deg))
             uphill = np.radians(patch.uphill_deg or 0.0)
-            downhill = (float(size * np.cos(uphill)), float(size * np.sin(uphill)))
+            downhill = (float(pull * np.cos(uphill)), float(pull * np.sin(uphill)))
         where = (*patch.x, *patch.y, *patch.time, patch.edge, patch.onset)
         rows.append((*where, friction, friction, rolling, *downhill))
     return np.array(rows, dtype=float).reshape(len(rows), PATCH_WIDTH)
@@ -288,7 +288,7 @@ LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0
 
 
 def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Surface:
-    """Height field of a terrain; phases of waves and kerbs are drawn at random.
+    """Make the height field of a terrain, with random phases of waves and kerbs.
 
     Args:
         terrain: shape of the ground.
@@ -301,7 +301,7 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
     check_terrain(terrain, contact_length)
     along, across, kerbs = rng.random(3)
     uphill = np.radians(terrain.uphill_deg)
-    # The slopes of both waves are largest at the same places.
+    # Both waves are steepest at the same places, where their slopes add up at right angles.
     waves = np.tan(np.radians(terrain.rolling_deg)) / np.sqrt(2.0)
     return Surface(
         True,
@@ -339,6 +339,6 @@ def loaded(body: Body, yaw_inertia: float, payloads: list[Payload]) -> tuple[Bod
     )
     mass = masses.sum()
     centre = masses @ centres / mass
-    apart = ((centres - centre)[:, :2] ** 2).sum(axis=1)
+    squared_arms = ((centres - centre)[:, :2] ** 2).sum(axis=1)
     x, y, z = (float(part) for part in centre)
-    return Body(float(mass), x, y, z), float(yaw_inertia + masses @ apart)
+    return Body(float(mass), x, y, z), float(yaw_inertia + masses @ squared_arms)

@@ -74,9 +74,9 @@ class TrueMotion:
         """
         if self.turns is not None:
             return self._linear(self.poses, times)
-        at, rest = self._locate(times)
-        mean = 0.5 * (self.twists[at] + self.twists_at(times))
-        return compose(self.poses[at], exponential(mean * rest[:, None]))
+        index, elapsed = self._locate(times)
+        mean = 0.5 * (self.twists[index] + self.twists_at(times))
+        return compose(self.poses[index], exponential(mean * elapsed[:, None]))
 
     def attitudes_at(self, times: Floats) -> Floats:
         """Roll, pitch, yaw (n, 3) [rad] of base_link in odom at times (n,) [s], as in tf."""
@@ -100,9 +100,9 @@ class TrueMotion:
         """Integral (n,) of the yaw rate about base_link's z axis [rad] at times (n,) [s]."""
         if self.turns is None:
             return np.asarray(self.poses_at(times)[:, 2])
-        at, rest = self._locate(times)
-        w = 0.5 * (self.twists[at, 2] + self.twists_at(times)[:, 2])
-        return np.asarray(self.turns[at] + w * rest)
+        index, elapsed = self._locate(times)
+        w = 0.5 * (self.twists[index, 2] + self.twists_at(times)[:, 2])
+        return np.asarray(self.turns[index] + w * elapsed)
 
     def twists_at(self, times: Floats) -> Floats:
         """Twists (n, 3) at times (n,) [s], linear between grid points."""
@@ -114,9 +114,9 @@ class TrueMotion:
 
     def mean_track_speeds(self, times: Floats) -> Floats:
         """Mean track speeds (n, 2) [m/s] since the previous time; the first is momentary."""
-        at, rest = self._locate(times)
-        mean = 0.5 * (self.track_speeds[at] + self.track_speeds_at(times))
-        distances = self.distances[at] + mean * rest[:, None]
+        index, elapsed = self._locate(times)
+        mean = 0.5 * (self.track_speeds[index] + self.track_speeds_at(times))
+        distances = self.distances[index] + mean * elapsed[:, None]
         averages = np.diff(distances, axis=0) / np.diff(times)[:, None]
         return np.concatenate([self.track_speeds_at(times[:1]), averages])
 
@@ -147,16 +147,17 @@ class TrueMotion:
 
     def _locate(self, times: Floats) -> tuple[NDArray[np.int64], Floats]:
         """Index of the grid point at or before each time, and the time since [s]."""
-        at = np.floor((times + SAME_TIME) * self.rate).astype(np.int64)
-        at = np.clip(at, 0, len(self.poses) - 1)
-        rest = times - at / self.rate
-        return at, np.where(np.abs(rest) <= SAME_TIME, 0.0, rest)
+        index = np.floor((times + SAME_TIME) * self.rate).astype(np.int64)
+        index = np.clip(index, 0, len(self.poses) - 1)
+        elapsed = times - index / self.rate
+        return index, np.where(np.abs(elapsed) <= SAME_TIME, 0.0, elapsed)
 
     def _linear(self, values: Floats, times: Floats) -> Floats:
-        at, rest = self._locate(times)
-        following = np.minimum(at + 1, len(values) - 1)
-        share = (rest * self.rate)[:, None]
-        return np.asarray(values[at] + share * (values[following] - values[at]))
+        """Values (n, k) at times (n,) [s], linear between grid points (m, k)."""
+        index, elapsed = self._locate(times)
+        following = np.minimum(index + 1, len(values) - 1)
+        share = (elapsed * self.rate)[:, None]
+        return np.asarray(values[index] + share * (values[following] - values[index]))
 
 
 class TruthModel(Protocol):
@@ -188,7 +189,7 @@ def grid_times(duration: float, rate: float) -> Floats:
 def true_motion(
     rate: float, twists: Floats, speeds: Floats, source: str, parameters: Indices | None = None
 ) -> TrueMotion:
-    """Make a motion from the origin of twists (m, 3), speeds (m, 2) at a rate [Hz]."""
+    """Make a motion that starts at the origin, from grid twists (m, 3), speeds (m, 2)."""
     step = 1.0 / rate
     distances = np.zeros_like(speeds)
     distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
@@ -278,11 +279,11 @@ def integrals(values: Floats, step: float) -> Floats:
     Returns:
         (n - 1, k): the cubic through four samples; at both ends, the trapezoid.
     """
-    result = 0.5 * step * (values[:-1] + values[1:])
+    integral = 0.5 * step * (values[:-1] + values[1:])
     if len(values) > 3:
-        inner = values[1:-2] + values[2:-1]
-        result[1:-1] = step / 24.0 * (13.0 * inner - values[:-3] - values[3:])
-    return result
+        inner_sums = values[1:-2] + values[2:-1]
+        integral[1:-1] = step / 24.0 * (13.0 * inner_sums - values[:-3] - values[3:])
+    return integral
 
 
 def exponential(motion: Floats) -> Floats:

@@ -27,7 +27,7 @@ ROWS = {
     "`Settings.history`": (settings.LONGEST_HISTORY,),
     "rate of a simulated": (scenario.HIGHEST_RATE,),
     "samples of a simulated": (scenario.MOST_SAMPLES,),
-    "recorded drive": (recorded.LONGEST,),
+    "recorded drive": (recorded.LONGEST_RECORDING,),
     "cells of a study": (plan.MOST_CELLS,),
     "runs of a cell": (plan.MOST_RUNS,),
 }

@@ -14,7 +14,7 @@ from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.departing_fixes import (
     DEPARTURE_SIGMAS,
     Departure,
-    Shown,
+    Indicated,
     departure_after,
     errors_of,
 )
@@ -48,7 +48,7 @@ def departed(
     yaw: float = 0.0,
     origin: tuple[float, float] = (0.0, 0.0),
     speed: float = SPEED,
-) -> tuple[list[bool], Departure, Shown]:
+) -> tuple[list[bool], Departure, Indicated]:
     """Departure of a robot that drives straight on, by innovations along its path and to the left [m].
 
     The path goes to the yaw; at a negative speed the robot drives it backwards.

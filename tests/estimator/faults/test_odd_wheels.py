@@ -16,10 +16,10 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.batch.many import run_many
 from icreckon.estimator.faults.odd_wheels import (
     NO_WHEEL,
-    Middle,
+    SideSpeeds,
     WheelsRecord,
     are_found,
-    middle_of,
+    side_speeds,
     take_wheels,
     wheel_density,
 )
@@ -43,16 +43,16 @@ def drive(robot: Robot) -> Log:
 @pytest.mark.parametrize(
     ("wheels", "middle"),
     [
-        ((0.7,), Middle(0.4, 0.4, True)),
-        ((0.5, 0.6), Middle(0.4, 0.4, True)),
-        ((0.5, 1.3), Middle(0.5, 1.3, False)),
-        ((1.3, 0.5, 0.6), Middle(0.6, 0.6, False)),
-        ((0.5, -0.3, 0.6, 0.6), Middle(0.55, 0.55, False)),
-        ((0.5, 0.6, 1.3, 1.4), Middle(0.6, 1.3, False)),
+        ((0.7,), SideSpeeds(0.4, 0.4, True)),
+        ((0.5, 0.6), SideSpeeds(0.4, 0.4, True)),
+        ((0.5, 1.3), SideSpeeds(0.5, 1.3, False)),
+        ((1.3, 0.5, 0.6), SideSpeeds(0.6, 0.6, False)),
+        ((0.5, -0.3, 0.6, 0.6), SideSpeeds(0.55, 0.55, False)),
+        ((0.5, 0.6, 1.3, 1.4), SideSpeeds(0.6, 1.3, False)),
     ],
 )
-def test_most_wheels_decide(wheels: tuple[float, ...], middle: Middle) -> None:
-    assert middle_of(0.4, wheels, LIMIT) == pytest.approx(middle)
+def test_most_wheels_decide(wheels: tuple[float, ...], middle: SideSpeeds) -> None:
+    assert side_speeds(0.4, wheels, LIMIT) == pytest.approx(middle)
 
 
 class Sides:

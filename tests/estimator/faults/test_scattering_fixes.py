@@ -8,7 +8,7 @@ import pytest
 
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.scattering_fixes import (
-    MOST,
+    MOST_ALIGNED,
     ScatterRecord,
     TakenFix,
     add_fix,
@@ -89,16 +89,16 @@ def test_scatter_that_walks_counts_as_one_fix_in_a_minute(path):
 
 def test_expected_ratios_are_those_of_many_errors():
     """Von Neumann's ratio of white errors and of walks, laid over a circle, by drawing them."""
-    path, rng = CIRCLE[:MOST], np.random.default_rng(4)
-    white = rng.normal(size=(4000, MOST)) + 1j * rng.normal(size=(4000, MOST))
-    basis, _ = np.linalg.qr(np.column_stack([np.ones(MOST), path]))
+    path, rng = CIRCLE[:MOST_ALIGNED], np.random.default_rng(4)
+    white = rng.normal(size=(4000, MOST_ALIGNED)) + 1j * rng.normal(size=(4000, MOST_ALIGNED))
+    basis, _ = np.linalg.qr(np.column_stack([np.ones(MOST_ALIGNED), path]))
     ratios, sizes = [], []
     for errors in (white, np.cumsum(white, axis=1)):
         rest = errors - (errors @ basis.conj()) @ basis.T
         squares = (np.abs(rest) ** 2).sum()
         ratios.append((np.abs(np.diff(rest)) ** 2).sum() / squares)
-        sizes.append(squares / errors.size * MOST / (MOST - 2) / 2.0)
-    of_white, of_walk, walked = expected_sums(after_fixes(np.zeros((MOST, 2)), path=path))
+        sizes.append(squares / errors.size * MOST_ALIGNED / (MOST_ALIGNED - 2) / 2.0)
+    of_white, of_walk, walked = expected_sums(after_fixes(np.zeros((MOST_ALIGNED, 2)), path=path))
     assert ratios == pytest.approx([of_white, of_walk], rel=0.03)
     assert sizes == pytest.approx([1.0, walked], rel=0.05)
 

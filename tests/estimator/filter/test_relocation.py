@@ -10,7 +10,7 @@ from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.reacquisition import (
     RejectedRecord,
     add_rejected,
-    laid_over,
+    aligned_path,
     relocate,
 )
 from icreckon.estimator.log.log import Log
@@ -42,7 +42,7 @@ def test_the_turn_and_the_shift_are_found(angle: float) -> None:
     noise = 0.05 * np.random.default_rng(1).normal(size=PATH.shape)
     measured = turned(PATH, angle) + np.array([7.0, -3.0])
     rejected = refused(measured + noise)
-    found = laid_over(rejected)
+    found = aligned_path(rejected)
     assert abs(wrap_angle(found.turn - angle)) < 4.0 * math.sqrt(found.turn_variance)
     pose, covariance = np.array([*PATH[-1], 0.2]), np.empty((5, 5))
     assert relocate(rejected, pose, covariance, 0.0)
@@ -55,11 +55,11 @@ def test_the_turn_and_the_shift_are_found(angle: float) -> None:
 
 def test_what_is_no_turned_path_is_left_alone() -> None:
     rng = np.random.default_rng(2)
-    assert not laid_over(refused(10.0 * rng.normal(size=PATH.shape))).fits
+    assert not aligned_path(refused(10.0 * rng.normal(size=PATH.shape))).fits
     # A shift needs no turn, a robot that stands shows none, and a mirrored path is no turned one.
-    assert not laid_over(refused(PATH + np.array([5.0, 5.0]))).fits
-    assert not laid_over(refused(turned(PATH, 1.0)[:4])).fits
-    assert not laid_over(refused(5.0 + 0.0 * PATH, 0.0 * PATH)).fits
+    assert not aligned_path(refused(PATH + np.array([5.0, 5.0]))).fits
+    assert not aligned_path(refused(turned(PATH, 1.0)[:4])).fits
+    assert not aligned_path(refused(5.0 + 0.0 * PATH, 0.0 * PATH)).fits
 
 
 def fixes_turned(log: Log, angle: float, since: float) -> Log:

@@ -8,7 +8,7 @@ import pytest
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.imu_noise import (
-    LEAST,
+    LEAST_GYRO_SHARE,
     ImuNoise,
     NoiseRecord,
     imu_noise,
@@ -137,7 +137,7 @@ def test_noise_that_agrees_with_the_file_changes_nothing_and_other_noise_is_foll
     inside = (share > 0.201) & (share < 0.999 * more)
     assert (found[inside] == 1.0).all()
     assert found[share > more**2] == pytest.approx(share[share > more**2])
-    assert found.min() == pytest.approx(LEAST)
+    assert found.min() == pytest.approx(LEAST_GYRO_SHARE)
 
 
 def test_accelerometers_are_never_better_than_the_file_says():

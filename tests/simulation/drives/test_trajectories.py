@@ -11,7 +11,7 @@ from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.drives.drives import TRAJECTORIES, arcs, figure_eight, spin
 from icreckon.simulation.drives.recorded import read_recording
-from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, blend_length
+from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, blend_duration
 from icreckon.simulation.drives.trajectories import (
     RECORDED,
     check_trajectory,
@@ -202,7 +202,7 @@ def test_a_recording_is_driven_through_its_samples_without_a_jump(steps, data):
     values = st.lists(st.floats(-1.0, 1.0), min_size=2 * len(times), max_size=2 * len(times))
     speeds = np.reshape(data.draw(values), (-1, 2))
     command = make_trajectory(RECORDED, 60.0, ALPHA, None, {}, series(times, speeds))
-    start = STANDSTILL + blend_length(np.abs(speeds[0]).max())
+    start = STANDSTILL + blend_duration(np.abs(speeds[0]).max())
     assert np.allclose(command(start + times), speeds, atol=1e-6)
     fine = np.linspace(0.0, start + times[-1] + 10.0, 4001)
     driven = command(fine)
@@ -226,7 +226,7 @@ def test_the_factor_of_a_recording_scales_it():
     with pytest.raises(SimulationError, match=r"reaches 2 m/s, more than .* lower factor"):
         make_trajectory(RECORDED, 10.0, ALPHA, None, {}, drive)
     command = make_trajectory(RECORDED, 10.0, ALPHA, None, {"factor": 0.5}, drive)
-    start = STANDSTILL + blend_length(1.0)
+    start = STANDSTILL + blend_duration(1.0)
     assert np.allclose(command(np.array([start, start + 1.0])), [[0.5, 1.0], [0.75, 1.0]])
 
 
