@@ -35,35 +35,22 @@ from icreckon.simulation.truth.true_motion import TrueMotion
 
 @dataclass(frozen=True)
 class Simulation:
-    """Simulated run with its true motion and sensor biases.
+    """Simulated run with its true motion and sensor biases."""
 
-    Attributes:
-        scenario: configuration of the run.
-        log: the measurements, with the truth if the scenario includes it.
-        motion: the true motion at its full rate.
-        gyro_bias: (n, 3) at the IMU's stamps, in the IMU's axes [rad/s].
-        accelerometer_bias: (n, 3) at the IMU's stamps, in the IMU's axes [m/s²].
-    """
-
-    scenario: Scenario
-    log: Log
-    motion: TrueMotion
-    gyro_bias: Floats
-    accelerometer_bias: Floats
+    scenario: Scenario  # configuration of the run
+    log: Log  # the measurements, with the truth if the scenario includes it
+    motion: TrueMotion  # the true motion at its full rate
+    gyro_bias: Floats  # (n, 3) at the IMU's stamps, in the IMU's axes [rad/s]
+    accelerometer_bias: Floats  # (n, 3) at the IMU's stamps, in the IMU's axes [m/s²]
 
 
 class Perfect(NamedTuple):
-    """Error-free sensor readings of a true motion.
+    """Error-free sensor readings of a true motion."""
 
-    Attributes:
-        tracks: (n, 2) mean speeds of the tracks since the sample before [m/s].
-        imu: angular velocities (m, 3) [rad/s] and specific forces (m, 3) [m/s²] in the IMU's axes.
-        fixes: (k, 3) poses [m, m, rad], those of outages included.
-    """
-
-    tracks: Floats
+    tracks: Floats  # (n, 2) mean speeds of the tracks since the sample before [m/s]
+    # angular velocities (m, 3) [rad/s] and specific forces (m, 3) [m/s²] in the IMU's axes
     imu: tuple[Floats, Floats]
-    fixes: Floats
+    fixes: Floats  # (k, 3) poses [m, m, rad], those of outages included
 
 
 class Sensed(NamedTuple):

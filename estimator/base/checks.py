@@ -42,18 +42,12 @@ class Bound(NamedTuple):
 
     Numbers beyond `LARGEST_NUMBER` in size are allowed by an upper bound only; where the lower bound is
     zero, positive ones below `LEAST_POSITIVE` never are.
-
-    Attributes:
-        wanted: description of them, for messages.
-        least: lower bound.
-        most: upper bound.
-        beyond: True to exclude the lower bound itself.
     """
 
-    wanted: str
-    least: float = -math.inf
-    most: float = math.inf
-    beyond: bool = False
+    wanted: str  # description of them, for messages
+    least: float = -math.inf  # lower bound
+    most: float = math.inf  # upper bound
+    beyond: bool = False  # True to exclude the lower bound itself
 
     def require(self, name: str, value: object, error: type[Exception]) -> None:
         """Reject a value that is not an allowed finite number; `name` is for the message."""

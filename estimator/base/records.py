@@ -31,15 +31,10 @@ MEMORIES: dict[type, Any] = {}
 
 
 class SharedRecord(ctypes.Structure):
-    """Record whose memory compiled code reads and writes; a copy has its own memory.
+    """Record whose memory compiled code reads and writes; a copy has its own memory."""
 
-    Attributes:
-        kind: type of the record.
-        layout: layout of the memory.
-    """
-
-    kind: ClassVar[type]
-    layout: ClassVar[np.dtype[Any]]
+    kind: ClassVar[type]  # type of the record
+    layout: ClassVar[np.dtype[Any]]  # layout of the memory
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The record of which this is a part.

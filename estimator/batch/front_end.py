@@ -71,20 +71,13 @@ class Measured(NamedTuple):
 
 
 class LaneRecords(NamedTuple):
-    """Records of all lanes, see `icreckon.estimator.base.records`.
+    """Records of all lanes, see `icreckon.estimator.base.records`."""
 
-    Attributes:
-        records: (lanes,) `FilterRecord` of each, of which the inputs are used.
-        quiet_stamps: (lanes, n) buffers of the stamps of yaw-rate readings [ns].
-        quiet_rates: (lanes, n) buffers of the readings [rad/s].
-        fixes: (lanes,) number of fixes so far.
-        judged: (lanes,) index of the newest fix that does not repeat a position; -1 for none.
-    """
-
-    records: Any
-    quiet_stamps: Stamps
-    quiet_rates: Floats
-    fixes: NDArray[np.int64]
+    records: Any  # (lanes,) `FilterRecord` of each, of which the inputs are used
+    quiet_stamps: Stamps  # (lanes, n) buffers of the stamps of yaw-rate readings [ns]
+    quiet_rates: Floats  # (lanes, n) buffers of the readings [rad/s]
+    fixes: NDArray[np.int64]  # (lanes,) number of fixes so far
+    # (lanes,) index of the newest fix that does not repeat a position; -1 for none
     judged: NDArray[np.int64]
 
 

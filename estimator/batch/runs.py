@@ -21,15 +21,10 @@ PART = 256
 
 
 class Worked(NamedTuple):
-    """Filters at the end of their runs.
+    """Filters at the end of their runs."""
 
-    Attributes:
-        lanes: the filters.
-        estimates: (ticks, rows, width) see `icreckon.estimator.engine.work.ESTIMATE`.
-    """
-
-    lanes: Lanes
-    estimates: Floats
+    lanes: Lanes  # the filters
+    estimates: Floats  # (ticks, rows, width) see `icreckon.estimator.engine.work.ESTIMATE`
 
 
 def work_through_runs(

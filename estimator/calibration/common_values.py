@@ -48,20 +48,14 @@ def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
 
 
 class CommonBias(NamedTuple):
-    """Gyro bias of all logs, of the rate after its scale is corrected [rad/s].
+    """Gyro bias of all logs, of the rate after its scale is corrected [rad/s]."""
 
-    Attributes:
-        mean: mean over the logs.
-        error: standard error of that mean, by the logs' own errors and by how much they differ; None if
-            no log shows the bias.
-        written: initial bias for the robot file.
-        sigma: its standard deviation, for another log.
-    """
-
-    mean: float
+    mean: float  # mean over the logs
+    # standard error of that mean, by the logs' own errors and by how much they differ; None if no log
+    # shows the bias
     error: float | None
-    written: float
-    sigma: float
+    written: float  # initial bias for the robot file
+    sigma: float  # its standard deviation, for another log
 
 
 def common_bias(robot: Robot, main: Fit) -> CommonBias:

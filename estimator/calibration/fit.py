@@ -47,33 +47,19 @@ NEVER = 1e-10
 
 @dataclass(frozen=True)
 class Fit:
-    """Fitted model.
+    """Fitted model."""
 
-    Attributes:
-        problem: the problem that was fitted.
-        values: (p,) estimates; held parameters are at their start.
-        free: (p,) mask of parameters that are not held.
-        shown: (p,) mask of parameters that the logs determine with all free.
-        sigmas: (p,) standard errors; infinite for held parameters.
-        covariance: (p, p) of the free parameters by the likelihood; zero elsewhere.
-        noise: noise of the residuals.
-        residuals: (n, ROWS) residuals.
-        jacobian: (n, ROWS, p) derivatives of the residuals.
-        fisher: (blocks, p, p) information of each block.
-        score: (blocks, p) score of each block.
-    """
-
-    problem: Problem
-    values: Floats
-    free: NDArray[np.bool_]
-    shown: NDArray[np.bool_]
-    sigmas: Floats
-    covariance: Floats
-    noise: Noise
-    residuals: Floats
-    jacobian: Floats
-    fisher: Floats
-    score: Floats
+    problem: Problem  # the problem that was fitted
+    values: Floats  # (p,) estimates; held parameters are at their start
+    free: NDArray[np.bool_]  # (p,) mask of parameters that are not held
+    shown: NDArray[np.bool_]  # (p,) mask of parameters that the logs determine with all free
+    sigmas: Floats  # (p,) standard errors; infinite for held parameters
+    covariance: Floats  # (p, p) of the free parameters by the likelihood; zero elsewhere
+    noise: Noise  # noise of the residuals
+    residuals: Floats  # (n, ROWS) residuals
+    jacobian: Floats  # (n, ROWS, p) derivatives of the residuals
+    fisher: Floats  # (blocks, p, p) information of each block
+    score: Floats  # (blocks, p) score of each block
 
     def value(self, name: str) -> float:
         """Value of a parameter."""

@@ -26,17 +26,11 @@ SLOWEST = 1e-9
 
 
 class GroundForces(NamedTuple):
-    """Forces of one log, over its vehicle's mass or weight.
+    """Forces of one log, over its vehicle's mass or weight."""
 
-    Attributes:
-        times: (k,) seconds since the log's start.
-        lateral: (k,) S over the mass, the signed specific force [m/s²].
-        along: (k,) P, the force along the tracks as a share of the weight [-].
-    """
-
-    times: Floats
-    lateral: Floats
-    along: Floats
+    times: Floats  # (k,) seconds since the log's start
+    lateral: Floats  # (k,) S over the mass, the signed specific force [m/s²]
+    along: Floats  # (k,) P, the force along the tracks as a share of the weight [-]
 
 
 def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> GroundForces:

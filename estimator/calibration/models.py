@@ -31,54 +31,34 @@ NO_MASS = (1.0, 0.0, 0.0)
 
 
 class Parameter(NamedTuple):
-    """Parameter of a model.
+    """Parameter of a model."""
 
-    Attributes:
-        name: name in the robot file.
-        unit: "m", "1/N", ...; "-" for none.
-        start: initial value, from the robot file.
-        threshold: threshold error, in the unit; with a larger standard error it is unobservable.
-        rank: among parameters that replace each other, the highest is held first.
-    """
-
-    name: str
-    unit: str
-    start: float
+    name: str  # name in the robot file
+    unit: str  # "m", "1/N", ...; "-" for none
+    start: float  # initial value, from the robot file
+    # threshold error, in the unit; with a larger standard error it is unobservable
     threshold: float
-    rank: int
+    rank: int  # among parameters that replace each other, the highest is held first
 
 
 class TwistAt(NamedTuple):
-    """Twists and their derivatives for (...,) cells.
+    """Twists and their derivatives for (...,) cells."""
 
-    Attributes:
-        twist: (..., 3) v_x, v_y [m/s], w [rad/s].
-        by_parameters: (..., 3, p) derivatives by the parameters.
-        by_speeds: (..., 3, 2) derivatives by the left and right track speed.
-    """
-
-    twist: Floats
-    by_parameters: Floats
-    by_speeds: Floats
+    twist: Floats  # (..., 3) v_x, v_y [m/s], w [rad/s]
+    by_parameters: Floats  # (..., 3, p) derivatives by the parameters
+    by_speeds: Floats  # (..., 3, 2) derivatives by the left and right track speed
 
 
 @dataclass(frozen=True)
 class Model:
-    """Index model with some free parameters; the other indices are fixed.
+    """Index model with some free parameters; the other indices are fixed."""
 
-    Attributes:
-        name: one of `MODELS`.
-        parameters: none, those of constant ICRs, or all but H; a name has one meaning in all models.
-        vehicle: constants of the vehicle.
-        places: places of the parameters in `Indices`.
-        H: H of the robot file [-].
-    """
-
-    name: str
+    name: str  # one of `MODELS`
+    # none, those of constant ICRs, or all but H; a name has one meaning in all models
     parameters: tuple[Parameter, ...]
-    vehicle: VehicleConstants
-    places: tuple[int, ...]
-    H: float
+    vehicle: VehicleConstants  # constants of the vehicle
+    places: tuple[int, ...]  # places of the parameters in `Indices`
+    H: float  # H of the robot file [-]
 
     def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:
         """Twists with derivatives.

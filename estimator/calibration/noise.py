@@ -24,16 +24,11 @@ SMALLEST, LARGEST = 1e-5, 10.0
 
 @dataclass(frozen=True)
 class Channel:
-    """Rows with a common covariance: a sum of matrices times squared components.
+    """Rows with a common covariance: a sum of matrices times squared components."""
 
-    Attributes:
-        name: name for reports.
-        rows: (r, 2) segment and row of each.
-        bands: (c, b, r) matrix of each component, as lower bands in the format of scipy.linalg.
-    """
-
-    name: str
-    rows: NDArray[np.int64]
+    name: str  # name for reports
+    rows: NDArray[np.int64]  # (r, 2) segment and row of each
+    # (c, b, r) matrix of each component, as lower bands in the format of scipy.linalg
     bands: Floats
 
     def covariance(self, components: Floats) -> Floats:
@@ -51,17 +46,11 @@ class Channel:
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise model: channels, their components, and the weight of each row.
+    """Noise model: channels, their components, and the weight of each row."""
 
-    Attributes:
-        channels: the channels.
-        components: (c,) standard deviations of each channel.
-        weights: (r,) weights of each channel.
-    """
-
-    channels: tuple[Channel, ...]
-    components: tuple[Floats, ...]
-    weights: tuple[Floats, ...]
+    channels: tuple[Channel, ...]  # the channels
+    components: tuple[Floats, ...]  # (c,) standard deviations of each channel
+    weights: tuple[Floats, ...]  # (r,) weights of each channel
 
 
 def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:

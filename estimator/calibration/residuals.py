@@ -39,22 +39,15 @@ STEP = 1e-4
 
 @dataclass(frozen=True)
 class Problem:
-    """Calibration problem: segments, model, and parameters.
+    """Calibration problem: segments, model, and parameters."""
 
-    Attributes:
-        recording: the segments.
-        model: the motion model.
-        parameters: everything that may be free: common ones, those of each log (named "name[log]"),
-            those of the model.
-        imu_position: position of the IMU in base_link, forward and left [m].
-        force: True if the specific force is used.
-    """
-
-    recording: Recording
-    model: Model
+    recording: Recording  # the segments
+    model: Model  # the motion model
+    # everything that may be free: common ones, those of each log (named "name[log]"), those of the
+    # model
     parameters: tuple[Parameter, ...]
-    imu_position: tuple[float, float]
-    force: bool
+    imu_position: tuple[float, float]  # position of the IMU in base_link, forward and left [m]
+    force: bool  # True if the specific force is used
 
     @cached_property
     def forces(self) -> Floats:

@@ -60,75 +60,43 @@ FIXES_AS_TRUTH = (
 
 @dataclass(frozen=True)
 class Motion:
-    """Continuous series of one log, as functions of the seconds since its start.
+    """Continuous series of one log, as functions of the seconds since its start."""
 
-    Attributes:
-        log: source of the series.
-        track_times: (k,) times of the track speeds [s].
-        track_ways: (k, 2) distance of each track since the start [m].
-        imu_times: (i,) times of the IMU samples [s].
-        turned: (i,) integral of the uncorrected gyro rate about the vertical [rad].
-        pushed: (i, 2) integral of the specific force forward and left [m/s], or None.
-        truth_times: (t,) times of the truth, as stamped [s].
-        truth: (t, 3) x, y [m], yaw [rad], unwrapped.
-        lag: initial estimate of the truth's lag [s]; 0 if none was found.
-        no_lag: reason why none was found; None if it was.
-        bias: initial estimate of the gyro's bias [rad/s].
-        forces: forces that the ground balances; None before they are estimated.
-        own_headings: False if the truth's headings are from the path of tracks and gyro.
-    """
-
-    log: Log
-    track_times: Floats
-    track_ways: Floats
-    imu_times: Floats
-    turned: Floats
-    pushed: Floats | None
-    truth_times: Floats
-    truth: Floats
-    lag: float
-    no_lag: NoLag | None
-    bias: float
+    log: Log  # source of the series
+    track_times: Floats  # (k,) times of the track speeds [s]
+    track_ways: Floats  # (k, 2) distance of each track since the start [m]
+    imu_times: Floats  # (i,) times of the IMU samples [s]
+    turned: Floats  # (i,) integral of the uncorrected gyro rate about the vertical [rad]
+    pushed: Floats | None  # (i, 2) integral of the specific force forward and left [m/s], or None
+    truth_times: Floats  # (t,) times of the truth, as stamped [s]
+    truth: Floats  # (t, 3) x, y [m], yaw [rad], unwrapped
+    lag: float  # initial estimate of the truth's lag [s]; 0 if none was found
+    no_lag: NoLag | None  # reason why none was found; None if it was
+    bias: float  # initial estimate of the gyro's bias [rad/s]
+    # forces that the ground balances; None before they are estimated
     forces: GroundForces | None = None
-    own_headings: bool = True
+    own_headings: bool = True  # False if the truth's headings are from the path of tracks and gyro
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Segments of all logs, one after the other.
+    """Segments of all logs, one after the other."""
 
-    Attributes:
-        motions: the logs.
-        length: length of a segment [s].
-        log: (n,) index of each segment's log.
-        edges: (n, m + 1) ends of its cells [s since the log's start].
-        turned: (n, m + 1) integral of the gyro at these ends [rad].
-        moving: (n,) True if the robot moves throughout the segment.
-        follows: (n,) True if it begins at the end of the previous one.
-        block: (n,) index of its block; blocks are contiguous.
-        starts: (n,) knot at which it begins.
-        ends: (n,) knot at which it ends.
-        knot_log: (k,) log of each knot.
-        knot_times: (k,) time of each knot [s].
-        pair_knot: (p,) knot of each truth pose near a knot.
-        pair_pose: (p,) index of that pose in its log's truth.
-        paths: dead-reckoned poses of each log: times (q,) [s] and (q, 3), to carry truth over to knots.
-    """
-
-    motions: tuple[Motion, ...]
-    length: float
-    log: Indexes
-    edges: Floats
-    turned: Floats
-    moving: Mask
-    follows: Mask
-    block: Indexes
-    starts: Indexes
-    ends: Indexes
-    knot_log: Indexes
-    knot_times: Floats
-    pair_knot: Indexes
-    pair_pose: Indexes
+    motions: tuple[Motion, ...]  # the logs
+    length: float  # length of a segment [s]
+    log: Indexes  # (n,) index of each segment's log
+    edges: Floats  # (n, m + 1) ends of its cells [s since the log's start]
+    turned: Floats  # (n, m + 1) integral of the gyro at these ends [rad]
+    moving: Mask  # (n,) True if the robot moves throughout the segment
+    follows: Mask  # (n,) True if it begins at the end of the previous one
+    block: Indexes  # (n,) index of its block; blocks are contiguous
+    starts: Indexes  # (n,) knot at which it begins
+    ends: Indexes  # (n,) knot at which it ends
+    knot_log: Indexes  # (k,) log of each knot
+    knot_times: Floats  # (k,) time of each knot [s]
+    pair_knot: Indexes  # (p,) knot of each truth pose near a knot
+    pair_pose: Indexes  # (p,) index of that pose in its log's truth
+    # dead-reckoned poses of each log: times (q,) [s] and (q, 3), to carry truth over to knots
     paths: tuple[Series, ...]
 
     @property

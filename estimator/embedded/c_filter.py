@@ -157,15 +157,10 @@ KERNELS: dict[str, Callable[[str, FilterShape], Kernel]] = {
 
 
 class Exported(NamedTuple):
-    """Filter in C.
+    """Filter in C."""
 
-    Attributes:
-        files: text of each file, by its path in the folder.
-        states: indices of its states, in their order.
-    """
-
-    files: dict[str, str]
-    states: list[int]
+    files: dict[str, str]  # text of each file, by its path in the folder
+    states: list[int]  # indices of its states, in their order
 
     def write(self, folder: Path) -> None:
         """Write the files into a folder, which is made."""

@@ -16,37 +16,22 @@ StandIn = tuple[int, Vector] | None
 
 
 class ScalarUpdate(NamedTuple):
-    """Postponed update with a scalar measurement.
+    """Postponed update with a scalar measurement."""
 
-    Attributes:
-        gain: state -> Kalman gain; none for fixed states.
-        cross: state -> covariance with the innovation, P H'.
-        inverse_S: one over the innovation covariance; 0 for no update.
-    """
-
-    gain: Vector
-    cross: Vector
-    inverse_S: Any
+    gain: Vector  # state -> Kalman gain; none for fixed states
+    cross: Vector  # state -> covariance with the innovation, P H'
+    inverse_S: Any  # one over the innovation covariance; 0 for no update
 
 
 class Motion(NamedTuple):
-    """Transition and noise of a propagation, F and Q.
+    """Transition and noise of a propagation, F and Q."""
 
-    Attributes:
-        rows: derivatives of the twist, and of the climb.
-        M_dt: derivatives of the pose, and of the height, by twist and climb.
-        yaws: derivatives of the pose by the yaw at the start.
-        faded: rows of the transition of all other states.
-        noise: covariances that pose and height gain, by pair of states.
-        own: variance that each state gains.
-    """
-
-    rows: Sequence[Vector]
-    M_dt: Sequence[Sequence[Any]]
-    yaws: Sequence[Any]
-    faded: dict[int, Vector]
-    noise: dict[tuple[int, int], Any]
-    own: Vector
+    rows: Sequence[Vector]  # derivatives of the twist, and of the climb
+    M_dt: Sequence[Sequence[Any]]  # derivatives of the pose, and of the height, by twist and climb
+    yaws: Sequence[Any]  # derivatives of the pose by the yaw at the start
+    faded: dict[int, Vector]  # rows of the transition of all other states
+    noise: dict[tuple[int, int], Any]  # covariances that pose and height gain, by pair of states
+    own: Vector  # variance that each state gains
 
 
 class Covariance:

@@ -44,17 +44,11 @@ from icreckon.estimator.tracing.machine_code import address_of
 
 
 class Lanes(NamedTuple):
-    """Filters side by side in the course of their runs.
+    """Filters side by side in the course of their runs."""
 
-    Attributes:
-        workspace: (rows, width) see `BatchFilter.layout`.
-        fixes: (width,) `FixesRecord` of each.
-        constants: constants that all lanes share, with room for those of a step.
-    """
-
-    workspace: Floats
-    fixes: Any
-    constants: Floats
+    workspace: Floats  # (rows, width) see `BatchFilter.layout`
+    fixes: Any  # (width,) `FixesRecord` of each
+    constants: Floats  # constants that all lanes share, with room for those of a step
 
 
 class BatchFilter:

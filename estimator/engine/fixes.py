@@ -33,19 +33,12 @@ from icreckon.estimator.tracing.trace import maximum, minimum, select
 
 
 class FixKind(NamedTuple):
-    """Kind of a fix, on which the code of its kernel depends.
+    """Kind of a fix, on which the code of its kernel depends."""
 
-    Attributes:
-        fast_slip: the fast slip of the newest step is still a state.
-        twist: compute the body velocity after it.
-        ahead: it lies between the end of the last step and that of the next.
-        updated: compute the place of the antenna after it.
-    """
-
-    fast_slip: bool = False
-    twist: bool = False
-    ahead: bool = False
-    updated: bool = True
+    fast_slip: bool = False  # the fast slip of the newest step is still a state
+    twist: bool = False  # compute the body velocity after it
+    ahead: bool = False  # it lies between the end of the last step and that of the next
+    updated: bool = True  # compute the place of the antenna after it
 
 
 def position_kernel(

@@ -37,26 +37,18 @@ Part = tuple[Any, Vector]
 
 
 class FilterShape(NamedTuple):
-    """Shape of a filter: all properties that its compiled code depends on.
+    """Shape of a filter: all properties that its compiled code depends on."""
 
-    Attributes:
-        states: indices of the uncertain states, without the fast slip, ascending; the wander of the
-            fixes with them, if the filter estimates it.
-        absent: indices of parameters that are zero and stay so.
-        model: the motion model.
-        considered: consider states, which no measurement moves.
-        bits: number of bits of each number, 64 or 32.
-        reports: kernels report all changes of the filter, see `icreckon.estimator.filter.changes`.
-        compact: kernels in C call functions that loop over the covariance.
-    """
-
+    # indices of the uncertain states, without the fast slip, ascending; the wander of the fixes with
+    # them, if the filter estimates it
     states: tuple[int, ...]
-    absent: tuple[int, ...]
-    model: TracedModel
-    considered: tuple[int, ...] = ()
-    bits: int = 64
+    absent: tuple[int, ...]  # indices of parameters that are zero and stay so
+    model: TracedModel  # the motion model
+    considered: tuple[int, ...] = ()  # consider states, which no measurement moves
+    bits: int = 64  # number of bits of each number, 64 or 32
+    # kernels report all changes of the filter, see `icreckon.estimator.filter.changes`
     reports: bool = False
-    compact: bool = False
+    compact: bool = False  # kernels in C call functions that loop over the covariance
 
     @property
     def layout(self) -> Layout:
@@ -70,19 +62,12 @@ def _layout(states: tuple[int, ...], model: TracedModel, reports: bool) -> Layou
 
 
 class Numbers(NamedTuple):
-    """Plain numbers of one lane.
+    """Plain numbers of one lane."""
 
-    Attributes:
-        lanes: (n,) its rows of the workspace.
-        inputs: (m,) its inputs.
-        constants: constants of all lanes.
-        of_user: motion model that has no traced form; None if it has one.
-    """
-
-    lanes: Any
-    inputs: Any
-    constants: Any
-    of_user: MotionModel | None = None
+    lanes: Any  # (n,) its rows of the workspace
+    inputs: Any  # (m,) its inputs
+    constants: Any  # constants of all lanes
+    of_user: MotionModel | None = None  # motion model that has no traced form; None if it has one
 
 
 class Lane:

@@ -124,17 +124,11 @@ INPUTS = Names((*STEP_INPUTS, *FIX_INPUTS))
 
 @dataclass(frozen=True)
 class Layout:
-    """Layout of the workspace of a filter with some of the states.
+    """Layout of the workspace of a filter with some of the states."""
 
-    Attributes:
-        states: indices of the uncertain states, ascending, without the fast slip.
-        model: the motion model.
-        reports: kernels report all changes of the filter.
-    """
-
-    states: tuple[int, ...]
-    model: TracedModel
-    reports: bool = False
+    states: tuple[int, ...]  # indices of the uncertain states, ascending, without the fast slip
+    model: TracedModel  # the motion model
+    reports: bool = False  # kernels report all changes of the filter
 
     @property
     def parameters(self) -> tuple[int, ...]:

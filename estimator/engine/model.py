@@ -40,21 +40,13 @@ Kind = Literal["index", "linear", "plain"]
 
 
 class TracedModel(NamedTuple):
-    """Motion model as the code of a filter depends on it.
+    """Motion model as the code of a filter depends on it."""
 
-    Attributes:
-        kind: kind of the model; "plain" of one that only plain numbers can evaluate.
-        parameters: places of the parameters that the model uses among the nine.
-        bounds: places of the parameters in each bound.
-        memory: number of values in the model's memory.
-        taught: places of the parameters that the IMU moves.
-    """
-
-    kind: Kind
-    parameters: tuple[int, ...]
-    bounds: tuple[tuple[int, ...], ...]
-    memory: int
-    taught: tuple[int, ...]
+    kind: Kind  # kind of the model; "plain" of one that only plain numbers can evaluate
+    parameters: tuple[int, ...]  # places of the parameters that the model uses among the nine
+    bounds: tuple[tuple[int, ...], ...]  # places of the parameters in each bound
+    memory: int  # number of values in the model's memory
+    taught: tuple[int, ...]  # places of the parameters that the IMU moves
 
 
 def described(model: MotionModel) -> TracedModel:
@@ -80,49 +72,31 @@ def traced_model(model: MotionModel) -> TracedModel | None:
 
 
 class TracedTwist(NamedTuple):
-    """Body velocity and its derivatives.
+    """Body velocity and its derivatives."""
 
-    Attributes:
-        twist: (3,) twist of base_link.
-        rows: (3,) its derivatives by the states, where they are not zero.
-        by_speeds: (3, 2) its derivatives by the track speeds.
-        motion: motion in the paper's axes.
-    """
-
-    twist: Any
+    twist: Any  # (3,) twist of base_link
+    # (3,) its derivatives by the states, where they are not zero
     rows: tuple[Vector, Vector, Vector]
-    by_speeds: Any
-    motion: motion_model.Motion
+    by_speeds: Any  # (3, 2) its derivatives by the track speeds
+    motion: motion_model.Motion  # motion in the paper's axes
 
 
 class Tilting(NamedTuple):
-    """Turning of the body about its own axes of roll and pitch.
+    """Turning of the body about its own axes of roll and pitch."""
 
-    Attributes:
-        down: acceleration of gravity towards the ground [m/s²]; 0 if the rates are not known.
-        roll_rate: without bias [rad/s]; 0 likewise.
-        pitch_rate: likewise.
-        is_known: the rates are known.
-    """
-
+    # acceleration of gravity towards the ground [m/s²]; 0 if the rates are not known
     down: Any = 0.0
-    roll_rate: Any = 0.0
-    pitch_rate: Any = 0.0
-    is_known: Any = False
+    roll_rate: Any = 0.0  # without bias [rad/s]; 0 likewise
+    pitch_rate: Any = 0.0  # likewise
+    is_known: Any = False  # the rates are known
 
 
 class Climb(NamedTuple):
-    """Change of height of a body that moves along a slope.
+    """Change of height of a body that moves along a slope."""
 
-    Attributes:
-        rate: the change [m/s].
-        by_twist: (2,) its derivatives by the speeds forward and left.
-        by_gravity: (2,) those by gravity along the ground.
-    """
-
-    rate: Any
-    by_twist: tuple[Any, Any]
-    by_gravity: tuple[Any, Any]
+    rate: Any  # the change [m/s]
+    by_twist: tuple[Any, Any]  # (2,) its derivatives by the speeds forward and left
+    by_gravity: tuple[Any, Any]  # (2,) those by gravity along the ground
 
     def times(self, of_twist: Sequence[Vector], of_gravity: dict[int, Vector]) -> Vector:
         """Combine vectors of the twist and of gravity as they contribute to the height."""
@@ -132,19 +106,12 @@ class Climb(NamedTuple):
 
 
 class ModelInputs(NamedTuple):
-    """Inputs of a motion model besides state and track speeds.
+    """Inputs of a motion model besides state and track speeds."""
 
-    Attributes:
-        model: the model.
-        vehicle: constants of the vehicle.
-        memory: (m,) its memory.
-        of_user: the model itself, if only plain numbers can evaluate it.
-    """
-
-    model: TracedModel
-    vehicle: VehicleConstants
-    memory: Any
-    of_user: MotionModel | None = None
+    model: TracedModel  # the model
+    vehicle: VehicleConstants  # constants of the vehicle
+    memory: Any  # (m,) its memory
+    of_user: MotionModel | None = None  # the model itself, if only plain numbers can evaluate it
 
 
 class SlipConstants(NamedTuple):

@@ -66,74 +66,43 @@ class LanePlaces(NamedTuple):
     """Places in the workspace of one lane, and its kernels.
 
     Arrays by states have zeros behind the last one.
-
-    Attributes:
-        kernels: (9,) kernels, or addresses of their machine code.
-        size: number of states of the filter.
-        state_count: number of uncertain states.
-        parameter_count: number of uncertain parameters.
-        states: (`MOST_STATES`,) indices of the uncertain states, the fast slip last.
-        parameters: (`MOST_STATES`,) indices of the uncertain parameters.
-        x: (`MOST_STATES`,) rows of the states.
-        P: (`MOST_STATES`, `MOST_STATES`) rows of the covariance.
-        by_state: (3, `MOST_STATES`) rows of the twist's derivatives by the states.
-        regressors: row of the first regressor; the row of the turn is behind them.
-        memory: row of the first number of the model's memory.
-        memory_size: number of numbers of the memory.
-        stood: row that is 1 if the robot was found standing.
-        slip_factor: row of the factor on the slip.
-        of_record: (10,) rows of `OF_RECORD`.
-        imu_gates: (3, 4) rows of gyro and accelerometers, forward and left: time of rejections, number
-            admitted, innovation, its variance.
-        position_rejected_for: row of the time of rejected position fixes.
-        position_admitted: row of the number of admitted ones.
-        twist: row of the twist's first component.
-        motion: row of the first value of `MOTION`.
-        fixed: place of the first parameter among the constants.
-        interval: place of the interval of the IMU among them.
-        slip_shares: place of the first factor on the slip of an evaluated twist among them.
-        row_count: number of rows.
-        constant_count: number of constants.
     """
 
-    kernels: Any
-    size: int
-    state_count: int
-    parameter_count: int
-    states: Any
-    parameters: Any
-    x: Any
-    P: Any
-    by_state: Any
-    regressors: int
-    memory: int
-    memory_size: int
-    stood: int
-    slip_factor: int
-    of_record: Any
+    kernels: Any  # (9,) kernels, or addresses of their machine code
+    size: int  # number of states of the filter
+    state_count: int  # number of uncertain states
+    parameter_count: int  # number of uncertain parameters
+    states: Any  # (`MOST_STATES`,) indices of the uncertain states, the fast slip last
+    parameters: Any  # (`MOST_STATES`,) indices of the uncertain parameters
+    x: Any  # (`MOST_STATES`,) rows of the states
+    P: Any  # (`MOST_STATES`, `MOST_STATES`) rows of the covariance
+    by_state: Any  # (3, `MOST_STATES`) rows of the twist's derivatives by the states
+    regressors: int  # row of the first regressor; the row of the turn is behind them
+    memory: int  # row of the first number of the model's memory
+    memory_size: int  # number of numbers of the memory
+    stood: int  # row that is 1 if the robot was found standing
+    slip_factor: int  # row of the factor on the slip
+    of_record: Any  # (10,) rows of `OF_RECORD`
+    # (3, 4) rows of gyro and accelerometers, forward and left: time of rejections, number admitted,
+    # innovation, its variance
     imu_gates: Any
-    position_rejected_for: int
-    position_admitted: int
-    twist: int
-    motion: int
-    fixed: int
-    interval: int
-    slip_shares: int
-    row_count: int
-    constant_count: int
+    position_rejected_for: int  # row of the time of rejected position fixes
+    position_admitted: int  # row of the number of admitted ones
+    twist: int  # row of the twist's first component
+    motion: int  # row of the first value of `MOTION`
+    fixed: int  # place of the first parameter among the constants
+    interval: int  # place of the interval of the IMU among them
+    slip_shares: int  # place of the first factor on the slip of an evaluated twist among them
+    row_count: int  # number of rows
+    constant_count: int  # number of constants
 
 
 class OneLane(NamedTuple):
-    """Filter shape at one lane.
+    """Filter shape at one lane."""
 
-    Attributes:
-        shape: shape of the filter.
-        places: (1,) `LanePlaces`.
-        compiled: compiles a function of `lane_functions`; None if they are executed in Python.
-    """
-
-    shape: FilterShape
-    places: Any
+    shape: FilterShape  # shape of the filter
+    places: Any  # (1,) `LanePlaces`
+    # compiles a function of `lane_functions`; None if they are executed in Python
     compiled: Callable[[Any], Any] | None
 
 

@@ -36,29 +36,17 @@ STEP_COLUMNS = PER_STEP + 1
 
 
 class Steps(NamedTuple):
-    """Steps of a run, in columns.
+    """Steps of a run, in columns."""
 
-    Attributes:
-        starts: (n,) stamps of their starts, since the first stamp [ns].
-        ends: (n,) stamps of their ends [ns]; for a fix ahead, the stamp of the fix.
-        kinds: (n,) kinds.
-        intervals: (n,) time between the newest two IMU samples [s].
-        extras: (n,) bits, see `POSITION` and the others.
-        tracks: (n,) number of track-speed samples before the end of the step.
-        samples: (n,) index of the IMU sample at the end.
-        fixes: (n,) index of the fix at the end.
-        ticks: (n,) index of the tick at the end.
-    """
-
-    starts: Stamps
-    ends: Stamps
-    kinds: Stamps
-    intervals: NDArray[Any]
-    extras: Stamps
-    tracks: Stamps
-    samples: Stamps
-    fixes: Stamps
-    ticks: Stamps
+    starts: Stamps  # (n,) stamps of their starts, since the first stamp [ns]
+    ends: Stamps  # (n,) stamps of their ends [ns]; for a fix ahead, the stamp of the fix
+    kinds: Stamps  # (n,) kinds
+    intervals: NDArray[Any]  # (n,) time between the newest two IMU samples [s]
+    extras: Stamps  # (n,) bits, see `POSITION` and the others
+    tracks: Stamps  # (n,) number of track-speed samples before the end of the step
+    samples: Stamps  # (n,) index of the IMU sample at the end
+    fixes: Stamps  # (n,) index of the fix at the end
+    ticks: Stamps  # (n,) index of the tick at the end
 
     def part(self, begin: int, end: int) -> Steps:
         """Steps from `begin` to before `end`."""
@@ -111,39 +99,23 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
 
 
 class SensorStamps(NamedTuple):
-    """Stamps of all measurements of runs [ns].
+    """Stamps of all measurements of runs [ns]."""
 
-    Attributes:
-        tracks: (n,) of the track speeds.
-        imu: (m,) of the IMU.
-        fixes: (k,) of the fixes.
-        headings: (k,) 1 for each fix with a heading.
-    """
-
-    tracks: Stamps
-    imu: Stamps
-    fixes: Stamps
-    headings: Bytes
+    tracks: Stamps  # (n,) of the track speeds
+    imu: Stamps  # (m,) of the IMU
+    fixes: Stamps  # (k,) of the fixes
+    headings: Bytes  # (k,) 1 for each fix with a heading
 
 
 class Walk(msgspec.Struct):
-    """State of a walk through the stamps, see `icreckon.estimator.base.records`.
+    """State of a walk through the stamps, see `icreckon.estimator.base.records`."""
 
-    Attributes:
-        now: stamp that the filter has reached [ns].
-        steps: number of steps so far.
-        tracks: number of track-speed samples so far.
-        samples: number of IMU samples so far.
-        fixes: number of fixes so far.
-        fails: 1 if there is an IMU sample at a stamp that the filter has reached without it.
-    """
-
-    now: int = 0
-    steps: int = 0
-    tracks: int = 0
-    samples: int = 0
-    fixes: int = 0
-    fails: int = 0
+    now: int = 0  # stamp that the filter has reached [ns]
+    steps: int = 0  # number of steps so far
+    tracks: int = 0  # number of track-speed samples so far
+    samples: int = 0  # number of IMU samples so far
+    fixes: int = 0  # number of fixes so far
+    fails: int = 0  # 1 if there is an IMU sample at a stamp that the filter has reached without it
 
 
 def _walked(stamps: SensorStamps) -> Steps:

@@ -37,33 +37,19 @@ INPUT_FORCES = ("force_x", "force_y")
 
 
 class StepKind(NamedTuple):
-    """Kind of a step, on which the code of its kernel depends.
+    """Kind of a step, on which the code of its kernel depends."""
 
-    Attributes:
-        draws: it begins with a new fast slip.
-        moves: time passes.
-        resumes: the fast slip is that of a step that has begun before.
-        stands: lanes may be found standing at its end.
-        imu: there is an IMU sample at its end.
-        accelerometer: update with the sample's specific force.
-        may_lack_force: lanes may lack the specific force, which is NaN then.
-        twist: compute the body velocity at its end.
-        innovations: store innovations and their covariances.
-        fast_slip: store the fast slip at its end.
-        in_step: it is a part of a step, whose other parts are other kernels.
-    """
-
-    draws: bool = True
-    moves: bool = True
-    resumes: bool = False
-    stands: bool = False
-    imu: bool = True
-    accelerometer: bool = True
-    may_lack_force: bool = False
-    twist: bool = False
-    innovations: bool = False
-    fast_slip: bool = False
-    in_step: bool = False
+    draws: bool = True  # it begins with a new fast slip
+    moves: bool = True  # time passes
+    resumes: bool = False  # the fast slip is that of a step that has begun before
+    stands: bool = False  # lanes may be found standing at its end
+    imu: bool = True  # there is an IMU sample at its end
+    accelerometer: bool = True  # update with the sample's specific force
+    may_lack_force: bool = False  # lanes may lack the specific force, which is NaN then
+    twist: bool = False  # compute the body velocity at its end
+    innovations: bool = False  # store innovations and their covariances
+    fast_slip: bool = False  # store the fast slip at its end
+    in_step: bool = False  # it is a part of a step, whose other parts are other kernels
 
     def reporting(self) -> StepKind:
         """Add the outputs of an estimate."""

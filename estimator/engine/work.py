@@ -37,66 +37,40 @@ AT_STEP, AT_TICK, BETWEEN_STEPS, TICK_BETWEEN_STEPS = range(4)
 
 
 class Places(NamedTuple):
-    """Places in the workspace that the loop reads and writes itself.
+    """Places in the workspace that the loop reads and writes itself."""
 
-    Attributes:
-        estimate: (n,) rows of the output at a tick: those of `ESTIMATE`, and more.
-        states: (n,) indices of the uncertain states.
-        x: (n,) their rows.
-        variances: (n,) rows of their variances.
-        replaced: (k,) rows of the pose, and of the wander if fixes wander.
-        with_replaced: (k, m) rows of their covariances with all states.
-        of_replaced: (k, k) rows of their covariances with each other.
-        rejected: row of the time of rejected position fixes.
-        used: row of the number of position fixes used.
-        predicted: (3,) rows of the place of the antenna and the yaw before the newest fix.
-        updated: (3,) the same rows after it.
-        innovation: (5,) rows of its innovation, and of the covariance of that: xx, xy, yy.
-        interval: place of the interval of the IMU among the constants.
-        row_count: number of rows of the workspace.
-        constant_count: number of constants.
-        wander_sigma: standard deviation of the wander of fixes [m], 0 if they do not wander.
-        wander_time: its correlation time [s].
-    """
-
-    estimate: Any
-    states: Any
-    x: Any
-    variances: Any
-    replaced: Any
-    with_replaced: Any
-    of_replaced: Any
-    rejected: int
-    used: int
-    predicted: Any
-    updated: Any
-    innovation: Any
-    interval: int
-    row_count: int
-    constant_count: int
-    wander_sigma: float
-    wander_time: float
+    estimate: Any  # (n,) rows of the output at a tick: those of `ESTIMATE`, and more
+    states: Any  # (n,) indices of the uncertain states
+    x: Any  # (n,) their rows
+    variances: Any  # (n,) rows of their variances
+    replaced: Any  # (k,) rows of the pose, and of the wander if fixes wander
+    with_replaced: Any  # (k, m) rows of their covariances with all states
+    of_replaced: Any  # (k, k) rows of their covariances with each other
+    rejected: int  # row of the time of rejected position fixes
+    used: int  # row of the number of position fixes used
+    predicted: Any  # (3,) rows of the place of the antenna and the yaw before the newest fix
+    updated: Any  # (3,) the same rows after it
+    innovation: Any  # (5,) rows of its innovation, and of the covariance of that: xx, xy, yy
+    interval: int  # place of the interval of the IMU among the constants
+    row_count: int  # number of rows of the workspace
+    constant_count: int  # number of constants
+    wander_sigma: float  # standard deviation of the wander of fixes [m], 0 if they do not wander
+    wander_time: float  # its correlation time [s]
 
 
 class LaneKernels(NamedTuple):
-    """Addresses of the kernels of one filter shape; 0 for those not needed.
+    """Addresses of the kernels of one filter shape; 0 for those not needed."""
 
-    Attributes:
-        usual: step with an IMU sample, while no lane can be at a standstill.
-        full: step with an IMU sample and a test for standstill; the twist at its end is computed.
-        update: IMU sample at the stamp of the filter, without propagation.
-        moves: propagation without an IMU sample; the second with the twist at its end, for a tick.
-        positions: position fix at each of the times of `AT_STEP`, at ticks with the twist; returns
-            lanes that are lost, and that used it.
-        headings: the same of heading fixes.
-    """
-
-    usual: int = 0
+    usual: int = 0  # step with an IMU sample, while no lane can be at a standstill
+    # step with an IMU sample and a test for standstill; the twist at its end is computed
     full: int = 0
-    update: int = 0
+    update: int = 0  # IMU sample at the stamp of the filter, without propagation
+    # propagation without an IMU sample; the second with the twist at its end, for a tick
     moves: tuple[int, int] = (0, 0)
+    # position fix at each of the times of `AT_STEP`, at ticks with the twist; returns lanes that are
+    # lost, and that used it
     positions: tuple[int, int, int, int] = (0, 0, 0, 0)
-    headings: tuple[int, int, int, int] = (0, 0, 0, 0)
+    headings: tuple[int, int, int, int] = (0, 0, 0, 0)  # the same of heading fixes
 
 
 def work_through(

@@ -29,38 +29,24 @@ LEAST_DISTANCE, LEAST_TIME = 1e-3, 1e-6
 
 
 class Departure(NamedTuple):
-    """Departure of position fixes from the path.
+    """Departure of position fixes from the path."""
 
-    Attributes:
-        time: time for which rejected fixes have departed [s]; 0 after a fix that does not depart.
-        from_x: place on the path of the newest fix that does not depart [m].
-        from_y: see above.
-        by_x: innovation of the newest fix [m].
-        by_y: see above.
-    """
-
+    # time for which rejected fixes have departed [s]; 0 after a fix that does not depart
     time: Any = 0.0
-    from_x: Any = 0.0
-    from_y: Any = 0.0
-    by_x: Any = 0.0
-    by_y: Any = 0.0
+    from_x: Any = 0.0  # place on the path of the newest fix that does not depart [m]
+    from_y: Any = 0.0  # see above
+    by_x: Any = 0.0  # innovation of the newest fix [m]
+    by_y: Any = 0.0  # see above
 
 
 class Indicated(NamedTuple):
-    """Standard deviations of the errors that a departure indicates, with signs.
+    """Standard deviations of the errors that a departure indicates, with signs."""
 
-    Attributes:
-        along: error of the position along the path, in x and y [m].
-        slip: with it, that of the slip of v_x [m/s].
-        beside: error of the position to a side, in x and y [m].
-        yaw: with it, the error of a yaw that was wrong from the start of the departure on [rad].
-        bias: or that of the gyro's bias, which has turned the yaw by twice as much until now [rad/s].
-    """
-
-    along: tuple[Any, Any]
-    slip: Any
-    beside: tuple[Any, Any]
-    yaw: Any
+    along: tuple[Any, Any]  # error of the position along the path, in x and y [m]
+    slip: Any  # with it, that of the slip of v_x [m/s]
+    beside: tuple[Any, Any]  # error of the position to a side, in x and y [m]
+    yaw: Any  # with it, the error of a yaw that was wrong from the start of the departure on [rad]
+    # or that of the gyro's bias, which has turned the yaw by twice as much until now [rad/s]
     bias: Any
 
 

@@ -38,43 +38,26 @@ FULL_SCALE = 0.995
 
 
 class GyroRecord(msgspec.Struct):
-    """Record of the gyro's faults.
+    """Record of the gyro's faults."""
 
-    Attributes:
-        stamp: stamp of the newest sample [ns], or NEVER.
-        rate: its yaw rate [rad/s].
-        reading: its reading about the most upright axis of the IMU [rad/s].
-        size: mean size of the changes between samples [rad/s].
-        turning: difference of the track speeds at it [m/s].
-        changes: number of changes of the reading while the tracks' turning changed, at most `LEARNT`.
-        repeats: number of changes of the turning since the reading last changed.
-        most_repeats: largest such number without a fault.
-        fault: `WORKS`, `JUMPED`, `REPEATS` or `BEYOND` its range.
-        since: stamp at which the fault was found [ns], or NEVER.
-        jump: change of the yaw rate by the jump, 0 when that is over [rad/s].
-        agreed: time for which the readings have agreed with the tracks since [s].
-        times: number of faults that were found.
-        jumped: number of readings that were not used after a jump.
-        repeated: number of repeated ones that were not used.
-        beyond: number of those beyond the range.
-    """
-
-    stamp: Stamp = NEVER
-    rate: float = 0.0
-    reading: float = 0.0
-    size: Size = MEAN_CHANGE_AT_START
-    turning: float = 0.0
+    stamp: Stamp = NEVER  # stamp of the newest sample [ns], or NEVER
+    rate: float = 0.0  # its yaw rate [rad/s]
+    reading: float = 0.0  # its reading about the most upright axis of the IMU [rad/s]
+    size: Size = MEAN_CHANGE_AT_START  # mean size of the changes between samples [rad/s]
+    turning: float = 0.0  # difference of the track speeds at it [m/s]
+    # number of changes of the reading while the tracks' turning changed, at most `LEARNT`
     changes: Count = 0
-    repeats: Count = 0
-    most_repeats: Count = 0
+    repeats: Count = 0  # number of changes of the turning since the reading last changed
+    most_repeats: Count = 0  # largest such number without a fault
+    # `WORKS`, `JUMPED`, `REPEATS` or `BEYOND` its range
     fault: Annotated[int, msgspec.Meta(ge=WORKS, le=BEYOND)] = WORKS
-    since: Stamp = NEVER
-    jump: float = 0.0
-    agreed: Size = 0.0
-    times: Count = 0
-    jumped: Count = 0
-    repeated: Count = 0
-    beyond: Count = 0
+    since: Stamp = NEVER  # stamp at which the fault was found [ns], or NEVER
+    jump: float = 0.0  # change of the yaw rate by the jump, 0 when that is over [rad/s]
+    agreed: Size = 0.0  # time for which the readings have agreed with the tracks since [s]
+    times: Count = 0  # number of faults that were found
+    jumped: Count = 0  # number of readings that were not used after a jump
+    repeated: Count = 0  # number of repeated ones that were not used
+    beyond: Count = 0  # number of those beyond the range
 
 
 def watch_gyro(

@@ -41,44 +41,30 @@ SIGMAS, LEAST_ERROR_SHARE, UNKNOWN_WIDTH = 3.0, 0.15, 2.0
 
 
 class WheelsRecord(msgspec.Struct):
-    """Record of the wheels of one side.
+    """Record of the wheels of one side."""
 
-    Attributes:
-        since: stamp from which on they disagree [ns], or NEVER.
-        newest: stamp of the newest sample in which they did [ns], or NEVER.
-        decided: stamp at which it was last certain which of them is right [ns], or NEVER.
-        odd: index of the wheel that is not used, or `NO_WHEEL`.
-        apart: distance of that wheel from the speed of the side, or else of the two speeds that are
-            possible from their mean [m/s].
-        doubt: standard deviation of the side's speed, because it is not certain which is right [m/s].
-        way: distance by which the wheels have disagreed [m].
-        samples: number of samples in which they did.
-        times: number of times that they were found to disagree.
-    """
-
-    since: Stamp = NEVER
-    newest: Stamp = NEVER
+    since: Stamp = NEVER  # stamp from which on they disagree [ns], or NEVER
+    newest: Stamp = NEVER  # stamp of the newest sample in which they did [ns], or NEVER
+    # stamp at which it was last certain which of them is right [ns], or NEVER
     decided: Stamp = NEVER
+    # index of the wheel that is not used, or `NO_WHEEL`
     odd: Annotated[int, msgspec.Meta(ge=NO_WHEEL)] = NO_WHEEL
+    # distance of that wheel from the speed of the side, or else of the two speeds that are possible
+    # from their mean [m/s]
     apart: Size = 0.0
+    # standard deviation of the side's speed, because it is not certain which is right [m/s]
     doubt: Size = 0.0
-    way: Size = 0.0
-    samples: Count = 0
-    times: Count = 0
+    way: Size = 0.0  # distance by which the wheels have disagreed [m]
+    samples: Count = 0  # number of samples in which they did
+    times: Count = 0  # number of times that they were found to disagree
 
 
 class SideSpeeds(NamedTuple):
-    """Speeds that a side may have, by its wheels.
+    """Speeds that a side may have, by its wheels."""
 
-    Attributes:
-        low: the lower one [m/s].
-        high: the higher one; the same if the wheels decide [m/s].
-        agrees: True if no wheel disagrees.
-    """
-
-    low: float
-    high: float
-    agrees: bool
+    low: float  # the lower one [m/s]
+    high: float  # the higher one; the same if the wheels decide [m/s]
+    agrees: bool  # True if no wheel disagrees
 
 
 def least_apart(fastest: float) -> float:

@@ -21,25 +21,16 @@ ENOUGH_CHANGES, MOVING, UNUSUAL_FACTOR, LEAST_DRIVEN = 20, 0.1, 4.0, 0.1
 
 
 class PlaceRecord(msgspec.Struct):
-    """Record of the newest position of a receiver.
+    """Record of the newest position of a receiver."""
 
-    Attributes:
-        x: position [m].
-        y: position [m].
-        stamp: stamp of the newest fix there [ns], or NEVER.
-        driven: way forward by the tracks since the first fix there [m].
-        longest: longest such way after which the position changed, at most `MOST_DRIVEN` [m].
-        changes: number of changes of position while driving, at most `ENOUGH_CHANGES`.
-        rejected: number of fixes that were not used because they repeat a position.
-    """
-
-    x: float = 0.0
-    y: float = 0.0
-    stamp: Stamp = NEVER
-    driven: float = 0.0
+    x: float = 0.0  # position [m]
+    y: float = 0.0  # position [m]
+    stamp: Stamp = NEVER  # stamp of the newest fix there [ns], or NEVER
+    driven: float = 0.0  # way forward by the tracks since the first fix there [m]
+    # longest such way after which the position changed, at most `MOST_DRIVEN` [m]
     longest: Size = 0.0
-    changes: Count = 0
-    rejected: Count = 0
+    changes: Count = 0  # number of changes of position while driving, at most `ENOUGH_CHANGES`
+    rejected: Count = 0  # number of fixes that were not used because they repeat a position
 
 
 def repeats(place: PlaceRecord, stamp: int, x: float, y: float, speed: float) -> bool:

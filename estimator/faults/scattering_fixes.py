@@ -74,60 +74,36 @@ class ScatterRecord(msgspec.Struct):
 
     Fixes are in order, the oldest first: the aligned ones, then those that wait, since the gate rejected
     them; a few of these are outliers.
-
-    Attributes:
-        begin: stamp from which times count [ns].
-        newest: stamp of the newest fix [ns], or NEVER.
-        laid: number of fixes that are aligned with the path.
-        waiting: number of those that wait.
-        time: their times [ns].
-        x: measured [m].
-        y: measured [m].
-        path_x: place of the antenna on the path by dead reckoning [m].
-        path_y: see above [m].
-        yaw: yaw on the path [rad].
-        newest_x: place of the newest fix on the path [m].
-        newest_y: see above [m].
-        interval: mean time between fixes [s].
-        antenna_x: estimated place of the antenna after the newest fix [m].
-        antenna_y: see above [m].
-        turn: yaw of the estimate less that of the path [rad].
-        moved: (SIZE,) corrections of the state with the newest fixes; those of older ones are forgotten.
-        likeness: likeness of their errors to those that walk: 0 if they are white, 1 if they do.
-        variance: variance with which a fix is used, 0 if the scatter is as stated [m²].
-        used: number of fixes that were used with it.
-        judged: number of fixes whose innovations were counted, at most `MOST_AVERAGED`.
-        innovation_x: normalised innovation of the newest fix [-].
-        innovation_y: see above [-].
-        products: averaged product of successive ones.
-        squares: averaged square of them.
     """
 
-    begin: Stamp = NEVER
-    newest: Stamp = NEVER
+    begin: Stamp = NEVER  # stamp from which times count [ns]
+    newest: Stamp = NEVER  # stamp of the newest fix [ns], or NEVER
+    # number of fixes that are aligned with the path
     laid: Annotated[int, msgspec.Meta(ge=0, le=MOST_ALIGNED)] = 0
-    waiting: Annotated[int, msgspec.Meta(ge=0, lt=REJECTED_IN_ROW)] = 0
-    time: OfFixes = zeros(ROOM)
-    x: OfFixes = zeros(ROOM)
-    y: OfFixes = zeros(ROOM)
-    path_x: OfFixes = zeros(ROOM)
-    path_y: OfFixes = zeros(ROOM)
-    yaw: OfFixes = zeros(ROOM)
-    newest_x: float = 0.0
-    newest_y: float = 0.0
-    interval: Size = 0.0
-    antenna_x: float = 0.0
-    antenna_y: float = 0.0
-    turn: float = 0.0
+    waiting: Annotated[int, msgspec.Meta(ge=0, lt=REJECTED_IN_ROW)] = 0  # number of those that wait
+    time: OfFixes = zeros(ROOM)  # their times [ns]
+    x: OfFixes = zeros(ROOM)  # measured [m]
+    y: OfFixes = zeros(ROOM)  # measured [m]
+    path_x: OfFixes = zeros(ROOM)  # place of the antenna on the path by dead reckoning [m]
+    path_y: OfFixes = zeros(ROOM)  # see above [m]
+    yaw: OfFixes = zeros(ROOM)  # yaw on the path [rad]
+    newest_x: float = 0.0  # place of the newest fix on the path [m]
+    newest_y: float = 0.0  # see above [m]
+    interval: Size = 0.0  # mean time between fixes [s]
+    antenna_x: float = 0.0  # estimated place of the antenna after the newest fix [m]
+    antenna_y: float = 0.0  # see above [m]
+    turn: float = 0.0  # yaw of the estimate less that of the path [rad]
+    # (SIZE,) corrections of the state with the newest fixes; those of older ones are forgotten
     moved: OfStates = zeros(s.SIZE)
+    # likeness of their errors to those that walk: 0 if they are white, 1 if they do
     likeness: float = LIKENESS_AT_START
-    variance: Size = 0.0
-    used: Count = 0
-    judged: Count = 0
-    innovation_x: float = 0.0
-    innovation_y: float = 0.0
-    products: float = 0.0
-    squares: Size = 0.0
+    variance: Size = 0.0  # variance with which a fix is used, 0 if the scatter is as stated [m²]
+    used: Count = 0  # number of fixes that were used with it
+    judged: Count = 0  # number of fixes whose innovations were counted, at most `MOST_AVERAGED`
+    innovation_x: float = 0.0  # normalised innovation of the newest fix [-]
+    innovation_y: float = 0.0  # see above [-]
+    products: float = 0.0  # averaged product of successive ones
+    squares: Size = 0.0  # averaged square of them
 
 
 def wanders(scatter: ScatterRecord) -> bool:
@@ -151,29 +127,18 @@ def count_innovation(scatter: ScatterRecord, x: float, y: float) -> None:
 
 
 class TakenFix(NamedTuple):
-    """Position fix, after the update with it.
+    """Position fix, after the update with it."""
 
-    Attributes:
-        stamp: its stamp [ns].
-        x: measured [m].
-        y: measured [m].
-        variance: variance that it states [m²].
-        z: its innovation, x and y [m].
-        S: covariance of that, xx, xy and yy [m²].
-        predicted: place of the antenna before the update, and yaw [m, m, rad].
-        updated: the same after it.
-        used: it was used.
-    """
-
-    stamp: int
-    x: float
-    y: float
-    variance: float
-    z: tuple[float, float]
-    S: tuple[float, float, float]
+    stamp: int  # its stamp [ns]
+    x: float  # measured [m]
+    y: float  # measured [m]
+    variance: float  # variance that it states [m²]
+    z: tuple[float, float]  # its innovation, x and y [m]
+    S: tuple[float, float, float]  # covariance of that, xx, xy and yy [m²]
+    # place of the antenna before the update, and yaw [m, m, rad]
     predicted: tuple[float, float, float]
-    updated: tuple[float, float, float]
-    used: bool
+    updated: tuple[float, float, float]  # the same after it
+    used: bool  # it was used
 
 
 def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
@@ -345,21 +310,13 @@ def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
 
 
 class Spread(NamedTuple):
-    """Sums of squares of the residuals of fixes that are aligned with the path.
+    """Sums of squares of the residuals of fixes that are aligned with the path."""
 
-    Attributes:
-        squares: sum of their own squares [m²].
-        successive: sum of the squares of successive differences [m²].
-        second: that of second differences [m²].
-        freedom: degrees of freedom of each axis.
-        apart: time between two fixes [s].
-    """
-
-    squares: float
-    successive: float
-    second: float
-    freedom: float
-    apart: float
+    squares: float  # sum of their own squares [m²]
+    successive: float  # sum of the squares of successive differences [m²]
+    second: float  # that of second differences [m²]
+    freedom: float  # degrees of freedom of each axis
+    apart: float  # time between two fixes [s]
 
 
 def spread_of(scatter: ScatterRecord) -> Spread:

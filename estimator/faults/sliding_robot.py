@@ -33,29 +33,20 @@ LONGEST_INTERVAL = 0.1
 
 
 class SlideRecord(msgspec.Struct):
-    """Record of slides along the robot.
+    """Record of slides along the robot."""
 
-    Attributes:
-        stamp: stamp of the newest sample of the IMU [ns], or NEVER.
-        tracks: velocity by the tracks at that sample [m/s].
-        mean: averaged difference of the accelerations, mostly gravity [m/s²].
-        difference: recent change of velocity by the accelerometer, less that by the tracks [m/s].
-        square: averaged square of the difference [m²/s²].
-        averaged: time over which it was averaged, at most `RMS_AVERAGING` [s].
-        since: stamp at which a slide began [ns], or NEVER.
-        speed: largest difference of that slide [m/s]; 0 when the change that ended it is over.
-        times: number of slides that were found.
-    """
-
-    stamp: Stamp = NEVER
-    tracks: float = 0.0
-    mean: float = 0.0
+    stamp: Stamp = NEVER  # stamp of the newest sample of the IMU [ns], or NEVER
+    tracks: float = 0.0  # velocity by the tracks at that sample [m/s]
+    mean: float = 0.0  # averaged difference of the accelerations, mostly gravity [m/s²]
+    # recent change of velocity by the accelerometer, less that by the tracks [m/s]
     difference: float = 0.0
-    square: Size = RMS_AT_START * RMS_AT_START
+    square: Size = RMS_AT_START * RMS_AT_START  # averaged square of the difference [m²/s²]
+    # time over which it was averaged, at most `RMS_AVERAGING` [s]
     averaged: Interval = TIME_AT_START
-    since: Stamp = NEVER
+    since: Stamp = NEVER  # stamp at which a slide began [ns], or NEVER
+    # largest difference of that slide [m/s]; 0 when the change that ended it is over
     speed: float = 0.0
-    times: Count = 0
+    times: Count = 0  # number of slides that were found
 
 
 def slides(slide: SlideRecord) -> bool:

@@ -45,45 +45,27 @@ CORRELATION = 0.3
 
 
 class SpinRecord(msgspec.Struct):
-    """Record of a spinning track.
+    """Record of a spinning track."""
 
-    Attributes:
-        left: newest reading of the left track [m/s].
-        right: newest reading of the right track [m/s].
-        rate: newest yaw rate by the gyro [rad/s].
-        force: averaged specific force to the left [m/s²]; 0 without accelerometers.
-        mismatch: newest difference of the track speeds that no slip in bends explains [m/s].
-        side: `LEFT` or `RIGHT`, the track that spins, or `UNKNOWN`.
-        jumped: 1 if that is the track whose speed jumped when the mismatch began.
-        since: stamp at which the mismatch began [ns], or NEVER.
-        newest: stamp of the newest mismatch [ns], or NEVER.
-        way: way of the mismatch since it began [m].
-        gyro_jumped: 1 while there is a mismatch that began with a jump of the gyro: no track spins then.
-        times: number of times that one was found.
-        stamp: stamp of the newest sample of the gyro [ns], or NEVER.
-        turned: turning so far, with forgetting [rad].
-        by_rate: sum of the tracks' difference times the yaw rate [m/s rad/s].
-        of_rate: sum of the yaw rate squared [rad²/s²].
-        of_turning: sum of the tracks' difference squared [m²/s²].
-    """
-
-    left: float = 0.0
-    right: float = 0.0
-    rate: float = 0.0
-    force: float = 0.0
+    left: float = 0.0  # newest reading of the left track [m/s]
+    right: float = 0.0  # newest reading of the right track [m/s]
+    rate: float = 0.0  # newest yaw rate by the gyro [rad/s]
+    force: float = 0.0  # averaged specific force to the left [m/s²]; 0 without accelerometers
+    # newest difference of the track speeds that no slip in bends explains [m/s]
     mismatch: float = 0.0
-    side: Side = UNKNOWN
-    jumped: Flag = 0
-    since: Stamp = NEVER
-    newest: Stamp = NEVER
-    way: float = 0.0
+    side: Side = UNKNOWN  # `LEFT` or `RIGHT`, the track that spins, or `UNKNOWN`
+    jumped: Flag = 0  # 1 if that is the track whose speed jumped when the mismatch began
+    since: Stamp = NEVER  # stamp at which the mismatch began [ns], or NEVER
+    newest: Stamp = NEVER  # stamp of the newest mismatch [ns], or NEVER
+    way: float = 0.0  # way of the mismatch since it began [m]
+    # 1 while there is a mismatch that began with a jump of the gyro: no track spins then
     gyro_jumped: Flag = 0
-    times: Count = 0
-    stamp: Stamp = NEVER
-    turned: float = 0.0
-    by_rate: float = 0.0
-    of_rate: Size = 0.0
-    of_turning: Size = 0.0
+    times: Count = 0  # number of times that one was found
+    stamp: Stamp = NEVER  # stamp of the newest sample of the gyro [ns], or NEVER
+    turned: float = 0.0  # turning so far, with forgetting [rad]
+    by_rate: float = 0.0  # sum of the tracks' difference times the yaw rate [m/s rad/s]
+    of_rate: Size = 0.0  # sum of the yaw rate squared [rad²/s²]
+    of_turning: Size = 0.0  # sum of the tracks' difference squared [m²/s²]
 
 
 def width_of_bends(spin: SpinRecord) -> float:

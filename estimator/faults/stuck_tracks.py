@@ -26,24 +26,16 @@ LEAST_FROZEN_TIME, STEADY_CHANGE = 1.0, 0.1
 
 
 class Repeating(msgspec.Struct):
-    """Repetition record of one track's readings.
+    """Repetition record of one track's readings."""
 
-    Attributes:
-        reading: newest reading [m/s].
-        since: stamp of the first of the consecutive samples with this reading [ns].
-        newest: stamp of the last of them [ns].
-        changes: number of changes of the reading, at most `OWN_READINGS`.
-        longest: longest time of one reading while moving and not stuck [s].
-        other_count: number of distinct readings of the other track since then, at most `OTHER_READINGS`.
-        others: those readings [m/s]; the rest is unused.
-    """
-
-    reading: float = 0.0
-    since: Stamp = NEVER
-    newest: Stamp = NEVER
-    changes: Count = 0
-    longest: Size = 0.0
+    reading: float = 0.0  # newest reading [m/s]
+    since: Stamp = NEVER  # stamp of the first of the consecutive samples with this reading [ns]
+    newest: Stamp = NEVER  # stamp of the last of them [ns]
+    changes: Count = 0  # number of changes of the reading, at most `OWN_READINGS`
+    longest: Size = 0.0  # longest time of one reading while moving and not stuck [s]
+    # number of distinct readings of the other track since then, at most `OTHER_READINGS`
     other_count: Annotated[int, msgspec.Meta(ge=0, le=OTHER_READINGS)] = 0
+    # those readings [m/s]; the rest is unused
     others: Annotated[
         list[float], msgspec.Meta(min_length=OTHER_READINGS, max_length=OTHER_READINGS)
     ] = zeros(OTHER_READINGS)

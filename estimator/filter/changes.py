@@ -17,66 +17,39 @@ from icreckon.estimator.base.array_types import Floats
 
 
 class Event(NamedTuple):
-    """One change.
+    """One change."""
 
-    Attributes:
-        kind: "renewed": new fast slip, upper triangle (6) of its covariance; "inflated": upper triangle
-            of a covariance that is added to states; "motion": likewise, an error of the motion;
-            "updated": see `Updated`; "projected": change (n,) of the state by its bounds; "moved": see
-            `moved_values`.
-        states: n states that the values are of.
-        fixed: states that an update does not move.
-        values: the numbers.
-    """
-
+    # "renewed": new fast slip, upper triangle (6) of its covariance; "inflated": upper triangle of a
+    # covariance that is added to states; "motion": likewise, an error of the motion; "updated": see
+    # `Updated`; "projected": change (n,) of the state by its bounds; "moved": see `moved_values`
     kind: str
-    states: tuple[int, ...]
-    fixed: tuple[int, ...]
-    values: tuple[Any, ...]
+    states: tuple[int, ...]  # n states that the values are of
+    fixed: tuple[int, ...]  # states that an update does not move
+    values: tuple[Any, ...]  # the numbers
 
 
 class Updated(NamedTuple):
-    """Scalar update.
+    """Scalar update."""
 
-    Attributes:
-        z: innovation.
-        r: variance of the measurement noise.
-        S: variance of the innovation.
-        is_sharp: the noise is so small that rounding counts.
-        h: (size,) Jacobian of the predicted measurement.
-        cross: (size,) covariance of the state with the innovation.
-        gain: (size,) Kalman gain.
-        fixed: states that it does not move.
-    """
-
-    z: float
-    r: float
-    S: float
-    is_sharp: bool
-    h: Floats
-    cross: Floats
-    gain: Floats
-    fixed: tuple[int, ...]
+    z: float  # innovation
+    r: float  # variance of the measurement noise
+    S: float  # variance of the innovation
+    is_sharp: bool  # the noise is so small that rounding counts
+    h: Floats  # (size,) Jacobian of the predicted measurement
+    cross: Floats  # (size,) covariance of the state with the innovation
+    gain: Floats  # (size,) Kalman gain
+    fixed: tuple[int, ...]  # states that it does not move
 
 
 class Moved(NamedTuple):
-    """Step of the filter.
+    """Step of the filter."""
 
-    Attributes:
-        yaw: yaw before it [rad].
-        step: (3,) increment of the pose.
-        by_state: (3, size) its derivative by all states but the pose.
-        with_state: (3, size) the same times the covariance before the step.
-        F: (size, size) transition.
-        Q: (size, size) process noise.
-    """
-
-    yaw: float
-    step: Floats
-    by_state: Floats
-    with_state: Floats
-    F: Floats
-    Q: Floats
+    yaw: float  # yaw before it [rad]
+    step: Floats  # (3,) increment of the pose
+    by_state: Floats  # (3, size) its derivative by all states but the pose
+    with_state: Floats  # (3, size) the same times the covariance before the step
+    F: Floats  # (size, size) transition
+    Q: Floats  # (size, size) process noise
 
 
 class Listener(Protocol):

@@ -56,18 +56,13 @@ class Clones(msgspec.Struct, frozen=True):
     """Motion since each of m marks; immutable.
 
     Each clone is computed separately, with the same rounding whatever other clones there are.
-
-    Attributes:
-        stamps: stamps of the marks [ns].
-        poses: (m, 3) poses of base_link in base_link at each mark.
-        cross: (3m, SIZE) covariance of `poses` with the filter's state; two columns more if fixes wander.
-        covariance: (3m, 3m) covariance of `poses`.
     """
 
-    stamps: tuple[int, ...]
-    poses: np.ndarray[Any, Any]
+    stamps: tuple[int, ...]  # stamps of the marks [ns]
+    poses: np.ndarray[Any, Any]  # (m, 3) poses of base_link in base_link at each mark
+    # (3m, SIZE) covariance of `poses` with the filter's state; two columns more if fixes wander
     cross: np.ndarray[Any, Any]
-    covariance: np.ndarray[Any, Any]
+    covariance: np.ndarray[Any, Any]  # (3m, 3m) covariance of `poses`
 
     def __post_init__(self) -> None:
         m = len(self.stamps)

@@ -33,78 +33,51 @@ Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]
 
 
 class FixesRecord(msgspec.Struct):
-    """Record of the newest position fixes.
+    """Record of the newest position fixes."""
 
-    Attributes:
-        wander_stamp: time up to which the wander of the fixes is propagated [ns], or NEVER.
-        rejected: those that were rejected since one was used.
-        scatter: their scatter.
-    """
-
+    # time up to which the wander of the fixes is propagated [ns], or NEVER
     wander_stamp: Stamp = NEVER
+    # those that were rejected since one was used
     rejected: RejectedRecord = msgspec.field(default_factory=RejectedRecord)
-    scatter: ScatterRecord = msgspec.field(default_factory=ScatterRecord)
+    scatter: ScatterRecord = msgspec.field(default_factory=ScatterRecord)  # their scatter
 
 
 class FilterRecord(msgspec.Struct):
-    """Record of the inputs of one streaming filter.
+    """Record of the inputs of one streaming filter."""
 
-    Attributes:
-        settings: settings of the inputs.
-        stamp: time of the estimate [ns], or NEVER.
-        stood_at: stamp of the newest zero velocity that was used [ns], or NEVER.
-        stands: 1 if the robot was found standing at the newest IMU sample.
-        slip_factor: factor on the slip that position fixes have shown.
-        present_factor: that of the newest fixes alone.
-        trend_forward: mean of the normalised innovations of position fixes, to the front of the robot.
-        trend_left: to its left.
-        trend_size: mean of their squares; 1 if they are as large as expected.
-        departed_for: time of rejected position fixes that depart from the path [s].
-        departed_from_x: place on the path of the newest fix that does not [m].
-        departed_from_y: see above.
-        departed_by_x: innovation of the newest fix [m].
-        departed_by_y: see above.
-        fixes: the newest position fixes.
-        positions: newest place of the position fixes.
-        poses: newest place of the pose fixes.
-        tracks: the track speeds.
-        imu: clock of the IMU.
-        noise: noise of the IMU.
-        tilt: readings that show its tilt.
-        still: the standstill.
-        gyro: counts of the gate of the gyro.
-        accelerometer_x: counts of the gate of the forward accelerometer.
-        accelerometer_y: counts of the gate of the accelerometer to the left.
-        turning: newest differences of the track speeds, right less left [m/s].
-        yaw_rates: newest yaw rates by the gyro [rad/s].
-    """
-
-    settings: InputSettings
-    stamp: Stamp = NEVER
-    stood_at: Stamp = NEVER
-    stands: Flag = 0
-    slip_factor: Factor = 1.0
-    present_factor: Factor = 1.0
+    settings: InputSettings  # settings of the inputs
+    stamp: Stamp = NEVER  # time of the estimate [ns], or NEVER
+    stood_at: Stamp = NEVER  # stamp of the newest zero velocity that was used [ns], or NEVER
+    stands: Flag = 0  # 1 if the robot was found standing at the newest IMU sample
+    slip_factor: Factor = 1.0  # factor on the slip that position fixes have shown
+    present_factor: Factor = 1.0  # that of the newest fixes alone
+    # mean of the normalised innovations of position fixes, to the front of the robot
     trend_forward: float = 0.0
-    trend_left: float = 0.0
-    trend_size: float = 1.0
-    departed_for: Size = 0.0
-    departed_from_x: float = 0.0
-    departed_from_y: float = 0.0
-    departed_by_x: float = 0.0
-    departed_by_y: float = 0.0
-    fixes: FixesRecord = msgspec.field(default_factory=FixesRecord)
+    trend_left: float = 0.0  # to its left
+    trend_size: float = 1.0  # mean of their squares; 1 if they are as large as expected
+    departed_for: Size = 0.0  # time of rejected position fixes that depart from the path [s]
+    departed_from_x: float = 0.0  # place on the path of the newest fix that does not [m]
+    departed_from_y: float = 0.0  # see above
+    departed_by_x: float = 0.0  # innovation of the newest fix [m]
+    departed_by_y: float = 0.0  # see above
+    fixes: FixesRecord = msgspec.field(default_factory=FixesRecord)  # the newest position fixes
+    # newest place of the position fixes
     positions: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
+    # newest place of the pose fixes
     poses: PlaceRecord = msgspec.field(default_factory=PlaceRecord)
-    tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)
-    imu: ClockRecord = msgspec.field(default_factory=ClockRecord)
-    noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)
-    tilt: TiltRecord = msgspec.field(default_factory=TiltRecord)
-    still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)
-    gyro: GateRecord = msgspec.field(default_factory=GateRecord)
+    tracks: TrackRecord = msgspec.field(default_factory=TrackRecord)  # the track speeds
+    imu: ClockRecord = msgspec.field(default_factory=ClockRecord)  # clock of the IMU
+    noise: NoiseRecord = msgspec.field(default_factory=NoiseRecord)  # noise of the IMU
+    tilt: TiltRecord = msgspec.field(default_factory=TiltRecord)  # readings that show its tilt
+    still: StandstillRecord = msgspec.field(default_factory=StandstillRecord)  # the standstill
+    gyro: GateRecord = msgspec.field(default_factory=GateRecord)  # counts of the gate of the gyro
+    # counts of the gate of the forward accelerometer
     accelerometer_x: GateRecord = msgspec.field(default_factory=GateRecord)
+    # counts of the gate of the accelerometer to the left
     accelerometer_y: GateRecord = msgspec.field(default_factory=GateRecord)
+    # newest differences of the track speeds, right less left [m/s]
     turning: RateRecord = msgspec.field(default_factory=RateRecord)
+    # newest yaw rates by the gyro [rad/s]
     yaw_rates: RateRecord = msgspec.field(default_factory=RateRecord)
 
 

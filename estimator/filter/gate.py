@@ -57,36 +57,24 @@ def inflation(square: float, expected: float) -> float:
 
 
 class GateRecord(msgspec.Struct):
-    """Counts of one gate, and the newest innovation that it tested.
+    """Counts of one gate, and the newest innovation that it tested."""
 
-    Attributes:
-        rejected_for: time of the rejections since the gate last let a measurement pass [s].
-        judged: number of measurements that it tested.
-        used: number of measurements that it let pass.
-        rejected: number of those that it did not.
-        reacquired: number of measurements that were used after too long a time of rejections.
-        degrees: sum of the degrees of freedom of admitted measurements.
-        nis_sum: sum of their normalised innovations squared (NIS).
-        newest_nis: NIS of the newest measurement.
-        recent_nis: mean NIS per degree of freedom of the newest hundred or so.
-        stamp: stamp of the newest measurement [ns], or NEVER.
-        verdict: verdict on it.
-        z: its innovation (n,); the rest is unused.
-        S: its innovation covariance (n, n) in rows; the rest is unused.
-    """
-
+    # time of the rejections since the gate last let a measurement pass [s]
     rejected_for: Size = 0.0
-    judged: Count = 0
-    used: Count = 0
-    rejected: Count = 0
+    judged: Count = 0  # number of measurements that it tested
+    used: Count = 0  # number of measurements that it let pass
+    rejected: Count = 0  # number of those that it did not
+    # number of measurements that were used after too long a time of rejections
     reacquired: Count = 0
-    degrees: Count = 0
-    nis_sum: Size = 0.0
-    newest_nis: float = 0.0
-    recent_nis: float = 0.0
-    stamp: Stamp = NEVER
-    verdict: Annotated[int, msgspec.Meta(ge=ADMITTED, le=REACQUIRED)] = ADMITTED
+    degrees: Count = 0  # sum of the degrees of freedom of admitted measurements
+    nis_sum: Size = 0.0  # sum of their normalised innovations squared (NIS)
+    newest_nis: float = 0.0  # NIS of the newest measurement
+    recent_nis: float = 0.0  # mean NIS per degree of freedom of the newest hundred or so
+    stamp: Stamp = NEVER  # stamp of the newest measurement [ns], or NEVER
+    verdict: Annotated[int, msgspec.Meta(ge=ADMITTED, le=REACQUIRED)] = ADMITTED  # verdict on it
+    # its innovation (n,); the rest is unused
     z: Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOST)] = zeros(MOST)
+    # its innovation covariance (n, n) in rows; the rest is unused
     S: Annotated[list[float], msgspec.Meta(min_length=MOST**2, max_length=MOST**2)] = zeros(MOST**2)
 
 

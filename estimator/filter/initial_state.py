@@ -24,19 +24,13 @@ from icreckon.estimator.robot.variants import (
 
 
 class Assumptions(NamedTuple):
-    """Prior of a filter.
+    """Prior of a filter."""
 
-    Attributes:
-        model: a new motion model.
-        state: (SIZE,) initial state, at the origin.
-        sigmas: (SIZE,) its standard deviations; zero for the pose, and for states that are not estimated.
-        disturbances: the process noise.
-    """
-
-    model: MotionModel
-    state: Floats
+    model: MotionModel  # a new motion model
+    state: Floats  # (SIZE,) initial state, at the origin
+    # (SIZE,) its standard deviations; zero for the pose, and for states that are not estimated
     sigmas: Floats
-    disturbances: Disturbances
+    disturbances: Disturbances  # the process noise
 
 
 def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptions:

@@ -30,23 +30,15 @@ OfRejected = Annotated[list[float], msgspec.Meta(min_length=MOST, max_length=MOS
 
 
 class RejectedRecord(msgspec.Struct):
-    """Position fixes that were rejected since one was used, oldest first.
+    """Position fixes that were rejected since one was used, oldest first."""
 
-    Attributes:
-        count: their number.
-        x: measured [m].
-        y: measured [m].
-        variance: variance of each coordinate about those of the first one [m²].
-        predicted_x: predicted [m].
-        predicted_y: predicted [m].
-    """
-
-    count: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0
-    x: OfRejected = zeros(MOST)
-    y: OfRejected = zeros(MOST)
+    count: Annotated[int, msgspec.Meta(ge=0, le=MOST)] = 0  # their number
+    x: OfRejected = zeros(MOST)  # measured [m]
+    y: OfRejected = zeros(MOST)  # measured [m]
+    # variance of each coordinate about those of the first one [m²]
     variance: OfRejected = zeros(MOST)
-    predicted_x: OfRejected = zeros(MOST)
-    predicted_y: OfRejected = zeros(MOST)
+    predicted_x: OfRejected = zeros(MOST)  # predicted [m]
+    predicted_y: OfRejected = zeros(MOST)  # predicted [m]
 
 
 def add_rejected(
@@ -113,27 +105,16 @@ def relocate(
 
 
 class Alignment(NamedTuple):
-    """Alignment of the estimated path with the fixes.
+    """Alignment of the estimated path with the fixes."""
 
-    Attributes:
-        fits: the residuals agree with the variances of the fixes.
-        turn: rotation about the path's middle, counter-clockwise [rad].
-        turn_variance: its variance [rad²].
-        x: middle of the estimated path [m].
-        y: see above [m].
-        to_x: position of the middle after the alignment [m].
-        to_y: see above [m].
-        variance: variance of each of its coordinates [m²].
-    """
-
-    fits: bool
-    turn: float
-    turn_variance: float
-    x: float
-    y: float
-    to_x: float
-    to_y: float
-    variance: float
+    fits: bool  # the residuals agree with the variances of the fixes
+    turn: float  # rotation about the path's middle, counter-clockwise [rad]
+    turn_variance: float  # its variance [rad²]
+    x: float  # middle of the estimated path [m]
+    y: float  # see above [m]
+    to_x: float  # position of the middle after the alignment [m]
+    to_y: float  # see above [m]
+    variance: float  # variance of each of its coordinates [m²]
 
 
 def aligned_path(rejected: RejectedRecord) -> Alignment:

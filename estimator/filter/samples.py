@@ -18,25 +18,15 @@ COUNT, WRITTEN, DUE, NEWEST = range(4)
 
 
 class SampleArrays(NamedTuple):
-    """Track speeds and IMU samples of one robot.
+    """Track speeds and IMU samples of one robot."""
 
-    Attributes:
-        track_stamps: (n,) stamps, ascending [ns].
-        speeds: (n, 2) speeds of the left and the right track [m/s].
-        left_wheels: (n, k) speeds of the left wheels [m/s]; k is 0 if they are not known.
-        right_wheels: (n, l) speeds of the right wheels [m/s].
-        imu_stamps: (m,) stamps, ascending [ns].
-        angular_velocities: (m, 3) in the axes of the IMU [rad/s].
-        forces: (m, 3) specific forces in the axes of the IMU [m/s²], NaN if there are none.
-    """
-
-    track_stamps: Stamps
-    speeds: Floats
-    left_wheels: Floats
-    right_wheels: Floats
-    imu_stamps: Stamps
-    angular_velocities: Floats
-    forces: Floats
+    track_stamps: Stamps  # (n,) stamps, ascending [ns]
+    speeds: Floats  # (n, 2) speeds of the left and the right track [m/s]
+    left_wheels: Floats  # (n, k) speeds of the left wheels [m/s]; k is 0 if they are not known
+    right_wheels: Floats  # (n, l) speeds of the right wheels [m/s]
+    imu_stamps: Stamps  # (m,) stamps, ascending [ns]
+    angular_velocities: Floats  # (m, 3) in the axes of the IMU [rad/s]
+    forces: Floats  # (m, 3) specific forces in the axes of the IMU [m/s²], NaN if there are none
 
     def newest(self, tracks: int, imu: int) -> tuple[int, int]:
         """Key of the newest of the first `tracks` track speeds and `imu` IMU samples."""
@@ -66,48 +56,30 @@ class SampleArrays(NamedTuple):
 
 
 class Sampled(NamedTuple):
-    """Samples that were processed.
+    """Samples that were processed."""
 
-    Attributes:
-        tracks: number of track speeds.
-        imu: number of IMU samples.
-        rates_used: number of yaw rates that were used.
-        stood: number of IMU samples at which the robot stood.
-    """
-
-    tracks: int
-    imu: int
-    rates_used: int
-    stood: int
+    tracks: int  # number of track speeds
+    imu: int  # number of IMU samples
+    rates_used: int  # number of yaw rates that were used
+    stood: int  # number of IMU samples at which the robot stood
 
 
 class RunRows(NamedTuple):
-    """Rows of a run, one after each pair of track speeds, as arrays.
+    """Rows of a run, one after each pair of track speeds, as arrays."""
 
-    Attributes:
-        stamps: (n,) stamps of the estimates [ns].
-        states: (n, SIZE) states.
-        sigmas: (n, SIZE) their standard deviations.
-        pose_covariances: (n, 3, 3) covariances of the pose.
-        twists: (n, 3) v_x, v_y [m/s], w [rad/s].
-        twist_covariances: (n, 3, 3) their covariances.
-        indices: (n, 3) zeta [m], epsilon [m], eta [-].
-        innovations: (n, 3) newest normalised innovation of each gate of the IMU since the row before, NaN
-            if there was none.
-        judged: (3,) stamps of those in the newest row that has one [ns].
-        progress: (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, stamp of the
-            newest measurement [ns].
-    """
-
-    stamps: Stamps
-    states: Floats
-    sigmas: Floats
-    pose_covariances: Floats
-    twists: Floats
-    twist_covariances: Floats
-    indices: Floats
+    stamps: Stamps  # (n,) stamps of the estimates [ns]
+    states: Floats  # (n, SIZE) states
+    sigmas: Floats  # (n, SIZE) their standard deviations
+    pose_covariances: Floats  # (n, 3, 3) covariances of the pose
+    twists: Floats  # (n, 3) v_x, v_y [m/s], w [rad/s]
+    twist_covariances: Floats  # (n, 3, 3) their covariances
+    indices: Floats  # (n, 3) zeta [m], epsilon [m], eta [-]
+    # (n, 3) newest normalised innovation of each gate of the IMU since the row before, NaN if there was
+    # none
     innovations: Floats
-    judged: Stamps
+    judged: Stamps  # (3,) stamps of those in the newest row that has one [ns]
+    # (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, stamp of the newest
+    # measurement [ns]
     progress: Stamps
 
 

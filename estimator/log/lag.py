@@ -60,15 +60,10 @@ NOWHERE = NoLag(
 
 @dataclass(frozen=True)
 class Curve:
-    """Angle or place over time.
+    """Angle or place over time."""
 
-    Attributes:
-        stamps: (n,) [ns].
-        values: (n,) an angle, not wrapped, or (n, 2) places; in any unit.
-    """
-
-    stamps: Stamps
-    values: Floats
+    stamps: Stamps  # (n,) [ns]
+    values: Floats  # (n,) an angle, not wrapped, or (n, 2) places; in any unit
 
     def changes(self, origin: int, starts: Floats) -> Floats:
         """Changes (k,) over windows that begin at some times after a stamp [s]."""

@@ -166,10 +166,6 @@ class ZeroVelocity:
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Stochastic clone of the pose at a stamp, from which later motion is reported.
+    """Stochastic clone of the pose at a stamp, from which later motion is reported."""
 
-    Attributes:
-        stamp: time [ns].
-    """
-
-    stamp: int
+    stamp: int  # time [ns]

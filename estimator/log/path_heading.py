@@ -41,19 +41,12 @@ LARGEST_SIGMA = 0.3
 
 
 class PathHeadings(NamedTuple):
-    """Headings from a path.
+    """Headings from a path."""
 
-    Attributes:
-        poses: positions with headings.
-        sigma: median of the headings' standard errors [rad].
-        start_sigma: that of the first heading [rad].
-        noise: distance of the positions from the path over a few metres, per axis [m].
-    """
-
-    poses: PoseSeries
-    sigma: float
-    start_sigma: float
-    noise: float
+    poses: PoseSeries  # positions with headings
+    sigma: float  # median of the headings' standard errors [rad]
+    start_sigma: float  # that of the first heading [rad]
+    noise: float  # distance of the positions from the path over a few metres, per axis [m]
 
 
 def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> str | None:

@@ -140,30 +140,20 @@ def advanced(
 
 
 class Evaluation(NamedTuple):
-    """Evaluation of the model, with the derivatives of its limits.
+    """Evaluation of the model, with the derivatives of its limits."""
 
-    Attributes:
-        kinematic: twist without slip.
-        indices: index values.
-        S: signed specific force, limited to the weight [N].
-        force: the same without the limit [N].
-        Z_S: derivative of Z by S [-].
-        P: force along the tracks times sign(D), as a share of the weight [-].
-        by_gravity: derivatives of S by gravity to the right, of P by gravity forward.
-        by_rolling: derivatives of P by the speeds of the left and the right track [s/m].
-        eta_S: derivative of eta by S [1/N].
-        frees: 1 where zeta, epsilon and eta are within their limits, else 0.
-    """
-
-    kinematic: PaperTwist
-    indices: IndexValues
-    S: Number
-    force: Number
-    Z_S: Number
-    P: Number
+    kinematic: PaperTwist  # twist without slip
+    indices: IndexValues  # index values
+    S: Number  # signed specific force, limited to the weight [N]
+    force: Number  # the same without the limit [N]
+    Z_S: Number  # derivative of Z by S [-]
+    P: Number  # force along the tracks times sign(D), as a share of the weight [-]
+    # derivatives of S by gravity to the right, of P by gravity forward
     by_gravity: tuple[Number, Number]
+    # derivatives of P by the speeds of the left and the right track [s/m]
     by_rolling: tuple[Number, Number]
-    eta_S: Number
+    eta_S: Number  # derivative of eta by S [1/N]
+    # 1 where zeta, epsilon and eta are within their limits, else 0
     frees: tuple[Number, Number, Number]
 
 

@@ -36,55 +36,33 @@ def gravity_in(x: Any) -> tuple[Any, Any]:
 
 
 class VehicleConstants(NamedTuple):
-    """Constants of a vehicle, the paper's first.
+    """Constants of a vehicle, the paper's first."""
 
-    Attributes:
-        gauge: L [m].
-        mass: M [kg].
-        x_CM: centre of mass, right of the origin [m].
-        y_CM: centre of mass, forward of it [m].
-        rolling_resistance: coefficient of rolling resistance [-].
-        load_lag: time constant of the load transfer [s].
-    """
-
-    gauge: float
-    mass: float
-    x_CM: float
-    y_CM: float
-    rolling_resistance: float = 0.0
-    load_lag: float = 0.2
+    gauge: float  # L [m]
+    mass: float  # M [kg]
+    x_CM: float  # centre of mass, right of the origin [m]
+    y_CM: float  # centre of mass, forward of it [m]
+    rolling_resistance: float = 0.0  # coefficient of rolling resistance [-]
+    load_lag: float = 0.2  # time constant of the load transfer [s]
 
 
 class Motion(NamedTuple):
-    """Motion at given track speeds.
+    """Motion at given track speeds."""
 
-    Attributes:
-        twist: body velocity, slip included.
-        indices: index values of this motion.
-        u: the (signed) force of inertia [N].
-        force: u limited to the weight [N].
-    """
-
-    twist: PaperTwist
-    indices: IndexValues
-    u: Number
-    force: Number
+    twist: PaperTwist  # body velocity, slip included
+    indices: IndexValues  # index values of this motion
+    u: Number  # the (signed) force of inertia [N]
+    force: Number  # u limited to the weight [N]
 
 
 class TwistDerivatives(NamedTuple):
-    """Total derivatives of (v_x, v_y, w), three rows each, as tuples or arrays.
+    """Total derivatives of (v_x, v_y, w), three rows each, as tuples or arrays."""
 
-    Attributes:
-        by_parameters: (3, 9) by the parameters, in the order of
-            `icreckon.estimator.robot.robot_file.Indices`.
-        by_speeds: (3, 2) by V_l and V_r.
-        by_slip: (3, 3) by r_x, r_y and r_w.
-        by_gravity: (3, 2) by gravity along the ground, right and forward.
-    """
-
+    # (3, 9) by the parameters, in the order of `icreckon.estimator.robot.robot_file.Indices`
     by_parameters: Any
-    by_speeds: Any
-    by_slip: Any
+    by_speeds: Any  # (3, 2) by V_l and V_r
+    by_slip: Any  # (3, 3) by r_x, r_y and r_w
+    # (3, 2) by gravity along the ground, right and forward
     by_gravity: Any = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0))
 
 
@@ -206,16 +184,10 @@ def at_least(x: Number, bound: float) -> Number:
 
 
 class TwistModel(NamedTuple):
-    """Body velocity at a state, with derivatives.
+    """Body velocity at a state, with derivatives."""
 
-    Attributes:
-        twist: (3,) v_x, v_y [m/s], w [rad/s].
-        jacobian: (3, SIZE) its derivative by the state; that by the parameters is smoothed in time.
-        by_speeds: (3, 2) its derivative by the speeds of the left and the right track.
-        motion: the solved motion model, in the paper's axes.
-    """
-
-    twist: Floats
+    twist: Floats  # (3,) v_x, v_y [m/s], w [rad/s]
+    # (3, SIZE) its derivative by the state; that by the parameters is smoothed in time
     jacobian: Floats
-    by_speeds: Floats
-    motion: Motion
+    by_speeds: Floats  # (3, 2) its derivative by the speeds of the left and the right track
+    motion: Motion  # the solved motion model, in the paper's axes

@@ -22,35 +22,21 @@ INTEGRAL = tuple((-1) ** n * (4 - 2**n) / math.factorial(n) for n in range(10, 2
 
 
 class PoseStep(NamedTuple):
-    """Increment of a pose by a body motion.
+    """Increment of a pose by a body motion."""
 
-    Attributes:
-        step: x, y [m], yaw [rad] in the axes in which the pose is given.
-        by_yaw: derivative of its x and y by the yaw of the pose.
-        by_motion: (3, 3) its derivative by the motion.
-    """
-
-    step: Triple
-    by_yaw: tuple[float, float]
-    by_motion: tuple[Triple, Triple, Triple]
+    step: Triple  # x, y [m], yaw [rad] in the axes in which the pose is given
+    by_yaw: tuple[float, float]  # derivative of its x and y by the yaw of the pose
+    by_motion: tuple[Triple, Triple, Triple]  # (3, 3) its derivative by the motion
 
 
 class GaussMarkov(NamedTuple):
-    """Transition of a Gauss-Markov process of unit variance, and its noise.
+    """Transition of a Gauss-Markov process of unit variance, and its noise."""
 
-    Attributes:
-        decay: factor on its value at the end of the step [-].
-        mean: its mean over the step as a share of its initial value [-].
-        integral: variance that noise adds to its integral [s²].
-        cross: covariance that noise adds to integral and value [s].
-        final: variance that noise adds to its value [-].
-    """
-
-    decay: float
-    mean: float
-    integral: float
-    cross: float
-    final: float
+    decay: float  # factor on its value at the end of the step [-]
+    mean: float  # its mean over the step as a share of its initial value [-]
+    integral: float  # variance that noise adds to its integral [s²]
+    cross: float  # covariance that noise adds to integral and value [s]
+    final: float  # variance that noise adds to its value [-]
 
 
 def arc_with_slopes(angle: float) -> tuple[float, float, float, float]:

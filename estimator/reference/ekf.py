@@ -58,19 +58,12 @@ TO_REP103 = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 class ProcessNoise(NamedTuple):
-    """Noise of one prediction step.
+    """Noise of one prediction step."""
 
-    Attributes:
-        slip_sigma: (3,) stationary standard deviation of the slip [m/s, m/s, rad/s].
-        time_constants: (3,) correlation times of the slip [s].
-        walk: (SIZE,) random-walk densities of the states, per √s.
-        forgetting: rate at which gravity along the ground returns to zero [1/s].
-    """
-
-    slip_sigma: Floats
-    time_constants: Triple
-    walk: Floats
-    forgetting: float = 0.0
+    slip_sigma: Floats  # (3,) stationary standard deviation of the slip [m/s, m/s, rad/s]
+    time_constants: Triple  # (3,) correlation times of the slip [s]
+    walk: Floats  # (SIZE,) random-walk densities of the states, per √s
+    forgetting: float = 0.0  # rate at which gravity along the ground returns to zero [1/s]
 
 
 class IcrEkf(ExtendedKalmanFilter):  # type: ignore[misc]

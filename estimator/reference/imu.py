@@ -18,21 +18,13 @@ from icreckon.estimator.sensors.sensor_models import (
 
 
 class StepTwist(NamedTuple):
-    """Twist of a step, and the other inputs of the IMU's predicted measurements.
+    """Twist of a step, and the other inputs of the IMU's predicted measurements."""
 
-    Attributes:
-        model: the twist at `x`.
-        x: (SIZE,) state of the linearisation.
-        interval: time between samples [s].
-        change: change of the track speeds.
-        noise: noise of the IMU.
-    """
-
-    model: TwistModel
-    x: Floats
-    interval: float
-    change: TrackChange
-    noise: ImuNoise
+    model: TwistModel  # the twist at `x`
+    x: Floats  # (SIZE,) state of the linearisation
+    interval: float  # time between samples [s]
+    change: TrackChange  # change of the track speeds
+    noise: ImuNoise  # noise of the IMU
 
 
 def gyro(rate: float, at: StepTwist, turn: float) -> Linearised:

@@ -43,21 +43,15 @@ Model = Literal["gyro", "differential", "constant", "linear", "inertia"]
 
 @dataclass(frozen=True)
 class Variant:
-    """Filter variant.
+    """Filter variant."""
 
-    Attributes:
-        name: its name.
-        model: shipped model; parameters, initial values, adaptation and slip are those of this model.
-        online: True if it estimates the parameters.
-        motion: factory of its motion model for a robot; None for the motion model of `model`.
-        accelerometers: False if it does not use them, whatever the settings say.
-    """
-
-    name: str
+    name: str  # its name
+    # shipped model; parameters, initial values, adaptation and slip are those of this model
     model: Model
-    online: bool
+    online: bool  # True if it estimates the parameters
+    # factory of its motion model for a robot; None for the motion model of `model`
     motion: Callable[[Robot], MotionModel] | None = None
-    accelerometers: bool = True
+    accelerometers: bool = True  # False if it does not use them, whatever the settings say
 
 
 VARIANTS = {

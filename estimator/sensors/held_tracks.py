@@ -42,51 +42,34 @@ USUAL_TRACK_INTERVAL = 0.02
 
 
 class TrackRecord(msgspec.Struct):
-    """Record of the track speeds; each is the average since the previous sample.
+    """Record of the track speeds; each is the average since the previous sample."""
 
-    Attributes:
-        stamp: stamp of the newest sample [ns], or NEVER.
-        left: newest speed of the left track [m/s].
-        right: newest speed of the right track [m/s].
-        interval: time between the newest two samples [s].
-        acceleration_left: averaged acceleration of the left track [m/s²].
-        acceleration_right: averaged acceleration of the right track [m/s²].
-        smooth_left: smoothed speed of the left track [m/s].
-        smooth_right: smoothed speed of the right track [m/s].
-        repeating_left: repetition record of the left track.
-        repeating_right: repetition record of the right track.
-        left_wheels: record of the wheels of the left side.
-        right_wheels: record of the wheels of the right side.
-        spin: record of a spinning track.
-        forward: record of slides along the tracks.
-        gyro: record of the gyro's faults.
-        stuck: number of times that a track's sensor was found stuck.
-        counted_from: time of the estimate from which distances are counted [ns], or NEVER.
-        ahead_left: distance of the left track from then to the newest sample [m].
-        ahead_right: distance of the right track [m].
-        behind: distance before then that the newest sample adds, mean of both tracks [m].
-    """
-
-    stamp: Stamp = NEVER
-    left: float = 0.0
-    right: float = 0.0
-    interval: Interval = USUAL_TRACK_INTERVAL
-    acceleration_left: float = 0.0
-    acceleration_right: float = 0.0
-    smooth_left: float = 0.0
-    smooth_right: float = 0.0
+    stamp: Stamp = NEVER  # stamp of the newest sample [ns], or NEVER
+    left: float = 0.0  # newest speed of the left track [m/s]
+    right: float = 0.0  # newest speed of the right track [m/s]
+    interval: Interval = USUAL_TRACK_INTERVAL  # time between the newest two samples [s]
+    acceleration_left: float = 0.0  # averaged acceleration of the left track [m/s²]
+    acceleration_right: float = 0.0  # averaged acceleration of the right track [m/s²]
+    smooth_left: float = 0.0  # smoothed speed of the left track [m/s]
+    smooth_right: float = 0.0  # smoothed speed of the right track [m/s]
+    # repetition record of the left track
     repeating_left: Repeating = msgspec.field(default_factory=Repeating)
+    # repetition record of the right track
     repeating_right: Repeating = msgspec.field(default_factory=Repeating)
+    # record of the wheels of the left side
     left_wheels: WheelsRecord = msgspec.field(default_factory=WheelsRecord)
+    # record of the wheels of the right side
     right_wheels: WheelsRecord = msgspec.field(default_factory=WheelsRecord)
-    spin: SpinRecord = msgspec.field(default_factory=SpinRecord)
+    spin: SpinRecord = msgspec.field(default_factory=SpinRecord)  # record of a spinning track
+    # record of slides along the tracks
     forward: SlideRecord = msgspec.field(default_factory=SlideRecord)
-    gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)
-    stuck: Count = 0
+    gyro: GyroRecord = msgspec.field(default_factory=GyroRecord)  # record of the gyro's faults
+    stuck: Count = 0  # number of times that a track's sensor was found stuck
+    # time of the estimate from which distances are counted [ns], or NEVER
     counted_from: Stamp = NEVER
-    ahead_left: float = 0.0
-    ahead_right: float = 0.0
-    behind: float = 0.0
+    ahead_left: float = 0.0  # distance of the left track from then to the newest sample [m]
+    ahead_right: float = 0.0  # distance of the right track [m]
+    behind: float = 0.0  # distance before then that the newest sample adds, mean of both tracks [m]
 
 
 def smoothing_share(interval: float, time_constant: float) -> float:

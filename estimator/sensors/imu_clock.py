@@ -24,14 +24,10 @@ class Clocked(Protocol):
 
 
 class ClockRecord(msgspec.Struct):
-    """Clock of the samples of one sensor.
+    """Clock of the samples of one sensor."""
 
-    Attributes:
-        stamp: stamp of the newest sample [ns], or NEVER.
-        interval: newest interval between samples that was not longer than `hold` [s].
-    """
-
-    stamp: Stamp = NEVER
+    stamp: Stamp = NEVER  # stamp of the newest sample [ns], or NEVER
+    # newest interval between samples that was not longer than `hold` [s]
     interval: Interval = USUAL_INTERVAL
 
 

@@ -40,83 +40,54 @@ CARRIED_FORCE = 1e4
 
 
 class Pace(msgspec.Struct):
-    """Clock of values whose differences are taken.
+    """Clock of values whose differences are taken."""
 
-    Attributes:
-        stamp: stamp of the newest value [ns], or NEVER.
-        interval: averaged interval between values [s].
-        run: number of values since the newest gap, at most 3.
-    """
-
-    stamp: Stamp = NEVER
-    interval: Size = 0.0
+    stamp: Stamp = NEVER  # stamp of the newest value [ns], or NEVER
+    interval: Size = 0.0  # averaged interval between values [s]
+    # number of values since the newest gap, at most 3
     run: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
 
 
 class Differences(msgspec.Struct, array_like=True):
-    """Second differences of values of one axis.
+    """Second differences of values of one axis."""
 
-    Attributes:
-        newest: newest value.
-        change: newest value less the one before.
-        size: clipped mean size of the second differences, as a noise density [unit/√Hz].
-        count: number of differences so far.
-    """
-
-    newest: float = 0.0
-    change: float = 0.0
-    size: Size = 0.0
-    count: Count = 0
+    newest: float = 0.0  # newest value
+    change: float = 0.0  # newest value less the one before
+    size: Size = 0.0  # clipped mean size of the second differences, as a noise density [unit/√Hz]
+    count: Count = 0  # number of differences so far
 
 
 class AxisNoise(msgspec.Struct):
-    """Noise of one axis.
+    """Noise of one axis."""
 
-    Attributes:
-        total: sum of the readings of the block under way.
-        readings: differences of single readings.
-        blocks: differences of means over blocks.
-    """
-
-    total: float = 0.0
+    total: float = 0.0  # sum of the readings of the block under way
+    # differences of single readings
     readings: Differences = msgspec.field(default_factory=Differences)
+    # differences of means over blocks
     blocks: Differences = msgspec.field(default_factory=Differences)
 
 
 class NoiseRecord(msgspec.Struct):
-    """Record of the noise of an IMU.
+    """Record of the noise of an IMU."""
 
-    Attributes:
-        is_first: 1 until the second sample.
-        in_block: number of readings in the block under way.
-        readings: clock of the readings, without repeated samples.
-        blocks: clock of the blocks.
-        gyro: noise of the yaw rate.
-        accelerometer_x: noise of the specific force forward.
-        accelerometer_y: noise of the specific force to the left.
-    """
-
-    is_first: Flag = 1
-    in_block: Count = 0
+    is_first: Flag = 1  # 1 until the second sample
+    in_block: Count = 0  # number of readings in the block under way
+    # clock of the readings, without repeated samples
     readings: Pace = msgspec.field(default_factory=Pace)
-    blocks: Pace = msgspec.field(default_factory=Pace)
-    gyro: AxisNoise = msgspec.field(default_factory=AxisNoise)
+    blocks: Pace = msgspec.field(default_factory=Pace)  # clock of the blocks
+    gyro: AxisNoise = msgspec.field(default_factory=AxisNoise)  # noise of the yaw rate
+    # noise of the specific force forward
     accelerometer_x: AxisNoise = msgspec.field(default_factory=AxisNoise)
+    # noise of the specific force to the left
     accelerometer_y: AxisNoise = msgspec.field(default_factory=AxisNoise)
 
 
 class ImuNoise(NamedTuple):
-    """Noise of an IMU that the filter assumes.
+    """Noise of an IMU that the filter assumes."""
 
-    Attributes:
-        gyro: density of the yaw rate [rad²/s].
-        accelerometer_x: density of the specific force forward [m²/s³].
-        accelerometer_y: density of the specific force to the left [m²/s³].
-    """
-
-    gyro: float
-    accelerometer_x: float
-    accelerometer_y: float
+    gyro: float  # density of the yaw rate [rad²/s]
+    accelerometer_x: float  # density of the specific force forward [m²/s³]
+    accelerometer_y: float  # density of the specific force to the left [m²/s³]
 
 
 def measure_noise(

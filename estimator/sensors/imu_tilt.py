@@ -17,45 +17,26 @@ ROLLING_TIME = 1.0
 
 
 class TiltRecord(msgspec.Struct):
-    """Newest rates of roll and pitch, and integrals of the rates over time.
+    """Newest rates of roll and pitch, and integrals of the rates over time."""
 
-    Attributes:
-        roll: newest roll rate [rad/s].
-        pitch: newest pitch rate [rad/s].
-        time: duration of the integrals [s].
-        turned: integral of the yaw rate [rad].
-        square: integral of its square [rad²/s].
-        rolled: integral of the roll rate [rad].
-        pitched: integral of the pitch rate [rad].
-        roll_in_turns: integral of roll rate times yaw rate [rad²/s].
-        pitch_in_turns: integral of pitch rate times yaw rate [rad²/s].
-        tilted: integral of the squares of roll rate and pitch rate [rad²/s].
-    """
-
-    roll: float = 0.0
-    pitch: float = 0.0
-    time: Size = 0.0
-    turned: float = 0.0
-    square: Size = 0.0
-    rolled: float = 0.0
-    pitched: float = 0.0
-    roll_in_turns: float = 0.0
-    pitch_in_turns: float = 0.0
-    tilted: Size = 0.0
+    roll: float = 0.0  # newest roll rate [rad/s]
+    pitch: float = 0.0  # newest pitch rate [rad/s]
+    time: Size = 0.0  # duration of the integrals [s]
+    turned: float = 0.0  # integral of the yaw rate [rad]
+    square: Size = 0.0  # integral of its square [rad²/s]
+    rolled: float = 0.0  # integral of the roll rate [rad]
+    pitched: float = 0.0  # integral of the pitch rate [rad]
+    roll_in_turns: float = 0.0  # integral of roll rate times yaw rate [rad²/s]
+    pitch_in_turns: float = 0.0  # integral of pitch rate times yaw rate [rad²/s]
+    tilted: Size = 0.0  # integral of the squares of roll rate and pitch rate [rad²/s]
 
 
 class Tilt(NamedTuple):
-    """Tilt of an IMU.
+    """Tilt of an IMU."""
 
-    Attributes:
-        roll: angle about the forward axis [rad].
-        pitch: angle about the axis to the left [rad].
-        sigma: standard deviation of each [rad].
-    """
-
-    roll: float
-    pitch: float
-    sigma: float
+    roll: float  # angle about the forward axis [rad]
+    pitch: float  # angle about the axis to the left [rad]
+    sigma: float  # standard deviation of each [rad]
 
 
 def add_rates(sums: TiltRecord, interval: float, yaw: float, roll: float, pitch: float) -> float:

@@ -17,47 +17,28 @@ USUAL_CHANGE = 0.5
 
 
 class InputSettings(NamedTuple):
-    """Settings of held track speeds and standstill, for plain Python and for numba.
+    """Settings of held track speeds and standstill, for plain Python and for numba."""
 
-    Attributes:
-        hold: age from which track speeds are stale [s].
-        hold_ns: `hold` in whole nanoseconds.
-        gap_acceleration: random walk of speeds that are stale or stuck [m/s/√s].
-        fastest: highest speed of a track [m/s].
-        track_density: density of the error of a track's speed, from the noise of its sensor [m²/s].
-        track_speed: slower tracks are stopped [m/s].
-        duration_ns: duration of a standstill before it is detected [ns].
-        quiet_gyro: largest distance of quiet yaw-rate readings from their mean [rad/s].
-        track_width: effective track width by the robot file [m].
-        yaw_acceleration: more than friction can turn the robot [rad/s²].
-        gyro_range: range of the gyro; 0 if unknown [rad/s].
-        gyro_bias: its bias at the start [rad/s].
-        most_bias: no bias is further from that [rad/s].
-        usual_change: change of the bias between standstills that needs no other explanation [rad/s].
-        gyro_noise_density: noise density of the gyro in the robot file [rad/s/√Hz].
-        accelerometer_noise_density: that of the accelerometers [m/s²/√Hz].
-        undetected_share: slip of both tracks that nothing shows, as a share of their speed [-].
-        undetected_time: time for which it lasts [s].
-    """
-
-    hold: float
-    hold_ns: int
-    gap_acceleration: float
-    fastest: float
+    hold: float  # age from which track speeds are stale [s]
+    hold_ns: int  # `hold` in whole nanoseconds
+    gap_acceleration: float  # random walk of speeds that are stale or stuck [m/s/√s]
+    fastest: float  # highest speed of a track [m/s]
+    # density of the error of a track's speed, from the noise of its sensor [m²/s]
     track_density: float
-    track_speed: float
-    duration_ns: int
-    quiet_gyro: float
-    track_width: float
-    yaw_acceleration: float
-    gyro_range: float
-    gyro_bias: float
-    most_bias: float
+    track_speed: float  # slower tracks are stopped [m/s]
+    duration_ns: int  # duration of a standstill before it is detected [ns]
+    quiet_gyro: float  # largest distance of quiet yaw-rate readings from their mean [rad/s]
+    track_width: float  # effective track width by the robot file [m]
+    yaw_acceleration: float  # more than friction can turn the robot [rad/s²]
+    gyro_range: float  # range of the gyro; 0 if unknown [rad/s]
+    gyro_bias: float  # its bias at the start [rad/s]
+    most_bias: float  # no bias is further from that [rad/s]
+    # change of the bias between standstills that needs no other explanation [rad/s]
     usual_change: float
-    gyro_noise_density: float
-    accelerometer_noise_density: float
-    undetected_share: float
-    undetected_time: float
+    gyro_noise_density: float  # noise density of the gyro in the robot file [rad/s/√Hz]
+    accelerometer_noise_density: float  # that of the accelerometers [m/s²/√Hz]
+    undetected_share: float  # slip of both tracks that nothing shows, as a share of their speed [-]
+    undetected_time: float  # time for which it lasts [s]
 
 
 def input_settings(robot: Robot, settings: Settings) -> InputSettings:

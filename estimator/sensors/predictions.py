@@ -20,16 +20,11 @@ NO_NOISE = np.zeros((3, 3))
 
 
 class Prediction(NamedTuple):
-    """Predicted pose or twist at a stamp.
+    """Predicted pose or twist at a stamp."""
 
-    Attributes:
-        values: (n,) x, y [m], yaw [rad], or v_x, v_y [m/s], w [rad/s], or z [m].
-        H: (n, SIZE) Jacobian by the present state.
-        R: (n, n) covariance of the part that the state does not hold: the fast slip until then.
-    """
-
-    values: Floats
-    H: Floats
+    values: Floats  # (n,) x, y [m], yaw [rad], or v_x, v_y [m/s], w [rad/s], or z [m]
+    H: Floats  # (n, SIZE) Jacobian by the present state
+    # (n, n) covariance of the part that the state does not hold: the fast slip until then
     R: Floats
 
 

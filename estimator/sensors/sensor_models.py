@@ -21,35 +21,22 @@ CENTRIPETAL_DOUBT = 1.0
 
 
 class Forecast(NamedTuple):
-    """Predicted measurement of an accelerometer.
+    """Predicted measurement of an accelerometer."""
 
-    Attributes:
-        predicted: prediction without gravity and bias [m/s²].
-        by_across: derivative by the velocity across the axis, to the left or forward [1/s].
-        by_w: derivative by the yaw rate [m/s].
-        variance: variance of the reading [m²/s⁴].
-    """
-
-    predicted: float
-    by_across: float
-    by_w: float
-    variance: float
+    predicted: float  # prediction without gravity and bias [m/s²]
+    by_across: float  # derivative by the velocity across the axis, to the left or forward [1/s]
+    by_w: float  # derivative by the yaw rate [m/s]
+    variance: float  # variance of the reading [m²/s⁴]
 
 
 class TrackChange(NamedTuple):
-    """Change of the track speeds, an input of IMU predictions.
+    """Change of the track speeds, an input of IMU predictions."""
 
-    Attributes:
-        acceleration: averaged acceleration of the left and the right track [m/s²].
-        window: averaging time of the acceleration [s].
-        speed_variance: variance of each track's speed, from its sensor's noise [m²/s²].
-        age: age of the track speeds, from the middle of their averaging interval [s].
-    """
-
+    # averaged acceleration of the left and the right track [m/s²]
     acceleration: tuple[float, float]
-    window: float
-    speed_variance: float
-    age: float
+    window: float  # averaging time of the acceleration [s]
+    speed_variance: float  # variance of each track's speed, from its sensor's noise [m²/s²]
+    age: float  # age of the track speeds, from the middle of their averaging interval [s]
 
 
 class SensorModels:

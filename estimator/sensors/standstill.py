@@ -33,48 +33,32 @@ ROCKING, CARRIED_SPEED = 1.0, 0.5
 
 
 class StandstillRecord(msgspec.Struct):
-    """Record of a standstill.
+    """Record of a standstill."""
 
-    Attributes:
-        stopped_since: stamp of the first track speeds that were slow enough [ns], or NEVER.
-        first: place in the buffer of the oldest reading that counts.
-        end: place after the newest.
-        restless_since: stamp from which on readings have not been quiet, although the tracks have stopped
-            for long enough [ns], or NEVER.
-        carried_since: stamp from which on the robot is carried [ns], or NEVER.
-        carries: number of times that it was.
-        quiet_at: stamp of the newest reading at which the robot stood [ns], or NEVER.
-        quiet_mean: mean of the readings then [rad/s].
-        mean_before: the same at the end of the rest before [rad/s].
-        changed_at: stamp from which on the mean is another than before this rest [ns], or NEVER.
-        rest_time: time at rest since the robot last stood, at the newest quiet reading [s].
-        drive_time: time of driving since then [s]; 0 if it never stood.
-    """
-
+    # stamp of the first track speeds that were slow enough [ns], or NEVER
     stopped_since: Stamp = NEVER
-    first: int = 0
-    end: int = 0
+    first: int = 0  # place in the buffer of the oldest reading that counts
+    end: int = 0  # place after the newest
+    # stamp from which on readings have not been quiet, although the tracks have stopped for long enough
+    # [ns], or NEVER
     restless_since: Stamp = NEVER
-    carried_since: Stamp = NEVER
-    carries: int = 0
-    quiet_at: Stamp = NEVER
-    quiet_mean: float = 0.0
-    mean_before: float = 0.0
+    carried_since: Stamp = NEVER  # stamp from which on the robot is carried [ns], or NEVER
+    carries: int = 0  # number of times that it was
+    quiet_at: Stamp = NEVER  # stamp of the newest reading at which the robot stood [ns], or NEVER
+    quiet_mean: float = 0.0  # mean of the readings then [rad/s]
+    mean_before: float = 0.0  # the same at the end of the rest before [rad/s]
+    # stamp from which on the mean is another than before this rest [ns], or NEVER
     changed_at: Stamp = NEVER
+    # time at rest since the robot last stood, at the newest quiet reading [s]
     rest_time: float = 0.0
-    drive_time: float = 0.0
+    drive_time: float = 0.0  # time of driving since then [s]; 0 if it never stood
 
 
 class QuietMemory(NamedTuple):
-    """Copy of the yaw-rate readings of a standstill that count.
+    """Copy of the yaw-rate readings of a standstill that count."""
 
-    Attributes:
-        stamps: their stamps [ns].
-        rates: the readings [rad/s].
-    """
-
-    stamps: tuple[Stamp, ...] = ()
-    rates: tuple[float, ...] = ()
+    stamps: tuple[Stamp, ...] = ()  # their stamps [ns]
+    rates: tuple[float, ...] = ()  # the readings [rad/s]
 
 
 def stopped_after(
@@ -243,17 +227,11 @@ def turn_density(still: StandstillRecord, start: int, end: int) -> float:
 
 
 class BiasChange(NamedTuple):
-    """Variances to add when the mean of quiet readings, the gyro's bias, changes.
+    """Variances to add when the mean of quiet readings, the gyro's bias, changes."""
 
-    Attributes:
-        bias: of the bias [rad²/s²].
-        shared: of yaw and bias together [rad²/s].
-        yaw: of the yaw [rad²].
-    """
-
-    bias: Any
-    shared: Any
-    yaw: Any
+    bias: Any  # of the bias [rad²/s²]
+    shared: Any  # of yaw and bias together [rad²/s]
+    yaw: Any  # of the yaw [rad²]
 
 
 def bias_change(change: Any, variance: Any, rest_time: Any, drive_time: Any) -> BiasChange:

@@ -20,55 +20,35 @@ from icreckon.estimator.sensors.standstill import StandstillRecord, carried_dens
 
 
 class StepInputs(NamedTuple):
-    """Inputs of a step from the track speeds.
+    """Inputs of a step from the track speeds."""
 
-    Attributes:
-        smooth_left: smoothed speed of the left track [m/s].
-        smooth_right: smoothed speed of the right track [m/s].
-        left: mean speed of the left track over the step [m/s].
-        right: mean speed of the right track over the step [m/s].
-        speed_decay: mean factor by which stale speeds have decayed over the step.
-        missing: speed at which both make up for distance that was missing before the step [m/s].
-        left_density: error density of the left track's speed [m²/s].
-        right_density: error density of the right track's speed [m²/s].
-        gap_density: error density of stale speeds [m²/s].
-        slide_x_density: error density of the forward speed, while the robot slides forward or is carried,
-            and of slip that nothing shows [m²/s].
-        slide_y_density: error density of the speed to the left, while the robot is carried [m²/s].
-        turn_density: error density of the yaw of a robot that may turn while it rests [rad²/s].
-        acceleration_left: averaged acceleration of the left track [m/s²].
-        acceleration_right: averaged acceleration of the right track [m/s²].
-        window: averaging time of the acceleration [s].
-        speed_variance: variance of each track's speed, from its sensor's noise [m²/s²].
-        age: age of the speeds at the start, from the middle of their interval [s].
-        slow: 1 if both tracks are slow enough for a standstill, else 0.
-        unknown: 1 if the motion of the step is unknown, else 0: the speed of a track is stale or from a
-            stuck sensor.
-        rest_time: see `StandstillRecord` [s].
-        drive_time: likewise [s].
-    """
-
-    smooth_left: float
-    smooth_right: float
-    left: float
-    right: float
-    speed_decay: float
+    smooth_left: float  # smoothed speed of the left track [m/s]
+    smooth_right: float  # smoothed speed of the right track [m/s]
+    left: float  # mean speed of the left track over the step [m/s]
+    right: float  # mean speed of the right track over the step [m/s]
+    speed_decay: float  # mean factor by which stale speeds have decayed over the step
+    # speed at which both make up for distance that was missing before the step [m/s]
     missing: float
-    left_density: float
-    right_density: float
-    gap_density: float
+    left_density: float  # error density of the left track's speed [m²/s]
+    right_density: float  # error density of the right track's speed [m²/s]
+    gap_density: float  # error density of stale speeds [m²/s]
+    # error density of the forward speed, while the robot slides forward or is carried, and of slip that
+    # nothing shows [m²/s]
     slide_x_density: float
+    # error density of the speed to the left, while the robot is carried [m²/s]
     slide_y_density: float
-    turn_density: float
-    acceleration_left: float
-    acceleration_right: float
-    window: float
-    speed_variance: float
-    age: float
-    slow: float
+    turn_density: float  # error density of the yaw of a robot that may turn while it rests [rad²/s]
+    acceleration_left: float  # averaged acceleration of the left track [m/s²]
+    acceleration_right: float  # averaged acceleration of the right track [m/s²]
+    window: float  # averaging time of the acceleration [s]
+    speed_variance: float  # variance of each track's speed, from its sensor's noise [m²/s²]
+    age: float  # age of the speeds at the start, from the middle of their interval [s]
+    slow: float  # 1 if both tracks are slow enough for a standstill, else 0
+    # 1 if the motion of the step is unknown, else 0: the speed of a track is stale or from a stuck
+    # sensor
     unknown: float
-    rest_time: float
-    drive_time: float
+    rest_time: float  # see `StandstillRecord` [s]
+    drive_time: float  # likewise [s]
 
 
 def step_inputs(

@@ -49,19 +49,12 @@ Buffer = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
 
 
 class RateRecord(msgspec.Struct):
-    """Newest samples of a rate, in the record of a filter, until the watch takes them.
+    """Newest samples of a rate, in the record of a filter, until the watch takes them."""
 
-    Attributes:
-        begin: stamp of the first of them [ns], or NEVER.
-        count: their number.
-        times: times since the first of them [ns]; the rest is unused.
-        rates: the rates; likewise.
-    """
-
-    begin: Stamp = NEVER
-    count: Annotated[int, msgspec.Meta(ge=0, le=ROOM)] = 0
-    times: Buffer = zeros(ROOM)
-    rates: Buffer = zeros(ROOM)
+    begin: Stamp = NEVER  # stamp of the first of them [ns], or NEVER
+    count: Annotated[int, msgspec.Meta(ge=0, le=ROOM)] = 0  # their number
+    times: Buffer = zeros(ROOM)  # times since the first of them [ns]; the rest is unused
+    rates: Buffer = zeros(ROOM)  # the rates; likewise
 
 
 def add_rate(record: RateRecord, stamp: int, rate: float) -> None:
@@ -76,15 +69,10 @@ def add_rate(record: RateRecord, stamp: int, rate: float) -> None:
 
 
 class RateMemory(msgspec.Struct, frozen=True):
-    """Checkpoint of samples of a rate.
+    """Checkpoint of samples of a rate."""
 
-    Attributes:
-        stamps: their stamps [ns].
-        rates: the rates.
-    """
-
-    stamps: Annotated[list[int], msgspec.Meta(max_length=CAPACITY)]
-    rates: list[float]
+    stamps: Annotated[list[int], msgspec.Meta(max_length=CAPACITY)]  # their stamps [ns]
+    rates: list[float]  # the rates
 
     def __post_init__(self) -> None:
         if len(self.rates) != len(self.stamps):
@@ -95,25 +83,15 @@ class RateMemory(msgspec.Struct, frozen=True):
 
 
 class TrackLatencyMemory(msgspec.Struct, frozen=True):
-    """Checkpoint of a `TrackLatencyEstimator`.
+    """Checkpoint of a `TrackLatencyEstimator`."""
 
-    Attributes:
-        origin: stamp at which the grid begins [ns]; NEVER before the first sample.
-        blocks: (n, 6, m) sums of the completed blocks.
-        open: (6, m) sums of the block under way.
-        turned: turning in it [rad].
-        next_window: start of the next window [ns], or NEVER.
-        gyro: yaw rate by the gyro [rad/s].
-        tracks: speed of the right track less that of the left [m/s].
-    """
-
-    origin: int
-    blocks: np.ndarray[Any, Any]
-    open: np.ndarray[Any, Any]
-    turned: float
-    next_window: int
-    gyro: RateMemory
-    tracks: RateMemory
+    origin: int  # stamp at which the grid begins [ns]; NEVER before the first sample
+    blocks: np.ndarray[Any, Any]  # (n, 6, m) sums of the completed blocks
+    open: np.ndarray[Any, Any]  # (6, m) sums of the block under way
+    turned: float  # turning in it [rad]
+    next_window: int  # start of the next window [ns], or NEVER
+    gyro: RateMemory  # yaw rate by the gyro [rad/s]
+    tracks: RateMemory  # speed of the right track less that of the left [m/s]
 
     def __post_init__(self) -> None:
         of_block = (6, len(SHIFTS))

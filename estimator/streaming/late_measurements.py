@@ -29,16 +29,11 @@ MOST_MEASUREMENTS = 16_000
 
 
 class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memory"}):
-    """Checkpoint of a `History`: its oldest checkpoint of the filter and measurements.
+    """Checkpoint of a `History`: its oldest checkpoint of the filter and measurements."""
 
-    Attributes:
-        after: key of the last measurement before the history.
-        checkpoint: checkpoint of the filter after it.
-        measurements: later measurements and marks in order; a row each, see `event_row`.
-    """
-
-    after: Key
-    checkpoint: FilterCheckpoint
+    after: Key  # key of the last measurement before the history
+    checkpoint: FilterCheckpoint  # checkpoint of the filter after it
+    # later measurements and marks in order; a row each, see `event_row`
     measurements: tuple[tuple[Any, ...], ...]
 
 

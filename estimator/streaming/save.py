@@ -64,32 +64,20 @@ BEYOND_BOUNDS = 1e-3
 
 
 class SavedEstimator(Bounded, frozen=True):
-    """Content of the file.
+    """Content of the file."""
 
-    Attributes:
-        variant: name of the filter variant.
-        robot: the robot file's content that the estimator depends on.
-        settings: settings of the estimator.
-        now: checkpoint of the filter.
-        history: checkpoint of the history, for late measurements.
-        arrivals: counts of measurements that did not reach the filter.
-        witnesses: see `icreckon.estimator.log.input_checks.Admission`.
-        latencies: latencies of the stamps.
-        estimated_latency: part of the track speeds' latency that was estimated [s].
-        behind: rows of measurements that were too old, see `Admission`.
-        watch: watch over the track speeds' latency; None to start it again.
-    """
-
-    variant: str
-    robot: dict[str, Any]
-    settings: Settings
-    now: FilterCheckpoint
-    history: HistoryCheckpoint
-    arrivals: Health
-    witnesses: dict[str, tuple[Count, int]]
-    latencies: Latencies = Latencies()
-    estimated_latency: Latency = 0.0
+    variant: str  # name of the filter variant
+    robot: dict[str, Any]  # the robot file's content that the estimator depends on
+    settings: Settings  # settings of the estimator
+    now: FilterCheckpoint  # checkpoint of the filter
+    history: HistoryCheckpoint  # checkpoint of the history, for late measurements
+    arrivals: Health  # counts of measurements that did not reach the filter
+    witnesses: dict[str, tuple[Count, int]]  # see `icreckon.estimator.log.input_checks.Admission`
+    latencies: Latencies = Latencies()  # latencies of the stamps
+    estimated_latency: Latency = 0.0  # part of the track speeds' latency that was estimated [s]
+    # rows of measurements that were too old, see `Admission`
     behind: tuple[tuple[Any, ...], ...] = ()
+    # watch over the track speeds' latency; None to start it again
     watch: TrackLatencyMemory | None = None
 
     def require_fit(

@@ -121,17 +121,11 @@ class _TapedEstimator(PoseEstimator):
 
 
 class _Step(NamedTuple):
-    """Transition of a step.
+    """Transition of a step."""
 
-    Attributes:
-        moved_rows: rows of F for pose and height.
-        decay: (3,) decay factors of the slip.
-        gravity_rows: rows of F for gravity.
-    """
-
-    moved_rows: Floats
-    decay: Floats
-    gravity_rows: Floats
+    moved_rows: Floats  # rows of F for pose and height
+    decay: Floats  # (3,) decay factors of the slip
+    gravity_rows: Floats  # rows of F for gravity
 
 
 class _Renewal(NamedTuple):
@@ -156,23 +150,14 @@ class _Update(NamedTuple):
 
 
 class _RowState(NamedTuple):
-    """State at a row of the result.
+    """State at a row of the result."""
 
-    Attributes:
-        length: length of the tape before it.
-        delta: (SIZE,) optimal estimate of the error of the filter's state.
-        upper: upper triangle of its covariance.
-        speeds: track speeds [m/s].
-        model_memory: (m,) checkpoint of the motion model's memory.
-        wander: (2,) wander of the fixes in the filter's state, or nothing.
-    """
-
-    length: int
-    delta: Floats
-    upper: Floats
-    speeds: tuple[float, float]
-    model_memory: Floats
-    wander: Floats
+    length: int  # length of the tape before it
+    delta: Floats  # (SIZE,) optimal estimate of the error of the filter's state
+    upper: Floats  # upper triangle of its covariance
+    speeds: tuple[float, float]  # track speeds [m/s]
+    model_memory: Floats  # (m,) checkpoint of the motion model's memory
+    wander: Floats  # (2,) wander of the fixes in the filter's state, or nothing
 
 
 class _Tape:

@@ -6,19 +6,12 @@ from typing import Any, NamedTuple
 
 
 class Type(NamedTuple):
-    """Type of a C expression.
+    """Type of a C expression."""
 
-    Attributes:
-        kind: real, int, bool, complex, none, tuple, record or array.
-        name: C name of a tuple or record; type of the elements of an array.
-        fields: names and types of the fields of a tuple or record.
-        shape: sizes of an array.
-    """
-
-    kind: str
-    name: str = ""
-    fields: tuple[tuple[str, Type], ...] = ()
-    shape: tuple[int, ...] = ()
+    kind: str  # real, int, bool, complex, none, tuple, record or array
+    name: str = ""  # C name of a tuple or record; type of the elements of an array
+    fields: tuple[tuple[str, Type], ...] = ()  # names and types of the fields of a tuple or record
+    shape: tuple[int, ...] = ()  # sizes of an array
 
     def field(self, name: str) -> Type:
         """Type of a field."""

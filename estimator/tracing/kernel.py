@@ -17,20 +17,15 @@ class Store(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """Kernel in traced numbers.
+    """Kernel in traced numbers."""
 
-    Attributes:
-        name: name of the kernel.
-        rows: number of rows of each of `ARRAYS`; number of constants, which all lanes share.
-        stores: outputs of the kernel.
-        flags: truth values that the kernel returns, `FLAG_BITS` for each: bit k is that of lane k.
-        events: changes of the filter that it reports, see `icreckon.estimator.filter.changes`.
-    """
-
-    name: str
+    name: str  # name of the kernel
+    # number of rows of each of `ARRAYS`; number of constants, which all lanes share
     rows: tuple[int, int, int]
-    stores: Sequence[Store]
+    stores: Sequence[Store]  # outputs of the kernel
+    # truth values that the kernel returns, `FLAG_BITS` for each: bit k is that of lane k
     flags: Sequence[Any] = ()
+    # changes of the filter that it reports, see `icreckon.estimator.filter.changes`
     events: Sequence[Any] = ()
 
 

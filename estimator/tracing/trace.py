@@ -38,17 +38,7 @@ def _comparison(relation: str) -> Operator:
 
 
 class Traced:
-    """A number or truth value in each lane.
-
-    Attributes:
-        op: operation that it results from.
-        args: arguments of the operation.
-        extra: value of a constant, place of an input, or another property of the operation.
-        number: place in the order of creation.
-        uniform: it is the same in all lanes.
-        truth: it is a truth value.
-        bits: number of bits of all numbers of the graph.
-    """
+    """A number or truth value in each lane."""
 
     __slots__ = ("args", "extra", "number", "op", "truth", "uniform")
     # NumPy's arrays leave operations with traced numbers to this class.
@@ -58,14 +48,14 @@ class Traced:
     # Statements in C of the graph, and the last one that changes each row of the workspace.
     effects: ClassVar[list[Traced]] = []
     writers: ClassVar[dict[tuple[str, int], Traced]] = {}
-    bits: ClassVar[int] = 64
+    bits: ClassVar[int] = 64  # number of bits of all numbers of the graph
 
-    op: str
-    args: tuple[Traced, ...]
-    extra: Any
-    number: int
-    uniform: bool
-    truth: bool
+    op: str  # operation that it results from
+    args: tuple[Traced, ...]  # arguments of the operation
+    extra: Any  # value of a constant, place of an input, or another property of the operation
+    number: int  # place in the order of creation
+    uniform: bool  # it is the same in all lanes
+    truth: bool  # it is a truth value
 
     @property
     def real(self) -> Traced:
@@ -209,17 +199,11 @@ def is_zero(value: Any) -> bool:
 
 
 class Loop(NamedTuple):
-    """Loop of rounds while any lane needs one.
+    """Loop of rounds while any lane needs one."""
 
-    Attributes:
-        carried: values at the start of a round.
-        results: the same values at its end.
-        again: truth value of each lane: it needs another round.
-    """
-
-    carried: list[Traced]
-    results: list[Traced]
-    again: Traced
+    carried: list[Traced]  # values at the start of a round
+    results: list[Traced]  # the same values at its end
+    again: Traced  # truth value of each lane: it needs another round
 
 
 def repeat(

@@ -69,15 +69,10 @@ class Ros2Reader(rosbag2.Reader):
 
 
 class Bag(Protocol):
-    """An open bag.
+    """An open bag."""
 
-    Attributes:
-        counts: number of messages of each channel.
-        notes: findings for the user, such as a broken index.
-    """
-
-    counts: dict[Channel, int]
-    notes: list[str]
+    counts: dict[Channel, int]  # number of messages of each channel
+    notes: list[str]  # findings for the user, such as a broken index
 
     def messages(self, topics: Collection[str]) -> Iterator[Record]:
         """Yield the messages of some topics, roughly in the order of recording."""

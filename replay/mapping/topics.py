@@ -156,22 +156,14 @@ class TruthTopic(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TopicMap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Topics of each stream; None if a robot's logs lack the stream.
+    """Topics of each stream; None if a robot's logs lack the stream."""
 
-    Attributes:
-        tracks: topic of the track speeds.
-        imu: topic of the IMU.
-        fixes: topic of the fixes.
-        truth: topics of the truth.
-        heading: topic of a heading without a position.
-        columns: columns of each stream, for logs that are tables (CSV, Parquet).
-    """
-
-    tracks: TrackTopic | None = None
-    imu: ImuTopic | None = None
-    fixes: FixTopic | None = None
-    truth: TruthTopic | None = None
-    heading: HeadingTopic | None = None
+    tracks: TrackTopic | None = None  # topic of the track speeds
+    imu: ImuTopic | None = None  # topic of the IMU
+    fixes: FixTopic | None = None  # topic of the fixes
+    truth: TruthTopic | None = None  # topics of the truth
+    heading: HeadingTopic | None = None  # topic of a heading without a position
+    # columns of each stream, for logs that are tables (CSV, Parquet)
     columns: ColumnMap | None = None
 
     def __post_init__(self) -> None:

@@ -34,15 +34,11 @@ TRANSFORM_READERS = {TF: _unread, TF_ROS1: _unread, TRANSFORM: _unread}
 
 @dataclass
 class TransformStream(Stream):
-    """Poses of one frame in another, from a tf topic and its `_static` companion.
+    """Poses of one frame in another, from a tf topic and its `_static` companion."""
 
-    Attributes:
-        readers: the message types that it reads.
-        frames: the parent frame of the poses, and the child frame.
-    """
-
+    # the message types that it reads
     readers: Mapping[str, RowReader] = field(default_factory=TRANSFORM_READERS.copy)
-    frames: tuple[str, str] = ("", "")
+    frames: tuple[str, str] = ("", "")  # the parent frame of the poses, and the child frame
     # of each link x, y, z, q_x, q_y, q_z, q_w
     _links: dict[Link, Rows] = field(default_factory=dict)
     _static: dict[Link, Floats] = field(default_factory=dict)

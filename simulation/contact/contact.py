@@ -48,20 +48,14 @@ LEAST_TIPPING_SLOPE = 0.05
 
 
 class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Contact points of the tracks; both tracks are alike.
+    """Contact points of the tracks; both tracks are alike."""
 
-    Attributes:
-        gauge: distance L between the track centrelines [m].
-        positions: forward coordinates of the contact points of a track, rising [m].
-        weights: share of each point in the load under even pressure, on any common scale; () for equal
-            shares.
-        across: outward offsets of the contact points from the centreline [m]; more than one spreads
-            each position evenly over the tread's width.
-    """
-
-    gauge: Positive
-    positions: tuple[float, ...]
+    gauge: Positive  # distance L between the track centrelines [m]
+    positions: tuple[float, ...]  # forward coordinates of the contact points of a track, rising [m]
+    # share of each point in the load under even pressure, on any common scale; () for equal shares
     weights: tuple[Positive, ...] = ()
+    # outward offsets of the contact points from the centreline [m]; more than one spreads each position
+    # evenly over the tread's width
     across: tuple[float, ...] = (0.0,)
 
     def __post_init__(self) -> None:
@@ -81,19 +75,12 @@ class ContactGeometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Rigid vehicle on its tracks.
+    """Rigid vehicle on its tracks."""
 
-    Attributes:
-        mass: M [kg].
-        x_CM: centre of mass, right of the origin [m].
-        y_CM: centre of mass, forward of the origin [m].
-        z_CM: centre of mass, above the ground [m].
-    """
-
-    mass: Positive
-    x_CM: float = 0.0
-    y_CM: float = 0.0
-    z_CM: float = 0.0
+    mass: Positive  # M [kg]
+    x_CM: float = 0.0  # centre of mass, right of the origin [m]
+    y_CM: float = 0.0  # centre of mass, forward of the origin [m]
+    z_CM: float = 0.0  # centre of mass, above the ground [m]
 
     def __post_init__(self) -> None:
         check_bounds(self)
@@ -113,19 +100,14 @@ class Body(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Contact:
     """Contact of a vehicle with the ground: soil, contact points, and body.
 
-    Attributes:
-        soil: friction, rolling resistance, shear.
-        geometry: the contact points.
-        body: mass and centre of mass, which must lie over the contact.
-
     Raises:
         ValueError: the centre of mass lies outside the contact's outline, or so high above it that the
             vehicle tips over on a slope of less than `LEAST_TIPPING_SLOPE`.
     """
 
-    soil: Soil
-    geometry: ContactGeometry
-    body: Body
+    soil: Soil  # friction, rolling resistance, shear
+    geometry: ContactGeometry  # the contact points
+    body: Body  # mass and centre of mass, which must lie over the contact
 
     def __post_init__(self) -> None:
         half_width, rear, front = _outline(self.geometry)
@@ -144,19 +126,13 @@ class Contact:
 
 
 class Loads(NamedTuple):
-    """Vertical loads of m contact points (left track first) for n motions.
+    """Vertical loads of m contact points (left track first) for n motions."""
 
-    Attributes:
-        values: (m, n) [N], never negative.
-        by_right: (m, n) derivative by the force at the centre of mass to the right [N/N].
-        by_forward: (m, n) derivative by that force forward [N/N].
-        tipping: (n,) True if the weight and the force point outside the contact: no loads balance
-            their moment, and `values` are those with the centre of pressure held at the edge.
-    """
-
-    values: Any
-    by_right: Any
-    by_forward: Any
+    values: Any  # (m, n) [N], never negative
+    by_right: Any  # (m, n) derivative by the force at the centre of mass to the right [N/N]
+    by_forward: Any  # (m, n) derivative by that force forward [N/N]
+    # (n,) True if the weight and the force point outside the contact: no loads balance their moment,
+    # and `values` are those with the centre of pressure held at the edge
     tipping: NDArray[np.bool_]
 
 

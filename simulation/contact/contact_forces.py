@@ -34,39 +34,24 @@ SMALLEST_STEP = 1e-6
 
 
 class Ground(NamedTuple):
-    """Contact as plain numbers, with fields of `icreckon.simulation.contact.contact`.
+    """Contact as plain numbers, with fields of `icreckon.simulation.contact.contact`."""
 
-    Attributes:
-        x: (m,) contact points, left track first, right of the origin [m].
-        y: (m,) contact points, forward of the origin [m].
-        share: (m,) share of each point in the load under even pressure, sum 1 [-].
-        even: (3, 3) inverse of all points' moments of 1, x, y.
-        half_gauge: L / 2 [m].
-        outline: half width, rear and front end of the rectangle around all points [m].
-        friction: (2, 2) coefficients across and along the track, of the left and the right one [-].
-        rolling_resistance: (2,) coefficients of the left and the right track [-].
-        shear_modulus: K [m], 0 for full friction at any slip.
-        small: regularising speed [m/s].
-        opposes_travel: True if rolling resistance opposes the travel of the centreline.
-        mass: M [kg].
-        weight: force that presses on the ground [N].
-        centre: x_CM, y_CM, z_CM [m].
-    """
-
-    x: Floats
-    y: Floats
-    share: Floats
-    even: Floats
-    half_gauge: float
+    x: Floats  # (m,) contact points, left track first, right of the origin [m]
+    y: Floats  # (m,) contact points, forward of the origin [m]
+    share: Floats  # (m,) share of each point in the load under even pressure, sum 1 [-]
+    even: Floats  # (3, 3) inverse of all points' moments of 1, x, y
+    half_gauge: float  # L / 2 [m]
+    # half width, rear and front end of the rectangle around all points [m]
     outline: tuple[float, float, float]
+    # (2, 2) coefficients across and along the track, of the left and the right one [-]
     friction: Floats
-    rolling_resistance: Floats
-    shear_modulus: float
-    small: float
-    opposes_travel: bool
-    mass: float
-    weight: float
-    centre: tuple[float, float, float]
+    rolling_resistance: Floats  # (2,) coefficients of the left and the right track [-]
+    shear_modulus: float  # K [m], 0 for full friction at any slip
+    small: float  # regularising speed [m/s]
+    opposes_travel: bool  # True if rolling resistance opposes the travel of the centreline
+    mass: float  # M [kg]
+    weight: float  # force that presses on the ground [N]
+    centre: tuple[float, float, float]  # x_CM, y_CM, z_CM [m]
 
 
 @compiled
@@ -120,17 +105,11 @@ def point_loads(
 
 
 class PointLoads(NamedTuple):
-    """Loads of the contact points, and their derivatives by the force on the body.
+    """Loads of the contact points, and their derivatives by the force on the body."""
 
-    Attributes:
-        loads: (m,) loads [N].
-        by_right: (m,) derivatives by the force to the right [-].
-        by_forward: (m,) derivatives by the force forward [-].
-    """
-
-    loads: Any
-    by_right: Floats
-    by_forward: Floats
+    loads: Any  # (m,) loads [N]
+    by_right: Floats  # (m,) derivatives by the force to the right [-]
+    by_forward: Floats  # (m,) derivatives by the force forward [-]
 
 
 @compiled

@@ -55,23 +55,16 @@ MOST_NAMED_PAIRS = 8
 
 @dataclass(frozen=True)
 class SteadyMotion:
-    """Stationary motions; every array has the broadcast shape of the track speeds.
+    """Stationary motions; every array has the broadcast shape of the track speeds."""
 
-    Attributes:
-        V_l: speed of the left track [m/s].
-        V_r: speed of the right track [m/s].
-        twist: velocity of the origin in the paper's axes [m/s, rad/s].
-        residual: largest component of the balance, as a share of the weight (moments: of the weight
-            times half the gauge) [-].
-        converged: True if the residual is at most `CONVERGED`.
-        tipping: True if the force of inertia points outside the contact, so that the vehicle would tip.
-    """
-
-    V_l: Floats
-    V_r: Floats
-    twist: PaperTwist
+    V_l: Floats  # speed of the left track [m/s]
+    V_r: Floats  # speed of the right track [m/s]
+    twist: PaperTwist  # velocity of the origin in the paper's axes [m/s, rad/s]
+    # largest component of the balance, as a share of the weight (moments: of the weight times half the
+    # gauge) [-]
     residual: Floats
-    converged: NDArray[np.bool_]
+    converged: NDArray[np.bool_]  # True if the residual is at most `CONVERGED`
+    # True if the force of inertia points outside the contact, so that the vehicle would tip
     tipping: NDArray[np.bool_]
 
     def require_converged(self) -> Self:

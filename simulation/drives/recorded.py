@@ -27,14 +27,10 @@ class Recorded:
 
     Speed and acceleration are continuous, and between two points no speed leaves their range. Before
     the first point and after the last one, the speeds are constant.
-
-    Attributes:
-        times: (k,) ascending [s].
-        speeds: (k, 2) left, right [m/s].
     """
 
-    times: Floats
-    speeds: Floats
+    times: Floats  # (k,) ascending [s]
+    speeds: Floats  # (k, 2) left, right [m/s]
 
     def __call__(self, times: Floats) -> Floats:
         """Track speeds (n, 2) [m/s] at times (n,) [s]."""

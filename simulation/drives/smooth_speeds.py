@@ -19,17 +19,11 @@ SHORTEST_BLEND = 0.2
 
 @dataclass(frozen=True)
 class Blends:
-    """Constant speeds joined by quintic blends, with continuous acceleration.
+    """Constant speeds joined by quintic blends, with continuous acceleration."""
 
-    Attributes:
-        starts: (k,) start of each blend [s], ascending.
-        lengths: (k,) duration of each blend [s]; it ends before the next one starts.
-        targets: (k, 2) left and right speed after each blend [m/s]; zero before the first one.
-    """
-
-    starts: Floats
-    lengths: Floats
-    targets: Floats
+    starts: Floats  # (k,) start of each blend [s], ascending
+    lengths: Floats  # (k,) duration of each blend [s]; it ends before the next one starts
+    targets: Floats  # (k, 2) left and right speed after each blend [m/s]; zero before the first one
 
     def __call__(self, times: Floats) -> Floats:
         """Track speeds (n, 2) [m/s] at times (n,) [s]."""
@@ -49,23 +43,14 @@ class Blends:
 
 @dataclass(frozen=True)
 class Slalom:
-    """Mean speed plus a cosine of opposite sign on each track, of rising frequency.
+    """Mean speed plus a cosine of opposite sign on each track, of rising frequency."""
 
-    Attributes:
-        mean: mean speed of the tracks [m/s].
-        swing: amplitude of half their difference [m/s].
-        ramp: seconds that mean and swing take to grow from zero.
-        lowest: frequency at the start [Hz].
-        highest: frequency after `rise`, reached linearly [Hz].
-        rise: seconds from the lowest to the highest frequency.
-    """
-
-    mean: float
-    swing: float
-    ramp: float
-    lowest: float
-    highest: float
-    rise: float
+    mean: float  # mean speed of the tracks [m/s]
+    swing: float  # amplitude of half their difference [m/s]
+    ramp: float  # seconds that mean and swing take to grow from zero
+    lowest: float  # frequency at the start [Hz]
+    highest: float  # frequency after `rise`, reached linearly [Hz]
+    rise: float  # seconds from the lowest to the highest frequency
 
     def __call__(self, times: Floats) -> Floats:
         """Track speeds (n, 2) [m/s] at times (n,) [s]."""

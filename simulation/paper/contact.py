@@ -19,43 +19,26 @@ BEST_FILE = Path(__file__).parent / "paper_contact.toml"
 
 
 class ContactParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Contact of Auriga-alpha; mass, gauge, x_CM and y_CM are those of Table I.
+    """Contact of Auriga-alpha; mass, gauge, x_CM and y_CM are those of Table I."""
 
-    Attributes:
-        half_length: half the length of a track's contact [m].
-        points: contact points along each track, evenly spaced.
-        end_weight: weight of the first and last point, relative to those between [-].
-        tread_width: width of each contact, by three points across; 0 for one point [m].
-        z_CM: height of the centre of mass [m].
-        friction: coefficient across the track, and along it times `friction_ratio` [-].
-        friction_ratio: along over across [-].
-        rolling_resistance: of a track as a share of its load [-].
-        resistance_opposes: "travel" or "track", see `icreckon.simulation.contact.contact.Soil`.
-        shear_modulus: K; 0 for full friction at any slip [m].
-    """
-
-    half_length: float = 0.39
-    points: int = 5
-    end_weight: float = 1.0
-    tread_width: float = 0.0
-    z_CM: float = 0.79
-    friction: float = 0.9
-    friction_ratio: float = 1.0
-    rolling_resistance: float = 0.074
+    half_length: float = 0.39  # half the length of a track's contact [m]
+    points: int = 5  # contact points along each track, evenly spaced
+    end_weight: float = 1.0  # weight of the first and last point, relative to those between [-]
+    tread_width: float = 0.0  # width of each contact, by three points across; 0 for one point [m]
+    z_CM: float = 0.79  # height of the centre of mass [m]
+    friction: float = 0.9  # coefficient across the track, and along it times `friction_ratio` [-]
+    friction_ratio: float = 1.0  # along over across [-]
+    rolling_resistance: float = 0.074  # of a track as a share of its load [-]
+    # "travel" or "track", see `icreckon.simulation.contact.contact.Soil`
     resistance_opposes: Literal["travel", "track"] = "travel"
-    shear_modulus: float = 0.0
+    shear_modulus: float = 0.0  # K; 0 for full friction at any slip [m]
 
 
 class PaperContact(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Guess at all parameters that the paper leaves open.
+    """Guess at all parameters that the paper leaves open."""
 
-    Attributes:
-        contact: the robot on its ground.
-        reading: method that derives the numbers from its motions.
-    """
-
-    contact: ContactParameters = ContactParameters()
-    reading: Reading = Reading()
+    contact: ContactParameters = ContactParameters()  # the robot on its ground
+    reading: Reading = Reading()  # method that derives the numbers from its motions
 
 
 def make_contact(parameters: ContactParameters) -> Contact:

@@ -39,24 +39,16 @@ class DynamicMap:
     """Stationary motions of a vehicle, with the quantities of section II and III.
 
     Arrays have the shape of the grid of track speeds, V_l along the first axis.
-
-    Attributes:
-        motion: track speeds and twists.
-        vehicle: L, M and the centre of mass.
-        turning: mask of V_l unlike V_r; only there are ICRs and indices finite, elsewhere NaN.
-        icrs: ICRs of the tracks, (1) to (3) [m].
-        indices: zeta, epsilon [m], eta [-], (17) to (19).
-        inertia: force of inertia right and forward [N], (10).
-        magnitude: magnitude of that force [N], (11).
     """
 
-    motion: SteadyMotion
-    vehicle: VehicleConstants
+    motion: SteadyMotion  # track speeds and twists
+    vehicle: VehicleConstants  # L, M and the centre of mass
+    # mask of V_l unlike V_r; only there are ICRs and indices finite, elsewhere NaN
     turning: NDArray[np.bool_]
-    icrs: Icrs
-    indices: IndexValues
-    inertia: tuple[Floats, Floats]
-    magnitude: Floats
+    icrs: Icrs  # ICRs of the tracks, (1) to (3) [m]
+    indices: IndexValues  # zeta, epsilon [m], eta [-], (17) to (19)
+    inertia: tuple[Floats, Floats]  # force of inertia right and forward [N], (10)
+    magnitude: Floats  # magnitude of that force [N], (11)
 
 
 class VelocityErrors(NamedTuple):

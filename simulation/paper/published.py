@@ -18,21 +18,13 @@ ROUNDING_NOISE = 1e-9
 
 @dataclass(frozen=True)
 class PublishedNumber:
-    """Number published in the paper.
+    """Number published in the paper."""
 
-    Attributes:
-        name: name used in tables, results and tests.
-        unit: SI unit, "" for none.
-        printed: the digits as the paper prints them.
-        where: the place in the paper.
-        read_off: True if it is read off a figure instead of printed.
-    """
-
-    name: str
-    unit: str
-    printed: str
-    where: str
-    read_off: bool = False
+    name: str  # name used in tables, results and tests
+    unit: str  # SI unit, "" for none
+    printed: str  # the digits as the paper prints them
+    where: str  # the place in the paper
+    read_off: bool = False  # True if it is read off a figure instead of printed
 
     @property
     def value(self) -> float:

@@ -35,25 +35,22 @@ SMALLEST_DEVIATION = 1e-3
 
 
 class Reading(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Method that derives the numbers of the paper from the stationary motions.
+    """Method that derives the numbers of the paper from the stationary motions."""
 
-    Attributes:
-        means: constant ICRs as the "plain" mean of each distribution, as its "median", or such that
-            they fit the "velocity" best (each motion weighs w²).
-        fit: index parameters by "plain" least squares on the indices, on the "velocity" that they
-            imply (each motion weighs w²), or by least "absolute" deviations of the indices.
-        inertia: force input of Table II's inertia-based model: "measured", that of the stationary
-            motion, or that of the model itself in the "literal" or "smooth" form.
-        largest_inertia: largest inertia of motions in means and fits [N]; None for all.
-        least_difference: least difference of track speeds of motions in means and fits [m/s].
-        straight: True if Table II counts straight motions, which both models follow without error.
-    """
-
+    # constant ICRs as the "plain" mean of each distribution, as its "median", or such that they fit the
+    # "velocity" best (each motion weighs w²)
     means: Means = "plain"
+    # index parameters by "plain" least squares on the indices, on the "velocity" that they imply (each
+    # motion weighs w²), or by least "absolute" deviations of the indices
     fit: Fit = "plain"
+    # force input of Table II's inertia-based model: "measured", that of the stationary motion, or that
+    # of the model itself in the "literal" or "smooth" form
     inertia: Inertia = "measured"
+    # largest inertia of motions in means and fits [N]; None for all
     largest_inertia: float | None = None
+    # least difference of track speeds of motions in means and fits [m/s]
     least_difference: float = 0.0
+    # True if Table II counts straight motions, which both models follow without error
     straight: bool = True
 
 

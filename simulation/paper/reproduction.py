@@ -30,50 +30,29 @@ INERTIAS: tuple[Inertia, ...] = ("measured", "literal", "smooth")
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """Published number and its reproduction.
+    """Published number and its reproduction."""
 
-    Attributes:
-        name: name of the number, see `icreckon.simulation.paper.published`.
-        unit: SI unit, "" for none.
-        published: the number as printed [unit].
-        reproduced: the reproduced number [unit].
-        difference_percent: reproduced less published, as a share of the published size [%].
-        rounds_to_published: True if the reproduced number rounds to the published digits.
-        printed: the published digits.
-        where: the place in the paper.
-        read_off: True if it was read off a figure.
-    """
-
-    name: str
-    unit: str
-    published: float
-    reproduced: float
-    difference_percent: float
-    rounds_to_published: bool
-    printed: str
-    where: str
-    read_off: bool
+    name: str  # name of the number, see `icreckon.simulation.paper.published`
+    unit: str  # SI unit, "" for none
+    published: float  # the number as printed [unit]
+    reproduced: float  # the reproduced number [unit]
+    difference_percent: float  # reproduced less published, as a share of the published size [%]
+    rounds_to_published: bool  # True if the reproduced number rounds to the published digits
+    printed: str  # the published digits
+    where: str  # the place in the paper
+    read_off: bool  # True if it was read off a figure
 
 
 @dataclass(frozen=True)
 class Reproduction:
-    """Reproduction of the paper: a map and the numbers derived from it.
+    """Reproduction of the paper: a map and the numbers derived from it."""
 
-    Attributes:
-        guess: contact and reading.
-        mapped: the stationary motions.
-        icrs: constant ICRs.
-        parameters: the eight index parameters.
-        errors: Table II with these ICRs and parameters.
-        rows: all published numbers, the one read off a figure last.
-    """
-
-    guess: PaperContact
-    mapped: DynamicMap
-    icrs: ConstantIcr
-    parameters: Indices
-    errors: VelocityErrors
-    rows: tuple[Row, ...]
+    guess: PaperContact  # contact and reading
+    mapped: DynamicMap  # the stationary motions
+    icrs: ConstantIcr  # constant ICRs
+    parameters: Indices  # the eight index parameters
+    errors: VelocityErrors  # Table II with these ICRs and parameters
+    rows: tuple[Row, ...]  # all published numbers, the one read off a figure last
 
     @property
     def printed_rows(self) -> tuple[Row, ...]:
@@ -86,24 +65,17 @@ class InterceptCheck(NamedTuple):
 
     By least squares with an intercept, the mean of an index equals the fit at the mean of its
     regressors. With s|F| for |F| sign(x_1) sign(x_2):
-
-    Attributes:
-        mean_epsilon: mean eccentricity by the published mean ICRs, (18) [m].
-        needed: mean of s|F| at which the published fit (26) gives it [N].
-        needed_range: range of `needed` over all values that round to the published digits [N].
-        of_published_model: mean of s|F| by the published parameters at the paper's track speeds [N].
-        of_map: mean of s|F| of the reproduced motions [N].
-        mean_eta: mean efficiency by the published mean ICRs, (19) [-].
-        mean_eta_by_fit: mean efficiency by (27) with the published model's own inertia [-].
     """
 
-    mean_epsilon: float
-    needed: float
+    mean_epsilon: float  # mean eccentricity by the published mean ICRs, (18) [m]
+    needed: float  # mean of s|F| at which the published fit (26) gives it [N]
+    # range of `needed` over all values that round to the published digits [N]
     needed_range: tuple[float, float]
+    # mean of s|F| by the published parameters at the paper's track speeds [N]
     of_published_model: float
-    of_map: float
-    mean_eta: float
-    mean_eta_by_fit: float
+    of_map: float  # mean of s|F| of the reproduced motions [N]
+    mean_eta: float  # mean efficiency by the published mean ICRs, (19) [-]
+    mean_eta_by_fit: float  # mean efficiency by (27) with the published model's own inertia [-]
 
 
 def paper_map(parameters: ContactParameters, *, count: int = 21) -> DynamicMap:

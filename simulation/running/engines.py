@@ -43,21 +43,13 @@ class Block(Protocol):
 
 @dataclass(frozen=True)
 class Engine:
-    """Engine of a study.
+    """Engine of a study."""
 
-    Attributes:
-        name: name in study files and commands.
-        module: module of its functions.
-        block_runs: runs of a block; part of the study's identity, independent of workers.
-        threads: True if it runs in threads (it releases the GIL), False if it needs processes.
-        function: name of its function `block`.
-    """
-
-    name: str
-    module: str
-    block_runs: int
-    threads: bool
-    function: str = "block"
+    name: str  # name in study files and commands
+    module: str  # module of its functions
+    block_runs: int  # runs of a block; part of the study's identity, independent of workers
+    threads: bool  # True if it runs in threads (it releases the GIL), False if it needs processes
+    function: str = "block"  # name of its function `block`
 
     @property
     def block(self) -> Block:

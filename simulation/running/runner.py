@@ -28,21 +28,13 @@ CLUSTER_LOSSES = {"KilledWorker", "FutureCancelledError", "FuturesCancelledError
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a study, in blocks, and in runs of one filter each.
+    """Progress of a study, in blocks, and in runs of one filter each."""
 
-    Attributes:
-        blocks: finished blocks.
-        all_blocks: blocks of the study.
-        found_blocks: blocks in the store at the start.
-        runs: runs computed by this command.
-        runs_left: runs still to compute.
-    """
-
-    blocks: int
-    all_blocks: int
-    found_blocks: int
-    runs: int
-    runs_left: int
+    blocks: int  # finished blocks
+    all_blocks: int  # blocks of the study
+    found_blocks: int  # blocks in the store at the start
+    runs: int  # runs computed by this command
+    runs_left: int  # runs still to compute
 
 
 Report = Callable[[Progress], None]

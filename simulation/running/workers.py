@@ -19,15 +19,10 @@ THREADS = "study"
 
 @dataclass(frozen=True)
 class Workplace:
-    """Workers behind an executor.
+    """Workers behind an executor."""
 
-    Attributes:
-        executor: executor of the workers.
-        capacity: returns the number of blocks to submit at a time.
-    """
-
-    executor: Executor
-    capacity: Callable[[], int]
+    executor: Executor  # executor of the workers
+    capacity: Callable[[], int]  # returns the number of blocks to submit at a time
 
 
 # A workplace can be opened again when its workers have died.

@@ -43,19 +43,13 @@ Value = str | float | bool
 
 @dataclass(frozen=True)
 class Axis:
-    """Axis of a sweep.
+    """Axis of a sweep."""
 
-    Attributes:
-        name: the dotted key, or the name of the cases.
-        scale: scale of its values in figures.
-        values: all values, in their order in the study; ascending for a Latin hypercube.
-        sampled: True for an axis of a Latin hypercube, where each value occurs once.
-    """
-
-    name: str
-    scale: Scale
+    name: str  # the dotted key, or the name of the cases
+    scale: Scale  # scale of its values in figures
+    # all values, in their order in the study; ascending for a Latin hypercube
     values: tuple[Value, ...]
-    sampled: bool = False
+    sampled: bool = False  # True for an axis of a Latin hypercube, where each value occurs once
 
 
 @dataclass(frozen=True)
@@ -70,25 +64,15 @@ class Filter:
 
 @dataclass(frozen=True)
 class Cell:
-    """Point of a sweep.
+    """Point of a sweep."""
 
-    Attributes:
-        index: index of the cell, from 0.
-        values: axis -> value, one for each axis.
-        scenario: scenario of the runs, with the study's seed.
-        robot: the true robot.
-        filters: filters of the study, in its order.
-        truths: number of distinct true motions; run r drives true motion r modulo this.
-        horizons: lengths of the segments over which drift is scored [s].
-    """
-
-    index: int
-    values: dict[str, Value]
-    scenario: Scenario
-    robot: Robot
-    filters: tuple[Filter, ...]
-    truths: int
-    horizons: tuple[float, ...]
+    index: int  # index of the cell, from 0
+    values: dict[str, Value]  # axis -> value, one for each axis
+    scenario: Scenario  # scenario of the runs, with the study's seed
+    robot: Robot  # the true robot
+    filters: tuple[Filter, ...]  # filters of the study, in its order
+    truths: int  # number of distinct true motions; run r drives true motion r modulo this
+    horizons: tuple[float, ...]  # lengths of the segments over which drift is scored [s]
 
 
 @dataclass(frozen=True)

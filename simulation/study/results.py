@@ -40,16 +40,11 @@ SHOWN_DIGITS = 5
 
 @dataclass(frozen=True)
 class Runs:
-    """All statistics of all runs.
+    """All statistics of all runs."""
 
-    Attributes:
-        plan: the study.
-        values: (filters, cells, runs, statistics); NaN for failed runs.
-        reasons: (filters, cells, runs) reasons of failed runs, empty for others; None if none failed.
-    """
-
-    plan: Plan
-    values: Floats
+    plan: Plan  # the study
+    values: Floats  # (filters, cells, runs, statistics); NaN for failed runs
+    # (filters, cells, runs) reasons of failed runs, empty for others; None if none failed
     reasons: Any = None
 
     @property

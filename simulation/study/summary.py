@@ -27,33 +27,21 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Summary:
-    """Summary of one statistic of one filter over runs; NaN if undefined.
+    """Summary of one statistic of one filter over runs; NaN if undefined."""
 
-    Attributes:
-        n: number of runs that have the statistic.
-        true_motions: number of distinct true motions among them.
-        mean: mean, with its interval.
-        median: median of the runs.
-        p05: fifth percentile of the runs.
-        p95: 95th percentile of the runs.
-        pairs: number of runs for which filter and baseline have it.
-        difference: mean over those runs, less that of the baseline, with its interval.
-        ratio: mean over those runs, divided by that of the baseline, with its interval.
-    """
-
-    n: int
-    true_motions: int
-    mean: float
+    n: int  # number of runs that have the statistic
+    true_motions: int  # number of distinct true motions among them
+    mean: float  # mean, with its interval
     mean_low: float
     mean_high: float
-    median: float
-    p05: float
-    p95: float
-    pairs: int
-    difference: float
+    median: float  # median of the runs
+    p05: float  # fifth percentile of the runs
+    p95: float  # 95th percentile of the runs
+    pairs: int  # number of runs for which filter and baseline have it
+    difference: float  # mean over those runs, less that of the baseline, with its interval
     difference_low: float
     difference_high: float
-    ratio: float
+    ratio: float  # mean over those runs, divided by that of the baseline, with its interval
     ratio_low: float
     ratio_high: float
 

@@ -58,47 +58,33 @@ CENTRE_SHARE = 0.2
 
 
 class Drive(NamedTuple):
-    """Integrated motion at grid points.
+    """Integrated motion at grid points."""
 
-    Attributes:
-        twists: (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes.
-        transfer: (n, 2) force at the centre of mass that transfers load, right and forward [N].
-        slopes: (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²]; on terrain, in
-            axes that turn with the ground's normal, but not by the yaw rate.
-        tipping: (n,) True if the weight and that force point outside the contact; not set at the last
-            point.
-    """
-
-    twists: Floats
+    twists: Floats  # (n, 3) v_x, v_y [m/s], w [rad/s] of the origin in the paper's axes
+    # (n, 2) force at the centre of mass that transfers load, right and forward [N]
     transfer: Floats
+    # (n, 2) acceleration of gravity along the slope in x and y of odom [m/s²]; on terrain, in axes that
+    # turn with the ground's normal, but not by the yaw rate
     slopes: Floats
+    # (n,) True if the weight and that force point outside the contact; not set at the last point
     tipping: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class FrictionTruth:
-    """Transient dynamics of a robot that differs from its file.
-
-    Attributes:
-        spread: standard deviation of the logarithm of the factors on friction and rolling resistance;
-            times `LENGTH_SHARE` for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the
-            centre of mass.
-        track_lag: time constant of the tracks behind their commands [s].
-        slip_noise: factor on the slip residual `icreckon.simulation.truth.true_motion.TRUE_SLIP` [-].
-        terrain: shape of the ground; None for level ground.
-        patches: ground that differs along the path.
-        payloads: loads along the path.
-        tolerance: relative error allowed per integration step.
-    """
+    """Transient dynamics of a robot that differs from its file."""
 
     name: ClassVar[str] = "friction"
+    # standard deviation of the logarithm of the factors on friction and rolling resistance; times
+    # `LENGTH_SHARE` for the contact's length, `HEIGHT_SHARE` and `CENTRE_SHARE` for the centre of mass
     spread: float = DEFAULT_SPREAD
-    track_lag: float = TRACK_LAG
+    track_lag: float = TRACK_LAG  # time constant of the tracks behind their commands [s]
+    # factor on the slip residual `icreckon.simulation.truth.true_motion.TRUE_SLIP` [-]
     slip_noise: float = 0.0
-    terrain: Terrain | None = None
-    patches: tuple[Patch, ...] = ()
-    payloads: tuple[Payload, ...] = ()
-    tolerance: float = TOLERANCE
+    terrain: Terrain | None = None  # shape of the ground; None for level ground
+    patches: tuple[Patch, ...] = ()  # ground that differs along the path
+    payloads: tuple[Payload, ...] = ()  # loads along the path
+    tolerance: float = TOLERANCE  # relative error allowed per integration step
 
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float

@@ -89,53 +89,35 @@ class Vehicle(NamedTuple):
 
 
 class Forces(NamedTuple):
-    """The ground's forces on the vehicle, and room for what they are computed from.
+    """The ground's forces on the vehicle, and room for what they are computed from."""
 
-    Attributes:
-        loads: loads of the contact points.
-        values: (3,) force and moment [N, N, N m].
-        jacobian: (3, COLUMNS) their derivatives.
-    """
-
-    loads: PointLoads
-    values: Floats
-    jacobian: Floats
+    loads: PointLoads  # loads of the contact points
+    values: Floats  # (3,) force and moment [N, N, N m]
+    jacobian: Floats  # (3, COLUMNS) their derivatives
 
 
 class DrivenTracks(NamedTuple):
-    """Track speeds on an even grid of time; cubic between the grid points.
+    """Track speeds on an even grid of time; cubic between the grid points."""
 
-    Attributes:
-        start: time of the first grid point [s].
-        step: time between grid points [s].
-        speeds: (n, 2) speeds of the left and the right track [m/s].
-        rates: (n, 2) their derivatives [m/s²].
-    """
-
-    start: float
-    step: float
-    speeds: Floats
-    rates: Floats
+    start: float  # time of the first grid point [s]
+    step: float  # time between grid points [s]
+    speeds: Floats  # (n, 2) speeds of the left and the right track [m/s]
+    rates: Floats  # (n, 2) their derivatives [m/s²]
 
 
 class GridMotion(NamedTuple):
-    """Motion at the grid points.
+    """Motion at the grid points."""
 
-    Attributes:
-        pose: (3,) x, y [m], heading [rad] in odom at the newest grid point; without terrain the heading
-            is that of the state.
-        states: (n, 6) states.
-        slopes: (n, 2) acceleration of gravity along the ground [m/s²], in odom; on terrain, in axes that
-            turn with the ground's normal, but not by the state's yaw.
-        tipping: (n,) True if the vehicle tips there.
-        slip: (n, 3) slip residual of v_x, v_y [m/s], w [rad/s] in base_link's axes, which moves the
-            vehicle on terrain.
-    """
-
+    # (3,) x, y [m], heading [rad] in odom at the newest grid point; without terrain the heading is that
+    # of the state
     pose: Floats
-    states: Floats
+    states: Floats  # (n, 6) states
+    # (n, 2) acceleration of gravity along the ground [m/s²], in odom; on terrain, in axes that turn
+    # with the ground's normal, but not by the state's yaw
     slopes: Floats
-    tipping: NDArray[np.bool_]
+    tipping: NDArray[np.bool_]  # (n,) True if the vehicle tips there
+    # (n, 3) slip residual of v_x, v_y [m/s], w [rad/s] in base_link's axes, which moves the vehicle on
+    # terrain
     slip: Floats
 
 

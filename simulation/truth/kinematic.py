@@ -35,17 +35,12 @@ class KinematicTruth:
     """Inertia-based kinematics, plus a slip residual, of a robot unlike its file.
 
     The tracks follow their commands without lag.
-
-    Attributes:
-        spread: relative spread of the true parameters; see `draw_parameters`.
-        slip: size and correlation time of the slip residual, a Gauss-Markov process.
-        slip_noise: factor on its size [-].
     """
 
     name: ClassVar[str] = "kinematic"
-    spread: float = DEFAULT_SPREAD
-    slip: Slip = TRUE_SLIP
-    slip_noise: float = 1.0
+    spread: float = DEFAULT_SPREAD  # relative spread of the true parameters; see `draw_parameters`
+    slip: Slip = TRUE_SLIP  # size and correlation time of the slip residual, a Gauss-Markov process
+    slip_noise: float = 1.0  # factor on its size [-]
 
     def run(
         self, command: Command, duration: float, robot: Robot, rng: Generator, *, rate: float

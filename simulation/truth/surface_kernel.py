@@ -33,15 +33,10 @@ X, Y, TIME, EDGE, ONSET, ACROSS, ALONG, ROLLING, SLOPE = 0, 2, 4, 6, 7, 8, 9, 10
 
 
 class TrackGround(NamedTuple):
-    """Ground under the middle of the left and of the right track.
+    """Ground under the middle of the left and of the right track."""
 
-    Attributes:
-        friction: (2, 2) coefficients of each track, across and along it [-].
-        rolling: (2,) rolling resistance of each track [-].
-    """
-
-    friction: Floats
-    rolling: Floats
+    friction: Floats  # (2, 2) coefficients of each track, across and along it [-]
+    rolling: Floats  # (2,) rolling resistance of each track [-]
 
 
 @compiled

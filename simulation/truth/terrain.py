@@ -35,15 +35,10 @@ PATCH_WIDTH = 13
 
 
 class Needs(NamedTuple):
-    """Keys of `[terrain]` of which another key needs one.
+    """Keys of `[terrain]` of which another key needs one."""
 
-    Attributes:
-        keys: the keys.
-        without: what the ground is without them.
-    """
-
-    keys: tuple[str, ...]
-    without: str
+    keys: tuple[str, ...]  # the keys
+    without: str  # what the ground is without them
 
     @property
     def text(self) -> str:
@@ -260,28 +255,18 @@ class Surface(NamedTuple):
     """Height field as plain numbers, for `icreckon.simulation.truth.surface_kernel`.
 
     The coordinate u runs along its direction, v to the left of it.
-
-    Attributes:
-        present: False for a run without terrain; nothing else counts then.
-        direction: cosine and sine of the direction of u in odom.
-        plane: slope of the plane along u [-].
-        waves: largest slope of each of the waves along u and along v [-].
-        wave_number: of both waves [rad/m].
-        phases: of the waves along u and along v [rad], and of the kerbs, as a share of their distance.
-        kerb_height: height of each kerb [m]; 0 for none.
-        kerb_every: distance between kerbs, up and down in turn [m].
-        kerb_length: length over which a kerb rises [m].
     """
 
-    present: bool
-    direction: tuple[float, float]
-    plane: float
-    waves: float
-    wave_number: float
+    present: bool  # False for a run without terrain; nothing else counts then
+    direction: tuple[float, float]  # cosine and sine of the direction of u in odom
+    plane: float  # slope of the plane along u [-]
+    waves: float  # largest slope of each of the waves along u and along v [-]
+    wave_number: float  # of both waves [rad/m]
+    # of the waves along u and along v [rad], and of the kerbs, as a share of their distance
     phases: tuple[float, float, float]
-    kerb_height: float
-    kerb_every: float
-    kerb_length: float
+    kerb_height: float  # height of each kerb [m]; 0 for none
+    kerb_every: float  # distance between kerbs, up and down in turn [m]
+    kerb_length: float  # length over which a kerb rises [m]
 
 
 LEVEL = Surface(False, (1.0, 0.0), 0.0, 0.0, 1.0, (0.0, 0.0, 0.0), 0.0, 1.0, 1.0)

@@ -34,33 +34,21 @@ SAME_TIME = 1e-9
 
 @dataclass(frozen=True)
 class TrueMotion:
-    """True motion on an even grid of times, interpolated between.
+    """True motion on an even grid of times, interpolated between."""
 
-    Attributes:
-        rate: grid points per second [Hz]; the first is at time zero.
-        poses: (m, 3) x, y [m], yaw [rad], not wrapped.
-        twists: (m, 3) v_x, v_y [m/s], w [rad/s] of base_link in its own axes.
-        track_speeds: (m, 2) left, right [m/s].
-        distances: (m, 2) integrals of the track speeds since the start [m].
-        parameters: the true index parameters, or None if the truth has none.
-        source: name of the truth.
-        gravity: (m, 3) acceleration of gravity in base_link's axes [m/s²], or None on level ground.
-        turns: (m,) integral of the yaw rate about base_link's own z axis [rad], on terrain; None if it is
-            the yaw of the pose. On terrain x, y are horizontal, and yaw is the heading of the
-            projected x axis.
-        heights: (m,) z of base_link above the start [m], on terrain; else None.
-    """
-
-    rate: float
-    poses: Floats
-    twists: Floats
-    track_speeds: Floats
-    distances: Floats
-    parameters: Indices | None
-    source: str
+    rate: float  # grid points per second [Hz]; the first is at time zero
+    poses: Floats  # (m, 3) x, y [m], yaw [rad], not wrapped
+    twists: Floats  # (m, 3) v_x, v_y [m/s], w [rad/s] of base_link in its own axes
+    track_speeds: Floats  # (m, 2) left, right [m/s]
+    distances: Floats  # (m, 2) integrals of the track speeds since the start [m]
+    parameters: Indices | None  # the true index parameters, or None if the truth has none
+    source: str  # name of the truth
+    # (m, 3) acceleration of gravity in base_link's axes [m/s²], or None on level ground
     gravity: Floats | None = None
+    # (m,) integral of the yaw rate about base_link's own z axis [rad], on terrain; None if it is the
+    # yaw of the pose. On terrain x, y are horizontal, and yaw is the heading of the projected x axis
     turns: Floats | None = None
-    heights: Floats | None = None
+    heights: Floats | None = None  # (m,) z of base_link above the start [m], on terrain; else None
 
     @property
     def end(self) -> float:
