@@ -42,9 +42,9 @@ BEGIN, STEPS, RATE = 1000, 256, 100.0
 class Drive:
     """The lanes of a variant on their way, and what the next steps are told."""
 
-    def __init__(self, variant: str, bits: int = 64) -> None:
+    def __init__(self, variant: str) -> None:
         robot = load_robot("auriga-alpha")
-        self.filters = BatchFilter(robot, VARIANTS[variant], Settings(), bits)
+        self.filters = BatchFilter(robot, VARIANTS[variant], Settings())
         duration = (BEGIN + STEPS + 1) / RATE
         # It does not stop on the way, which would need updates of their own.
         scenario = Scenario(
@@ -103,9 +103,6 @@ def main() -> None:
     for name, drive in drives.items():
         states = len(drive.filters.shape.states) + 3
         rows.append((f"icreckon, {name}, {states} states", best(drive.seconds, 40 * repeat)))
-    for name in VARIANT_NAMES:
-        single = Drive(name, 32)
-        rows.append((f"icreckon, {name}, single precision", best(single.seconds, 40 * repeat)))
     log = simulate(
         Scenario(duration=30.0, track_rate=50.0, imu_rate=50.0, fix_rate=0.0, seed=1),
         load_robot("auriga-alpha"),

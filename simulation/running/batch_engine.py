@@ -70,18 +70,17 @@ def why_not(plan: Plan) -> str | None:
 
 
 def block(
-    cell: Cell, filters: Sequence[Filter], first_run: int, count: int, *, bits: int = 64
+    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
 ) -> dict[str, RunScores]:
     """Statistics of some runs; see `icreckon.simulation.running.engines.Block`.
 
-    Lanes compute with numbers of 64 or 32 `bits`. A run with absurd readings is repeated by the streaming
-    engine, whose scores count.
+    A run with absurd readings is repeated by the streaming engine, whose scores count.
     """
     values = {spec.label: np.empty((count, len(statistics(cell.horizons)))) for spec in filters}
     reasons = {spec.label: [""] * count for spec in filters}
     times = score_times(cell.scenario)
     batch_filters = [
-        BatchFilter(spec.robot, find_variant(spec.variant), spec.settings, bits) for spec in filters
+        BatchFilter(spec.robot, find_variant(spec.variant), spec.settings) for spec in filters
     ]
     schedule = _schedule(cell)
     width = batch_filters[0].width
@@ -112,13 +111,6 @@ def block(
                 values[label][begin + lane] = scores.values[0]
                 reasons[label][begin + lane] = scores.reasons[0]
     return {label: RunScores(values[label], tuple(reasons[label])) for label in values}
-
-
-def single_block(
-    cell: Cell, filters: Sequence[Filter], first_run: int, count: int
-) -> dict[str, RunScores]:
-    """Block in single precision: twice as many lanes, with seven digits."""
-    return block(cell, filters, first_run, count, bits=32)
 
 
 class _Schedule(NamedTuple):

@@ -49,12 +49,11 @@ class Engine:
     module: str  # module of its functions
     block_runs: int  # runs of a block; part of the study's identity, independent of workers
     threads: bool  # True if it runs in threads (it releases the GIL), False if it needs processes
-    function: str = "block"  # name of its function `block`
 
     @property
     def block(self) -> Block:
         """Function `block` of the engine's module."""
-        return cast(Block, getattr(import_module(self.module), self.function))
+        return cast(Block, import_module(self.module).block)
 
     def why_not(self, plan: Plan) -> str | None:
         """Reason why it cannot run a study, by its module's `why_not`; None if it can."""
@@ -68,7 +67,6 @@ ENGINES = {
     for engine in (
         Engine("batch", f"{ROOM}.batch_engine", block_runs=64, threads=True),
         Engine("streaming", f"{ROOM}.streaming_engine", block_runs=4, threads=False),
-        Engine("single", f"{ROOM}.batch_engine", 64, threads=True, function="single_block"),
     )
 }
 

@@ -34,7 +34,7 @@ def run_study(
     Args:
         study: the study, from `load_study` or made in code.
         folder: folder of blocks and results; if it has blocks of the same study, the study continues.
-        engine: "auto", "batch", "streaming" or "single" (single precision); None for the study's setting.
+        engine: "auto", "batch" or "streaming"; None for the study's setting.
         workers: number of threads or processes; None for one per core.
         executor: executor to run on instead.
         cluster: address of a `dask.distributed` scheduler to run on instead (extra `cluster`).

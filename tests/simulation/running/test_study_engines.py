@@ -12,7 +12,6 @@ from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.study.cells import Plan, expand
 from icreckon.simulation.study.plan import Study
-from icreckon.simulation.study.statistics import statistics
 from icreckon.simulation.truth.terrain import Terrain
 
 VARIANTS = ("constant-online", "inertia-online")
@@ -70,18 +69,6 @@ def test_a_block_does_not_depend_on_the_one_it_is_cut_from() -> None:
         # An error of 1e-3 rad between yaws of some radians is known to 1e-15.
         found = whole[label].values[3:7]
         assert np.allclose(found, rows, rtol=1e-13, atol=1e-14, equal_nan=True)
-
-
-def test_single_precision_comes_near() -> None:
-    # The smallest kernel: compiling one takes longest.
-    cell = plan_of(("differential",)).cells[0]
-    names = [one.name for one in statistics(cell.horizons)]
-    double = study_batch.block(cell, cell.filters, 0, 4)
-    single = study_batch.single_block(cell, cell.filters, 0, 4)
-    for label, (rows, _) in double.items():
-        found = dict(zip(names, single[label].values.T, strict=True))
-        for name, values in zip(names, rows.T, strict=True):
-            assert np.allclose(found[name], values, rtol=0.01, atol=1e-4, equal_nan=True), name
 
 
 @pytest.mark.parametrize(
