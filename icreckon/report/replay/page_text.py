@@ -26,8 +26,15 @@ def page_title(results: Results) -> str:
 
 def headline(results: Results) -> str:
     """Verdict, its caveats, and a bias of the gyro that was not known."""
-    parts = (_verdict, noise_text, ends_text, holes_text, bias_text)
+    parts = (_verdict, imu_text, noise_text, ends_text, holes_text, bias_text)
     return " ".join(filter(None, (part(results) for part in parts)))
+
+
+def imu_text(results: Results) -> str:
+    """Statement that no IMU was read, without which `gyro` is the wheels alone."""
+    if results["log"]["imu_samples"]:
+        return ""
+    return f"No IMU was read, so {GYRO} is the wheels alone; [log.imu] in the robot file maps one."
 
 
 def holes_text(results: Results) -> str:

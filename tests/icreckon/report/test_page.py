@@ -225,6 +225,12 @@ def test_the_verdict_stands_first_and_names_horizon_and_interval(results, page):
     assert page.index(escape(told)) < page.index("<h2>")
 
 
+def test_a_log_without_an_imu_is_named(changed: dict[str, Any]) -> None:
+    assert "No IMU was read" not in headline(changed)
+    changed["log"]["imu_samples"] = 0
+    assert "No IMU was read, so gyro is the wheels alone" in headline(changed)
+
+
 def test_a_lead_that_may_be_chance_is_called_so(results: dict[str, Any]) -> None:
     told = said(results, ratio=0.9, ratio_95=[0.7, 1.1])
     assert told.startswith("No variant drifts significantly less than constant-online on this log.")
