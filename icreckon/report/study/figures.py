@@ -172,7 +172,13 @@ def _draw_effect(
         axes.set_ylabel(f"{title_of(results, statistic)}\nover that of {results['baseline']} [-]")
     else:
         axes.set_ylabel(f"{title_of(results, statistic)}\n[{unit_of(results, statistic)}]")
-    axes.legend(fontsize=10)
+    _name_variants(axes)
+
+
+def _name_variants(axes: Axes) -> None:
+    """Draw the legend above the axes, where it hides no line."""
+    handles, labels = axes.get_legend_handles_labels()
+    axes.figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=10)
 
 
 def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
@@ -306,7 +312,7 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
         axes.set_xlabel("cell")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("NEES of the pose at the end [-]")
-    axes.legend(fontsize=10)
+    _name_variants(axes)
 
 
 def _distribution(results: Results, others: str) -> Picture:
