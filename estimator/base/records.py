@@ -125,21 +125,28 @@ def shifted(record: Record, by: int) -> Record:
         by: time that the clock is ahead [ns].
     """
     kind: Any = record.kind if isinstance(record, SharedRecord) else type(record)
-    return cast(Record, _later(plain_copy(kind, record), False, by))
+    return cast(Record, _shift_stamps(plain_copy(kind, record), False, by))
 
 
-def _later(value: Any, is_stamp: bool, by: int) -> Any:
-    """Copy of a value, with all stamps in it later by some time [ns]; NEVER stays."""
-    if _names(value):
-        hints, names = field_types(cast(Any, type(value))), _names(value)
-        fields = {name: _later(getattr(value, name), _is_stamp(hints[name]), by) for name in names}
+def _shift_stamps(value: Any, is_stamp: bool, by: int) -> Any:
+    """Copy of a value with every stamp in it later by some time [ns]; NEVER stays.
+
+    With `is_stamp` its numbers are stamps, by the type of its field. A record or named tuple looks at the
+    types of its own fields.
+    """
+    if names := _names(value):
+        hints, fields = field_types(cast(Any, type(value))), {}
+        for name in names:
+            fields[name] = _shift_stamps(getattr(value, name), _is_stamp(hints[name]), by)
         is_tuple = isinstance(value, tuple)
         return value._replace(**fields) if is_tuple else msgspec.structs.replace(value, **fields)
     if isinstance(value, dict):
-        return {key: _later(item, is_stamp, by) for key, item in value.items()}
+        return {key: _shift_stamps(item, is_stamp, by) for key, item in value.items()}
     if isinstance(value, tuple | list):
-        return type(value)(_later(item, is_stamp, by) for item in value)
-    return value + by if is_stamp and value is not None and value != NEVER else value
+        return type(value)(_shift_stamps(item, is_stamp, by) for item in value)
+    if not is_stamp or value is None or value == NEVER:
+        return value
+    return value + by
 
 
 @cache

@@ -29,6 +29,8 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 
+# Least time between fixes that is divided by [s].
+SHORTEST_INTERVAL = 1e-9
 # Most and fewest fixes that are aligned with the path, and time between two of them [s]: at first less,
 # this share of the time since the oldest.
 MOST_ALIGNED, FEWEST_ALIGNED, LEAST_INTERVAL, SHARE_OF_SPAN = 16, 4, 0.9, 0.25
@@ -214,26 +216,31 @@ def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
 
 
 def measure(scatter: ScatterRecord, stated: float) -> None:
-    """Measure the variance of aligned fixes; the newest states another, `stated` [m²]."""
+    """Update `scatter.variance` and `scatter.likeness` by the aligned fixes.
+
+    The variance follows a larger scatter at once and fades if fixes scatter less. It is 0 if it is not
+    above that which the newest fix states, `stated` [m²].
+    """
     factor = FACTOR_STILL if scatter.variance > 0.0 else FACTOR_FOUND
     spread = spread_of(scatter)
-    is_no_slide = spread.second > SLIDING_RATIO * spread.successive
-    scatters = is_no_slide and steps_scatter(scatter, stated, factor)
-    apart, interval = max(spread.apart, NANOSECOND), max(scatter.interval, NANOSECOND)
-    white, walk_over_white = 0.0, 1.0
-    if scatters:
-        of_white, of_walk, walked = expected_sums(scatter)
+    slides = spread.second <= SLIDING_RATIO * spread.successive
+    aligned_interval = max(spread.apart, SHORTEST_INTERVAL)
+    white_variance, walk_over_white = 0.0, 1.0
+    if not slides and steps_scatter(scatter, stated, factor):
+        expected = expected_residuals(scatter)
         if scatter.laid >= FEWEST_IN_ORDER:
             ratio = spread.successive / spread.squares
-            likeness = (of_white - ratio) / (of_white - of_walk)
+            likeness = (expected.white_ratio - ratio) / (expected.white_ratio - expected.walk_ratio)
             scatter.likeness += LIKENESS_WEIGHT * (likeness - scatter.likeness)
-        # The variance of a walk over a minute, times the number of fixes in it, over that of white
-        # errors.
-        walk_over_white = max(1.0, WANDER_TIME**2 / (walked * apart * interval))
-        white = 0.5 * spread.squares / spread.freedom
-    share = min(1.0, max(0.0, (scatter.likeness - WHITE_UP_TO) / (WALKS_FROM - WHITE_UP_TO)))
-    kept = KEPT_SHARE ** (1.0 - share) * math.exp(-share * apart / KEPT_TIME)
-    variance = max(white * walk_over_white**share, kept * scatter.variance)
+        # A walk grows with each aligned fix for WANDER_TIME, and all fixes of that time share its error.
+        interval = max(scatter.interval, SHORTEST_INTERVAL)
+        squared_time = expected.walk_square * aligned_interval * interval
+        walk_over_white = max(1.0, WANDER_TIME**2 / squared_time)
+        white_variance = 0.5 * spread.squares / spread.freedom
+    # 0 if errors are white, 1 if they walk; between them the variance is scaled on a logarithmic axis.
+    walk = min(1.0, max(0.0, (scatter.likeness - WHITE_UP_TO) / (WALKS_FROM - WHITE_UP_TO)))
+    kept = KEPT_SHARE ** (1.0 - walk) * math.exp(-walk * aligned_interval / KEPT_TIME)
+    variance = max(white_variance * walk_over_white**walk, kept * scatter.variance)
     scatter.variance = variance if variance > stated else 0.0
 
 
@@ -275,38 +282,47 @@ def steps_fit(
     return 2 * max(along, across) >= count
 
 
-def expected_sums(scatter: ScatterRecord) -> tuple[float, float, float]:
-    """Expected sums of squares of residuals of the aligned fixes.
+class ExpectedResiduals(NamedTuple):
+    """Residuals of aligned fixes that are expected by the path alone."""
 
-    Returns:
-        Sum of squares of successive differences over that of squares, of white errors; the same of
-        errors that walk; mean square of each coordinate for each degree of freedom, of errors that walk
-        by 1 from fix to fix.
+    # sum of squared successive differences over the sum of squares [-]: of white errors, of a walk
+    white_ratio: float
+    walk_ratio: float
+    walk_square: float  # variance of a coordinate by a walk of 1 from fix to fix, by its residuals
+
+
+def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
+    """Expected residuals of white errors and of a random walk, after the fit of `spread_of`.
+
+    The fit removes the mean, and a turn and stretch of the path. The residuals of a unit error at one fix
+    (white), and of one from that fix on (walk), are squared and summed over all fixes.
     """
-    n, middle, extent = scatter.laid, 0j, 0.0
+    n, centre, extent = scatter.laid, 0j, 0.0
     for k in range(n):
-        middle += path_at(scatter, k) * (1.0 / n)
+        centre += path_at(scatter, k) * (1.0 / n)
     for k in range(n):
-        extent += square_of(path_at(scatter, k) - middle)
-    by_extent = 1.0 / extent if extent > n * LEAST_DISTANCE**2 else 0.0
-    white = of_white = walking = of_walk = 0.0
-    later = 0j
-    # Residuals of an error of 1 at a fix, and of one of 1 from that fix on.
-    for first in range(n - 1, -1, -1):
-        of_fix = (path_at(scatter, first) - middle).conjugate() * by_extent
-        later += of_fix
-        rest_before = walk_before = 0j
+        extent += square_of(path_at(scatter, k) - centre)
+    # A shorter path shows no stretch.
+    inverse_extent = 1.0 / extent if extent > n * LEAST_DISTANCE**2 else 0.0
+    white_squares = white_differences = walk_squares = walk_differences = 0.0
+    walk_stretch = 0j
+    # From the newest fix to the oldest: the stretch by a walk adds up those of all later fixes.
+    for source in range(n - 1, -1, -1):
+        white_stretch = (path_at(scatter, source) - centre).conjugate() * inverse_extent
+        walk_stretch += white_stretch
+        white_before = walk_before = 0j
         for k in range(n):
-            off = path_at(scatter, k) - middle
-            rest = (1.0 if k == first else 0.0) - 1.0 / n - off * of_fix
-            walk = (1.0 if k >= first else 0.0) - (n - first) / n - off * later
-            white += square_of(rest)
-            walking += square_of(walk)
+            lever = path_at(scatter, k) - centre
+            white = (1.0 if k == source else 0.0) - 1.0 / n - lever * white_stretch
+            walk = (1.0 if k >= source else 0.0) - (n - source) / n - lever * walk_stretch
+            white_squares += square_of(white)
+            walk_squares += square_of(walk)
             if k > 0:
-                of_white += square_of(rest - rest_before)
-                of_walk += square_of(walk - walk_before)
-            rest_before, walk_before = rest, walk
-    return of_white / white, of_walk / walking, walking / (n - 2.0)
+                white_differences += square_of(white - white_before)
+                walk_differences += square_of(walk - walk_before)
+            white_before, walk_before = white, walk
+    white_ratio, walk_ratio = white_differences / white_squares, walk_differences / walk_squares
+    return ExpectedResiduals(white_ratio, walk_ratio, walk_squares / (n - 2.0))
 
 
 class Spread(NamedTuple):

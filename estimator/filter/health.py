@@ -173,15 +173,16 @@ class NoiseHealth(NamedTuple):
 def noise_health(
     record: NoiseRecord, at_rest: bool, settings: InputSettings
 ) -> dict[str, NoiseHealth]:
-    """Noise of each axis of an IMU, by the name of its sensor."""
-    assumed = imu_noise(record, at_rest, settings)
-    of_force = settings.accelerometer_noise_density
-    by_sensor = {}
-    for name, density in assumed._asdict().items():
-        of_file = settings.gyro_noise_density if name == "gyro" else of_force
-        measured = measured_noise(getattr(record, name))
-        by_sensor[name] = NoiseHealth(measured or None, of_file, math.sqrt(density))
-    return by_sensor
+    """Noise of each axis of an IMU, by the name of its sensor.
+
+    While the tracks rest (`at_rest`), the assumed noise follows a measured one sooner.
+    """
+    health, in_file = {}, settings.accelerometer_noise_density
+    for name, squared_density in imu_noise(record, at_rest, settings)._asdict().items():
+        measured = measured_noise(getattr(record, name)) or None  # 0 before there is one
+        of_file = settings.gyro_noise_density if name == "gyro" else in_file
+        health[name] = NoiseHealth(measured, of_file, math.sqrt(squared_density))
+    return health
 
 
 class TiltHealth(NamedTuple):

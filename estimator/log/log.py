@@ -267,28 +267,31 @@ def screen(
 
 
 def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask of the longest strictly rising subsequence of stamps (patience sorting)."""
+    """Mask (n,) of the longest strictly rising subsequence of allowed stamps.
+
+    Patience sorting: for each length it keeps the rising sequence with the smallest last value.
+    """
     chosen = np.zeros(len(stamps), dtype=bool)
-    places = np.flatnonzero(allowed)
-    values = stamps[places]
+    candidates = np.flatnonzero(allowed)
+    values = stamps[candidates]
     if (np.diff(values) > 0).all():
-        chosen[places] = True
+        chosen[candidates] = True
         return chosen
-    tails: list[int] = []  # Smallest last stamp of a rising sequence of each length,
-    ends: list[int] = []  # its place,
-    before = np.full(len(values), -1)  # and for each place the one before it in its sequence.
-    for place, value in enumerate(values.tolist()):
-        length = bisect_left(tails, value)
-        if length == len(tails):
-            tails.append(value)
-            ends.append(place)
-        elif value < tails[length]:
-            tails[length], ends[length] = value, place
-        before[place] = ends[length - 1] if length else -1
-    place = ends[-1]
-    while place >= 0:
-        chosen[places[place]] = True
-        place = int(before[place])
+    last_values: list[int] = []  # by length less 1
+    last_indices: list[int] = []  # among `values`, by length less 1
+    predecessors = np.full(len(values), -1)  # among `values`; -1 begins a sequence
+    for index, value in enumerate(values.tolist()):
+        length = bisect_left(last_values, value)
+        if length == len(last_values):
+            last_values.append(value)
+            last_indices.append(index)
+        elif value < last_values[length]:
+            last_values[length], last_indices[length] = value, index
+        predecessors[index] = last_indices[length - 1] if length else -1
+    index = last_indices[-1]
+    while index >= 0:
+        chosen[candidates[index]] = True
+        index = int(predecessors[index])
     return chosen
 
 

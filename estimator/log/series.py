@@ -30,12 +30,11 @@ class TrackSpeedSeries:
 
     def __post_init__(self) -> None:
         _check_shape("speeds", self.stamps, self.speeds, (2,))
-        for name, wheels in (
-            ("left_wheels", self.left_wheels),
-            ("right_wheels", self.right_wheels),
-        ):
+        for name in ("left_wheels", "right_wheels"):
+            wheels = getattr(self, name)
             if wheels is not None:
-                _check_shape(name, self.stamps, wheels, wheels.shape[1:2])
+                # Any number of wheels, but a row of them for each stamp.
+                _check_shape(name, self.stamps, wheels, np.shape(wheels)[1:2] or (1,))
         if (self.left_wheels is None) != (self.right_wheels is None):
             raise EstimatorError("left_wheels and right_wheels go together, found one of them")
 

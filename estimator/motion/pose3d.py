@@ -11,8 +11,8 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import rpy_to_quaternion
 from icreckon.estimator.motion.icr import GRAVITY
 
-# Order of the states among position and angles: x, y, z, yaw of the pose; gravity is roll and pitch.
-MOVED = (0, 1, 5, 2)
+# Rows of the states x, y, yaw and z (`s.MOVED`), and of roll and pitch, among position and angles.
+ROWS_OF_MOVED, ROLL, PITCH = (0, 1, 5, 2), 3, 4
 
 
 class Pose3d(NamedTuple):
@@ -76,14 +76,12 @@ def pose3d_of(x: Floats, P: Floats) -> Pose3d:
     """Pose of a state (SIZE,) with its covariance (SIZE, SIZE)."""
     roll, pitch = roll_pitch(x[s.GRAVITY]).tolist()
     by_state = np.zeros((6, len(x)))
-    by_state[MOVED, range(s.MOVED.start, s.MOVED.stop)] = 1.0
-    # pitch = asin(forward / g), sin(roll) cos(pitch) = -left / g.
-    per_pitch = 1.0 / (GRAVITY * math.cos(pitch))
-    by_state[3, s.GRAVITY] = (
-        math.tan(roll) * math.tan(pitch) * per_pitch,
-        -per_pitch / math.cos(roll),
-    )
-    by_state[4, s.GRAVITY_X] = per_pitch
+    by_state[ROWS_OF_MOVED, range(s.MOVED.start, s.MOVED.stop)] = 1.0
+    # sin(pitch) = gravity_x / g, sin(roll) cos(pitch) = -gravity_y / g.
+    pitch_by_x = 1.0 / (GRAVITY * math.cos(pitch))
+    by_state[PITCH, s.GRAVITY_X] = pitch_by_x
+    by_state[ROLL, s.GRAVITY_X] = math.tan(roll) * math.tan(pitch) * pitch_by_x
+    by_state[ROLL, s.GRAVITY_Y] = -pitch_by_x / math.cos(roll)
     position, rpy = x[[s.X, s.Y, s.Z]], np.array([roll, pitch, x.item(s.YAW)])
     return Pose3d(position, rpy, by_state @ P @ by_state.T)
 

@@ -293,15 +293,17 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
     if not variant.online:
         return np.zeros(s.PARAMETER_COUNT)
     if variant.model == "linear":
-        # About those of constant ICRs: a pair of coefficients (right, forward, turn) of each index.
+        # Coefficients of both tracks to the right, forward and of the turn are about zeta0, epsilon0
+        # and 1, over the gauge times eta0.
         eta0 = robot.constant_indices.eta0
         turn = 1.0 / (robot.vehicle.track_gauge * eta0)
         sizes = adaptation.zeta0 * turn, adaptation.epsilon0 * turn, adaptation.eta0 / eta0 * turn
         return np.array([*np.repeat(sizes, 2), 0.0, 0.0, 0.0])
     force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
+    _, epsilon_F = coulomb_gains(robot)
     sigmas = np.array(
         [
-            0.0,
+            0.0,  # H
             adaptation.zeta0,
             adaptation.zeta1 / force,
             adaptation.epsilon0,
@@ -309,7 +311,7 @@ def parameter_sigmas(robot: Robot, variant: Variant, adaptation: Adaptation) -> 
             adaptation.eta0,
             adaptation.eta1 / force,
             adaptation.eta2 / force**2,
-            adaptation.epsilon_F * max(coulomb_gains(robot)[1], LEAST_CREEP),
+            adaptation.epsilon_F * max(epsilon_F, LEAST_CREEP),
         ]
     )
     if variant.model == "constant":

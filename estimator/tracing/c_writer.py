@@ -428,6 +428,8 @@ class FunctionWriter:
         """Call of a method, of a function of this package, or of a builtin."""
         if isinstance(node.func, ast.Attribute):
             return self._method(node, node.func)
+        if node.keywords:
+            raise self._fail(node)
         name = _name_of(node.func)
         args: list[Code] = []
         for arg in node.args:

@@ -38,7 +38,7 @@ def _fields(kind: type[msgspec.Struct]) -> list[tuple[str, Any]]:
 
 
 def _plain(value: Any) -> Any:
-    """Value in plain Python types, with tuples in place of lists."""
+    """Value in plain Python types, as msgspec converts them."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, os.PathLike):

@@ -104,13 +104,16 @@ def _run(log: Log, chosen: Filter, times: Floats) -> Run:
 
 
 def study_log(cell: Cell, run_index: int) -> Log:
-    """Log of a run: true motion of its index modulo `cell.truths`, noise of its own.
+    """Simulated log of a run.
 
-    For the first `cell.truths` runs it is the log of `icreckon.simulation.simulate.simulate`, except for
-    the stamps of its truth, which are those of `score_times`.
+    Run r drives true motion r modulo `cell.truths`, and its sensors have noise of its own. For the first
+    `cell.truths` runs it is the log of `icreckon.simulation.simulate.simulate`, except for the stamps of
+    its truth, which are those of `score_times`.
     """
     scenario, robot = cell.scenario, cell.robot
-    motion = true_motion(driven(scenario), msgpack.encode(robot), run_index % cell.truths)
+    # Encoded, as true motions are cached by their arguments.
+    drive, vehicle = encoded_drive(scenario), msgpack.encode(robot)
+    motion = true_motion(drive, vehicle, run_index % cell.truths)
     streams = random_streams(scenario.seed, run_index)
     read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
     truth = truth_of(motion, score_times(scenario))
@@ -118,7 +121,7 @@ def study_log(cell: Cell, run_index: int) -> Log:
     return Log(name=name, tracks=read.tracks, imu=read.imu.series, fixes=read.fixes, truth=truth)
 
 
-def driven(scenario: Scenario) -> bytes:
+def encoded_drive(scenario: Scenario) -> bytes:
     """Scenario reduced to the keys that affect the true motion, encoded."""
     defaults = {field.name: field.default for field in msgspec.structs.fields(Scenario)}
     plain = {name: defaults[name] for name in SENSED}

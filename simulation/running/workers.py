@@ -75,17 +75,20 @@ def cluster(address: str) -> Iterator[Workplace]:
 
 
 def _require_listener(address: str) -> None:
-    """Reject an address without listener at once; the cluster's client takes long."""
+    """Reject an address at which nothing listens; the client would wait for its timeout.
+
+    Addresses that are no TCP sockets are left to the client.
+    """
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     if parts.scheme not in {"tcp", "tls"}:
         return
     try:
-        place = parts.hostname, parts.port
-    except ValueError:
-        place = None, None
-    if place[0] is None or place[1] is None:
+        host, port = parts.hostname, parts.port
+    except ValueError:  # no number, or out of range
+        host, port = None, None
+    if host is None or port is None:
         raise SimulationError(f"no cluster at {address!r}: give host and port, as tcp://host:8786")
     try:
-        socket.create_connection((place[0], place[1]), CONNECT_SECONDS).close()
+        socket.create_connection((host, port), CONNECT_SECONDS).close()
     except OSError as problem:
         raise SimulationError(f"no cluster at {address!r}: {problem}") from None

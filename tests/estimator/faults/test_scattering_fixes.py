@@ -12,7 +12,7 @@ from icreckon.estimator.faults.scattering_fixes import (
     ScatterRecord,
     TakenFix,
     add_fix,
-    expected_sums,
+    expected_residuals,
     wanders,
 )
 from icreckon.estimator.filter.health import Health
@@ -98,7 +98,9 @@ def test_expected_ratios_are_those_of_many_errors():
         squares = (np.abs(rest) ** 2).sum()
         ratios.append((np.abs(np.diff(rest)) ** 2).sum() / squares)
         sizes.append(squares / errors.size * MOST_ALIGNED / (MOST_ALIGNED - 2) / 2.0)
-    of_white, of_walk, walked = expected_sums(after_fixes(np.zeros((MOST_ALIGNED, 2)), path=path))
+    of_white, of_walk, walked = expected_residuals(
+        after_fixes(np.zeros((MOST_ALIGNED, 2)), path=path)
+    )
     assert ratios == pytest.approx([of_white, of_walk], rel=0.03)
     assert sizes == pytest.approx([1.0, walked], rel=0.05)
 
