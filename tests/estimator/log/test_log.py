@@ -101,6 +101,7 @@ def test_each_sample_is_counted_once_by_its_first_defect():
     ("make", "name"),
     [
         (lambda: TrackSpeedSeries(stamps(1, 2), np.zeros((2, 3))), "speeds"),
+        (lambda: TrackSpeedSeries(stamps(1), np.zeros((1, 2)), np.zeros(1)), "left_wheels"),
         (lambda: ImuSeries(stamps(1), np.zeros((1, 2))), "angular_velocity"),
         (lambda: ImuSeries(stamps(1), np.zeros((1, 3)), np.zeros(3)), "linear_acceleration"),
         (lambda: FixSeries(stamps(1), np.zeros((1, 3)), np.zeros((1, 1))), "variances"),
