@@ -72,7 +72,7 @@ def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:
-    """Whether two of IMU mounting, scale and effective track fit another robot only."""
+    """True if two of IMU mounting, scale and effective track are contradicted."""
     wrong = [check for check in checks if check.problem and check.correction is not None]
     names = {check.name for check in wrong if check.name != SCALE or not _is_slight(check)}
     groups = ({MOUNTING, FORWARD}, {SCALE}, {TRACK})
