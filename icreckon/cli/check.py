@@ -1,4 +1,4 @@
-"""`icreckon check`: a robot file against a log."""
+"""`icreckon check`: check of a robot file against a log."""
 
 import json
 import math
@@ -106,21 +106,22 @@ def _show(log: Log, checks: list[Check], worth: Worth | None, hints: list[str]) 
         mark = "!" if check.problem else "-"
         file_value = f" (file: {check.in_file})" if check.in_file else ""
         out.print(Text(f"{mark} {check.name}: {check.in_log}{file_value}"))
-    wrong = _costs(checks, worth)
-    if not wrong and not _any_measured(checks):
+    contradictions = _costs(checks, worth)
+    if not contradictions and not _any_measured(checks):
         out.print(Text("\nNothing could be checked: that takes track speeds and an IMU."))
-    elif not wrong:
+    elif not contradictions:
         unseen = sum(check.measured is None for check in checks)
         of_all = f", but it does not show {unseen} of {len(checks)} values" if unseen else ""
         out.print(Text(f"\nNothing in the log contradicts the robot file{of_all}."))
     else:
-        out.print(Text(f"\n{_headline(len(wrong), checks)}\n"))
-    for number, (cost, check) in enumerate(wrong, 1):
-        costs = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
-        out.print(Text(f"{number}. {_sentence(check.problem)}{costs}"))
+        out.print(Text(f"\n{_headline(len(contradictions), checks)}\n"))
+    for number, (cost, check) in enumerate(contradictions, 1):
+        cost_text = "" if worth is None or math.isnan(cost) else f" {_cost(cost, worth)}"
+        out.print(Text(f"{number}. {_sentence(check.problem)}{cost_text}"))
         verb = "Set" if " = " in check.remedy else "Remedy:"
         out.print(Text(f"   {verb} {check.remedy}"))
-    if worth is not None and (text := _drift(worth, bool(wrong), has_truth=log.truth is not None)):
+    is_wrong, has_truth = bool(contradictions), log.truth is not None
+    if worth is not None and (text := _drift(worth, is_wrong=is_wrong, has_truth=has_truth)):
         out.print(Text(f"\n{text}"))
     if worth is not None and worth.missing:
         out.print(Text(f"\nTo learn more in the next log: {'; '.join(worth.missing)}."))
@@ -134,8 +135,7 @@ def _any_measured(checks: list[Check]) -> bool:
 
 def _headline(count: int, checks: list[Check]) -> str:
     text = "One thing contradicts" if count == 1 else f"{count} things contradict"
-    of_another = robot_check.is_of_another(checks)
-    end = ". Is this the file of another robot?" if of_another else ":"
+    end = ". Is this the file of another robot?" if robot_check.is_of_another(checks) else ":"
     return f"{text} the log, worst first{end}"
 
 
@@ -149,8 +149,8 @@ def _cost(cost: float, worth: Worth) -> str:
     return f"Costs {VARIANT} {cost:.1f} % of the distance in {worth.horizon:g} s."
 
 
-def _drift(worth: Worth, is_wrong: bool, *, has_truth: bool) -> str:
-    """Sentence on the drift of the filter, as the file is and once corrected."""
+def _drift(worth: Worth, *, is_wrong: bool, has_truth: bool) -> str:
+    """Text on the drift before and after correction; empty without truth or problem."""
     of_variant = f"of {VARIANT} after {worth.horizon:g} s without fixes"
     as_it_is = (
         "no result" if math.isnan(worth.as_it_is) else f"{worth.as_it_is:.1f} % of the distance"

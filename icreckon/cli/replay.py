@@ -62,12 +62,12 @@ class _Drive:
             f"{len(log.tracks.stamps)} track speeds"
         )
         # A stream that is missing has a note by the reader.
-        found = [one for one in check_robot(log, self.robot) if one.name != "IMU"]
+        checks = [check for check in check_robot(log, self.robot) if check.name != "IMU"]
         notes: list[str] = []
-        if log.truth is not None and any(one.problem and one.name == LATENCY for one in found):
+        if log.truth is not None and any(one.problem and one.name == LATENCY for one in checks):
             with progress("filtering, as the file is and corrected"), suppress(ReplayError):
-                found, _, notes = judged(log, self.robot, found)
-        notes += [f"{OF_ROBOT_FILE}{one.problem}" for one in found if one.problem]
+                checks, _, notes = judged(log, self.robot, checks)
+        notes += [f"{OF_ROBOT_FILE}{check.problem}" for check in checks if check.problem]
         return replace(log, notes=(*log.notes, *notes))
 
     def all_options(self) -> dict[str, Any]:
@@ -162,10 +162,10 @@ def command(
     ]
     with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
         if len(drives) == 1:
-            one = drives[0]
-            found = one.all_options()
+            drive = drives[0]
+            arguments = drive.all_options()
             failed = compare_and_report(
-                one.log(), one.robot, folder, as_json=as_json, wide=wide, **found
+                drive.log(), drive.robot, folder, as_json=as_json, wide=wide, **arguments
             )
         else:
             summary = _many(_labelled(drives, files_of, robots), folder, configuration)
@@ -178,7 +178,7 @@ def command(
 def _labelled(
     drives: Sequence[_Drive], logs: Sequence[list[Path]], robots: Mapping[str, Robot]
 ) -> dict[many.Case, _Drive]:
-    """Drives by labels that are names of folders."""
+    """Map unique labels, which are also names of folders, to the drives."""
     taken = (PAGE_FILE, RESULTS_FILE, MANIFEST)
     of_logs = many.unique([many.label_of(log[0]) for log in logs], taken)
     of_robots = many.unique([many.label_of(Path(name)) for name in robots], taken)
@@ -197,7 +197,7 @@ def _many(
         target = folder / places[case]
         target.mkdir(parents=True)
         try:
-            _, found = compare_and_write(
+            _, scores = compare_and_write(
                 drive.log(), drive.robot, target, case=case, **drive.all_options()
             )
         except Exception as problem:
@@ -208,7 +208,7 @@ def _many(
             if target.parent != folder and not any(target.parent.iterdir()):
                 target.parent.rmdir()
         else:
-            scored += [] if found is None else [found]
+            scored += [] if scores is None else [scores]
     of_all = {
         "logs": {case.log: list(map(str, drive.paths)) for case, drive in drives.items()},
         "robots": {case.robot: drive.robot_name for case, drive in drives.items()},
@@ -216,13 +216,13 @@ def _many(
     summary = many.summarise_many(
         scored, failed, command="replay", configuration=of_all | configuration
     )
-    for one in summary["logs"]:
-        one["folder"] = places[many.Case(one["label"], one["robot"])]
+    for entry in summary["logs"]:
+        entry["folder"] = places[many.Case(entry["label"], entry["robot"])]
     write_many(folder, summary)
     return summary
 
 
 def _place(case: many.Case, drives: Mapping[many.Case, _Drive]) -> str:
-    """Subfolder of a case: the log and the robot, those of which there are several."""
+    """Subfolder of a case: log, robot or log/robot, whichever of them vary."""
     several = (len({getattr(one, kind) for one in drives}) > 1 for kind in many.Case._fields)
     return "/".join(part for part, needed in zip(case, several, strict=True) if needed)

@@ -1,4 +1,4 @@
-"""Messages that wait for the node, in the order of their sending."""
+"""Inbox of the node: waiting messages, sorted by their time of sending."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ STALL = 1.0
 SETTLING = 1.0
 """Time after a stall in which the middleware brings one topic after another [s]."""
 NO_TIMES: Mapping[str, Any] = {"source_timestamp": 0, "received_timestamp": 0}
-"""What is said of a message by an rclpy that tells callbacks no times, as Humble's."""
+"""Times of a message if rclpy gives callbacks none, as in Humble."""
 
 
 class Received(NamedTuple):
@@ -54,10 +54,10 @@ class Queue(NamedTuple):
         taken: list[Received] = []
         with self.ros.handle:
             while len(taken) < self.depth:
-                found = self.ros.handle.take_message(self.ros.msg_type, False)
-                if found is None:
+                message_and_info = self.ros.handle.take_message(self.ros.msg_type, False)
+                if message_and_info is None:
                     break
-                taken.append(Received(self.subscription, self.msgtype, *found))
+                taken.append(Received(self.subscription, self.msgtype, *message_and_info))
         return taken
 
 
@@ -93,7 +93,7 @@ class Inbox:
     def take(self) -> list[Received]:
         """Remove and return all messages, in the order of their sending.
 
-        For a second after a stall it gives none. Call it often, also without messages: it sees stalls.
+        Empty for a second after a stall. Call it often, also without messages, to detect stalls.
         """
         self.worked()
         for queue in self._queues:
@@ -104,7 +104,7 @@ class Inbox:
         return sorted(taken, key=lambda one: one.sent)
 
     def worked(self) -> None:
-        """Note that the node runs; call it after each message, which takes milliseconds."""
+        """Record that the node runs, to detect stalls; call it after each message."""
         now = self._clock()
         if now - self._ran > STALL:
             self._settled = now + SETTLING

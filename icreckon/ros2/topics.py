@@ -13,10 +13,10 @@ def find_topic(node: Any, subscription: Subscription) -> tuple[str, bool] | None
     """Find a topic in the ROS graph.
 
     Returns:
-        Its message type, and whether all of its publishers are reliable; None if nobody publishes it yet.
+        Its first supported type, and whether all supported publishers are reliable; None without any.
 
     Raises:
-        ReplayError: its type is unsupported for this stream.
+        ReplayError: none of its types is supported for this stream.
     """
     from rclpy.qos import ReliabilityPolicy
 

@@ -24,7 +24,6 @@ from icreckon.replay.mapping.topics import topic_map
 SIGMAS = 3.0
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
-
 # Turning of a window that hardly slips [rad].
 STRAIGHT = 0.2
 
@@ -74,14 +73,14 @@ class Check:
         correction: Correction | None = None,
         settings: dict[str, float | list[float]] | None = None,
     ) -> Self:
-        """Copy that contradicts the file; arguments as the attributes."""
+        """Copy as a contradiction of the file; arguments as the attributes."""
         return replace(
             self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}
         )
 
 
 def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
-    """Correct log and robot by the checks that can, one after the other."""
+    """Apply the corrections of checks, one after the other; skip checks without one."""
     for one in checks:
         if one.correction is not None:
             log, robot = one.correction(log, robot)
@@ -162,22 +161,22 @@ def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
         return None
     vertical = in_base(log.imu, robot)[0]
     correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
-    found = wheel_estimates(log, vertical, correlation)
-    return None if found.track_ratio is None else (found.track_ratio, found.track_sigma)
+    wheels = wheel_estimates(log, vertical, correlation)
+    return None if wheels.track_ratio is None else (wheels.track_ratio, wheels.track_sigma)
 
 
 def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:
     """Scale of the track speeds by truth or fixes; None if they do not show it.
 
-    With `bends`, windows with bends count, too, in which tracks slip.
+    Windows in which tracks slip in a bend count only with `bends`.
     """
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
     vertical = in_base(log.imu, robot)[0]
-    found = wheel_estimates(log, vertical, None, BENDS if bends else STRAIGHT)
-    if found.way_ratio is None:
+    wheels = wheel_estimates(log, vertical, None, BENDS if bends else STRAIGHT)
+    if wheels.way_ratio is None:
         return None
-    return found.way_ratio, found.way_sigma, found.way_source
+    return wheels.way_ratio, wheels.way_sigma, wheels.way_source
 
 
 def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:

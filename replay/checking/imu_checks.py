@@ -43,7 +43,7 @@ FEWEST_STILL = 20
 
 
 def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
-    """Sensors that the file maps and the log lacks, or that read what none does."""
+    """Report too few track speeds, absurd gyro rates and a mapped IMU without samples."""
     if len(log.tracks.stamps) < FEWEST:
         yield Check(
             "track speeds",
@@ -141,7 +141,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
 
 
 def _tilt_by_turning(tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats, robot: Robot) -> float:
-    """Tilt that the mean force of turning looks like [deg], at most."""
+    """Largest apparent tilt by the mean centripetal force of turning [deg]."""
     forward, left, _ = robot.imu.position
     force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
     if imu_mounting.are_usable(tracks):
@@ -224,8 +224,8 @@ def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
         return
     still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    enough = float(still.sum()) * step >= imu_mounting.ENOUGH_STILL
-    if not enough or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
+    is_long = float(still.sum()) * step >= imu_mounting.ENOUGH_STILL
+    if not is_long or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
         return
     noise = imu_mounting.density(in_base(log.imu, robot)[0], still, step)
     stated = robot.imu.gyro_noise_density

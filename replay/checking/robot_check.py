@@ -46,12 +46,12 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
         log: the log, from `read_log` with this robot, or made of arrays.
         robot: the robot.
     """
-    found: list[Check] = []
-    for look in CHECKS:
-        for one in look(log, robot):
-            found.append(replace(one, remedy=with_column_keys(one.remedy, robot)))
-            log, robot = corrected(log, robot, [one])
-    return found
+    checks: list[Check] = []
+    for function in CHECKS:
+        for check in function(log, robot):
+            checks.append(replace(check, remedy=with_column_keys(check.remedy, robot)))
+            log, robot = corrected(log, robot, [check])
+    return checks
 
 
 def far_centre(robot: Robot) -> list[str]:
@@ -65,26 +65,22 @@ def far_centre(robot: Robot) -> list[str]:
 
 
 def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
-    """Log and robot with all contradictions corrected that a check can correct."""
+    """Correct log and robot by all contradictions that have a correction."""
     wrong = [one for one in checks if one.problem and one.correction is not None]
     log, robot = corrected(log, robot, wrong)
     return log, changed_robot(robot, {key: to for one in wrong for key, to in one.settings.items()})
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:
-    """Return True if the contradictions are those of another robot."""
-    names = {
-        one.name
-        for one in checks
-        if one.problem
-        and one.correction is not None
-        and not (one.name == SCALE and _is_slight(one))
-    }
-    return len([one for one in ({MOUNTING, FORWARD}, {SCALE}, {TRACK}) if names & one]) >= 2
+    """True if two of IMU mounting, scale and effective track are contradicted."""
+    wrong = [check for check in checks if check.problem and check.correction is not None]
+    names = {check.name for check in wrong if check.name != SCALE or not _is_slight(check)}
+    groups = ({MOUNTING, FORWARD}, {SCALE}, {TRACK})
+    return sum(bool(names & group) for group in groups) >= 2
 
 
 def _is_slight(scale: Check) -> bool:
-    """True if worn or sunk wheels explain a scale of the tracks."""
+    """True if a scale of the tracks is within what worn or sunk wheels explain."""
     return scale.measured is not None and 1.0 / SLIGHT < scale.measured.value < SLIGHT
 
 

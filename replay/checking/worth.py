@@ -1,4 +1,4 @@
-"""Worth of what a check of a robot file found, as drift on the log."""
+"""Drift that each contradiction between a robot file and a log adds."""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -53,16 +53,16 @@ def worth_of(
     """
     report = progress or (lambda _: None)
     log = replace(log, fixes=None)
-    wrong = [one for one in checks if one.problem]
+    wrong = [check for check in checks if check.problem]
     count = 2 + len(wrong)
-    horizon = next((one for one in HORIZONS if log.duration > 2.0 * one), HORIZONS[-1])
+    horizon = next((span for span in HORIZONS if log.duration > 2.0 * span), HORIZONS[-1])
     run, truth = _run(*corrected(log, robot, wrong))
     best = run.trajectory.pose_series
     reference = best if truth is None else truth
     drift_of_best = drift(best, reference, horizon).percent_mean
     report(1 / count)
 
-    def drift_without(errors_corrected: Sequence[Check]) -> float:
+    def drift_with(errors_corrected: Sequence[Check]) -> float:
         try:
             other, own_truth = _run(*corrected(log, robot, errors_corrected))
         except ReplayError:
@@ -70,52 +70,57 @@ def worth_of(
         path = other.trajectory.pose_series
         return drift(path, reference if own_truth is None else own_truth, horizon).percent_mean
 
-    as_it_is, costs = drift_without([]) if wrong else drift_of_best, []
-    for place, one in enumerate(wrong):
-        report((2 + place) / count)
-        others = [other for other in wrong if other is not one]
-        without = drift_without(others) if others and one.correction else as_it_is
-        costs.append(without - drift_of_best if one.correction else float("nan"))
+    as_it_is, costs = drift_with([]) if wrong else drift_of_best, []
+    for index, check in enumerate(wrong):
+        report((2 + index) / count)
+        others = [other for other in wrong if other is not check]
+        uncorrected = drift_with(others) if others and check.correction else as_it_is
+        costs.append(uncorrected - drift_of_best if check.correction else float("nan"))
     report(1.0)
     missing = missing_manoeuvres(run.state_names, run.state_sigmas[-1])
-    known = drift_of_best if truth is not None else np.nan
-    return Worth(horizon, as_it_is, known, tuple(costs), tuple(missing))
+    corrected_drift = drift_of_best if truth is not None else np.nan
+    return Worth(horizon, as_it_is, corrected_drift, tuple(costs), tuple(missing))
 
 
 def judged(
     log: Log, robot: Robot, checks: Sequence[Check], progress: Callable[[float], None] | None = None
 ) -> tuple[list[Check], Worth, list[str]]:
-    """Checks without those that only make the drift larger, worth, and notes on these.
+    """Withdraw latencies whose correction increases the drift against the truth.
+
+    Returns:
+        The checks, with no problem where one was withdrawn; their worth; a note on each withdrawn one.
 
     Raises:
         ReplayError: as of `worth_of`.
     """
     worth, notes = worth_of(log, robot, checks, progress), []
-    wrong = [one for one in checks if one.problem]
-    kept = list(checks)
-    for one, cost in zip(wrong, worth.costs, strict=True):
-        if one.name == LATENCY and log.truth is not None and cost < -LEAST_COST:
+    wrong, judged_checks = [check for check in checks if check.problem], list(checks)
+    for check, cost in zip(wrong, worth.costs, strict=True):
+        if check.name == LATENCY and log.truth is not None and cost < -LEAST_COST:
             notes.append(
-                f"{one.problem}; but with that set {VARIANT} drifts {-cost:.1f} points more after "
+                f"{check.problem}; but with that set {VARIANT} drifts {-cost:.1f} points more after "
                 f"{worth.horizon:g} s: file value kept"
             )
-            kept[kept.index(one)] = replace(one, problem="", correction=None, settings={})
-    return (kept, worth_of(log, robot, kept, progress) if notes else worth, notes)
+            withdrawn = replace(check, problem="", correction=None, settings={})
+            judged_checks[judged_checks.index(check)] = withdrawn
+    worth = worth_of(log, robot, judged_checks, progress) if notes else worth
+    return judged_checks, worth, notes
 
 
 def mean_drift(logs: Sequence[Log], robot: Robot, variant: str, horizon: float) -> float:
-    """Drift without fixes, mean over logs [% of distance]; NaN for no result."""
-    found = []
+    """Mean drift over logs without fixes [%]; NaN if any lacks a result or a truth."""
+    drifts = []
     for log in logs:
         with suppress(ReplayError):
-            one, truth = _run(replace(log, fixes=None), robot, variant)
-            path = one.trajectory.pose_series
-            found += [] if truth is None else [drift(path, truth, horizon).percent_mean]
-    return float(np.mean(found)) if len(found) == len(logs) else float("nan")
+            run, truth = _run(replace(log, fixes=None), robot, variant)
+            path = run.trajectory.pose_series
+            drifts += [] if truth is None else [drift(path, truth, horizon).percent_mean]
+    return float(np.mean(drifts)) if len(drifts) == len(logs) else float("nan")
 
 
 def _run(log: Log, robot: Robot, variant: str = VARIANT) -> tuple[Run, PoseSeries | None]:
     """Run of a filter, and the truth aligned to it, if there is one."""
-    found = compare(log, robot, (variant,))
-    truth = None if found.log.truth is None else truths_of(found)[variant].truth.poses
-    return found.runs[variant], truth
+    comparison = compare(log, robot, (variant,))
+    has_truth = comparison.log.truth is not None
+    truth = truths_of(comparison)[variant].truth.poses if has_truth else None
+    return comparison.runs[variant], truth

@@ -59,7 +59,7 @@ class PairedDrift:
         return len(self.distances) / self.block
 
     def only(self, names: Sequence[str]) -> Self:
-        """Leave out the variants that are not among these names."""
+        """Keep only the variants among these names, in the present order."""
         kept = [name for name in self.names if name in names]
         rows = self.errors[[self.names.index(name) for name in kept]]
         return replace(self, names=tuple(kept), errors=rows)
@@ -72,16 +72,16 @@ class PairedDrift:
         """Error of a variant over that of another, paired; NaN without a segment."""
         return self._ratio(*(self.errors[self.names.index(one)] for one in (name, other)))
 
-    def _ratio(self, above: Floats, below: Floats) -> Estimate:
-        if not len(above) or below.sum() <= 0.0:
+    def _ratio(self, numerators: Floats, denominators: Floats) -> Estimate:
+        if not len(numerators) or denominators.sum() <= 0.0:
             return Estimate(math.nan, None)
-        value = float(above.sum() / below.sum())
+        value = float(numerators.sum() / denominators.sum())
         if self.blocks < LEAST_BLOCKS:
             return Estimate(value, None)
         rng = np.random.default_rng(SEED)
-        count = len(above)
+        count = len(numerators)
         starts = rng.integers(0, count, (REPLICATES, max(1, round(self.blocks))))
-        drawn = [self._sums(one, starts) for one in (above, below)]
+        drawn = [self._sums(terms, starts) for terms in (numerators, denominators)]
         with np.errstate(divide="ignore", invalid="ignore"):
             replicates = drawn[0] / drawn[1]
         replicates = replicates[np.isfinite(replicates)]

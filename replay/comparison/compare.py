@@ -52,8 +52,8 @@ POLL_SECONDS = 0.2
 # Measurements of all variants together from which processes pay off, if the kernels are compiled: one
 # process runs through these in the time in which two start.
 MANY_MEASUREMENTS = 700_000
-# Time of smoothing over that of filtering.
-OF_SMOOTHING = 3
+# Time of filtering and smoothing over that of filtering alone.
+SMOOTHING_COST = 3
 
 Progress = Callable[[float], None]
 # Run of a variant, with the smoothed one if requested; instead of a run, the failure.
@@ -141,26 +141,26 @@ def compare(
             variants, lambda name: start_from_fixes(log, robot, name, settings)
         )
     task = _Task(log, robot, settings, start, sigma, smooth)
-    runs = _outcomes(task, variants, workers, report)
+    outcomes = _outcomes(task, variants, workers, report)
     # All filtered runs precede the smoothed ones.
-    found = [one for kind in zip_longest(*runs) for one in kind if one is not None]
-    failed = {one.variant: one for one in found if isinstance(one, LostFilter)}
-    kept = {one.variant: one for one in found if isinstance(one, Run)}
-    if not kept:
+    results = [result for kind in zip_longest(*outcomes) for result in kind if result is not None]
+    failed = {lost.variant: lost for lost in results if isinstance(lost, LostFilter)}
+    runs = {result.variant: result for result in results if isinstance(result, Run)}
+    if not runs:
         raise _all_failed([*failed.values()])
-    is_compared = GYRO in kept and len(kept) > 1
-    bias = known_bias(kept[GYRO], log, robot, scored_intervals(log)) if is_compared else None
+    is_compared = GYRO in runs and len(runs) > 1
+    bias = known_bias(runs[GYRO], log, robot, scored_intervals(log)) if is_compared else None
     if bias is not None:
-        again = replace(task, robot=bias.robot(robot)).run(GYRO, lambda _: None)
-        fair = {one.variant: one for one in again if isinstance(one, Run)}
-        kept, bias = kept | fair, bias if GYRO in fair else None
+        rerun = replace(task, robot=bias.robot(robot)).run(GYRO, lambda _: None)
+        with_bias = {result.variant: result for result in rerun if isinstance(result, Run)}
+        runs, bias = runs | with_bias, bias if GYRO in with_bias else None
     if alignment is not None and log.fixes is None:
-        kept = {name: _from_own_start(one, log, alignment, start) for name, one in kept.items()}
-    return Comparison(log, kept, alignment, failed, bias)
+        runs = {name: _from_own_start(runs[name], log, alignment, start) for name in runs}
+    return Comparison(log, runs, alignment, failed, bias)
 
 
 def _without_false_headings(log: Log, robot: Robot) -> Log:
-    """Log whose truth shows positions alone if its headings are none."""
+    """Reduce the truth to positions if its headings contradict its path or the gyro."""
     truth, imu = log.truth, log.imu
     if truth is None or not truth.headings:
         return log
@@ -177,7 +177,7 @@ def _without_false_headings(log: Log, robot: Robot) -> Log:
 def _aligned(
     log: Log, robot: Robot, variants: Sequence[str], settings: Settings | None
 ) -> tuple[Log, TruthAlignment | None]:
-    """Log with a logged truth aligned; without it if its headings cannot be found."""
+    """Align a logged truth; drop it if its headings are missing and cannot be found."""
     truth = log.truth
     if truth is None or (truth.twists is not None and truth.headings):
         return log, None
@@ -203,17 +203,16 @@ def _aligned(
     return replace(log, truth=found.truth, notes=notes), found
 
 
-def _from_own_start(one: Run, log: Log, common: TruthAlignment, start: Place) -> Run:
-    """Run without fixes, moved to the truth's first place by its own lever arm."""
+def _from_own_start(unaided: Run, log: Log, common: TruthAlignment, start: Place) -> Run:
+    """Move a run without fixes to the truth's first position by its own lever arm."""
     if log.truth is None or log.truth.source == OF_FIXES:
-        return one
-    own = own_alignment(common, one.trajectory)
-    away = np.subtract(_pose_at(own.truth, log.start), start) * (1.0, 1.0, 0.0)
-    states = one.states.copy()
-    states[:, s.POSE] += away
-    return replace(
-        one, states=states, trajectory=replace(one.trajectory, poses=one.trajectory.poses + away)
-    )
+        return unaided
+    own = own_alignment(common, unaided.trajectory)
+    shift = np.subtract(_pose_at(own.truth, log.start), start) * (1.0, 1.0, 0.0)
+    states = unaided.states.copy()
+    states[:, s.POSE] += shift
+    path = unaided.trajectory
+    return replace(unaided, states=states, trajectory=replace(path, poses=path.poses + shift))
 
 
 def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
@@ -221,7 +220,7 @@ def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
 
 
 def _first_found(variants: Sequence[str], attempt: Callable[[str], Found]) -> Found:
-    """Result for the alignment variant, or for another if its filter is lost."""
+    """Result for the alignment variant, or for the first one whose filter is not lost."""
     failed = []
     for name in dict.fromkeys((ALIGNMENT_VARIANT, *variants)):
         try:
@@ -266,7 +265,7 @@ class _Task:
         except Exception as problem:
             return (LostFilter(variant, described(problem)),)
         runs = (found,) if isinstance(found, Run) else found
-        return tuple(loss_of(one, begin) or one for one in runs)
+        return tuple(loss_of(result, begin) or result for result in runs)
 
     def only_run(self, variant: str) -> Run:
         """Run a variant that is not smoothed.
@@ -295,10 +294,10 @@ def _outcomes(
 
 
 def _processes_pay_off(task: _Task, variants: int) -> bool:
-    """Compare the work with the start of processes, which compile side by side, too."""
+    """Report whether the work is large or the kernels are not yet compiled."""
     log = task.log
     count = len(log.tracks.stamps) + (0 if log.imu is None else len(log.imu.stamps))
-    work = variants * count * (OF_SMOOTHING if task.smooth else 1)
+    work = variants * count * (SMOOTHING_COST if task.smooth else 1)
     return work >= MANY_MEASUREMENTS or not kernel_files()
 
 
@@ -328,7 +327,7 @@ def _in_processes(
     slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
     count = min(workers, len(variants))
     with ExitStack() as held:
-        # By a file: a large argument blocks for good if a process dies before it has read it.
+        # Passed in a file: with a large argument, this process would wait forever for a dead worker.
         path = Path(held.enter_context(TemporaryDirectory())) / "task"
         path.write_bytes(pickle.dumps(task))
         pool = held.enter_context(worker_processes(count, _Worker.begin, (path, slots)))

@@ -69,7 +69,7 @@ def _bound(word: str) -> Bound:
 
 
 def with_truth_of_fixes(log: Log) -> Log:
-    """Log whose fixes are its truth, too, if it has none."""
+    """Use at least two fixes as the truth, too, of a log without one."""
     fixes = log.fixes
     if log.truth is not None or fixes is None or len(fixes.stamps) < 2:
         return log
@@ -81,7 +81,7 @@ def with_truth_of_fixes(log: Log) -> Log:
 def with_fixes_within(log: Log, part: LogPart) -> Log:
     """Restrict a log's fixes to a part of it; take them from the truth if it has none.
 
-    Headings without a position and pose fixes are fixes, too.
+    Other measurements of heading or pose (`log.others`) are restricted, too.
 
     Raises:
         ReplayError: the part is empty, or the log has neither fixes nor truth.
@@ -128,8 +128,8 @@ def _fixes_from_truth(log: Log) -> FixSeries:
         )
     poses = log.truth.poses
     period = int(TRUTH_FIX_PERIOD / NANOSECOND)
-    _, first = np.unique((poses.stamps - poses.stamps[0]) // period, return_index=True)
-    variances, found = np.tile(np.square(TRUTH_FIX_SIGMA), (len(first), 1)), poses.poses[first]
+    _, rows = np.unique((poses.stamps - poses.stamps[0]) // period, return_index=True)
+    variances, fixed = np.tile(np.square(TRUTH_FIX_SIGMA), (len(rows), 1)), poses.poses[rows]
     if not log.truth.headings:
-        found[:, 2] = np.nan
-    return FixSeries(poses.stamps[first], found, variances)
+        fixed[:, 2] = np.nan
+    return FixSeries(poses.stamps[rows], fixed, variances)

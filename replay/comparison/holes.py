@@ -13,21 +13,22 @@ HOLE = 1.0
 
 
 def holes_of(log: Log) -> list[Interval]:
-    """Intervals of stamps [ns] without track speeds or without IMU samples."""
+    """Intervals [ns] without track speeds or without IMU samples, merged."""
     streams = [log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps])]
-    found: list[Interval] = []
-    edges = [
-        one[np.flatnonzero(np.diff(one) * NANOSECOND > HOLE)[:, None] + (0, 1)] for one in streams
+    gaps = [
+        stamps[np.flatnonzero(np.diff(stamps) * NANOSECOND > HOLE)[:, None] + (0, 1)]
+        for stamps in streams
     ]
-    for begin, end in sorted(map(tuple, np.concatenate(edges).tolist())):
-        if found and begin <= found[-1][1]:
-            begin, end = found[-1][0], max(end, found.pop()[1])
-        found.append((begin, end))
-    return found
+    merged: list[Interval] = []
+    for begin, end in sorted(map(tuple, np.concatenate(gaps).tolist())):
+        if merged and begin <= merged[-1][1]:
+            begin, end = merged[-1][0], max(end, merged.pop()[1])
+        merged.append((begin, end))
+    return merged
 
 
 def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
-    """Intervals up to the first hole in them, after which the pose is a guess."""
+    """Cut each interval at the start of the first hole that begins in it."""
     return [
         (low, min([high, *(begin for begin, _ in holes if low <= begin < high)]))
         for low, high in within

@@ -29,9 +29,9 @@ EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | None) -> Start:
     """Estimate the initial pose in the frame of the fixes.
 
-    It is exactly the origin if the first fixes agree with that, as those in `odom` do. Otherwise the
-    path from dead reckoning is fitted to the fixes. If neither this nor a measured heading gives the
-    yaw, its variance is large, and the filter estimates it as the robot drives.
+    It is exactly the origin without fixes, or if the first fixes agree with the origin, as fixes in
+    `odom` do. Otherwise the path from dead reckoning is fitted to the fixes. If neither this nor a
+    measured heading gives the yaw, its variance is large, and the filter estimates it in driving.
     """
     fixes = log.fixes
     if fixes is None or not len(fixes.stamps) or not len(log.tracks.stamps):
@@ -40,9 +40,11 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     settings = settings or Settings()
     wander = wander_of(robot, settings)
     # Errors that wander do not average out along the path.
-    until = _has_gone(log, max(BEGINNING, SIGMAS * math.hypot(white, wander.sigma)))
-    alone = replace_setting(settings, wander=FixWander())
-    path = run(_beginning(log, until), robot, variant, settings=alone).trajectory.pose_series
+    until = _stamp_after(log, max(BEGINNING, SIGMAS * math.hypot(white, wander.sigma)))
+    without_wander = replace_setting(settings, wander=FixWander())
+    path = run(
+        _beginning(log, until), robot, variant, settings=without_wander
+    ).trajectory.pose_series
     used = (fixes.stamps <= until) & (fixes.stamps >= path.stamps[0])
     used &= fixes.stamps <= path.stamps[-1]
     if not used.any():
@@ -69,11 +71,11 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     if wander.sigma:
         # Fixes that wander are of a map, not of odom.
         return start
-    off = np.abs(start.pose) / np.array(start.sigma)
-    return EXACT_ORIGIN if (off <= CLEAR).all() else start
+    sigmas_off = np.abs(start.pose) / np.array(start.sigma)
+    return EXACT_ORIGIN if (sigmas_off <= CLEAR).all() else start
 
 
-def _has_gone(log: Log, distance: float) -> int:
+def _stamp_after(log: Log, distance: float) -> int:
     """Stamp [ns] at a track distance [m] after the first fix, or the last stamp."""
     stamps, speed = log.tracks.stamps, np.abs(log.tracks.speeds.mean(axis=1))
     gone = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
@@ -88,7 +90,7 @@ def _beginning(log: Log, until: int) -> Log:
 
 
 def _first_heading(log: Log) -> tuple[float, float] | None:
-    """Initial yaw and its standard deviation [rad] from the first fix with a heading."""
+    """Initial yaw and its sigma [rad] by the first heading; None if missing or late."""
     found = [
         (other.stamp, other.yaw, other.variance)
         for other in log.others

@@ -141,7 +141,7 @@ def _ellipses(one: Run, point: Floats) -> list[list[float | None]]:
 
 
 def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
-    """Mean squared innovation of all sensors since the row before, NaN without any."""
+    """Mean squared normalised innovation since the previous row; NaN without any."""
     squares = np.zeros((len(one.stamps), 1)) * math.nan
     if one.innovations.size:
         squares = one.innovations.astype(float) ** 2
@@ -150,9 +150,9 @@ def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
     sums = np.concatenate([[0.0], np.cumsum(np.where(known, squares, 0.0).sum(axis=1))])
     counts = np.concatenate([[0], np.cumsum(known.sum(axis=1))])
     starts = np.concatenate([[0], rows[:-1] + 1])
-    judged = counts[rows + 1] - counts[starts]
-    mean = (sums[rows + 1] - sums[starts]) / np.maximum(judged, 1)
-    return np.where(judged > 0, mean, math.nan)
+    used = counts[rows + 1] - counts[starts]
+    mean = (sums[rows + 1] - sums[starts]) / np.maximum(used, 1)
+    return np.where(used > 0, mean, math.nan)
 
 
 def picks(count: int, most: int) -> NDArray[np.int64]:
@@ -171,7 +171,7 @@ def true_poses_at(truth: Truth, stamps: Stamps) -> Floats:
 
 
 def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
-    """Mask (n,) of the stamps between close poses of the truth, or next to one."""
+    """Mask (n,) of the stamps between close known stamps, or next to one."""
     after = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
     usual = int(np.median(np.diff(known))) if len(known) > 1 else 0
     bridge = max(int(LONGEST_BRIDGE / NANOSECOND), 2 * usual)

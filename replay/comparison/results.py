@@ -20,7 +20,7 @@ import numpy as np
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.filter.fault_table import CORRELATED
 from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.scores import drift, path_length
+from icreckon.estimator.log.scores import Interval, drift, path_length
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.smoother import SMOOTHED
@@ -69,15 +69,14 @@ def summarise(
     scored, holes = scored_intervals(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
     reference, baseline = filters[-1], drift_table.baseline_of(filters)
-    variants, found, arm = {}, None, (0.0, 0.0)
+    variants, verdict, arm = {}, None, (0.0, 0.0)
     headline = reference
     if log.truth is not None:
         truths = truths_of(comparison)
-        paired = drift_table.paired_drifts(
-            comparison_drifts(comparison) if drifts is None else drifts
-        )
-        found = drift_table.verdict(paired, baseline)
-        headline = reference if found is None else found["best"]
+        drifts = comparison_drifts(comparison) if drifts is None else drifts
+        paired = drift_table.paired_drifts(drifts)
+        verdict = drift_table.verdict(paired, baseline)
+        headline = reference if verdict is None else verdict["best"]
         arm = truths[headline].lever_arm
         for name, one in comparison.runs.items():
             variants[name] = scores(one, truths[name], scored, holes)
@@ -111,7 +110,7 @@ def summarise(
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
         "horizons": list(drift_table.horizon_labels()),
-        "verdict": found,
+        "verdict": verdict,
         "gyro_bias": _gyro_bias(comparison),
         "failed": {
             name: {"reason": lost.reason, "since_s": lost.seconds}
@@ -151,14 +150,14 @@ def _times(count: int) -> str:
 
 
 def _findings(comparison: Comparison) -> list[str]:
-    """Report what the filters found of the sensors, up to the end of the log."""
+    """Notes on the sensors by the filters: fixes, IMU tilt, gyro failures, carrying."""
     healths = {
         name: one.health for name, one in comparison.runs.items() if not name.endswith(SMOOTHED)
     }
     notes = []
-    found = [(name, one.wander) for name, one in healths.items() if one.wander is not None]
-    if found:
-        name, wander = found[-1]
+    wanders = [(name, one.wander) for name, one in healths.items() if one.wander is not None]
+    if wanders:
+        name, wander = wanders[-1]
         notes.append(
             f"the last fix was off by {wander.text}, by {name}: its estimate of the wander of the fixes"
         )
@@ -170,8 +169,8 @@ def _findings(comparison: Comparison) -> list[str]:
             "[imu]: correct it, as its gyro turns with it"
         )
     correlated = [one for one in map(fix_correlation, comparison.runs.values()) if one]
-    # With a wander in the robot file they are correlated where the stated sigma is beyond the white part.
-    if correlated and min(correlated) > CORRELATED and not found:
+    # A filter that estimates the wander leaves a correlation if the stated sigma exceeds the white noise.
+    if correlated and min(correlated) > CORRELATED and not wanders:
         notes.append(
             f"successive innovations of the position fixes have a correlation of {min(correlated):.2f}, "
             "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
@@ -189,12 +188,12 @@ def _findings(comparison: Comparison) -> list[str]:
     return notes
 
 
-def _scatter_note(found: list[Health]) -> list[str]:
-    used = max((one.times.get("scattering", 0) for one in found), default=0)
+def _scatter_note(healths: list[Health]) -> list[str]:
+    used = max((one.times.get("scattering", 0) for one in healths), default=0)
     if not used:
         return []
-    lasting = (finding for one in found for finding in one.findings)
-    sigmas = sorted(one.size or 0.0 for one in lasting if one.fault == "scattering")
+    lasting = (finding for one in healths for finding in one.findings)
+    sigmas = sorted(finding.size or 0.0 for finding in lasting if finding.fault == "scattering")
     at_end = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
     return [
         f"position fixes scatter more than stated: {used} were used with a larger sigma{at_end}; set "
@@ -202,26 +201,23 @@ def _scatter_note(found: list[Health]) -> list[str]:
     ]
 
 
-def fix_correlation(one: Run) -> float | None:
+def fix_correlation(run: Run) -> float | None:
     """Correlation of successive normalised innovations of a run's position fixes.
 
-    It is the mean of those of x and y; None with fewer than `ENOUGH_FIXES`.
+    It is the mean over the axes x and y with at least `ENOUGH_FIXES` innovations; None without any.
     """
-    found = []
+    by_axis = []
     for name in ("position_x", "position_y"):
-        if name in one.innovation_names:
-            column = one.innovations[:, one.innovation_names.index(name)].astype(float)
+        if name in run.innovation_names:
+            column = run.innovations[:, run.innovation_names.index(name)].astype(float)
             values = column[np.isfinite(column)]
             if len(values) >= ENOUGH_FIXES:
-                found.append(float(values[1:] @ values[:-1] / (values @ values)))
-    return sum(found) / len(found) if found else None
+                by_axis.append(float(values[1:] @ values[:-1] / (values @ values)))
+    return sum(by_axis) / len(by_axis) if by_axis else None
 
 
 def _truth_summary(
-    comparison: Comparison,
-    robot: Robot,
-    scored: list[tuple[int, int]],
-    lever_arm: tuple[float, float],
+    comparison: Comparison, robot: Robot, scored: list[Interval], lever_arm: tuple[float, float]
 ) -> Results | None:
     truth, alignment = comparison.log.truth, comparison.alignment
     if truth is None:

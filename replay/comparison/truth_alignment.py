@@ -97,7 +97,7 @@ def align_truth(
     """Estimate and remove lag and lever arm of a truth.
 
     A filter uses each sample of the gyro for the step that ends with it, so its headings are half an
-    interval of the IMU ahead. This part is removed, too, but it is none of the truth's lag.
+    interval of the IMU ahead. This lead is removed, too, but the reported lag does not include it.
 
     Args:
         truth: poses of some point of the robot, late by an unknown lag.
@@ -109,18 +109,18 @@ def align_truth(
         without headings stays without them if the robot moves too little to see any.
     """
     path = reckoned.pose_series
-    ahead = 0.0
+    gyro_lead = 0.0
     if truth.headings:
         found = find_lag(heading_of(truth.poses), heading_of(path), least=LEAST_TURN)
         if imu is not None and len(imu.stamps) > 1:
-            ahead = 0.5 * float(np.median(np.diff(imu.stamps))) * NANOSECOND
+            gyro_lead = 0.5 * float(np.median(np.diff(imu.stamps))) * NANOSECOND
     else:
         found = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
     if isinstance(found, NoLag):
         return replace(align_place(truth, reckoned), lag=None, no_lag=found.reason)
     stamps = truth.poses.stamps - round(found.seconds / NANOSECOND)
     aligned = align_place(replace(truth, poses=replace(truth.poses, stamps=stamps)), reckoned)
-    return replace(aligned, lag=found.seconds - ahead, lag_sigma=found.sigma)
+    return replace(aligned, lag=found.seconds - gyro_lead, lag_sigma=found.sigma)
 
 
 def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
@@ -129,48 +129,48 @@ def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
     A filter's base_link is its mean turning centre, which depends on its model and parameters. The same
     truth therefore has another lever arm for each filter.
     """
-    lever, headings, known = np.zeros(2), None, truth.poses
+    lever, headings, series = np.zeros(2), None, truth.poses
     # The point's path is not that of base_link: its headings are found again without the lever arm.
     for _ in range(1 if truth.headings else ROUNDS):
         if not truth.headings:
-            headings = headings_by_path(known, reckoned.pose_series)
+            headings = headings_by_path(series, reckoned.pose_series)
             if headings is None:
                 return TruthAlignment(0.0, (0.0, 0.0), truth)
-            known = headings.poses
-        more = _lever_arm(known, reckoned.pose_series)
-        poses = known.poses.copy()
-        poses[:, :2] -= rotate(more, poses[:, 2])
-        lever, known = lever + more, replace(known, poses=poses)
-    known, tilt = levelled(known, reckoned)
-    arm, moved = (float(lever[0]), float(lever[1])), replace(truth, poses=known)
-    return TruthAlignment(0.0, arm, moved, headings=headings, tilt=tilt)
+            series = headings.poses
+        correction = _lever_arm(series, reckoned.pose_series)
+        poses = series.poses.copy()
+        poses[:, :2] -= rotate(correction, poses[:, 2])
+        lever, series = lever + correction, replace(series, poses=poses)
+    series, tilt = levelled(series, reckoned)
+    arm, aligned = (float(lever[0]), float(lever[1])), replace(truth, poses=series)
+    return TruthAlignment(0.0, arm, aligned, headings=headings, tilt=tilt)
 
 
 def own_alignment(common: TruthAlignment, reckoned: Trajectory) -> TruthAlignment:
-    """Align a truth that is aligned to one variant to the run of another."""
+    """Realign a truth, aligned to one variant, to another's run; lever arms add up."""
     own = align_place(common.truth, reckoned)
     x, y = (a + b for a, b in zip(common.lever_arm, own.lever_arm, strict=True))
     return replace(own, lag=common.lag, lever_arm=(x, y))
 
 
 def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:
-    """Starts and ends [ns] of windows on an even grid that both series cover."""
+    """Starts and ends [ns] of windows in both series without a gap in the truth."""
     low = max(truth.stamps[0], reckoned.stamps[0])
     high = min(truth.stamps[-1], reckoned.stamps[-1]) - int(LEVER_WINDOW / NANOSECOND)
     starts = even_grid(low, high, int(GRID_STEP / NANOSECOND), truth.stamps)
     ends = starts + int(LEVER_WINDOW / NANOSECOND)
-    holes = pieces(truth.stamps, LARGEST_HOLE)
+    piece_numbers = pieces(truth.stamps, LARGEST_HOLE)
     first = np.searchsorted(truth.stamps, starts, side="right") - 1
-    last = np.minimum(np.searchsorted(truth.stamps, ends), len(holes) - 1)
-    whole = holes[first] == holes[last]
-    return starts[whole], ends[whole]
+    last = np.minimum(np.searchsorted(truth.stamps, ends), len(piece_numbers) - 1)
+    unbroken = piece_numbers[first] == piece_numbers[last]
+    return starts[unbroken], ends[unbroken]
 
 
 def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
     """Lever arm (2,) [m] by trimmed least squares.
 
     Relative to its start, a point at l in base_link moves by the motion of base_link plus (R - I) l,
-    with R the rotation within the window.
+    with R the rotation within the window. Zero with few windows or little turning.
     """
     starts, ends = _windows(truth, reckoned)
     if len(starts) < 10:
@@ -184,11 +184,11 @@ def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
         return np.zeros(2)
     cos, sin = np.cos(angle) - 1.0, np.sin(angle)
     design = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
-    extra = (steps[0] - steps[1])[:, :2]
-    keep = np.ones(len(extra), dtype=bool)
-    lever = np.zeros(2)
+    motion_difference = (steps[0] - steps[1])[:, :2]
+    keep, lever = np.ones(len(motion_difference), dtype=bool), np.zeros(2)
     for _ in range(3):
-        lever = np.linalg.lstsq(design[keep].reshape(-1, 2), extra[keep].ravel(), rcond=None)[0]
-        misfit = np.hypot(*(extra - design @ lever).T)
-        keep = misfit <= np.quantile(misfit, TRIMMED_SHARE)
+        wanted = motion_difference[keep].ravel()
+        lever = np.linalg.lstsq(design[keep].reshape(-1, 2), wanted, rcond=None)[0]
+        residual = np.hypot(*(motion_difference - design @ lever).T)
+        keep = residual <= np.quantile(residual, TRIMMED_SHARE)
     return np.asarray(lever)

@@ -35,17 +35,17 @@ def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float
     roll, pitch = interpolate(reckoned.stamps, reckoned.spatial, stamps)[:, 1:].T
     turns = Rotation.from_quat(truth.quaternions)
     by_run = Rotation.from_euler("xyz", np.column_stack([roll, pitch, np.zeros(len(stamps))]))
-    ups, lean = by_run.inv().apply([0.0, 0.0, 1.0]), Rotation.identity()
+    ups, mount = by_run.inv().apply([0.0, 0.0, 1.0]), Rotation.identity()
     for _ in range(ROUNDS):
-        up = np.median((turns[inside] * lean).apply(ups), axis=0)
+        up = np.median((turns[inside] * mount).apply(ups), axis=0)
         x, y, _ = np.median(turns[inside].inv().apply(up / np.linalg.norm(up)) - ups, axis=0)
-        lean = Rotation.from_rotvec([-y, x, 0.0])
+        mount = Rotation.from_rotvec([-y, x, 0.0])
     axis = np.cross(up, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, up[2]))
     level = Rotation.from_rotvec(axis * (angle / sine if sine else 0.0))
     heights = level.apply(truth.positions)[:, 2]
-    tilts = (level * turns * lean).as_euler("xyz")[:, :2]
+    tilts = (level * turns * mount).as_euler("xyz")[:, :2]
     spatial = np.column_stack([heights - heights[0], tilts])
     return PoseSeries(truth.stamps, truth.poses, spatial), angle
 
@@ -70,18 +70,18 @@ def spatial_scores(
         """Height [m], roll and pitch [rad] (n, 3), less those of the truth."""
         return interpolate(series.stamps, mine, at) - interpolate(truth.stamps, true, at)
 
-    off = errors(stamps)
+    offsets = errors(stamps)
     segments = drift(series, truth, HORIZON, within=scored)
     ends = segments.starts + np.round(segments.durations * 1e9).astype(np.int64)
     climbs = errors(ends) - errors(segments.starts)
     distance = segments.distances.sum()
-    end = interpolate(estimate.stamps, sigmas, stamps[-1:])[0, 0]
-    roll, pitch = np.degrees(np.sqrt(np.mean(off[:, 1:] ** 2, axis=0))).tolist()
-    found = 100.0 * np.abs(climbs[:, 0]).sum() / distance if distance else np.nan
+    final_sigma = interpolate(estimate.stamps, sigmas, stamps[-1:])[0, 0]
+    roll, pitch = np.degrees(np.sqrt(np.mean(offsets[:, 1:] ** 2, axis=0))).tolist()
+    drift_percent = 100.0 * np.abs(climbs[:, 0]).sum() / distance if distance else np.nan
     return {
         "rms_roll_deg": roll,
         "rms_pitch_deg": pitch,
-        "height_drift_percent_30s_mean": float(found),
-        "final_height_error_m": float(off[-1, 0] - off[0, 0]),
-        "final_height_sigma_m": float(end),
+        "height_drift_percent_30s_mean": float(drift_percent),
+        "final_height_error_m": float(offsets[-1, 0] - offsets[0, 0]),
+        "final_height_sigma_m": float(final_sigma),
     }

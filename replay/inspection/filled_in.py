@@ -1,4 +1,4 @@
-"""Numbers and tables that a person put into a proposed robot file, kept."""
+"""Preservation of values and tables that a person put into a proposed robot file."""
 
 import math
 import re
@@ -50,7 +50,7 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
                 if name not in new.get(table, {}):
                     take_over(table, name)
         elif key is not None and key[1] in own.get(table, {}):
-            # A line that was commented out, and is a person's now, stands at the top of its table.
+            # A value whose proposed line is commented out was added at the top of its table already.
             if not line.startswith("#"):
                 take_over(table, key[1])
         else:
@@ -81,16 +81,16 @@ def has_stand_in_gauge(proposed: str) -> bool:
 
 
 def filled_in_sizes(path: Path) -> Sizes:
-    """Lengths and streams by a person, in an earlier proposal that can be read."""
+    """Lengths and streams by a person in an earlier proposal; none if unreadable."""
     try:
         text, own = _own(path)
     except ReplayError:
         return NO_SIZES
     former = _values(tomllib.loads(text))
     vehicle, tracks = own.get("vehicle", {}), own.get("log.tracks", {})
-    found = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
+    stated = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
     gauge, radius, of_controller = (
-        one if isinstance(one, float | int) and one > 0.0 else None for one in found
+        size if isinstance(size, float | int) and size > 0.0 else None for size in stated
     )
     # Keys of a person belong to the topics of the same table, in any log.
     log = {

@@ -234,11 +234,11 @@ def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
 
 
 def _driven(windows: list[_Window], time: float) -> float:
-    """Mean way driven in a time [m], by odometry at the scale of the fixes."""
-    ways = []
+    """Mean distance driven in a time [m], by odometry at the scale of the fixes."""
+    speeds = []
     for window in windows:
         columns = np.column_stack([np.ones(len(window.path)), window.path])
         scale = np.abs(np.linalg.lstsq(columns, window.places, rcond=None)[0][1])
-        way = scale * float(np.abs(np.diff(window.path)).sum())
-        ways.append(way / float(window.seconds[-1] - window.seconds[0]))
-    return float(np.mean(ways)) * min(time, WINDOW)
+        distance = scale * float(np.abs(np.diff(window.path)).sum())
+        speeds.append(distance / float(window.seconds[-1] - window.seconds[0]))
+    return float(np.mean(speeds)) * min(time, WINDOW)

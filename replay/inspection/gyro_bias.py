@@ -45,7 +45,9 @@ class GyroBias(NamedTuple):
 
 
 def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBias | None:
-    """Estimate the bias of the gyro; None if nothing shows it.
+    """Estimate the bias of the gyro; None if the log does not show it.
+
+    A standstill is preferred, then the headings of a truth, then the tracks.
 
     Args:
         log: the log; its track speeds may be rates.
@@ -64,9 +66,8 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
         return None
     source, stamps = "tracks", tracks.stamps
     left, right = tracks.speeds.T
-    others = np.column_stack(
-        [running_integral(stamps, one) for one in (right - left, right + left)]
-    )
+    driven = [running_integral(stamps, speeds) for speeds in (right - left, right + left)]
+    others = np.column_stack(driven)
     if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         source, stamps = "truth", log.truth.poses.stamps
         others = np.unwrap(log.truth.poses.poses[:, 2:], axis=0)
@@ -75,9 +76,9 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     if len(edges) < 2 * BLOCKS:
         return None
     whole = np.diff(edges) == step
-    for one in (stamps, imu.stamps):
-        gaps = np.flatnonzero(np.diff(one) * NANOSECOND > LARGEST_HOLE)
-        for begin, end in zip(one[gaps], one[gaps + 1], strict=True):
+    for samples in (stamps, imu.stamps):
+        gaps = np.flatnonzero(np.diff(samples) * NANOSECOND > LARGEST_HOLE)
+        for begin, end in zip(samples[gaps], samples[gaps + 1], strict=True):
             whole &= (edges[1:] <= begin) | (edges[:-1] >= end)
     if whole.sum() < 2 * BLOCKS:
         return None

@@ -65,7 +65,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
     if imu is None or len(imu.stamps) < 2:
         return None
     rates, forces = imu.angular_velocity, imu.linear_acceleration
-    if any(one is not None and np.abs(one).max() > ABSURD for one in (rates, forces)):
+    if any(table is not None and np.abs(table).max() > ABSURD for table in (rates, forces)):
         return None
     force = None if forces is None else forces.mean(axis=0)
     up, shown_by = force, "gravity"
@@ -103,7 +103,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
 
 
 def are_usable(tracks: TrackSpeedSeries) -> bool:
-    """True if track speeds are there, and none is absurd."""
+    """Report whether there are at least two track speeds, and none is absurd."""
     return len(tracks.stamps) > 1 and bool(np.abs(tracks.speeds).max() <= ABSURD)
 
 
@@ -113,12 +113,12 @@ def turning_axis(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
     if difference is None:
         return None
     rates = imu.angular_velocity
-    shared = (rates - rates.mean(axis=0)).T @ (difference - difference.mean())
-    size = float(np.linalg.norm(shared))
+    covariance = (rates - rates.mean(axis=0)).T @ (difference - difference.mean())
+    size = float(np.linalg.norm(covariance))
     if size == 0.0:
         return None
-    correlation = turning_correlation(tracks, imu, rates @ (shared / size))
-    return shared / size if correlation is not None and correlation > CLEAR_TURNING else None
+    correlation = turning_correlation(tracks, imu, rates @ (covariance / size))
+    return covariance / size if correlation is not None and correlation > CLEAR_TURNING else None
 
 
 def forward_yaw(
@@ -203,7 +203,7 @@ def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floa
 
 
 def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
-    """V_r - V_l (n,) at the stamps of an IMU; None if speeds lack or are absurd."""
+    """V_r - V_l (n,) at the stamps of an IMU; None if speeds are missing or absurd."""
     if not are_usable(tracks):
         return None
     return np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])

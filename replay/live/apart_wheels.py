@@ -39,7 +39,7 @@ class ApartWheels:
             return [(stamp, values)]
         if self._rows and abs(stamp - self._rows[-1][0]) > LONGEST:
             self._rows, self._newest = [], -1  # a hole, or a clock that was set
-        # One wheel may never come.
+        # Rows of the other wheels would pile up if one wheel never came.
         kept = [row for row in self._rows if stamp - row[0] <= LONGEST]
         self._rows = sorted([*kept, (stamp, values)], key=lambda row: row[0])
         self._counts = known + (self._counts if len(self._counts) else 0.0)
@@ -49,8 +49,8 @@ class ApartWheels:
         if np.isnan(table).all(axis=0).any():
             return []
         stamps = np.array([when for when, _ in self._rows])
-        found = zip(*interpolated(stamps, table, wrap, self._slowest), strict=True)
-        ready = [(int(when), row) for when, row in found if when > self._newest]
+        rows = zip(*interpolated(stamps, table, wrap, self._slowest), strict=True)
+        ready = [(int(when), row) for when, row in rows if when > self._newest]
         if ready:
             self._newest = ready[-1][0]
             # The value of each wheel before is needed for the next row.

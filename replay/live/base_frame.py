@@ -92,7 +92,7 @@ class BaseFrame:
         return (x, y, yaw)
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """Point in the estimator's frame, in the base frame [m]."""
+        """Convert a point from the estimator's frame to the base frame [m]."""
         if not self._moves:
             return (x, y)
         forward, left, _ = relative(self._offset, (x, y, 0.0)).tolist()

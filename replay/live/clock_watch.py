@@ -14,7 +14,7 @@ T = TypeVar("T")
 LEAST_STEP = 3 * NANOSECONDS
 """Least time by which a clock is found set forward [ns]; less is bridged as a hole."""
 WITNESSES = 5
-"""Messages in a row of one stream that show a step."""
+"""Messages in a row of one stream that indicate a step of the clock."""
 
 
 class _Held(NamedTuple, Generic[T]):
@@ -80,7 +80,7 @@ class ClockWatch(Generic[T]):
     def _as_usual(self, known: _Stream[T], stamp: int, came: int, message: T) -> Watched[T]:
         lost = len(known.held)
         known.held.clear()
-        # What was sent before the clock was set may still come; a clock that was set back stays there.
+        # Messages from before a step may still come: only several in a row are a clock set back.
         known.behind = known.behind + 1 if stamp < known.stamp - LEAST_STEP else 0
         if known.behind == WITNESSES:
             known.stamp, known.ahead, known.behind = stamp, stamp - came, 0
@@ -89,15 +89,15 @@ class ClockWatch(Generic[T]):
         return Watched([message], lost=lost)
 
     def _stepped(self, step: int) -> list[T]:
-        """Set all streams forward; return what they held back."""
-        found: list[_Held[T]] = []
-        for one in self._streams.values():
-            one.stamp, one.ahead = one.stamp + step, one.ahead + step
-            found += one.held
-            if one.held:
-                one.stamp = one.held[-1].stamp
-                one.held.clear()
-        return [one.message for one in sorted(found, key=lambda one: one.came)]
+        """Set all streams forward; return their held messages in order of arrival."""
+        released: list[_Held[T]] = []
+        for stream in self._streams.values():
+            stream.stamp, stream.ahead = stream.stamp + step, stream.ahead + step
+            released += stream.held
+            if stream.held:
+                stream.stamp = stream.held[-1].stamp
+                stream.held.clear()
+        return [held.message for held in sorted(released, key=lambda held: held.came)]
 
     def restart(self) -> None:
         """Forget all streams, and what is held back."""

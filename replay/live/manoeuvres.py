@@ -30,16 +30,16 @@ NEEDS = (
 def missing_manoeuvres(
     names: Iterable[str], sigmas: Iterable[float], *, fixes: bool = False
 ) -> list[str]:
-    """Manoeuvres that would show what is not known yet, each with that.
+    """Manoeuvres by which uncertain states become known, each with these states.
 
     Args:
         names: names of the states.
         sigmas: their standard deviations; 0 for those that are not estimated.
         fixes: whether the robot has position fixes.
     """
-    now, found = dict(zip(names, sigmas, strict=False)), dict[str, list[str]]()
-    for one in NEEDS:
-        if now.get(one.state, 0.0) > one.enough and fixes >= one.fixes:
-            text = f"{one.state} ± {now[one.state]:.2g}{one.unit}"
-            found.setdefault(one.manoeuvre, []).append(text)
-    return [f"{manoeuvre} ({', '.join(unknown)})" for manoeuvre, unknown in found.items()]
+    sigma_of, unknown = dict(zip(names, sigmas, strict=False)), dict[str, list[str]]()
+    for need in NEEDS:
+        if sigma_of.get(need.state, 0.0) > need.enough and fixes >= need.fixes:
+            text = f"{need.state} ± {sigma_of[need.state]:.2g}{need.unit}"
+            unknown.setdefault(need.manoeuvre, []).append(text)
+    return [f"{manoeuvre} ({', '.join(texts)})" for manoeuvre, texts in unknown.items()]

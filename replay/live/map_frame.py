@@ -78,7 +78,7 @@ class MapFrame:
             self.estimator = self._by_path(fix, odom)
 
     def set_clock(self, by: int) -> None:
-        """Go on by a clock that is ahead of the one so far [ns]."""
+        """Continue after the clock was set forward [ns]; drop waiting fixes and heading."""
         self._heading = None
         self._waiting.clear()
         if self.estimator is not None:
@@ -97,7 +97,7 @@ class MapFrame:
     def _started(
         self, fix: PositionFix, odom: PoseEstimator, *, in_odom: bool
     ) -> PoseEstimator | None:
-        """Start at a fix; None without a heading."""
+        """Start as a copy of `odom`, or at a fix with a heading; None without a heading."""
         heading, lever_arm = self._heading, np.array([fix.forward, fix.left])
         if heading is not None and abs(fix.stamp - heading.stamp) * NANOSECOND > SOON:
             heading = None
@@ -123,19 +123,20 @@ class MapFrame:
         since = (fix.stamp - (odom.stamp or 0)) * NANOSECOND
         self._waiting.append((fix, compose(odom.pose, odom.twist * since)))
         fixes, poses = zip(*self._waiting, strict=True)
-        at = np.array(poses)
-        path = at[:, :2] + rotate([(one.forward, one.left) for one in fixes], at[:, 2])
+        reckoned = np.array(poses)
+        arms = [(fix.forward, fix.left) for fix in fixes]
+        path = reckoned[:, :2] + rotate(arms, reckoned[:, 2])
         white = math.sqrt(float(np.median([one.variance for one in fixes])))
         wander = wander_of(odom.robot, odom.settings)
         sigma = math.hypot(white, math.sqrt(len(fixes)) * wander.sigma)
-        found = laid_over(path, np.array([(one.x, one.y) for one in fixes]), sigma)
-        if found is None:
+        fitted = laid_over(path, np.array([(one.x, one.y) for one in fixes]), sigma)
+        if fitted is None:
             return None
-        x, y, yaw = compose(found.pose, odom.pose).tolist()
+        x, y, yaw = compose(fitted.pose, odom.pose).tolist()
         away = float(np.hypot(*(odom.pose[:2] - path.mean(axis=0))))
-        wide = wander.at_start(white) + found.sigma[2] * away
+        wide = wander.at_start(white) + fitted.sigma[2] * away
         self._waiting.clear()
-        return odom.restarted((x, y, yaw), (wide, wide, found.sigma[2]))
+        return odom.restarted((x, y, yaw), (wide, wide, fitted.sigma[2]))
 
 
 def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:

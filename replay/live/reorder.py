@@ -42,11 +42,12 @@ class ReorderBuffer:
             Measurements that are due, one list for each stamp, in order.
         """
         due: list[list[Measurement]] = []
-        for one in measurements:
-            before, self._last = self._last, one.stamp
-            if before is not None and abs(one.stamp - before) > self._jump:
+        for measurement in measurements:
+            before, self._last = self._last, measurement.stamp
+            if before is not None and abs(measurement.stamp - before) > self._jump:
                 due += self.take_all()
-            heapq.heappush(self._heap, _Held(key_of(one), next(self._numbers), one))
+            held = _Held(key_of(measurement), next(self._numbers), measurement)
+            heapq.heappush(self._heap, held)
         if not self._wait:
             return due + self.take_all()
         # A stamp is complete only when a later one is there.

@@ -1,4 +1,4 @@
-"""Inputs that do not come: topics without messages, joints that are in none."""
+"""Warnings on missing inputs: topics without messages, joints in no message."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -15,14 +15,14 @@ def silent_topic(
     available: Mapping[str, Sequence[str]],
     waited: float,
 ) -> str:
-    """Text on a topic on which nothing has come."""
+    """Warning on a topic that has no publisher, or a publisher without messages."""
     if topic in available:
         return (
             f"{purpose}: {topic} has a publisher, and no message has come for {waited:.0f} s: does the "
             "driver run, and is input_reliability:=best_effort needed?"
         )
     types = set(fitting)
-    others = sorted(name for name, of in available.items() if types & set(of))
+    others = sorted(name for name, offered in available.items() if types & set(offered))
     if not others:
         found = f"there is none of type {' or '.join(sorted(types))}" if types else ""
     else:
@@ -35,14 +35,14 @@ def silent_topic(
 
 
 def missing_joints(topic: str, wanted: Iterable[str], seen: Iterable[str]) -> str:
-    """Text on mapped joints that are in no message; empty if all are."""
-    found = sorted(seen)
-    missing = [name for name in wanted if name not in found]
+    """Warning on mapped joints that are in no message; empty if each is in one."""
+    joints = sorted(seen)
+    missing = [name for name in wanted if name not in joints]
     if not missing:
         return ""
-    hints = {name: nearest_hint(name, found) for name in missing}
+    hints = {name: nearest_hint(name, joints) for name in missing}
     if len(missing) == 1:
         return f"joint {missing[0]!r} of [log.tracks] has not come on {topic}{hints[missing[0]]}"
     names = ", ".join(map(repr, missing))
-    has = ", ".join(map(repr, found[:MOST_NAMES])) + (", ..." if len(found) > MOST_NAMES else "")
+    has = ", ".join(map(repr, joints[:MOST_NAMES])) + (", ..." if len(joints) > MOST_NAMES else "")
     return f"joints {names} of [log.tracks] have not come on {topic}, which has {has}"

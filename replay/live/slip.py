@@ -14,9 +14,9 @@ that is expected [-]: where RTK shows that the robot stands, the estimate moves 
 
 
 class SlipWatch:
-    """Watch over the slip of the tracks, by looks at the estimate some times a second.
+    """Watch over the slip of the tracks; call `look` several times a second.
 
-    A robot is stuck if two looks in a row show it: when it starts, its tracks are ahead for a moment.
+    A robot is stuck if two calls in a row indicate it: at a start, its tracks are briefly ahead of it.
 
     Args:
         gauge: track gauge [m].
@@ -26,18 +26,18 @@ class SlipWatch:
         self._gauge, self._stands = gauge, False
 
     def look(self, estimator: PoseEstimator, tracks: TrackSpeeds) -> list[DiagnosticStatus]:
-        """Statuses slip, stuck, spinning and sliding, WARN while it lasts."""
+        """Statuses slip (always OK), stuck, spinning and sliding (WARN while it lasts)."""
         findings = estimator.health.findings
         forward, sideways, w = estimator.twist.tolist()
         # During a slide the filter keeps the speed of the tracks, and makes it uncertain.
         forward += sum(one.size or 0.0 for one in findings if one.fault == "sliding")
-        # A robot that turns on the spot slips without being stuck: by its effective track it does not.
+        # Turning on the spot is slip by the gauge: whether it is stuck is judged by the effective track.
         width = self._gauge * min(max(1.0, estimator.indices.eta), MOST_ETA)
         ratios, shares = {}, []
-        for side, speed, place in (("left", tracks.left, -0.5), ("right", tracks.right, 0.5)):
+        for side, speed, lateral in (("left", tracks.left, -0.5), ("right", tracks.right, 0.5)):
             drives = abs(speed) >= LEAST_SPEED
-            ratios[side] = (forward + place * self._gauge * w) / speed if drives else math.nan
-            shares += [abs((forward + place * width * w) / speed)] if drives else []
+            ratios[side] = (forward + lateral * self._gauge * w) / speed if drives else math.nan
+            shares += [abs((forward + lateral * width * w) / speed)] if drives else []
         before, self._stands = self._stands, bool(shares) and max(shares) < STUCK_BELOW
         stuck = "the tracks drive and the robot does not"
         flags = {"stuck": stuck if before and self._stands else ""}
@@ -46,7 +46,8 @@ class SlipWatch:
         values = {f"{side}_ratio": f"{ratio:.4f}" for side, ratio in ratios.items()}
         values["sideways_m_s"] = f"{sideways:.4f}"
         text = ", ".join(f"{side} {ratio:.2f}" for side, ratio in ratios.items())
-        found = [DiagnosticStatus(OK, "slip", f"ground speed over track speed: {text}", values)]
-        for name, on in flags.items():
-            found.append(DiagnosticStatus(WARN if on else OK, name, on or "no", {}))
-        return found
+        statuses = [DiagnosticStatus(OK, "slip", f"ground speed over track speed: {text}", values)]
+        for name, fault_text in flags.items():
+            level = WARN if fault_text else OK
+            statuses.append(DiagnosticStatus(level, name, fault_text or "no", {}))
+        return statuses

@@ -41,17 +41,17 @@ def metres(unit: TrackUnit, sprocket_radius: float, counts_per_turn: float | Non
 
 
 def counter_range(counts: Floats) -> tuple[float | None, float]:
-    """Range of counters (n, k) that start again, or None; span of their readings."""
+    """Range of counters (n, k) that wrap at 16 or 32 bits, or None; span of readings."""
     columns = [column[np.isfinite(column)] for column in counts.T]
-    step = max(float(np.abs(np.diff(one)).max(initial=0.0)) for one in columns)
-    span = max(float(np.ptp(one)) if len(one) else 0.0 for one in columns)
+    step = max(float(np.abs(np.diff(column)).max(initial=0.0)) for column in columns)
+    span = max(float(np.ptp(column)) if len(column) else 0.0 for column in columns)
     return next((size for size in (2.0**16, 2.0**32) if 0.5 * size < step < size), None), span
 
 
 def differences(
     stamps: Stamps, distances: Floats, wrap: float | None, fastest: float
 ) -> tuple[Stamps, Floats, dict[str, int]]:
-    """Mean speeds between the samples of counters.
+    """Mean speeds between the samples of counters, without gaps and jumps.
 
     Args:
         stamps: (n,) [ns], rising.
@@ -74,9 +74,5 @@ def differences(
         f"counter not read for {LONGEST_DIFFERENCE:g} s": int(apart.sum()),
         "counter jumps": int(jumps.sum()),
     }
-    keep = ~apart & ~jumps
-    return (
-        stamps[1:][keep],
-        speeds[keep],
-        {reason: count for reason, count in lost.items() if count},
-    )
+    keep, omitted = ~apart & ~jumps, {reason: count for reason, count in lost.items() if count}
+    return stamps[1:][keep], speeds[keep], omitted

@@ -44,14 +44,14 @@ def choose_clocks(streams: Mapping[str, Evidence]) -> dict[str, Choice]:
 
 
 def clocks_agree(streams: Mapping[str, Evidence]) -> bool:
-    """Return whether the header clocks of all streams that have one agree."""
+    """Report whether all header clocks agree, and with the recorder's if it is used."""
     offsets = [
         stream.offset
         for stream in streams.values()
         if stream.offset is not None and not stream.constant and stream.asked != "recording"
     ]
     if len(offsets) < len(streams):
-        offsets.append(0.0)  # the others are by the recorder's clock
+        offsets.append(0.0)  # the other streams use the recorder's clock
     return not offsets or max(offsets) - min(offsets) <= CLOCKS_APART
 
 

@@ -46,7 +46,7 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
     """Convert one or several paths of files that make one log to a list.
 
     Raises:
-        ReplayError: there is no path, or one is given twice.
+        ReplayError: there is no path, one is not UTF-8, or one is given twice.
     """
     paths = [Path(path)] if isinstance(path, Path | str) else [Path(one) for one in path]
     if not paths:
@@ -59,10 +59,10 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
 
 
 def refuse_twice(names: Sequence[Path | str], what: str) -> None:
-    """Refuse files of which one is given twice.
+    """Refuse a list of files that names one twice, also by links.
 
     Raises:
-        ReplayError: it is.
+        ReplayError: a file is named twice.
     """
     seen = set()
     for name in names:
@@ -73,7 +73,7 @@ def refuse_twice(names: Sequence[Path | str], what: str) -> None:
 
 
 def source_name(paths: Sequence[Path]) -> str:
-    """Name of some paths in messages."""
+    """Name of files in messages: the first, and the number of the others."""
     more = f" and {len(paths) - 1} more" if len(paths) > 1 else ""
     return f"{paths[0]}{more}"
 
@@ -115,8 +115,8 @@ def gather(
         result.truth_source = result.truth_source or part.truth_source
         result.found.update(part.found)
         for purpose, stream in part.streams.items():
-            if (one := result.streams.setdefault(purpose, stream)) is not stream:
-                one.extend(stream)
+            if (first := result.streams.setdefault(purpose, stream)) is not stream:
+                first.extend(stream)
     _check_all_there(result, bags, paths)
     if bags:
         result.notes += _left_out(result)
@@ -145,7 +145,7 @@ def _use_own_mapping(result: Gathered, bags: Sequence[Path], definitions: Defini
 def _first_text(
     bag: Bag, path: Path, topic: str, definitions: Definitions
 ) -> tuple[str | None, list[str]]:
-    """First readable std_msgs/String on a topic, or None; and the errors."""
+    """First readable text on a topic, None without any; notes on unreadable texts."""
     notes: list[str] = []
     if all(channel.topic != topic for channel in bag.counts):
         return None, notes
@@ -270,7 +270,7 @@ def wanted_streams(
 
 def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Path]) -> None:
     """Note mapped streams that the files lack; refuse if the track speeds are missing."""
-    there = ", ".join(sorted(result.found)) or "none at all"
+    available = ", ".join(sorted(result.found)) or "none at all"
     missing: dict[str, list[str]] = {}
     if bags:
         for stream in wanted_streams(result.mapping, result.source, (), {}):
@@ -295,8 +295,10 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
                 remedy = (
                     "Name the right one in the robot file's [log.tracks], or leave that table out"
                 )
-            raise ReplayError(f"{result.source}: {' and '.join(texts)}; there is {there}. {remedy}")
-        result.notes.append(f"{OF_ROBOT_FILE}{' and '.join(texts)}; there is {there}")
+            raise ReplayError(
+                f"{result.source}: {' and '.join(texts)}; there is {available}. {remedy}"
+            )
+        result.notes.append(f"{OF_ROBOT_FILE}{' and '.join(texts)}; there is {available}")
 
 
 def _left_out(result: Gathered) -> Iterator[str]:

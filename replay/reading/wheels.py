@@ -22,7 +22,7 @@ def mean_of_sides(values: Floats, left: int) -> Floats:
 def interpolated(
     stamps: Stamps, values: Floats, wrap: float | None, slowest: int | None = None
 ) -> tuple[Stamps, Floats]:
-    """Values of wheels with messages of their own at the stamps of the slowest.
+    """Interpolate wheels with separate messages at the stamps of the slowest wheel.
 
     Args:
         stamps: (n,) [ns], rising.
@@ -31,29 +31,30 @@ def interpolated(
         slowest: column of the slowest wheel; None for that with the fewest values.
 
     Returns:
-        Stamps and values; as they are if any message has all wheels, or a wheel has none.
+        Stamps and values, without those between messages more than `TOGETHER` apart; unchanged if any
+        message has all wheels, or a wheel has no message.
     """
     known = ~np.isnan(values)
     if not len(values) or known.all(axis=1).any() or not known.any(axis=0).all():
         return stamps, values
     at = stamps[known[:, known.sum(axis=0).argmin() if slowest is None else slowest]]
-    whole, columns = np.ones(len(at), bool), []
-    for column, there in zip(values.T, known.T, strict=True):
-        own, of_own = stamps[there], column[there]
+    bridged, columns = np.ones(len(at), bool), []
+    for column, present in zip(values.T, known.T, strict=True):
+        own_stamps, readings = stamps[present], column[present]
         if wrap is not None:
-            of_own = np.unwrap(of_own, period=wrap)
-        after = np.searchsorted(own, at).clip(max=len(own) - 1)
-        before = (after - (own[after] > at)).clip(min=0)
-        whole &= (own[before] <= at) & (at <= own[after])
-        whole &= (own[after] - own[before]) * NANOSECOND <= TOGETHER
-        columns.append(np.interp(at - at[0], own - at[0], of_own))
-    return at[whole], np.column_stack(columns)[whole]
+            readings = np.unwrap(readings, period=wrap)
+        after = np.searchsorted(own_stamps, at).clip(max=len(own_stamps) - 1)
+        before = (after - (own_stamps[after] > at)).clip(min=0)
+        bridged &= (own_stamps[before] <= at) & (at <= own_stamps[after])
+        bridged &= (own_stamps[after] - own_stamps[before]) * NANOSECOND <= TOGETHER
+        columns.append(np.interp(at - at[0], own_stamps - at[0], readings))
+    return at[bridged], np.column_stack(columns)[bridged]
 
 
 def of_sides(
     stamps: Stamps, speeds: Floats, left: int, names: Sequence[str], fastest: float
 ) -> tuple[TrackSpeedSeries, list[str]]:
-    """Track speeds by those of the wheels of both sides.
+    """Compute track speeds as the means of the wheels of each side.
 
     Args:
         stamps: (n,) [ns], rising.
@@ -63,7 +64,7 @@ def of_sides(
         fastest: highest speed of a track [m/s].
 
     Returns:
-        Track speeds, with those of the wheels if any disagree, and notes on wheels that do.
+        Track speeds, which include the wheels' speeds if any disagree, and notes on wheels that do.
     """
     means = mean_of_sides(speeds, left)
     wheels = speeds[:, :left], speeds[:, left:]
