@@ -292,9 +292,9 @@ class ExpectedResiduals(NamedTuple):
 
 
 def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
-    """Expected residuals of white errors and of a random walk, after the fit of `spread_of`.
+    """Residuals that are expected of white errors and of a random walk.
 
-    The fit removes the mean, and a turn and stretch of the path. The residuals of a unit error at one fix
+    The fit of `spread_of` removes the mean, and a turn and stretch of the path. The residuals of a unit error at one fix
     (white), and of one from that fix on (walk), are squared and summed over all fixes.
     """
     n, centre, extent = scatter.laid, 0j, 0.0

@@ -75,9 +75,9 @@ def cluster(address: str) -> Iterator[Workplace]:
 
 
 def _require_listener(address: str) -> None:
-    """Reject an address at which nothing listens; the client would wait for its timeout.
+    """Reject an address at which nothing listens.
 
-    Addresses that are no TCP sockets are left to the client.
+    The client would wait for its timeout. Addresses that are no TCP sockets are left to it.
     """
     parts = urlsplit(address if "://" in address else f"tcp://{address}")
     if parts.scheme not in {"tcp", "tls"}:
