@@ -294,8 +294,8 @@ class ExpectedResiduals(NamedTuple):
 def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
     """Residuals that are expected of white errors and of a random walk.
 
-    The fit of `spread_of` removes the mean, and a turn and stretch of the path. The residuals of a unit error at one fix
-    (white), and of one from that fix on (walk), are squared and summed over all fixes.
+    The fit of `spread_of` removes the mean, and a turn and stretch of the path. The residuals of a unit
+    error at one fix (white), and of one from that fix on (walk), are squared and summed over all fixes.
     """
     n, centre, extent = scatter.laid, 0j, 0.0
     for k in range(n):
