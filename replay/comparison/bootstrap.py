@@ -59,10 +59,9 @@ class PairedDrift:
         return len(self.distances) / self.block
 
     def only(self, names: Sequence[str]) -> Self:
-        """Leave out the variants that are not among these names."""
-        kept = [name for name in self.names if name in names]
-        rows = self.errors[[self.names.index(name) for name in kept]]
-        return replace(self, names=tuple(kept), errors=rows)
+        """Keep only the variants with these names."""
+        rows = [row for row, name in enumerate(self.names) if name in names]
+        return replace(self, names=tuple(self.names[row] for row in rows), errors=self.errors[rows])
 
     def percent(self, name: str) -> Estimate:
         """Mean error over mean distance [%]; NaN without a segment."""
@@ -70,20 +69,19 @@ class PairedDrift:
 
     def ratio(self, name: str, other: str) -> Estimate:
         """Error of a variant over that of another, paired; NaN without a segment."""
-        return self._ratio(*(self.errors[self.names.index(one)] for one in (name, other)))
+        return self._ratio(*(self.errors[self.names.index(variant)] for variant in (name, other)))
 
-    def _ratio(self, above: Floats, below: Floats) -> Estimate:
-        if not len(above) or below.sum() <= 0.0:
+    def _ratio(self, numerators: Floats, denominators: Floats) -> Estimate:
+        """Ratio of two sums over the segments, its interval by block bootstrap."""
+        if not len(numerators) or denominators.sum() <= 0.0:
             return Estimate(math.nan, None)
-        value = float(above.sum() / below.sum())
+        value = float(numerators.sum() / denominators.sum())
         if self.blocks < LEAST_BLOCKS:
             return Estimate(value, None)
         rng = np.random.default_rng(SEED)
-        count = len(above)
-        starts = rng.integers(0, count, (REPLICATES, max(1, round(self.blocks))))
-        drawn = [self._sums(one, starts) for one in (above, below)]
+        starts = rng.integers(0, len(numerators), (REPLICATES, max(1, round(self.blocks))))
         with np.errstate(divide="ignore", invalid="ignore"):
-            replicates = drawn[0] / drawn[1]
+            replicates = self._sums(numerators, starts) / self._sums(denominators, starts)
         replicates = replicates[np.isfinite(replicates)]
         tail = expanded_tail(self.blocks)
         low, high = np.quantile(replicates, (tail, 1.0 - tail)).tolist()
@@ -112,20 +110,23 @@ def expanded_tail(blocks: float) -> float:
 def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     """Pair the drifts of one horizon on the common segments in which the robot moved."""
     common = None
-    for one in drifts.values():
-        starts = one.starts[one.moved]
+    for drift in drifts.values():
+        starts = drift.starts[drift.moved]
         common = starts if common is None else np.intersect1d(common, starts)
     if common is None:
         raise ValueError("there is no drift to pair")
     rows = {name: np.searchsorted(one.starts, common) for name, one in drifts.items()}
     errors = np.array([one.position_errors[rows[name]] for name, one in drifts.items()])
     name, first = next(iter(drifts.items()))
-    duration = first.horizon
+    duration_s = first.horizon
     if first.unit == "m":
-        duration = float(first.durations[rows[name]].mean()) if len(common) else 1.0
-    step = float(np.median(np.diff(common))) * 1e-9 if len(common) > 1 else 1.0
-    length = max(1.0, duration / step)
-    block = min(BLOCK_SEGMENTS * length, max(length, len(common) / WANTED_BLOCKS))
+        duration_s = float(first.durations[rows[name]].mean()) if len(common) else 1.0
+    step_s = float(np.median(np.diff(common))) * 1e-9 if len(common) > 1 else 1.0
+    # A segment of the log's time holds the starts of so many others.
+    starts_per_segment = max(1.0, duration_s / step_s)
+    block = min(
+        BLOCK_SEGMENTS * starts_per_segment, max(starts_per_segment, len(common) / WANTED_BLOCKS)
+    )
     distances = first.distances[rows[name]]
     return PairedDrift(tuple(drifts), errors, distances, max(1, math.ceil(block)))
 
@@ -146,26 +147,20 @@ def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
 
 
 def _usual_block(logs: Sequence[PairedDrift]) -> int:
-    """Median length of a block over all segments: no short odd log changes it."""
-    lengths = np.array([one.block for one in logs])
-    counts = np.array([len(one.distances) for one in logs])
+    """Median length of a block over all segments, which one short log hardly changes."""
+    lengths = np.array([log.block for log in logs])
+    counts = np.array([len(log.distances) for log in logs])
     order = np.argsort(lengths)
-    before = np.cumsum(counts[order])
-    return int(lengths[order][np.searchsorted(before, 0.5 * before[-1])])
+    cumulated = np.cumsum(counts[order])
+    return int(lengths[order][np.searchsorted(cumulated, 0.5 * cumulated[-1])])
 
 
 def matched_drifts(one: Drift, other: Drift, *, later: float = 0.0) -> tuple[Drift, Drift]:
     """Keep the segments of two drifts that start at the same time of one log.
 
-    Lags of the truth that were removed by two runs may differ, and so may the stamps of the same segment.
-
-    Args:
-        one: drift by one run.
-        other: drift by another, of the same horizon.
-        later: time by which a pose of the truth is stamped later in `other` than in `one` [s].
-
-    Returns:
-        Both drifts, with the stamps of the first.
+    Two runs may remove different lags from the truth: the same segment then has two stamps. `later` [s]
+    is the time by which a pose of the truth is stamped later in `other` than in `one`. Both drifts must
+    have the same horizon; both are returned with the stamps of `one`.
     """
     if not len(one.starts) or not len(other.starts):
         nothing = np.zeros(0, dtype=np.int64)
@@ -181,7 +176,7 @@ def matched_drifts(one: Drift, other: Drift, *, later: float = 0.0) -> tuple[Dri
     return _rows(one, np.flatnonzero(same), stamps), _rows(other, nearest[same], stamps)
 
 
-def _rows(of: Drift, rows: NDArray[np.int64], stamps: NDArray[np.int64]) -> Drift:
-    """Rows of a drift, with other stamps of their starts."""
+def _rows(drift: Drift, rows: NDArray[np.int64], starts: NDArray[np.int64]) -> Drift:
+    """Select rows of a drift, and replace the stamps of their starts."""
     columns = ("durations", "position_errors", "yaw_errors", "distances")
-    return replace(of, starts=stamps, **{name: getattr(of, name)[rows] for name in columns})
+    return replace(drift, starts=starts, **{name: getattr(drift, name)[rows] for name in columns})

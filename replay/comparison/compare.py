@@ -111,7 +111,7 @@ def compare(
         variants: names of filter variants, or one name.
         settings: settings of the pose estimator.
         fixes: part of the log in which fixes are used, as "0:40%" or "12:90" (seconds), or from
-            `parse_part`; None for all logged fixes. Without a truth, the others are scored against.
+            `parse_part`; None for all logged fixes. Without a truth, the other fixes serve as one.
         smooth: whether each run is smoothed, too, see `icreckon.estimator.streaming.smoother`.
         workers: number of processes for the variants; 1 runs them in this one.
         progress: called periodically with the share that is done, 0 to 1.
@@ -143,24 +143,24 @@ def compare(
     task = _Task(log, robot, settings, start, sigma, smooth)
     runs = _outcomes(task, variants, workers, report)
     # All filtered runs precede the smoothed ones.
-    found = [one for kind in zip_longest(*runs) for one in kind if one is not None]
-    failed = {one.variant: one for one in found if isinstance(one, LostFilter)}
-    kept = {one.variant: one for one in found if isinstance(one, Run)}
-    if not kept:
+    outcomes = [one for kind in zip_longest(*runs) for one in kind if one is not None]
+    failed = {one.variant: one for one in outcomes if isinstance(one, LostFilter)}
+    done = {one.variant: one for one in outcomes if isinstance(one, Run)}
+    if not done:
         raise _all_failed([*failed.values()])
-    is_compared = GYRO in kept and len(kept) > 1
-    bias = known_bias(kept[GYRO], log, robot, scored_intervals(log)) if is_compared else None
+    gyro_has_rivals = GYRO in done and len(done) > 1
+    bias = known_bias(done[GYRO], log, robot, scored_intervals(log)) if gyro_has_rivals else None
     if bias is not None:
         again = replace(task, robot=bias.robot(robot)).run(GYRO, lambda _: None)
-        fair = {one.variant: one for one in again if isinstance(one, Run)}
-        kept, bias = kept | fair, bias if GYRO in fair else None
+        with_bias = {one.variant: one for one in again if isinstance(one, Run)}
+        done, bias = done | with_bias, bias if GYRO in with_bias else None
     if alignment is not None and log.fixes is None:
-        kept = {name: _from_own_start(one, log, alignment, start) for name, one in kept.items()}
-    return Comparison(log, kept, alignment, failed, bias)
+        done = {name: _from_own_start(one, log, alignment, start) for name, one in done.items()}
+    return Comparison(log, done, alignment, failed, bias)
 
 
 def _without_false_headings(log: Log, robot: Robot) -> Log:
-    """Log whose truth shows positions alone if its headings are none."""
+    """Reduce the truth to its positions if its headings are faulty."""
     truth, imu = log.truth, log.imu
     if truth is None or not truth.headings:
         return log
@@ -177,7 +177,7 @@ def _without_false_headings(log: Log, robot: Robot) -> Log:
 def _aligned(
     log: Log, robot: Robot, variants: Sequence[str], settings: Settings | None
 ) -> tuple[Log, TruthAlignment | None]:
-    """Log with a logged truth aligned; without it if its headings cannot be found."""
+    """Align a logged truth; drop it if its headings cannot be found."""
     truth = log.truth
     if truth is None or (truth.twists is not None and truth.headings):
         return log, None
@@ -204,16 +204,16 @@ def _aligned(
 
 
 def _from_own_start(one: Run, log: Log, common: TruthAlignment, start: Place) -> Run:
-    """Run without fixes, moved to the truth's first place by its own lever arm."""
+    """Shift a run without fixes to the start of the truth by its own lever arm."""
     if log.truth is None or log.truth.source == OF_FIXES:
         return one
     own = own_alignment(common, one.trajectory)
-    away = np.subtract(_pose_at(own.truth, log.start), start) * (1.0, 1.0, 0.0)
+    # Only the position moves: the yaw does not depend on the lever arm.
+    shift = np.subtract(_pose_at(own.truth, log.start), start) * (1.0, 1.0, 0.0)
     states = one.states.copy()
-    states[:, s.POSE] += away
-    return replace(
-        one, states=states, trajectory=replace(one.trajectory, poses=one.trajectory.poses + away)
-    )
+    states[:, s.POSE] += shift
+    trajectory = replace(one.trajectory, poses=one.trajectory.poses + shift)
+    return replace(one, states=states, trajectory=trajectory)
 
 
 def _all_failed(failed: Sequence[LostFilter]) -> ReplayError:
@@ -232,7 +232,7 @@ def _first_found(variants: Sequence[str], attempt: Callable[[str], Found]) -> Fo
 
 
 def _pose_at(truth: Truth, stamp: int) -> Place:
-    x, y, yaw = interpolate_poses(truth.poses, truth.poses.stamps[:1] * 0 + stamp)[0].tolist()
+    x, y, yaw = interpolate_poses(truth.poses, np.array([stamp]))[0].tolist()
     return x, y, yaw
 
 
@@ -295,7 +295,7 @@ def _outcomes(
 
 
 def _processes_pay_off(task: _Task, variants: int) -> bool:
-    """Compare the work with the start of processes, which compile side by side, too."""
+    """True if the work outweighs the start of processes, or kernels must be compiled."""
     log = task.log
     count = len(log.tracks.stamps) + (0 if log.imu is None else len(log.imu.stamps))
     work = variants * count * (OF_SMOOTHING if task.smooth else 1)

@@ -27,7 +27,7 @@ def horizon_labels() -> dict[str, tuple[float, Unit]]:
 
 def paired_drifts(drifts: Drifts) -> dict[str, PairedDrift]:
     """Pair the drifts of all variants, by the label of the horizon."""
-    return {label: paired_drift(of) for label, of in drifts.items()}
+    return {label: paired_drift(by_name) for label, by_name in drifts.items()}
 
 
 def baseline_of(names: list[str]) -> str:
@@ -57,8 +57,8 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
     labels = [label for label in VERDICT_HORIZONS if len(drifts[label].distances)]
     if not labels:
         return None
-    sure = [label for label in labels if _known(drifts[label])]
-    label = (sure or labels)[0]
+    with_interval = [label for label in labels if _has_interval(drifts[label])]
+    label = (with_interval or labels)[0]
     paired = drifts[label]
     names = [name for name in paired.names if not name.endswith(SMOOTHED)]
     percents = {name: paired.percent(name) for name in names}
@@ -83,7 +83,7 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
     }
 
 
-def _known(paired: PairedDrift) -> bool:
+def _has_interval(paired: PairedDrift) -> bool:
     return paired.percent(paired.names[0]).interval is not None
 
 

@@ -114,13 +114,14 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
 
 
 def scored_intervals(log: Log) -> list[tuple[int, int]]:
-    """Intervals of scored drift: a whole log without fixes, else its long outages."""
+    """Intervals [ns] in which drift is scored: the whole log, or outages of its fixes."""
     if log.fixes is None or len(log.fixes.stamps) == 0:
         return [(log.start, log.end)]
     return without_fixes(log.fixes.stamps, log.start, log.end, SCORED_OUTAGE)
 
 
 def _fixes_from_truth(log: Log) -> FixSeries:
+    """Take the first pose of the truth in each `TRUTH_FIX_PERIOD` as a fix."""
     if log.truth is None:
         raise ReplayError(
             f"{log.name}: neither fixes nor a truth to take them from; if the log has some, [log.fixes] "
@@ -129,7 +130,7 @@ def _fixes_from_truth(log: Log) -> FixSeries:
     poses = log.truth.poses
     period = int(TRUTH_FIX_PERIOD / NANOSECOND)
     _, first = np.unique((poses.stamps - poses.stamps[0]) // period, return_index=True)
-    variances, found = np.tile(np.square(TRUTH_FIX_SIGMA), (len(first), 1)), poses.poses[first]
+    variances, fixes = np.tile(np.square(TRUTH_FIX_SIGMA), (len(first), 1)), poses.poses[first]
     if not log.truth.headings:
-        found[:, 2] = np.nan
-    return FixSeries(poses.stamps[first], found, variances)
+        fixes[:, 2] = np.nan
+    return FixSeries(poses.stamps[first], fixes, variances)

@@ -16,8 +16,10 @@ def holes_of(log: Log) -> list[Interval]:
     """Intervals of stamps [ns] without track speeds or without IMU samples."""
     streams = [log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps])]
     found: list[Interval] = []
+    # Stamps (n, 2) of the last sample before and the first after each hole of a stream.
     edges = [
-        one[np.flatnonzero(np.diff(one) * NANOSECOND > HOLE)[:, None] + (0, 1)] for one in streams
+        stamps[np.flatnonzero(np.diff(stamps) * NANOSECOND > HOLE)[:, None] + (0, 1)]
+        for stamps in streams
     ]
     for begin, end in sorted(map(tuple, np.concatenate(edges).tolist())):
         if found and begin <= found[-1][1]:
@@ -27,7 +29,7 @@ def holes_of(log: Log) -> list[Interval]:
 
 
 def before_holes(within: list[Interval], holes: Sequence[Interval]) -> list[Interval]:
-    """Intervals up to the first hole in them, after which the pose is a guess."""
+    """Cut each interval at the first hole in it, after which the pose is a guess."""
     return [
         (low, min([high, *(begin for begin, _ in holes if low <= begin < high)]))
         for low, high in within

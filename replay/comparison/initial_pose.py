@@ -29,9 +29,9 @@ EXACT_ORIGIN = Start((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | None) -> Start:
     """Estimate the initial pose in the frame of the fixes.
 
-    It is exactly the origin if the first fixes agree with that, as those in `odom` do. Otherwise the
-    path from dead reckoning is fitted to the fixes. If neither this nor a measured heading gives the
-    yaw, its variance is large, and the filter estimates it as the robot drives.
+    It is exactly the origin if the first fixes agree with it and do not wander, as fixes in `odom`.
+    Otherwise the path from dead reckoning is fitted to the fixes; a more certain heading fix replaces
+    the fitted yaw. If neither gives the yaw, its sigma is large, and the filter estimates it in motion.
     """
     fixes = log.fixes
     if fixes is None or not len(fixes.stamps) or not len(log.tracks.stamps):
@@ -40,7 +40,7 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     settings = settings or Settings()
     wander = wander_of(robot, settings)
     # Errors that wander do not average out along the path.
-    until = _has_gone(log, max(BEGINNING, SIGMAS * math.hypot(white, wander.sigma)))
+    until = _stamp_at_distance(log, max(BEGINNING, SIGMAS * math.hypot(white, wander.sigma)))
     alone = replace_setting(settings, wander=FixWander())
     path = run(_beginning(log, until), robot, variant, settings=alone).trajectory.pose_series
     used = (fixes.stamps <= until) & (fixes.stamps >= path.stamps[0])
@@ -73,12 +73,12 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     return EXACT_ORIGIN if (off <= CLEAR).all() else start
 
 
-def _has_gone(log: Log, distance: float) -> int:
+def _stamp_at_distance(log: Log, distance: float) -> int:
     """Stamp [ns] at a track distance [m] after the first fix, or the last stamp."""
     stamps, speed = log.tracks.stamps, np.abs(log.tracks.speeds.mean(axis=1))
-    gone = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
-    before = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, gone))
-    return int(stamps[min(int(np.searchsorted(gone, before + distance)), len(stamps) - 1)])
+    travelled = np.concatenate([[0.0], np.cumsum(speed[1:] * np.diff(stamps) * NANOSECOND)])
+    before = 0.0 if log.fixes is None else float(np.interp(log.fixes.stamps[0], stamps, travelled))
+    return int(stamps[min(int(np.searchsorted(travelled, before + distance)), len(stamps) - 1)])
 
 
 def _beginning(log: Log, until: int) -> Log:
@@ -88,7 +88,7 @@ def _beginning(log: Log, until: int) -> Log:
 
 
 def _first_heading(log: Log) -> tuple[float, float] | None:
-    """Initial yaw and its standard deviation [rad] from the first fix with a heading."""
+    """First measured yaw and its sigma [rad] at the start; None if it comes too late."""
     found = [
         (other.stamp, other.yaw, other.variance)
         for other in log.others

@@ -141,8 +141,8 @@ def _ellipses(one: Run, point: Floats) -> list[list[float | None]]:
 
 
 def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
-    """Mean squared innovation of all sensors since the row before, NaN without any."""
-    squares = np.zeros((len(one.stamps), 1)) * math.nan
+    """Mean squared normalised innovation since the row before; NaN without any."""
+    squares = np.full((len(one.stamps), 1), math.nan)
     if one.innovations.size:
         squares = one.innovations.astype(float) ** 2
     known = np.isfinite(squares)
@@ -150,9 +150,9 @@ def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
     sums = np.concatenate([[0.0], np.cumsum(np.where(known, squares, 0.0).sum(axis=1))])
     counts = np.concatenate([[0], np.cumsum(known.sum(axis=1))])
     starts = np.concatenate([[0], rows[:-1] + 1])
-    judged = counts[rows + 1] - counts[starts]
-    mean = (sums[rows + 1] - sums[starts]) / np.maximum(judged, 1)
-    return np.where(judged > 0, mean, math.nan)
+    used = counts[rows + 1] - counts[starts]
+    mean = (sums[rows + 1] - sums[starts]) / np.maximum(used, 1)
+    return np.where(used > 0, mean, math.nan)
 
 
 def picks(count: int, most: int) -> NDArray[np.int64]:
@@ -171,7 +171,7 @@ def true_poses_at(truth: Truth, stamps: Stamps) -> Floats:
 
 
 def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
-    """Mask (n,) of the stamps between close poses of the truth, or next to one."""
+    """Mask (n,) of the wanted stamps between close known stamps, or next to one."""
     after = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
     usual = int(np.median(np.diff(known))) if len(known) > 1 else 0
     bridge = max(int(LONGEST_BRIDGE / NANOSECOND), 2 * usual)
@@ -207,7 +207,7 @@ def _innovations(one: Run, start: int) -> Results:
 
 
 def _true_indices(truth: Truth, stamps: Stamps) -> Results:
-    """Indices of the true motion by (1) to (3), (17) to (19), up to the gauge of eta."""
+    """ICR indices of the true motion, with the ICR distance, as the gauge is unknown."""
     if truth.twists is None or truth.tracks is None:
         return {}
     v_x, v_y, w = _nearest(truth.twists.stamps, truth.twists.twists, stamps).T
@@ -221,6 +221,7 @@ def _true_indices(truth: Truth, stamps: Stamps) -> Results:
 
 
 def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
+    """Values at the known stamps that are nearest to the wanted ones."""
     after = np.clip(np.searchsorted(known, wanted), 1, len(known) - 1)
     closer = np.where(known[after] - wanted < wanted - known[after - 1], after, after - 1)
     return np.asarray(values[closer])
@@ -232,12 +233,11 @@ def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) 
 
 
 def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:
-    """Round to five significant digits or to `decimals`, with None for NaN."""
-    return [
-        None
-        if not math.isfinite(value)
-        else float(f"{value:.5g}")
-        if decimals is None
-        else round(value, decimals)
-        for value in np.asarray(values, dtype=float).tolist()
-    ]
+    """Round to `decimals`, or five significant digits without; None if not finite."""
+
+    def rounded(value: float) -> float | None:
+        if not math.isfinite(value):
+            return None
+        return float(f"{value:.5g}") if decimals is None else round(value, decimals)
+
+    return [rounded(value) for value in np.asarray(values, dtype=float).tolist()]

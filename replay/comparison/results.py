@@ -151,7 +151,7 @@ def _times(count: int) -> str:
 
 
 def _findings(comparison: Comparison) -> list[str]:
-    """Report what the filters found of the sensors, up to the end of the log."""
+    """Notes on faults of the sensors that the filters detected."""
     healths = {
         name: one.health for name, one in comparison.runs.items() if not name.endswith(SMOOTHED)
     }
@@ -189,11 +189,11 @@ def _findings(comparison: Comparison) -> list[str]:
     return notes
 
 
-def _scatter_note(found: list[Health]) -> list[str]:
-    used = max((one.times.get("scattering", 0) for one in found), default=0)
+def _scatter_note(healths: list[Health]) -> list[str]:
+    used = max((health.times.get("scattering", 0) for health in healths), default=0)
     if not used:
         return []
-    lasting = (finding for one in found for finding in one.findings)
+    lasting = (finding for health in healths for finding in health.findings)
     sigmas = sorted(one.size or 0.0 for one in lasting if one.fault == "scattering")
     at_end = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
     return [

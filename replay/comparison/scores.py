@@ -54,11 +54,7 @@ def scores(
 ) -> Results:
     """Score a run against the truth; intervals of drift are in `drift_table`.
 
-    Args:
-        one: the run.
-        aligned: the aligned truth.
-        scored: intervals of stamps [ns] in which drift is scored.
-        holes: holes of the log; NEES is that before them.
+    Drift is scored in the intervals `scored` [ns], NEES in their parts before the first hole of the log.
     """
     truth = aligned.truth
     estimate = one.trajectory
@@ -69,9 +65,9 @@ def scores(
         found[f"drift_percent_{label}_median"] = segments.percent_median
         if horizon == 30.0:
             found["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m if truth.headings else math.nan
-    # Without headings displacements have no axes.
-    known = truth.headings or truth.twists is not None
-    errors = velocity_errors(estimate, truth) if known else np.zeros((0, 3))
+    # Without headings, displacements cannot be turned into the axes of the robot.
+    has_axes = truth.headings or truth.twists is not None
+    errors = velocity_errors(estimate, truth) if has_axes else np.zeros((0, 3))
     rmse = np.sqrt(np.mean(errors**2, axis=0)) if len(errors) else np.full(3, np.nan)
     for name, value in zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), rmse.tolist(), strict=True):
         found[f"rmse_{name}"] = value
@@ -79,10 +75,10 @@ def scores(
     nees = pose_nees(estimate, truth.poses, within=within, position_only=not truth.headings)
     name = "nees_pose_mean" if truth.headings else "nees_position_mean"
     found["nees_pose_mean"] = math.nan
-    # Errors of fixes are not known to the filter's covariance.
-    known = len(nees) > 0 and truth.source != OF_FIXES
-    found[name] = float(nees.mean()) if known else math.nan
-    found["nees_poses"] = len(nees) if known else 0
+    # The filter's covariance does not include the errors of fixes that serve as the truth.
+    has_nees = len(nees) > 0 and truth.source != OF_FIXES
+    found[name] = float(nees.mean()) if has_nees else math.nan
+    found["nees_poses"] = len(nees) if has_nees else 0
     end = min(truth.poses.stamps[-1], estimate.stamps[-1])
     at = np.array([end])
     last = interpolate_poses(estimate.pose_series, at) - interpolate_poses(truth.poses, at)
@@ -94,10 +90,10 @@ def scores(
 
 
 def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
-    """Drift by the noise of the truth alone, by horizon as "30s" [% of the distance].
+    """Drift caused by the noise of the truth alone [%], by horizon as "30s".
 
-    The last run's path with simulated noise, as white as the truth's and with the wander of the robot
-    file's fixes, takes the place of the truth. Empty for a truth with headings, or without any.
+    The last run's path plus simulated noise replaces the truth: white noise as in the truth and, if the
+    truth is fixes, the wander of the robot file. Empty without an alignment by headings from the path.
     """
     from scipy.signal import lfilter
 
@@ -106,22 +102,23 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
         return {}
     path = [*comparison.runs.values()][-1].trajectory.pose_series
     stamps, wander = shared_stamps(path, log.truth.poses), FixWander.of(robot)
-    slow = wander.sigma if log.truth.source == OF_FIXES else 0.0
-    step = float(np.median(np.diff(stamps))) * NANOSECOND
-    kept = math.exp(-step / wander.time) if slow else 0.0
+    wander_sigma = wander.sigma if log.truth.source == OF_FIXES else 0.0
+    step_s = float(np.median(np.diff(stamps))) * NANOSECOND
+    # Share of the wander that remains after a step (first-order Gauss-Markov process).
+    memory = math.exp(-step_s / wander.time) if wander_sigma else 0.0
     poses, generator = interpolate_poses(path, stamps), np.random.default_rng(0)
     found: dict[str, list[float]] = {}
     for _ in range(NOISE_ROUNDS):
         white, pushes = generator.standard_normal((2, len(stamps), 2))
-        pushes[1:] *= math.sqrt(1.0 - kept**2)
+        pushes[1:] *= math.sqrt(1.0 - memory**2)
         noisy = poses.copy()
         noisy[:, :2] += alignment.headings.noise * white
-        noisy[:, :2] += slow * lfilter([1.0], [1.0, -kept], pushes, axis=0)
+        noisy[:, :2] += wander_sigma * lfilter([1.0], [1.0, -memory], pushes, axis=0)
         if (truth := headings_by_path(PoseSeries(stamps, noisy), path)) is None:
             return {}
         for horizon in HORIZONS:
-            of = drift(path, truth.poses, horizon, within=scored_intervals(log))
-            found.setdefault(f"{horizon:g}s", []).append(of.percent_mean)
+            segments = drift(path, truth.poses, horizon, within=scored_intervals(log))
+            found.setdefault(f"{horizon:g}s", []).append(segments.percent_mean)
     return {label: float(np.mean(values)) for label, values in found.items()}
 
 
@@ -151,7 +148,7 @@ def _consistency(one: Run) -> Results:
     names = one.state_names
     final = dict(zip(names, one.states[-1].tolist(), strict=True))
     sigmas = dict(zip(names, one.state_sigmas[-1].tolist(), strict=True))
-    kept = [*filter(None, names[s.LEARNT.start : s.GRAVITY.stop])]
+    parameters = [*filter(None, names[s.LEARNT.start : s.GRAVITY.stop])]
     return {
         "nis": {name: sensor.nis_per_degree for name, sensor in health.sensors.items()},
         "used": {name: sensor.used for name, sensor in health.sensors.items()},
@@ -159,6 +156,6 @@ def _consistency(one: Run) -> Results:
         "standstill_updates": health.standstill_updates,
         "track_gaps": health.track_gaps,
         "stuck_tracks": health.times.get("stuck", 0),
-        "final_parameters": {name: final[name] for name in kept},
-        "final_parameter_sigmas": {name: sigmas[name] for name in kept},
+        "final_parameters": {name: final[name] for name in parameters},
+        "final_parameter_sigmas": {name: sigmas[name] for name in parameters},
     }

@@ -102,7 +102,7 @@ def align_truth(
     Args:
         truth: poses of some point of the robot, late by an unknown lag.
         reckoned: dead reckoning over the same time.
-        imu: the IMU that it is from, None for tracks alone.
+        imu: the IMU that dead reckoning used, None for tracks alone.
 
     Returns:
         The alignment; no lag or zero lever arm if not observable (log too short, no turning). A truth
@@ -111,16 +111,16 @@ def align_truth(
     path = reckoned.pose_series
     ahead = 0.0
     if truth.headings:
-        found = find_lag(heading_of(truth.poses), heading_of(path), least=LEAST_TURN)
+        lag = find_lag(heading_of(truth.poses), heading_of(path), least=LEAST_TURN)
         if imu is not None and len(imu.stamps) > 1:
             ahead = 0.5 * float(np.median(np.diff(imu.stamps))) * NANOSECOND
     else:
-        found = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
-    if isinstance(found, NoLag):
-        return replace(align_place(truth, reckoned), lag=None, no_lag=found.reason)
-    stamps = truth.poses.stamps - round(found.seconds / NANOSECOND)
+        lag = find_lag(places_of(truth.poses), places_of(path), least=LEAST_SPEEDING)
+    if isinstance(lag, NoLag):
+        return replace(align_place(truth, reckoned), lag=None, no_lag=lag.reason)
+    stamps = truth.poses.stamps - round(lag.seconds / NANOSECOND)
     aligned = align_place(replace(truth, poses=replace(truth.poses, stamps=stamps)), reckoned)
-    return replace(aligned, lag=found.seconds - ahead, lag_sigma=found.sigma)
+    return replace(aligned, lag=lag.seconds - ahead, lag_sigma=lag.sigma)
 
 
 def align_place(truth: Truth, reckoned: Trajectory) -> TruthAlignment:
@@ -159,10 +159,11 @@ def _windows(truth: PoseSeries, reckoned: PoseSeries) -> tuple[Stamps, Stamps]:
     high = min(truth.stamps[-1], reckoned.stamps[-1]) - int(LEVER_WINDOW / NANOSECOND)
     starts = even_grid(low, high, int(GRID_STEP / NANOSECOND), truth.stamps)
     ends = starts + int(LEVER_WINDOW / NANOSECOND)
-    holes = pieces(truth.stamps, LARGEST_HOLE)
+    # Number of the piece without a hole to which each pose of the truth belongs.
+    piece = pieces(truth.stamps, LARGEST_HOLE)
     first = np.searchsorted(truth.stamps, starts, side="right") - 1
-    last = np.minimum(np.searchsorted(truth.stamps, ends), len(holes) - 1)
-    whole = holes[first] == holes[last]
+    last = np.minimum(np.searchsorted(truth.stamps, ends), len(piece) - 1)
+    whole = piece[first] == piece[last]
     return starts[whole], ends[whole]
 
 

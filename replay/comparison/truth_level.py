@@ -55,10 +55,7 @@ def spatial_scores(
 ) -> dict[str, float]:
     """Scores of height, roll and pitch; empty if either is planar.
 
-    Args:
-        estimate: the run.
-        truth: true poses, level as the run is.
-        scored: intervals of stamps [ns] in which drift is scored.
+    The truth must be level as the run is; `scored` are the intervals of stamps [ns] of the drift.
     """
     stamps = shared_stamps(estimate, truth)
     series, sigmas = estimate.pose_series, estimate.spatial_sigmas
@@ -70,18 +67,18 @@ def spatial_scores(
         """Height [m], roll and pitch [rad] (n, 3), less those of the truth."""
         return interpolate(series.stamps, mine, at) - interpolate(truth.stamps, true, at)
 
-    off = errors(stamps)
+    offsets = errors(stamps)
     segments = drift(series, truth, HORIZON, within=scored)
     ends = segments.starts + np.round(segments.durations * 1e9).astype(np.int64)
     climbs = errors(ends) - errors(segments.starts)
     distance = segments.distances.sum()
-    end = interpolate(estimate.stamps, sigmas, stamps[-1:])[0, 0]
-    roll, pitch = np.degrees(np.sqrt(np.mean(off[:, 1:] ** 2, axis=0))).tolist()
-    found = 100.0 * np.abs(climbs[:, 0]).sum() / distance if distance else np.nan
+    height_sigma = interpolate(estimate.stamps, sigmas, stamps[-1:])[0, 0]
+    roll, pitch = np.degrees(np.sqrt(np.mean(offsets[:, 1:] ** 2, axis=0))).tolist()
+    percent = 100.0 * np.abs(climbs[:, 0]).sum() / distance if distance else np.nan
     return {
         "rms_roll_deg": roll,
         "rms_pitch_deg": pitch,
-        "height_drift_percent_30s_mean": float(found),
-        "final_height_error_m": float(off[-1, 0] - off[0, 0]),
-        "final_height_sigma_m": float(end),
+        "height_drift_percent_30s_mean": float(percent),
+        "final_height_error_m": float(offsets[-1, 0] - offsets[0, 0]),
+        "final_height_sigma_m": float(height_sigma),
     }

@@ -36,7 +36,7 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
     text, own = _own(path)
     new, lines, taken = _values(tomllib.loads(proposed)), [], []
 
-    def take_over(table: str, key: str) -> None:
+    def keep_own_value(table: str, key: str) -> None:
         lines.append(f"{key} = {toml_value(own[table][key])}    # as filled in before")
         taken.append(f"{table}.{key}".lstrip("."))
 
@@ -48,11 +48,11 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
             lines.append(line)
             for name in own.get(table, {}):
                 if name not in new.get(table, {}):
-                    take_over(table, name)
+                    keep_own_value(table, name)
         elif key is not None and key[1] in own.get(table, {}):
-            # A line that was commented out, and is a person's now, stands at the top of its table.
+            # A key that the proposal comments out was written at the top of its table above.
             if not line.startswith("#"):
-                take_over(table, key[1])
+                keep_own_value(table, key[1])
         else:
             lines.append(line)
     for name, of_table in _tables(text).items():
@@ -81,16 +81,16 @@ def has_stand_in_gauge(proposed: str) -> bool:
 
 
 def filled_in_sizes(path: Path) -> Sizes:
-    """Lengths and streams by a person, in an earlier proposal that can be read."""
+    """Lengths and streams that a person filled in; none if the file cannot be read."""
     try:
         text, own = _own(path)
     except ReplayError:
         return NO_SIZES
     former = _values(tomllib.loads(text))
     vehicle, tracks = own.get("vehicle", {}), own.get("log.tracks", {})
-    found = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
+    lengths = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
     gauge, radius, of_controller = (
-        one if isinstance(one, float | int) and one > 0.0 else None for one in found
+        length if isinstance(length, float | int) and length > 0.0 else None for length in lengths
     )
     # Keys of a person belong to the topics of the same table, in any log.
     log = {
@@ -102,7 +102,7 @@ def filled_in_sizes(path: Path) -> Sizes:
 
 
 def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Text of an earlier proposal, and a person's values by table and key."""
+    """Text of an earlier proposal, and the values that a person set, by table and key."""
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else ""
         former = _values(tomllib.loads(text))
@@ -134,6 +134,7 @@ def _values(table: dict[str, Any], name: str = "") -> dict[str, dict[str, Any]]:
 
 
 def _mark(table: str, key: str, value: Any) -> str:
+    """Checksum of a proposed value, which reveals later that a person changed it."""
     return f"{crc32(f'{table}.{key} = {toml_value(value)}'.encode()) & 0xFFFFF:05x}"
 
 

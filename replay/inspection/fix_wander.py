@@ -99,12 +99,8 @@ class _Fit(NamedTuple):
 def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | str:
     """Estimate white noise and wander of a log's position fixes.
 
-    Args:
-        log: the log, its track speeds in any unit.
-        vertical: (n,) rate of its IMU about the vertical [rad/s], or None.
-
-    Returns:
-        The estimate, or the reason why there is none.
+    Track speeds may have any unit; `vertical` (n,) is the IMU's rate about the vertical [rad/s].
+    Returns the estimate, or the reason why there is none.
     """
     if log.fixes is None or not len(log.fixes.stamps):
         return "there are no fixes"
@@ -117,13 +113,13 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
             f"IMU, found {len(windows)}"
         )
     white = _fit(windows, None)
-    found = {(time, ratio): _fit(windows, (time, ratio)) for time in TIMES for ratio in RATIOS}
-    best = max(found, key=lambda key: found[key].likelihood)
-    time, ratio = best
-    sigma = float(np.sqrt(found[best].variance))
-    by_time = {one: max(found[one, ratio].likelihood for ratio in RATIOS) for one in TIMES}
-    alike = [one for one in TIMES if 2.0 * (found[best].likelihood - by_time[one]) <= AS_GOOD]
-    gain = 2.0 * (found[best].likelihood - white.likelihood)
+    fits = {(time, ratio): _fit(windows, (time, ratio)) for time in TIMES for ratio in RATIOS}
+    time, ratio = max(fits, key=lambda key: fits[key].likelihood)
+    best = fits[time, ratio]
+    sigma = float(np.sqrt(best.variance))
+    by_time = {one: max(fits[one, ratio].likelihood for ratio in RATIOS) for one in TIMES}
+    alike = [one for one in TIMES if 2.0 * (best.likelihood - by_time[one]) <= AS_GOOD]
+    gain = 2.0 * (best.likelihood - white.likelihood)
     driven = _driven(windows, max(time, SLOWEST_SLIP))
     reason, stated = "", float(np.sqrt(np.median(log.fixes.variances[:, 0])))
     states_it = STATED * ratio * sigma < stated and sigma < STATED_AT_MOST * stated
@@ -138,12 +134,14 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
         sigma, white_sigma = 0.0, float(np.sqrt(white.variance))
     else:
         white_sigma = ratio * sigma
-    by_them = None if reason or shown_by_odometry else stated
-    return FixWanderEstimate(white_sigma, sigma, time, (alike[0], alike[-1]), reason, by_them)
+    only_by_stated = None if reason or shown_by_odometry else stated
+    return FixWanderEstimate(
+        white_sigma, sigma, time, (alike[0], alike[-1]), reason, only_by_stated
+    )
 
 
 def _windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
-    """Cut the fixes into windows, with the path by odometry."""
+    """Cut the fixes into windows with enough fixes and no hole; positions are complex."""
     fixes = log.fixes
     if fixes is None or len(stamps) < 2:
         return []
@@ -153,7 +151,7 @@ def _windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
     speed = np.interp(stamps, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
     velocity = speed * np.exp(1j * yaw)
     path = running_integral(stamps, velocity)
-    # Change of the path by a bias of the gyro.
+    # Derivative of the path with respect to a bias of the gyro.
     by_bias = running_integral(stamps, velocity * 1j * seconds)
 
     inside = (fixes.stamps >= max(origin, log.tracks.stamps[0])) & (
@@ -209,9 +207,8 @@ def _orthonormal(columns: Floats) -> Floats:
 def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
     """Restricted likelihood of white noise, or of wander and white noise.
 
-    Args:
-        windows: the windows.
-        model: correlation time [s] and ratio of the white noise to the wander; None for white noise.
+    `model` is the correlation time [s] and the ratio of the white noise to the wander; None for white
+    noise alone. The variance is that of the wander, or of the white noise alone.
     """
     count, squares, logarithms = 0, 0.0, 0.0
     for window in windows:
@@ -234,11 +231,11 @@ def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
 
 
 def _driven(windows: list[_Window], time: float) -> float:
-    """Mean way driven in a time [m], by odometry at the scale of the fixes."""
-    ways = []
+    """Mean distance driven in a time of at most `WINDOW` [m], at the scale of the fixes."""
+    speeds = []
     for window in windows:
         columns = np.column_stack([np.ones(len(window.path)), window.path])
         scale = np.abs(np.linalg.lstsq(columns, window.places, rcond=None)[0][1])
-        way = scale * float(np.abs(np.diff(window.path)).sum())
-        ways.append(way / float(window.seconds[-1] - window.seconds[0]))
-    return float(np.mean(ways)) * min(time, WINDOW)
+        distance = scale * float(np.abs(np.diff(window.path)).sum())
+        speeds.append(distance / float(window.seconds[-1] - window.seconds[0]))
+    return float(np.mean(speeds)) * min(time, WINDOW)

@@ -39,18 +39,17 @@ class GyroBias(NamedTuple):
     source: str  # "standstill", "truth" or "tracks"
 
     def differs(self, expected: float, sigma: float = 0.0) -> bool:
-        """Return True if the bias is not the expected one with its sigma [rad/s]."""
+        """True if the bias differs significantly from an expected one with a sigma [rad/s]."""
         least = LEAST_BY_TRACKS if self.source == "tracks" else 0.0
         return abs(self.value - expected) > max(least, SURE * float(np.hypot(sigma, self.sigma)))
 
 
 def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBias | None:
-    """Estimate the bias of the gyro; None if nothing shows it.
+    """Estimate the bias of the gyro; None if it is not observable.
 
-    Args:
-        log: the log; its track speeds may be rates.
-        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s].
-        noise_density: noise of the rate, for the error at standstill [rad/s/√Hz].
+    Standstill is used if it is long enough, else the headings of the truth, else the tracks, whose
+    speeds may be rates. `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], and
+    `noise_density` [rad/s/√Hz] its noise, for the error at standstill.
     """
     if log.imu is None or len(log.imu.stamps) < 2:
         return None
@@ -64,12 +63,12 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
         return None
     source, stamps = "tracks", tracks.stamps
     left, right = tracks.speeds.T
-    others = np.column_stack(
-        [running_integral(stamps, one) for one in (right - left, right + left)]
+    reference = np.column_stack(
+        [running_integral(stamps, rate) for rate in (right - left, right + left)]
     )
     if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         source, stamps = "truth", log.truth.poses.stamps
-        others = np.unwrap(log.truth.poses.poses[:, 2:], axis=0)
+        reference = np.unwrap(log.truth.poses.poses[:, 2:], axis=0)
     step = round(WINDOW / NANOSECOND)
     edges = even_grid(max(stamps[0], imu.stamps[0]), min(stamps[-1], imu.stamps[-1]), step, stamps)
     if len(edges) < 2 * BLOCKS:
@@ -82,7 +81,7 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     if whole.sum() < 2 * BLOCKS:
         return None
     turned = np.diff(np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical)))
-    moved = [np.diff(np.interp(edges, stamps, column)) for column in others.T]
+    moved = [np.diff(np.interp(edges, stamps, column)) for column in reference.T]
     design = np.column_stack([np.full(len(turned), WINDOW), *moved])[whole]
     if source == "tracks" and abs(np.corrcoef(design[:, 1], turned[whole])[0, 1]) < CLEAR_TURNING:
         return None

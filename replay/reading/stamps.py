@@ -31,11 +31,8 @@ def arrival_in_order(stamps: Stamps) -> tuple[NDArray[np.int64], int]:
 
     Samples that are further out of order stay in place, for `screen` to drop.
 
-    Args:
-        stamps: (n,) [ns] in the order of arrival.
-
-    Returns:
-        (n,) indices of the samples in the new order; number of samples that moved.
+    `stamps` (n,) [ns] are in the order of arrival. Returns the (n,) indices of the samples in the new
+    order, and the number of samples that moved.
     """
     count = len(stamps)
     places = np.arange(count)
