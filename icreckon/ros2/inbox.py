@@ -13,7 +13,7 @@ STALL = 1.0
 SETTLING = 1.0
 """Time after a stall in which the middleware brings one topic after another [s]."""
 NO_TIMES: Mapping[str, Any] = {"source_timestamp": 0, "received_timestamp": 0}
-"""What is said of a message by an rclpy that tells callbacks no times, as Humble's."""
+"""Times of a message from an rclpy that gives callbacks none, as in Humble."""
 
 
 class Received(NamedTuple):
@@ -32,11 +32,7 @@ class Received(NamedTuple):
         return int(self.info["source_timestamp"] or self.info["received_timestamp"] or 0)
 
     def arrival(self, now: int) -> int:
-        """Time of arrival [ns]: that of the middleware where it gives one.
-
-        Args:
-            now: present time [ns], of this computer's clock.
-        """
+        """Time of arrival by the middleware [ns], or `now` if that is missing or implausible."""
         received = int(self.info["received_timestamp"] or 0)
         return received if received and 0 <= now - received <= LONGEST_QUEUE * 1e9 else now
 
@@ -93,7 +89,8 @@ class Inbox:
     def take(self) -> list[Received]:
         """Remove and return all messages, in the order of their sending.
 
-        For a second after a stall it gives none. Call it often, also without messages: it sees stalls.
+        None are returned for a second after a stall. Call it often, also without messages, as the time
+        between calls reveals a stall.
         """
         self.worked()
         for queue in self._queues:

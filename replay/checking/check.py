@@ -81,10 +81,10 @@ class Check:
 
 
 def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
-    """Correct log and robot by the checks that can, one after the other."""
-    for one in checks:
-        if one.correction is not None:
-            log, robot = one.correction(log, robot)
+    """Apply the corrections of the checks in their order; some have none."""
+    for check in checks:
+        if check.correction is not None:
+            log, robot = check.correction(log, robot)
     return log, robot
 
 
@@ -154,10 +154,7 @@ def effective_track(robot: Robot) -> float:
 
 
 def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
-    """Effective track by gyro and tracks, and its standard error or None [m].
-
-    None if they turn too little.
-    """
+    """Effective track [m] by the gyro, its standard error or None; None if not observable."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
     vertical = in_base(log.imu, robot)[0]
@@ -167,7 +164,7 @@ def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
 
 
 def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:
-    """Scale of the track speeds by truth or fixes; None if they do not show it.
+    """Scale of the track speeds by truth or fixes; None if it is not observable.
 
     With `bends`, windows with bends count, too, in which tracks slip.
     """
@@ -183,9 +180,8 @@ def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | No
 def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:
     """Motion of a truth in windows [s]; None if it is too short.
 
-    Returns:
-        (n + 1,) stamps of the starts and ends of the windows [ns], and (n, 3) the pose at the end of each
-        in that at its start [m, m, rad].
+    Returns the (n + 1,) edges of the windows [ns], and the (n, 3) pose at the end of each window relative
+    to that at its start [m, m, rad].
     """
     edges = even_grid(
         max(truth.poses.stamps[0], log.start),

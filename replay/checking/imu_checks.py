@@ -43,7 +43,7 @@ FEWEST_STILL = 20
 
 
 def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
-    """Sensors that the file maps and the log lacks, or that read what none does."""
+    """Sensors that the log lacks, and a gyro with impossible rates."""
     if len(log.tracks.stamps) < FEWEST:
         yield Check(
             "track speeds",
@@ -141,7 +141,7 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
 
 
 def _tilt_by_turning(tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats, robot: Robot) -> float:
-    """Tilt that the mean force of turning looks like [deg], at most."""
+    """Largest apparent tilt [deg] from the mean horizontal acceleration of turning."""
     forward, left, _ = robot.imu.position
     force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
     if imu_mounting.are_usable(tracks):
@@ -194,20 +194,20 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
     """Bias of the gyro at standstill, or else by truth or tracks."""
     if log.imu is None:
         return
-    found = gyro_bias(log, in_base(log.imu, robot)[0], robot.imu.gyro_noise_density)
-    if found is None:
+    estimate = gyro_bias(log, in_base(log.imu, robot)[0], robot.imu.gyro_noise_density)
+    if estimate is None:
         return
-    bias, stated = found.value, robot.imu.gyro_bias
-    where = "at standstill" if found.source == "standstill" else f"by the {found.source}"
-    error = "" if found.source == "standstill" else f" ± {found.sigma:.4f}"
+    bias, stated, at_rest = estimate.value, robot.imu.gyro_bias, estimate.source == "standstill"
+    where = "at standstill" if at_rest else f"by the {estimate.source}"
+    error = "" if at_rest else f" ± {estimate.sigma:.4f}"
     in_file = f"{stated:+.5f} ± {robot.imu.gyro_bias_sigma:g} rad/s"
-    measured = Measured(bias, "rad/s", stated, found.sigma)
+    measured = Measured(bias, "rad/s", stated, estimate.sigma)
     check = Check("gyro bias", in_file, f"{bias:+.5f}{error} rad/s {where}", measured=measured)
     sigma = robot.imu.gyro_bias_sigma
-    if found.source != "standstill":
+    if not at_rest:
         # Without a standstill no filter learns a bias soon.
         sigma = min(sigma, STANDING_BIAS_SIGMA)
-    if not found.differs(stated, sigma):
+    if not estimate.differs(stated, sigma):
         yield check
         return
     yield check.contradicted(
