@@ -59,11 +59,7 @@ def as_paths(path: Path | str | Sequence[Path | str]) -> list[Path]:
 
 
 def refuse_twice(names: Sequence[Path | str], what: str) -> None:
-    """Refuse files of which one is given twice.
-
-    Raises:
-        ReplayError: it is.
-    """
+    """Raise a `ReplayError` if a file is given twice, also by different names."""
     seen = set()
     for name in names:
         place = os.path.realpath(name)
@@ -115,8 +111,8 @@ def gather(
         result.truth_source = result.truth_source or part.truth_source
         result.found.update(part.found)
         for purpose, stream in part.streams.items():
-            if (one := result.streams.setdefault(purpose, stream)) is not stream:
-                one.extend(stream)
+            if (existing := result.streams.setdefault(purpose, stream)) is not stream:
+                existing.extend(stream)
     _check_all_there(result, bags, paths)
     if bags:
         result.notes += _left_out(result)
@@ -145,7 +141,7 @@ def _use_own_mapping(result: Gathered, bags: Sequence[Path], definitions: Defini
 def _first_text(
     bag: Bag, path: Path, topic: str, definitions: Definitions
 ) -> tuple[str | None, list[str]]:
-    """First readable std_msgs/String on a topic, or None; and the errors."""
+    """First readable std_msgs/String on a topic, or None; and notes on unreadable ones."""
     notes: list[str] = []
     if all(channel.topic != topic for channel in bag.counts):
         return None, notes
@@ -251,7 +247,7 @@ def wanted_streams(
     if imu := mapping.imu:
         if imu.names:
             reader = field_reader(imu.names, partial(imu_rows, imu))
-            yield stream("imu", imu.topic, imu.time, {}, reader)
+            yield stream("imu", imu.topic, imu.time, readers={}, any_reader=reader)
         else:
             yield stream("imu", imu.topic, imu.time, {IMU: imu_reader(imu)})
     if fixes := mapping.fixes:
@@ -277,9 +273,9 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
             texts = missing.setdefault(stream.purpose, [])
             for topic in stream.needed:
                 counts = [n for name, n in result.found.items() if name.split(" (")[0] == topic]
-                what = "has no messages" if counts else "is not in the bag"
+                fault = "has no messages" if counts else "is not in the bag"
                 if not sum(counts):
-                    texts.append(f"topic {topic!r} for {stream.purpose} {what}")
+                    texts.append(f"topic {topic!r} for {stream.purpose} {fault}")
     if len(bags) < len(paths) and result.mapping.columns is not None:
         for purpose, spec in wanted_columns(result.mapping.columns):
             listed_names = [spec.time or result.mapping.columns.time, *spec.names]
@@ -300,7 +296,7 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
 
 
 def _left_out(result: Gathered) -> Iterator[str]:
-    """Note an IMU that the robot file leaves out, and a receiver if it has no truth."""
+    """Note an unmapped IMU, and an unmapped receiver if there is neither fix nor truth."""
     mapping = result.mapping
     wanted = {IMU: ("an IMU", "imu", mapping.imu is None)}
     no_positions = mapping.fixes is None and mapping.truth is None
