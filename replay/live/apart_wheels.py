@@ -28,10 +28,8 @@ class ApartWheels:
     def take(self, stamp: int, values: Floats, wrap: float | None) -> list[tuple[int, Floats]]:
         """Add a message; return the rows (k,) that it completes, with their stamps [ns].
 
-        Args:
-            stamp: its stamp [ns].
-            values: (k,) of the wheels, NaN for those that it does not have.
-            wrap: value at which counters begin again, or None.
+        `values` (k,) are NaN for wheels that the message lacks; `wrap` is the value at which counters
+        begin again. Messages are returned as they are once one of them has had all wheels.
         """
         known = ~np.isnan(values)
         self._together |= bool(known.all())
@@ -39,9 +37,9 @@ class ApartWheels:
             return [(stamp, values)]
         if self._rows and abs(stamp - self._rows[-1][0]) > LONGEST:
             self._rows, self._newest = [], -1  # a hole, or a clock that was set
-        # One wheel may never come.
-        kept = [row for row in self._rows if stamp - row[0] <= LONGEST]
-        self._rows = sorted([*kept, (stamp, values)], key=lambda row: row[0])
+        # Old rows are dropped: a wheel may never come.
+        recent = [row for row in self._rows if stamp - row[0] <= LONGEST]
+        self._rows = sorted([*recent, (stamp, values)], key=lambda row: row[0])
         self._counts = known + (self._counts if len(self._counts) else 0.0)
         if self._counts.min() < CLEARLY_SLOWER * self._counts[self._slowest] - 1.0:
             self._slowest = int(self._counts.argmin())
@@ -49,8 +47,8 @@ class ApartWheels:
         if np.isnan(table).all(axis=0).any():
             return []
         stamps = np.array([when for when, _ in self._rows])
-        found = zip(*interpolated(stamps, table, wrap, self._slowest), strict=True)
-        ready = [(int(when), row) for when, row in found if when > self._newest]
+        complete = zip(*interpolated(stamps, table, wrap, self._slowest), strict=True)
+        ready = [(int(when), row) for when, row in complete if when > self._newest]
         if ready:
             self._newest = ready[-1][0]
             # The value of each wheel before is needed for the next row.

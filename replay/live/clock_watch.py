@@ -29,12 +29,12 @@ class _Held(NamedTuple, Generic[T]):
 class _Stream(Generic[T]):
     """State of a stream: newest accepted stamp, and messages held back; times in ns.
 
-    `ahead` is the largest stamp less arrival since the clock was set back: stamps may stand, not time.
+    `ahead` is the largest difference of stamp and arrival since the clock was last set.
     """
 
     stamp: int
     ahead: int
-    behind: int = 0
+    behind: int = 0  # number of messages in a row that are older than `stamp` by more than a step
     held: list[_Held[T]] = field(default_factory=list)
 
 
@@ -53,13 +53,10 @@ class ClockWatch(Generic[T]):
         self._streams: dict[str, _Stream[T]] = {}
 
     def take(self, stream: str, stamp: int, came: int, message: T) -> Watched[T]:
-        """Add a message.
+        """Add a message, and return those that can be used.
 
-        Args:
-            stream: name of its stream.
-            stamp: its stamp [ns].
-            came: time at which it came, of a clock that is not set [ns].
-            message: the message.
+        It is held back if its stamp is far ahead of `came`, its arrival by a clock that is never set [ns],
+        until `WITNESSES` in a row agree on the step. Held messages without successors are lost.
         """
         known = self._streams.get(stream)
         if known is None:
@@ -80,7 +77,7 @@ class ClockWatch(Generic[T]):
     def _as_usual(self, known: _Stream[T], stamp: int, came: int, message: T) -> Watched[T]:
         lost = len(known.held)
         known.held.clear()
-        # What was sent before the clock was set may still come; a clock that was set back stays there.
+        # A few messages may have been sent before the clock was set; more show a clock set back.
         known.behind = known.behind + 1 if stamp < known.stamp - LEAST_STEP else 0
         if known.behind == WITNESSES:
             known.stamp, known.ahead, known.behind = stamp, stamp - came, 0
@@ -89,7 +86,7 @@ class ClockWatch(Generic[T]):
         return Watched([message], lost=lost)
 
     def _stepped(self, step: int) -> list[T]:
-        """Set all streams forward; return what they held back."""
+        """Set all streams forward; return the messages that they held back."""
         found: list[_Held[T]] = []
         for one in self._streams.values():
             one.stamp, one.ahead = one.stamp + step, one.ahead + step

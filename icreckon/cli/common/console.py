@@ -158,10 +158,7 @@ class _Title(ProgressColumn):
 def progress(title: str, *, compiles: int = 0) -> Iterator[Callable[[float], None]]:
     """Show a progress bar; yield a function of the share done, 0 to 1.
 
-    Args:
-        title: name of the task.
-        compiles: number of functions that filters compile first, see
-            `comparing.kernels_of`.
+    `compiles` is the number of functions that filters compile first, see `comparing.kernels_of`.
     """
     columns = (BarColumn(BAR), TaskProgressColumn(), TimeRemainingColumn(), TextColumn("left"))
     with _bar(_Title(compiles), *columns) as bar:
