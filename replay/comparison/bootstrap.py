@@ -122,7 +122,7 @@ def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     if first.unit == "m":
         duration_s = float(first.durations[rows[name]].mean()) if len(common) else 1.0
     step_s = float(np.median(np.diff(common))) * 1e-9 if len(common) > 1 else 1.0
-    # A segment of the log's time holds the starts of so many others.
+    # Number of segments that start within the duration of one.
     starts_per_segment = max(1.0, duration_s / step_s)
     block = min(
         BLOCK_SEGMENTS * starts_per_segment, max(starts_per_segment, len(common) / WANTED_BLOCKS)
