@@ -2,6 +2,7 @@
 
 import re
 from string import ascii_lowercase
+from typing import Any
 
 from rich.table import Table as RichTable
 
@@ -11,24 +12,21 @@ from icreckon.report.pages import Table
 _MORE = re.compile(r"[,;:] ")
 
 
-def rich_table(of: Table, *, narrow: bool = False) -> RichTable:
+def rich_table(page_table: Table, *, narrow: bool = False) -> RichTable:
     """Convert a table of a page; columns of text are left-aligned and wrap.
 
-    Args:
-        of: the table.
-        narrow: whether to keep the first words of long texts only, with a letter that says the rest
-            below the table, and to break long names.
+    A narrow table breaks long names and keeps the first words of long texts only, with a letter that
+    refers to the remainder below the table.
     """
-    table = RichTable(title=of.title, title_justify="left", caption_justify="left")
-    table.add_column(of.head[0], no_wrap=not narrow, overflow="fold")
-    cells = of.rows[0][1] if of.rows else ()
-    for place, heading in enumerate(of.head[1:]):
-        words = place < len(cells) and cells[place].kind == "wrap"
-        table.add_column(
-            heading, justify="left" if words else "right", no_wrap=narrow, overflow="fold"
-        )
+    table = RichTable(title=page_table.title, title_justify="left", caption_justify="left")
+    table.add_column(page_table.head[0], no_wrap=not narrow, overflow="fold")
+    cells = page_table.rows[0][1] if page_table.rows else ()
+    for place, heading in enumerate(page_table.head[1:]):
+        is_text = place < len(cells) and cells[place].kind == "wrap"
+        justify: Any = "left" if is_text else "right"
+        table.add_column(heading, justify=justify, no_wrap=narrow, overflow="fold")
     letters: dict[str, str] = {}
-    for name, row in of.rows:
+    for name, row in page_table.rows:
         shortened = (
             _with_letter(cell.text, letters) if narrow and cell.kind == "wrap" else cell.text
             for cell in row
@@ -39,7 +37,7 @@ def rich_table(of: Table, *, narrow: bool = False) -> RichTable:
 
 
 def _with_letter(text: str, letters: dict[str, str]) -> str:
-    """Keep the first words of a text, and a letter for the rest of it."""
+    """Replace all but the first words by a letter; the whole text if letters run out."""
     first, *more = _MORE.split(text, maxsplit=1)
     if not more:
         return text

@@ -28,14 +28,10 @@ def fill_header(header: Any, stamp: int, frame: str) -> None:
 def fill_odometry(
     message: Any, estimate: LiveEstimate, frame: str, child: str, *, planar: bool = True
 ) -> Any:
-    """Fill a nav_msgs/Odometry; axes that are not estimated have a variance of 1e6.
+    """Fill a nav_msgs/Odometry of the robot's frame `child` in the odom frame `frame`.
 
-    Args:
-        message: the message.
-        estimate: the estimate.
-        frame: frame of odom.
-        child: frame of the robot.
-        planar: leave out height, roll and pitch, as robot_localization does with `two_d_mode`.
+    Axes that are not estimated have a variance of 1e6. A planar message omits height, roll and pitch,
+    like robot_localization with `two_d_mode`.
     """
     fill_header(message.header, estimate.stamp, frame)
     message.child_frame_id = child
@@ -47,10 +43,10 @@ def fill_odometry(
         twist.linear.x, twist.linear.y, twist.angular.z = estimate.twist.tolist()
         message.twist.covariance = planar_covariance(estimate.twist_covariance)
         return message
-    moved = estimate.twist3d
-    for part, values in ((twist.linear, moved.linear), (twist.angular, moved.angular)):
-        part.x, part.y, part.z = (0.0 if value != value else value for value in values.tolist())
-    message.twist.covariance = six_rows(moved.covariance)
+    spatial = estimate.twist3d
+    for part, values in ((twist.linear, spatial.linear), (twist.angular, spatial.angular)):
+        part.x, part.y, part.z = (0.0 if math.isnan(value) else value for value in values.tolist())
+    message.twist.covariance = six_rows(spatial.covariance)
     return message
 
 
@@ -63,13 +59,10 @@ def fill_pose(message: Any, stamp: int, frame: str, pose: Pose3d) -> Any:
 
 
 def pose_of(message: Any) -> tuple[Pose, list[list[float]]]:
-    """Planar pose of a PoseWithCovarianceStamped: x, y [m], yaw [rad].
-
-    Returns:
-        The pose, and its covariance (3, 3).
+    """Planar pose of a PoseWithCovarianceStamped: x, y [m], yaw [rad]; and covariance (3, 3).
 
     Raises:
-        EstimatorError: its orientation is no rotation.
+        EstimatorError: the orientation is no rotation.
     """
     at, q = message.pose.pose.position, message.pose.pose.orientation
     size = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)

@@ -301,7 +301,7 @@ class OdometryNode:
         self._log.info(f"{subscription.purpose}: {subscription.topic} ({msgtype})")
 
     def _listen_for_pose(self) -> None:
-        """Subscribe to poses that somebody gives, as RViz does, if there is a map."""
+        """Subscribe to initial poses, such as those from RViz, if there is a map."""
         if self.live.map is not None:
             callback = self._on_initial_pose
             kind = message_class(ros.POSE_WITH_COVARIANCE)
@@ -361,7 +361,7 @@ class OdometryNode:
         return int(self.node.get_clock().now().nanoseconds)
 
     def _steady(self) -> int | None:
-        """Time of a clock that nobody sets [ns]; None if time is simulated."""
+        """Time of the monotonic clock [ns]; None if time is simulated."""
         return None if self.node.get_clock().ros_time_is_active else time.monotonic_ns()
 
     # --- outputs -----------------------------------------------------------------------------------

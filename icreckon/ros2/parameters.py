@@ -129,14 +129,10 @@ def unknown_parameters(given: Iterable[str]) -> list[str]:
 
 
 def check_qos(given: Mapping[str, Any], endpoints: Iterable[str]) -> list[str]:
-    """Check parameters that set the QoS of topics.
+    """Check the values of parameters that set the QoS of topics.
 
-    Args:
-        given: their values.
-        endpoints: topics of the node, as "/odom.publisher".
-
-    Returns:
-        Text on each parameter that the node does not have.
+    `endpoints` are the topics of the node, as "/odom.publisher". Returns a text on each parameter that
+    the node does not have.
 
     Raises:
         EstimatorError: a value is invalid.

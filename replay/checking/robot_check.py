@@ -42,9 +42,7 @@ CHECKS = (
 def check_robot(log: Log, robot: Robot) -> list[Check]:
     """Check a robot against a log: units, signs, mounting, latency, scale.
 
-    Args:
-        log: the log, from `read_log` with this robot, or made of arrays.
-        robot: the robot.
+    The log comes from `read_log` with this robot, or is made of arrays.
     """
     checks: list[Check] = []
     for function in CHECKS:

@@ -27,7 +27,7 @@ LARGEST = 1.0
 
 @dataclass(frozen=True)
 class KnownBias:
-    """Bias of the gyro by the truth, if `gyro` used another."""
+    """Gyro bias from the truth, if `gyro` used a different one."""
 
     used: float  # mean of the bias that `gyro` used [rad/s]
     shown: float  # the bias that the truth shows [rad/s]
@@ -40,16 +40,11 @@ class KnownBias:
 
 
 def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) -> KnownBias | None:
-    """Find the bias that `gyro` had no chance to learn.
+    """Estimate from the truth the gyro bias that `gyro` could not learn.
 
-    Args:
-        run: run of `gyro`.
-        log: its log, with the aligned truth, whose headings are its own or those of its path.
-        robot: the robot.
-        within: intervals of stamps [ns] that are scored.
-
-    Returns:
-        The bias; None if `gyro` learnt its own, or had one that the truth does not contradict.
+    The log must hold the aligned truth, with its own headings or those of its path. `within` are the
+    scored intervals of stamps [ns]. None if `gyro` learnt its bias in nearly all of them, if the truth
+    shows none, one larger than `LARGEST`, or none that differs significantly from the used one.
     """
     if log.truth is None or log.imu is None:
         return None

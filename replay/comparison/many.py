@@ -124,7 +124,7 @@ def label_of(path: Path) -> str:
 
 
 def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
-    """Make labels unique, in upper and lower case alike, by numbers behind them."""
+    """Append numbers to labels that repeat, or that are taken; upper case equals lower."""
     found: list[str] = []
     used = {one.casefold() for one in taken}
     for label in labels:
@@ -141,14 +141,14 @@ def case_scores(case: Case, comparison: Comparison, summary: Results, drifts: Dr
     """Keep the scores of a comparison that the summary of several logs needs."""
     alignment = comparison.alignment
     lag = 0.0 if alignment is None or alignment.lag is None else alignment.lag
-    kept = {key: value for key, value in summary.items() if key != "series"}
-    return CaseScores(case, kept, drifts, lag)
+    without_series = {key: value for key, value in summary.items() if key != "series"}
+    return CaseScores(case, without_series, drifts, lag)
 
 
 def failed_case(case: Case, problem: Exception) -> Results:
     """Row of "failed": a log without results, and the message of the error."""
-    ours = isinstance(problem, IcreckonError)
-    reason = " ".join(str(problem).split()) if ours else described(problem)
+    is_own_error = isinstance(problem, IcreckonError)
+    reason = " ".join(str(problem).split()) if is_own_error else described(problem)
     return case._asdict() | {"reason": reason}
 
 
@@ -264,7 +264,7 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
 
 
 def _logs_with_less(of_logs: Sequence[Mapping[str, PairedDrift]], found: Results) -> Results:
-    """Count the logs in which the best drifts less than the baseline, and all."""
+    """Count the logs in which the best drifts less than the baseline, and all scored."""
     scored = [of[found["horizon"]] for of in of_logs]
     ratios = [one.ratio(found["best"], found["baseline"]).value for one in scored]
     known = [ratio for ratio in ratios if math.isfinite(ratio)]
@@ -294,14 +294,14 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
 
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
-    """Drift with each robot file over that with the first, same segments."""
-    of = {one.case: one for one in scored if one.drifts}
+    """Ratio of drift with each robot file to that with the first, on the same segments."""
+    by_case = {one.case: one for one in scored if one.drifts}
     found: Results = {}
     for robot in robots[1:]:
         both = [
-            (of[Case(log, robots[0])], of[Case(log, robot)])
-            for log in dict.fromkeys(case.log for case in of)
-            if Case(log, robots[0]) in of and Case(log, robot) in of
+            (by_case[Case(log, robots[0])], by_case[Case(log, robot)])
+            for log in dict.fromkeys(case.log for case in by_case)
+            if Case(log, robots[0]) in by_case and Case(log, robot) in by_case
         ]
         names = dict.fromkeys(name for _, other in both for name in other.results["variants"])
         variants = {name: ratio for name in names if (ratio := _ratio(both, name))}
@@ -310,7 +310,7 @@ def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
 
 
 def _ratio(both: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
-    """Ratio of a variant with one robot file to that with another, in all logs."""
+    """Ratio of a variant's drift between two robot files; empty if no log has both."""
     found: Results = {}
     for label in drift_table.horizon_labels():
         pairs = []

@@ -52,10 +52,10 @@ ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms"
 
 
 def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap | None:
-    """Guess the columns of each stream; return None if no column looks like a time.
+    """Guess the columns of each stream; None if a table has no column of the time.
 
-    Columns of the truth are those of `is_truth`, or their table is. Columns of commands
-    are skipped. That of the time may be known.
+    Columns belong to the truth if their name, or that of their table, satisfies `is_truth`. Columns of
+    commands are skipped. `time_column` is used where a table has it.
     """
     times = [_time_column(table, time_column) for table in tables]
     if not times or None in times:
@@ -65,17 +65,17 @@ def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap |
     for table, own in zip(tables, times, strict=True):
         other = None if own == time else own
         names = [one.name for one in table.columns if one.is_number and one.name != own]
-        true = names if is_truth(table.path.stem) else [name for name in names if is_truth(name)]
-        measured = [name for name in names if name not in true and not is_command(name)]
+        of_truth = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
+        measured = [name for name in names if name not in of_truth and not is_command(name)]
         tracks = tracks or _tracks(measured, other, table)
         imu = imu or _imu(measured, other)
         fixes = fixes or _fixes(measured, other)
-        truth = truth or _truth(true, other)
+        truth = truth or _truth(of_truth, other)
     return ColumnMap(time, unit, tracks, imu, fixes, truth)
 
 
 def _plain(name: str) -> str:
-    """Lower-case name without its unit, as acc_x of `Acc x [m/s²]` and `acc_x_g`."""
+    """Lower-case name without its unit: acc_x for `Acc x [m/s²]` and for `acc_x_g`."""
     return UNIT.sub("", re.sub(r"\W+", "_", re.sub(r"[\[(].*", "", name.lower()).strip()))
 
 
@@ -88,6 +88,7 @@ def _time_column(table: Table, known: str) -> str | None:
 
 
 def _time_unit(table: Table, name: str) -> TimeUnit:
+    """Unit by the ending of the name, else by the size of times since 1970; else "s"."""
     for word in re.split(r"[^a-z]+", name.lower()):
         if word in ENDINGS:
             return ENDINGS[word]
@@ -124,10 +125,11 @@ def _is_bare(name: str) -> bool:
 
 
 def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
-    found = {match.group(1): name for name in names if (match := pattern.match(_plain(name)))}
-    if set("xyz") <= set(found):
-        return tuple(found[axis] for axis in "xyz")
-    return (found["z"],) if "z" in found and "x" not in found else ()
+    """Names of the axes x, y, z, of z alone if there is no x, or none."""
+    by_axis = {match.group(1): name for name in names if (match := pattern.match(_plain(name)))}
+    if set("xyz") <= set(by_axis):
+        return tuple(by_axis[axis] for axis in "xyz")
+    return (by_axis["z"],) if "z" in by_axis and "x" not in by_axis else ()
 
 
 def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:

@@ -129,11 +129,8 @@ def forward_yaw(
     The result is the candidate of four whose forward axis follows the change of the tracks' mean speed
     v, and whose left axis follows v w; both are averaged over half a second.
 
-    Args:
-        tracks: the track speeds.
-        stamps: (n,) stamps of the IMU [ns].
-        horizontal: (n, 2) specific force in the levelled axes [m/s²].
-        vertical: (n,) rate about the vertical [rad/s].
+    `stamps` (n,) are those of the IMU [ns], `horizontal` (n, 2) the specific force in the levelled axes
+    [m/s²], `vertical` (n,) the rate about the vertical [rad/s].
     """
     if not are_usable(tracks):
         return None
@@ -191,10 +188,7 @@ def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[n
 def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
     """Correlation of V_r - V_l with the vertical rate; None if one is constant.
 
-    Args:
-        tracks: the track speeds.
-        imu: the IMU, for its stamps.
-        vertical: (n,) its rate about the vertical [rad/s].
+    `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
     """
     difference = _turning(tracks, imu)
     if difference is None or np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:

@@ -161,7 +161,7 @@ def inspect(
 def _estimates(
     mapping: TopicMap, clocks: dict[str, Choice], log: Log | None, sizes: robot_file.Sizes
 ) -> robot_file.LogEstimates:
-    """Estimate all that a log shows."""
+    """Estimate mounting, wheels, latencies, gyro bias and wander of the fixes from a log."""
     if log is None:
         return robot_file.LogEstimates(mapping, clocks, log, sizes)
     mounting, vertical = _mounted(log)
@@ -186,7 +186,7 @@ def _estimates(
 
 
 def _mounted(log: Log) -> tuple[imu_mounting.Mounting | None, Floats | None]:
-    """Mounting of the IMU, and the rate about the vertical by it."""
+    """Mounting of the IMU and its rate about the vertical (n,) [rad/s], None if unknown."""
     mounting = imu_mounting.estimate_mounting(log)
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     return mounting, vertical
@@ -210,20 +210,23 @@ def _track_by_rate(seen: robot_file.LogEstimates) -> by_rate.TrackByRate | None:
 
 
 def _with_own(guess: TopicMap, own: Mapping[str, Mapping[str, Any]]) -> TopicMap:
-    """Mapping with the streams that were filled in, stamps and speeds as logged."""
-    named = {keys["topic"] for keys in own.values() if "topic" in keys}
-    found = {
+    """Merge the keys that a person filled in into a guessed mapping, except `UNUSED`.
+
+    A guessed stream is dropped if a person uses its topic for another stream.
+    """
+    topics = {keys["topic"] for keys in own.values() if "topic" in keys}
+    merged = {
         name: stream
         for name, stream in to_builtins(guess).items()
-        if stream and stream.get("topic") not in named - {own.get(name, {}).get("topic")}
+        if stream and stream.get("topic") not in topics - {own.get(name, {}).get("topic")}
     }
     for name, keys in own.items():
-        table = found
+        table = merged
         for part in name.split("."):
             table[part] = table.get(part) or {}
             table = table[part]
         table |= {key: value for key, value in keys.items() if key not in UNUSED}
-    return convert(found, TopicMap, "[log]", ReplayError) if own else guess
+    return convert(merged, TopicMap, "[log]", ReplayError) if own else guess
 
 
 def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
@@ -231,6 +234,7 @@ def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
     if log.imu is None:
         return mapping
     units, fast = {}, _fast_turning(log.imu)
+    # A robot turns faster than this in deg/s, but never in rad/s.
     if FAST_TURNING < fast < math.degrees(FAST_TURNING):
         units["rate_unit"] = "deg/s"
         notes.append(f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s")

@@ -41,30 +41,28 @@ class TrackByRate(NamedTuple):
 
 
 def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
-    """Mean yaw rates and V_r - V_l (n, 2) of windows in which the log has no hole.
+    """Mean yaw rates and V_r - V_l (n, 2) of windows without a hole or a changing rate.
 
-    Args:
-        log: the log; its track speeds may be rates.
-        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s].
-        bias: bias of that rate [rad/s].
+    Track speeds may be rates. `vertical` (n,) is the rate about the vertical at the IMU's stamps, with
+    this bias [rad/s].
     """
     if log.imu is None or not are_usable(log.tracks):
         return np.zeros((0, 2))
     tracks, imu, step = log.tracks.stamps, log.imu.stamps, round(WINDOW / NANOSECOND)
     edges = np.arange(max(tracks[0], imu[0]), min(tracks[-1], imu[-1]) + 1, step)
     turning = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
-    sides = ((imu, vertical - bias), (tracks, turning))
+    series = ((imu, vertical - bias), (tracks, turning))
     whole = np.ones(max(0, len(edges) - 1), bool)
-    for stamps, _ in sides:
-        held = np.diff(stamps, prepend=stamps[0])[np.searchsorted(stamps, edges[1:])]
-        whole &= held < step
-    columns = [np.diff(np.interp(edges, at, running_integral(at, one))) for at, one in sides]
-    found = np.column_stack(columns) / WINDOW
+    for stamps, _ in series:
+        interval = np.diff(stamps, prepend=stamps[0])[np.searchsorted(stamps, edges[1:])]
+        whole &= interval < step
+    columns = [np.diff(np.interp(edges, at, running_integral(at, rate))) for at, rate in series]
+    means = np.column_stack(columns) / WINDOW
     # Where the rate changes, what remains of a latency would count as a narrower track.
-    steps = np.abs(np.diff(found[:, 0]))
-    whole[1:] &= steps < STEADY * np.abs(found[1:, 0])
-    whole[:-1] &= steps < STEADY * np.abs(found[:-1, 0])
-    return found[whole]
+    steps = np.abs(np.diff(means[:, 0]))
+    whole[1:] &= steps < STEADY * np.abs(means[1:, 0])
+    whole[:-1] &= steps < STEADY * np.abs(means[:-1, 0])
+    return means[whole]
 
 
 def track_by_rate(windows: Floats) -> list[RateBin]:
@@ -76,21 +74,21 @@ def track_by_rate(windows: Floats) -> list[RateBin]:
             inside = (rates >= low) & (rates < high)
             if inside.sum() >= FEWEST:
                 rate, mean = float(rates[inside].mean()), float(turning[inside].mean())
-                off = turning[inside] - mean / rate * rates[inside]
-                sigma = float(off.std(ddof=1) / np.sqrt(inside.sum()) / rate)
+                residuals = turning[inside] - mean / rate * rates[inside]
+                sigma = float(residuals.std(ddof=1) / np.sqrt(inside.sum()) / rate)
                 found.append(RateBin(side * rate, mean / rate, sigma, WINDOW * int(inside.sum())))
     return sorted(found)
 
 
 def extremes(bins: Sequence[RateBin]) -> tuple[RateBin, RateBin] | None:
-    """Bins with a narrow and a wide track that differ most significantly, if any do."""
+    """The two bins whose tracks differ most significantly, narrower first; None if none."""
 
-    def apart(pair: tuple[RateBin, RateBin]) -> float:
+    def significance(pair: tuple[RateBin, RateBin]) -> float:
         one, other = pair
         return abs(one.track - other.track) / max(1e-9, float(np.hypot(one.sigma, other.sigma)))
 
-    pair = max(combinations(bins, 2), key=apart, default=None)
-    if pair is None or apart(pair) < SURE:
+    pair = max(combinations(bins, 2), key=significance, default=None)
+    if pair is None or significance(pair) < SURE:
         return None
     low, high = sorted(pair, key=lambda one: one.track)
     return low, high

@@ -51,13 +51,10 @@ NO_WHEELS = WheelEstimates(None, "", None)
 def wheel_estimates(
     log: Log, vertical: Floats | None, correlation: float | None, straight: float = STRAIGHT
 ) -> WheelEstimates:
-    """Estimate the effective radius and track.
+    """Estimate the effective radius and track; track speeds may be rates.
 
-    Args:
-        log: the log; its track speeds may be rates.
-        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s], or None.
-        correlation: correlation of that rate with V_r - V_l, or None.
-        straight: largest turning of windows that count for the radius [rad].
+    `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], `correlation` that with
+    V_r - V_l. Windows that turn by more than `straight` [rad] do not count for the radius.
     """
     if vertical is None or log.imu is None or not imu_mounting.are_usable(log.tracks):
         return NO_WHEELS
@@ -112,10 +109,13 @@ def _distance_ratio(
     turned, yaw = (
         np.interp(edges, imu, running_integral(imu, rate)) for rate in (np.abs(vertical), vertical)
     )
-    at = np.column_stack([np.interp(edges, stamps, column) for column in places.T])
+    places_at_edges = np.column_stack([np.interp(edges, stamps, column) for column in places.T])
     # Ratio of chord to arc for this turning.
     shortened = np.sinc(np.diff(yaw) / (2.0 * np.pi))
-    chords, arcs = np.hypot(*np.diff(at, axis=0).T), np.abs(np.diff(distance)) * shortened
+    chords, arcs = (
+        np.hypot(*np.diff(places_at_edges, axis=0).T),
+        np.abs(np.diff(distance)) * shortened,
+    )
     gaps = np.diff(np.searchsorted(stamps, edges)) < 2
     straight = (np.diff(turned) < turning) & (arcs > 0.3 * np.abs(mean).max() * window) & ~gaps
     if straight.sum() < FEWEST_WINDOWS:
@@ -144,12 +144,10 @@ def standstills(log: Log) -> list[tuple[float, float]]:
 
 
 def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:
-    """Check the yaw rate of a twist.
+    """Compare the spread of the odometry's yaw rate with the gyro's; note a wrong unit.
 
-    Args:
-        log: the log.
-        vertical: (n,) rate about the vertical at the IMU's stamps [rad/s].
-        gauge: gauge with which track speeds were computed from the twist [m].
+    `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], `gauge` [m] the one with
+    which track speeds were computed from the twist.
     """
     turning = float((log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]).std()) / gauge
     gyro = float((vertical - vertical.mean()).std())
@@ -166,7 +164,7 @@ def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[st
 
 
 def unit_of_gravity(force: float) -> str:
-    """Question after the unit of a mean specific force, empty without a guess."""
+    """Question about the likely unit of a mean specific force; empty without a guess."""
     for unit, size in (("g", 1.0), ("mg", 1000.0), ("cm/s²", 981.0), ("ft/s²", 32.2)):
         if abs(force - size) <= 0.015 * size or (unit == "g" and abs(force - size) < 0.05):
             return f"; in {unit}?"

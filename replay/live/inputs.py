@@ -103,7 +103,7 @@ class LiveInputs:
     _counter: tuple[int, Floats] | None = None
     _newest_transform: int = -1
     _went_back: int | None = None
-    _ahead: int = 0
+    _ahead_ns: int = 0  # header stamp minus arrival of the newest message
 
     def __post_init__(self) -> None:
         """Refuse a mapping without track speeds.
@@ -142,8 +142,7 @@ class LiveInputs:
     def missing_joints(self, now: int) -> str:
         """Text on mapped joints that no message has had so far; empty if there are none.
 
-        Args:
-            now: present time [ns]; nothing is missing in the first `LONGEST_WAIT`.
+        It is empty, too, until `now` [ns] is `LONGEST_WAIT` after the first message.
         """
         stream = self._streams["tracks"]
         first, reader = self.heard.get(stream.topic), stream.readers.get(JOINT_STATE)
@@ -190,26 +189,21 @@ class LiveInputs:
         return self._ready(arrival)
 
     def flush(self, now: int) -> list[Measurement]:
-        """Measurements that became ready by the passing of time.
-
-        Args:
-            now: present time [ns], of the clock of the arrivals.
-        """
+        """Measurements that are ready as time has passed; `now` [ns] is by the arrivals' clock."""
         return self._ready(now) if self._waiting else []
 
     def restart(self, now: int | None = None) -> None:
-        """Forget the clocks and all that waits.
+        """Forget the clocks and all waiting messages.
 
-        Args:
-            now: time to which the clock of arrivals went back [ns]; messages that were sent before are
-                dropped if they still arrive.
+        `now` is the time to which the clock of arrivals went back [ns], if it did: messages that were
+        sent before and arrive late are then dropped.
         """
         self._went_back = now
         self.clocks.clear()
         self._watch.restart()
         self._waiting.clear()
         self._wheels = ApartWheels()
-        self._begun, self._counter, self._newest_transform, self._ahead = None, None, -1, 0
+        self._begun, self._counter, self._newest_transform, self._ahead_ns = None, None, -1, 0
         for stream in self._streams.values():
             if isinstance(stream, TransformStream):
                 stream.forget_transforms()
@@ -255,32 +249,34 @@ class LiveInputs:
         ]
 
     def _stamped(self, one: _Arrived) -> _Arrived:
-        """Stamp a message without a stamp by its arrival, in the headers' clock."""
+        """Convert the arrival to the clock of the headers where it serves as the stamp."""
         if self._is_by_header(one):
-            return one if one.header is not None else one._replace(header=one.arrival + self._ahead)
-        if abs(self._ahead) * NANOSECOND <= CLOCKS_APART:
+            header = one.arrival + self._ahead_ns if one.header is None else one.header
+            return one._replace(header=header)
+        if abs(self._ahead_ns) * NANOSECOND <= CLOCKS_APART:
             return one
-        return one._replace(arrival=one.arrival + self._ahead)
+        return one._replace(arrival=one.arrival + self._ahead_ns)
 
     def _is_by_header(self, one: _Arrived) -> bool:
         choice = self.clocks.get(one.purpose)
         return choice is not None and choice.clock == "header"
 
     def _watched(self, one: _Arrived, steady: int) -> list[_Arrived]:
-        """Messages that are ready once it is known whether a clock was set forward."""
+        """Messages, held back until it is certain whether a clock was set forward."""
         if one.purpose not in self.clocks:
             return [one]
         stamp = one.header if self._is_by_header(one) and one.header is not None else one.arrival
-        found = self._watch.take(one.purpose, stamp, steady, one)
-        for _ in range(found.lost):
+        watched = self._watch.take(one.purpose, stamp, steady, one)
+        for _ in range(watched.lost):
             self._lose(one.purpose, "stamp far ahead")
-        self.clock_step = found.step
-        for ready in found.ready:
+        self.clock_step = watched.step
+        for ready in watched.ready:
             if self._is_by_header(ready) and ready.header is not None:
-                self._ahead = ready.header - ready.arrival
-        return found.ready
+                self._ahead_ns = ready.header - ready.arrival
+        return watched.ready
 
     def _is_left_over(self, stamp: int, arrival: int) -> bool:
+        """True for a message that was sent before the clock went back a short time ago."""
         back = self._went_back
         if back is None or arrival - back > LEFT_OVER:
             self._went_back = None
@@ -288,6 +284,7 @@ class LiveInputs:
         return stamp - arrival > AHEAD
 
     def _lose(self, purpose: str, reason: str) -> list[_Arrived]:
+        """Count a message as lost; return no message, for the caller to return."""
         name = f"{purpose}: {reason}"
         self.lost[name] = self.lost.get(name, 0) + 1
         return []
@@ -302,10 +299,10 @@ class LiveInputs:
         return ready
 
     def _choose(self, now: int) -> bool:
-        """Choose the clocks of streams that have none, if it is time.
+        """Choose the clocks of streams that have none; return False if it is too early.
 
-        Earlier choices stay. Clocks that disagree are given until `LONGEST_WAIT`: a computer that is
-        busy at the start takes the messages of one topic seconds after those of another.
+        Earlier choices remain. If clocks disagree, the choice waits until `LONGEST_WAIT`: a computer that
+        is busy at the start takes the messages of one topic seconds after those of another.
         """
         counts = dict.fromkeys(("tracks", "imu") if self.mapping.imu else ("tracks",), 0)
         for one in self._waiting:
@@ -332,7 +329,7 @@ class LiveInputs:
                 evidence[purpose] = Evidence(stream.topic, stream.time, 0.0)
             elif rows:
                 offsets = [one.header - one.arrival for one in rows if one.header is not None]
-                offset = None if len(offsets) < len(rows) else _prompt(offsets)
+                offset = None if len(offsets) < len(rows) else _prompt_offset(offsets)
                 constant = len(rows) > 1 and len({one.header for one in rows}) == 1
                 evidence[purpose] = Evidence(stream.topic, stream.time, offset, constant)
         return evidence
@@ -408,14 +405,14 @@ class LiveInputs:
 
 
 def _track_speeds(stamp: int, speeds: Floats, left: int) -> TrackSpeeds:
-    """Track speeds by those (1, k) of the wheels, of which the left ones come first."""
+    """Track speeds from wheel speeds (1, k), of which the first `left` are the left ones."""
     (of_left, of_right), wheels = mean_of_sides(speeds, left)[0].tolist(), tuple(speeds[0].tolist())
     if len(wheels) == 2:
         return TrackSpeeds(stamp, of_left, of_right)
     return TrackSpeeds(stamp, of_left, of_right, wheels[:left], wheels[left:])
 
 
-def _prompt(offsets: list[int]) -> float:
+def _prompt_offset(offsets: list[int]) -> float:
     """Header stamp minus arrival of a message that did not wait long [s]."""
     return float(np.quantile(offsets, PROMPT, method="lower")) * NANOSECOND
 

@@ -36,11 +36,7 @@ class ReorderBuffer:
         self._last: int | None = None
 
     def put(self, measurements: list[Measurement]) -> list[list[Measurement]]:
-        """Add measurements.
-
-        Returns:
-            Measurements that are due, one list for each stamp, in order.
-        """
+        """Add measurements; return those that are due, one list for each stamp, in order."""
         due: list[list[Measurement]] = []
         for measurement in measurements:
             before, self._last = self._last, measurement.stamp
@@ -54,7 +50,7 @@ class ReorderBuffer:
         return due + self.take_all((self._last or 0) - self._wait)
 
     def take_all(self, until: float = math.inf) -> list[list[Measurement]]:
-        """Remove and return all before a stamp [ns], one list for each stamp, in order."""
+        """Remove all measurements before a stamp [ns]; return a list for each stamp."""
         ready = []
         while self._heap and self._heap[0].key[0] < until:
             ready.append(heapq.heappop(self._heap).measurement)

@@ -30,9 +30,7 @@ NO_HEADING_VARIANCE = 1e3
 def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
     """Rows as of `message_rows.imu_row` from the values of named fields or columns.
 
-    Args:
-        spec: names and units.
-        values: (n, k) values in the order of angular_velocity, linear_acceleration.
+    `values` (n, k) are in the order of angular_velocity, linear_acceleration.
     """
     axes = len(spec.angular_velocity) or 3
     rates, forces = values[:, :axes], values[:, axes:]
@@ -86,10 +84,7 @@ def fix_heights(
 ) -> tuple[HeightFix, ...]:
     """Fixes of the height; none without `height_sigma`.
 
-    Args:
-        stamps: (n,) their stamps [ns].
-        heights: (n,) z of the fixes, or altitude above the origin [m]; NaN for unknown.
-        spec: topic or columns of the fixes.
+    `heights` (n,) are z of the fixes, or the altitude above the origin [m]; NaN for unknown.
     """
     if spec.height_sigma is None:
         return ()
@@ -132,12 +127,8 @@ def fill_variances(variances: Floats, mapped: FixTopic | PoseColumns) -> NDArray
 
     Messages state the whole error. If a part of it wanders, `position_sigma` is the rest.
 
-    Args:
-        variances: (n, 2) of each coordinate [m²] and of yaw [rad²]; NaN for unknown.
-        mapped: topic or columns of the fixes.
-
-    Returns:
-        (n,) mask of the fixes whose position variance is still unknown.
+    `variances` (n, 2) are of each coordinate [m²] and of yaw [rad²]; NaN for unknown. Returns the (n,)
+    mask of the fixes whose position variance is still unknown.
     """
     unknown = np.isnan(variances[:, 0])
     if mapped.position_sigma is not None:
@@ -162,12 +153,8 @@ def without_unknown_headings(poses: Floats, variances: Floats) -> Floats:
 def headings(rows: Floats, mapped: HeadingTopic | HeadingColumns) -> tuple[Floats, Floats]:
     """Convert the rows of `message_rows.HEADING_READERS`.
 
-    Args:
-        rows: (n, 2) yaw [rad], variance [rad²] or NaN.
-        mapped: topic or columns of the heading.
-
-    Returns:
-        (n,) yaw of the robot [rad] and (n,) variances; NaN for unknown.
+    `rows` (n, 2) are yaw [rad] and variance [rad²] or NaN. Returns the yaw of the robot (n,) [rad] and
+    its variances (n,); NaN for unknown.
     """
     yaw = wrap_angle(rows[:, 0] + math.radians(mapped.offset_deg))
     variances = rows[:, 1].copy()

@@ -29,13 +29,10 @@ MANY, TOO_MANY, FEWEST_WINDOWS = 1.7, 2.3, 2
 def arrival_in_order(stamps: Stamps) -> tuple[NDArray[np.int64], int]:
     """Permutation that sorts samples that are early or late by up to `LATE`.
 
-    Samples that are further out of order stay in place, for `screen` to drop.
+    Samples that are further out of order remain in place, for `screen` to drop.
 
-    Args:
-        stamps: (n,) [ns] in the order of arrival.
-
-    Returns:
-        (n,) indices of the samples in the new order; number of samples that moved.
+    `stamps` (n,) [ns] are in the order of arrival. Returns the (n,) indices of the samples in the new
+    order, and the number of samples that moved.
     """
     count = len(stamps)
     places = np.arange(count)
@@ -44,9 +41,9 @@ def arrival_in_order(stamps: Stamps) -> tuple[NDArray[np.int64], int]:
         return places, 0
     kept = np.flatnonzero(rising)
     # Nearest in-order samples before and after each sample.
-    place = np.searchsorted(kept, places, side="right")
-    before = stamps[kept[np.maximum(place - 1, 0)]]
-    after = stamps[kept[np.minimum(place, len(kept) - 1)]]
+    following = np.searchsorted(kept, places, side="right")
+    before = stamps[kept[np.maximum(following - 1, 0)]]
+    after = stamps[kept[np.minimum(following, len(kept) - 1)]]
     near = np.minimum(_apart(stamps, before), _apart(stamps, after)) <= round(LATE / NANOSECOND)
     movable = np.flatnonzero(rising | near)
     ordered = places.copy()
@@ -99,8 +96,7 @@ def without_steps(stamped: Stamps, recorded: Stamps) -> tuple[Stamps, list[tuple
 def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
     """Find intervals (start, end) [ns] with about twice the usual rate of samples.
 
-    Args:
-        stamps: (n,) ascending, equal ones included [ns].
+    `stamps` (n,) [ns] must ascend, equal ones included.
     """
     if len(stamps) < 10 * LASTING:
         return []
@@ -109,7 +105,7 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
         return []
     edges = np.arange(stamps[0], stamps[-1] + 1, width)
     counts = np.diff(np.searchsorted(stamps, edges))
-    # Not of the time before or after, where a wrong stamp stands alone.
+    # Without almost empty windows: a single wrong stamp lies far before or after the others.
     usual = float(np.median(counts[counts > 0.2 * counts.mean()]))
     many = (counts >= MANY * usual) & (counts <= TOO_MANY * usual)
     ends = np.flatnonzero(np.diff(np.concatenate([[0], many.astype(np.int8), [0]])))
@@ -123,11 +119,7 @@ def doubled_times(stamps: Stamps) -> list[tuple[int, int]]:
 def largest_part(stamps: Stamps) -> tuple[int, int]:
     """Find the interval [ns] with most stamps between gaps of more than `APART`.
 
-    Args:
-        stamps: (n,) ascending, at least one [ns].
-
-    Returns:
-        Its ends, widened by half of `APART`.
+    `stamps` (n,) [ns] must ascend, and be at least one. The ends are widened by half of `APART`.
     """
     day = round(APART / NANOSECOND)
     edges = np.concatenate([[0], np.flatnonzero(np.diff(stamps) > day) + 1, [len(stamps)]])

@@ -107,8 +107,7 @@ def compare_and_report(
 ) -> list[str]:
     """Run the variants over a log, write a report, and print the table or the JSON.
 
-    Returns:
-        Messages on variants without a result, for `exit_if_failed`.
+    Returns the messages on variants without a result, for `exit_if_failed`.
     """
     summary, _ = compare_and_write(log, robot, folder, **options)
     table = partial(results_table, summary)
@@ -117,13 +116,10 @@ def compare_and_report(
 
 
 def the_robot(name: str | None, paths: Sequence[Path]) -> tuple[str, Robot]:
-    """Load the robot of the option --robot.
-
-    Returns:
-        The option and the robot.
+    """Load the robot of the option --robot; return the option and the robot.
 
     Raises:
-        IcreckonError: it was left out, or is no robot.
+        IcreckonError: the option is missing, or is no robot; the message names `paths`, the logs.
     """
     if name is None:
         raise ReplayError(

@@ -36,7 +36,7 @@ BAR = 16
 LONGEST_COMPILATION = 300.0
 # Exit status of a command that has written incomplete results.
 FAILED = 1
-# What a loader says of a library that memory has no room for.
+# Messages of a loader for a library that does not fit in memory.
 UNMAPPED = (
     "failed to map segment",
     "annot allocate memory",
@@ -90,19 +90,16 @@ def results() -> Console:
 
 
 def print_banner(notes: Sequence[str]) -> None:
-    """Print notes on coarse stamps, which come before all else."""
+    """Print the notes on coarse stamps; they precede all other output."""
     for note in coarse_stamps(notes):
         results().print(Text(note, style="bold yellow"))
 
 
 def print_fitting(table: Callable[..., RenderableType], *, wide: bool, wide_from: int) -> None:
-    """Print the columns of a table that fit the terminal.
+    """Print the columns of a table that fit the terminal; with `wide`, all columns.
 
-    Args:
-        table: makes the table; its argument `narrow`, the width if not all columns fit and otherwise
-            0, leaves columns out.
-        wide: whether to print all columns, however narrow the terminal is.
-        wide_from: least width that has room for all columns [characters].
+    All columns need `wide_from` characters. On a narrower terminal, `table` is called with its width as
+    `narrow`, and omits columns; otherwise `narrow` is 0.
     """
     console = results()
     narrow = console.width if console.width < wide_from and not wide else 0
@@ -161,10 +158,7 @@ class _Title(ProgressColumn):
 def progress(title: str, *, compiles: int = 0) -> Iterator[Callable[[float], None]]:
     """Show a progress bar; yield a function of the share done, 0 to 1.
 
-    Args:
-        title: name of the task.
-        compiles: number of functions that filters compile first, see
-            `comparing.kernels_of`.
+    `compiles` is the number of functions that filters compile first, see `comparing.kernels_of`.
     """
     columns = (BarColumn(BAR), TaskProgressColumn(), TimeRemainingColumn(), TextColumn("left"))
     with _bar(_Title(compiles), *columns) as bar:

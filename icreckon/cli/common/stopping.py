@@ -23,7 +23,7 @@ SOON = 0.05
 
 
 class Stop:
-    """Signal that stops a command, and what to say of it."""
+    """Signal that stops a command, and the advice to print with it."""
 
     number = 0  # the signal, 0 if none came
     advice = ""  # how to go on, set by the command
@@ -39,7 +39,7 @@ class Stop:
 
     @classmethod
     def repeat(cls, ignored: sys.UnraisableHookArgs) -> None:
-        """Unwind the command again if a callback or finalizer has swallowed that."""
+        """Send the signal again if a callback or finalizer swallowed its KeyboardInterrupt."""
         if ignored.exc_type is not KeyboardInterrupt or not cls.number:
             sys.__unraisablehook__(ignored)
             return
@@ -53,7 +53,7 @@ class Stop:
 def stopped_in_one_line() -> Iterator[None]:
     """Clean up what runs in the block if a signal stops it, print a line, and exit.
 
-    Signals that are ignored, as behind `nohup`, stay so. In a thread nothing is changed.
+    Ignored signals, as under `nohup`, remain ignored. Outside the main thread no signal is handled.
     """
     Stop.number, Stop.advice = 0, ""
     before = {}
@@ -77,10 +77,10 @@ def stopped_in_one_line() -> Iterator[None]:
 
 
 def _leave() -> None:
-    """Print why, and exit; not held up by threads that cannot be stopped."""
-    what = NAMES[signal.Signals(Stop.number).name]
+    """Print the reason, and exit with 128 + signal, without waiting for other threads."""
+    reason = NAMES[signal.Signals(Stop.number).name]
     advice = f"; {Stop.advice}" if Stop.advice else ""
-    sys.stderr.write(f"icreckon: {what}{advice}\n")
+    sys.stderr.write(f"icreckon: {reason}{advice}\n")
     status = 128 + Stop.number
     own = threading.current_thread()
     if any(one is not own and not one.daemon for one in threading.enumerate()):

@@ -25,9 +25,7 @@ ORIGIN = ("versions", "inputs", "format")
 def calibration_tables(results: Results, *, narrow: bool) -> Group:
     """Verdict, models, parameters and logs, for the terminal.
 
-    Args:
-        results: output of `icreckon.replay.calibration.results.summarise_calibration`.
-        narrow: whether to leave columns out, to fit 80 characters.
+    `results` are those of `summarise_calibration`; narrow tables omit columns to fit 80 characters.
     """
     makers = (model_table, parameter_table, log_table)
     tables = [rich_table(make(results, narrow=narrow), narrow=narrow) for make in makers]
@@ -96,10 +94,10 @@ def log_table(results: Results, *, narrow: bool = False) -> Table:
 def _table(
     title: str, head: list[str], rows: list[tuple[str, list[str]]], *, left_out: int
 ) -> Table:
-    """Table of plain texts, without its last columns."""
-    kept = len(head) - 1 - left_out
-    cells = [(name, list(map(Cell, row[:kept]))) for name, row in rows]
-    return Table(title, head[: 1 + kept], cells)
+    """Table of plain texts, without its last `left_out` columns."""
+    columns = len(head) - left_out
+    cells = [(name, list(map(Cell, row[: columns - 1]))) for name, row in rows]
+    return Table(title, head[:columns], cells)
 
 
 def model_table(results: Results, *, narrow: bool = False) -> Table:
@@ -152,8 +150,9 @@ def _to_error(value: float, sigma: float | None) -> str:
     """Value, rounded to the second digit of its standard error."""
     if not value or not sigma or not math.isfinite(value * sigma):
         return _number(value)
-    before, last = (math.floor(math.log10(abs(one))) for one in (value, sigma))
-    digits = max(before - last + 2, before + 1, 1)
+    # Powers of ten of the first digits.
+    of_value, of_sigma = (math.floor(math.log10(abs(number))) for number in (value, sigma))
+    digits = max(of_value - of_sigma + 2, of_value + 1, 1)
     return f"{value:#.{digits}g}".removesuffix(".")
 
 

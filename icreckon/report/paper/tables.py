@@ -33,11 +33,9 @@ def paper_tables(results: Results, *, narrow: bool) -> Group:
 
 
 def all_tables(results: Results, *, narrow: bool = False) -> list[Table]:
-    """Tables of the results.
+    """Tables of the results of `icreckon paper`.
 
-    Args:
-        results: results of `icreckon paper`.
-        narrow: fit 80 characters: leave out where a number is in the paper, and turn Table II.
+    To fit 80 characters, narrow tables omit the places of the numbers in the paper, and turn Table II.
     """
     return [_numbers(results, narrow=narrow), _table_2(results, narrow=narrow)]
 

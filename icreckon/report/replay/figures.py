@@ -19,14 +19,13 @@ from icreckon.report.replay.page_charts import breaks_of
 from icreckon.report.replay.page_drive import floats
 from icreckon.report.replay.page_text import failures, has_yaw_errors, page_title
 
-# Variants in the title, wheels and gyro first, and those whose uncertainty and indices are drawn.
+# Variants whose uncertainty and indices are drawn, and those in the title, wheels and gyro first.
 SHOWN_IN_DETAIL = ("constant-online", "inertia-online")
 IN_TITLE = ("gyro", *SHOWN_IN_DETAIL)
 # Least range of the axes, also for a robot that never moved [m, deg].
-LEAST_POSITION_ERROR = 1e-3
+LEAST_POSITION_ERROR, LEAST_YAW_ERROR = 1e-3, 0.01
 # Bounds beyond this multiple of an axis are not drawn.
 FAR_BEYOND = 3.0
-LEAST_YAW_ERROR = 0.01
 # Largest range of the axis of yaw errors, which are at most 180 [deg].
 LARGEST_YAW_ERROR = 190.0
 # Most intervals between the ticks of an axis of time.
@@ -39,7 +38,7 @@ SHADES, BOUNDS = ("no fixes",), "3σ of a filter"
 
 def write_figure(path: Path, results: Results) -> None:
     """Draw paths, errors with 3-sigma bounds, and the indices over time, as PNG."""
-    results = _lifted(results)
+    results = _with_breaks(results)
     with drawing(SIZE, {"font.size": 11, "text.parse_math": False}) as figure:
         grid = figure.add_gridspec(2, 1, height_ratios=(2.2, 1.0))
         of_errors = grid[0].subgridspec(2, 2, width_ratios=(1.0, 1.1), height_ratios=(1.7, 1.0))
@@ -72,15 +71,15 @@ def write_figure(path: Path, results: Results) -> None:
 
 
 def _shades(axes: Axes) -> list[Any]:
-    """Handles of what is shaded: times without fixes, 3-sigma bounds."""
+    """Legend handles of the shaded areas: times without fixes, 3-sigma bounds."""
     handles, labels = axes.get_legend_handles_labels()
     shades = [one for one, label in zip(handles, labels, strict=True) if label in SHADES]
     # One for all: each band has the colour of its filter.
     return shades + [Patch(color="0.5", alpha=0.3, lw=0, label=BOUNDS)] * (BOUNDS in labels)
 
 
-def _lifted(results: Results) -> Results:
-    """Results with an unknown row in each hole of the log, so that no line crosses it."""
+def _with_breaks(results: Results) -> Results:
+    """Insert a row of None in each hole of the series, so that no line crosses it."""
     series = results["series"]
     rows, count = breaks_of(series["t_s"]), len(series["t_s"])
     if not rows:
@@ -94,9 +93,9 @@ def _lifted(results: Results) -> Results:
         found = np.insert(floats(values), rows, np.nan).tolist()
         return [None if math.isnan(value) else value for value in found]
 
-    lifted = {key: inserted(values) for key, values in series.items()}
-    lifted["t_s"] = np.insert(floats(series["t_s"]), rows, floats(series["t_s"])[rows]).tolist()
-    return results | {"series": lifted}
+    broken = {key: inserted(values) for key, values in series.items()}
+    broken["t_s"] = np.insert(floats(series["t_s"]), rows, floats(series["t_s"])[rows]).tolist()
+    return results | {"series": broken}
 
 
 def _title(results: Results) -> str:
@@ -116,6 +115,7 @@ def _title(results: Results) -> str:
 
 
 def _detailed(results: Results) -> list[str]:
+    """Names of `SHOWN_IN_DETAIL` that were run, else of the last two variants."""
     variants = results["series"]["variants"]
     shown = [name for name in SHOWN_IN_DETAIL if name in variants]
     return shown or list(variants)[-2:]
@@ -141,14 +141,8 @@ def _draw_paths(axes: Axes, results: Results) -> None:
         if known:
             axes.plot(*known[0], "o", color=TRUTH_COLOUR, ms=8, label="start")
     if "fixes" in series and series["fixes"]["x_m"]:
-        axes.plot(
-            series["fixes"]["x_m"],
-            series["fixes"]["y_m"],
-            "+",
-            color=FIX_COLOUR,
-            ms=7,
-            label="fixes used",
-        )
+        fixes = series["fixes"]
+        axes.plot(fixes["x_m"], fixes["y_m"], "+", color=FIX_COLOUR, ms=7, label="fixes used")
     detailed = _detailed(results)
     for name, one in series["variants"].items():
         bold = name in detailed
@@ -268,13 +262,15 @@ def _index_limits(estimated: Any, truth: Any) -> tuple[float, float]:
     shown = estimated if truth is None else np.concatenate([truth, estimated])
     low, high = np.nanpercentile(shown, (1.0, 99.0))
     width = high - low
-    low = min(low, max(np.nanmin(estimated), low - width))
-    high = max(high, min(np.nanmax(estimated), high + width))
+    lowest_peak, highest_peak = np.nanmin(estimated), np.nanmax(estimated)
+    low = min(low, max(lowest_peak, low - width))
+    high = max(high, min(highest_peak, high + width))
     margin = 0.15 * (high - low) + 1e-3
     return low - margin, high + margin
 
 
 def _true_index(results: Results, key: str) -> Any:
+    """Index of the true motion over time; None if the truth has none."""
     truth = results["series"].get("truth", {})
     if "icr_distance_m" not in truth:
         return None

@@ -28,15 +28,11 @@ def write_report(
 ) -> None:
     """Write results, figure, page and trajectories of a comparison.
 
-    Args:
-        folder: an existing folder.
-        comparison: the runs.
-        results: output of `summarise` for them.
-        robot: the robot.
-        formats: names from `icreckon.replay.export.formats.FORMATS`.
+    `results` are those of `summarise` for the comparison, `formats` names from
+    `icreckon.replay.export.formats.FORMATS`.
 
     Raises:
-        ReplayError: there is no such folder.
+        ReplayError: the folder does not exist.
     """
     folder = Path(folder)
     if not folder.is_dir():

@@ -17,9 +17,7 @@ DOES_NOT_FIT = "A robot file does not fit a log, and all figures of it are with 
 def many_tables(results: Results, *, narrow: bool = False) -> Group:
     """Verdict, scores over all logs, ratios of robot files, and the logs.
 
-    Args:
-        results: output of `summarise_many`.
-        narrow: leave columns out, so that 80 characters are enough.
+    `results` are those of `summarise_many`; narrow tables omit columns to fit 80 characters.
     """
     parts: list[Any] = []
     if doubtful := many_text.many_doubts(results):
@@ -38,7 +36,7 @@ def many_tables(results: Results, *, narrow: bool = False) -> Group:
 
 def _pooled(results: Results, *, narrow: bool) -> Table:
     pooled, baseline = results["pooled"], results["baseline_variant"]
-    # A log may have a truth with one robot file, and none with another that makes no sense of it.
+    # A log may have a truth with one robot file, and none with another that cannot read it.
     over = list(dict.fromkeys(map(many_text.pooled_over, pooled.values())))
     title = "All logs together" + (f": {over[0]}" if len(over) == 1 else "")
     table = Table(title=title, title_justify="left")
@@ -50,9 +48,8 @@ def _pooled(results: Results, *, narrow: bool) -> Table:
     for label in LABELS if not narrow else LABELS[1:]:
         table.add_column(f"ratio to\n{baseline}\n{_seconds(label)}", justify="right")
         table.add_column("95 %", justify="right", no_wrap=True)
-    position = _of_positions(results)
-    ideal = 2 if position else 3
-    table.add_column(f"NEES\nideal\n{ideal}", justify="right")
+    of_positions = _of_positions(results)
+    table.add_column(f"NEES\nideal\n{2 if of_positions else 3}", justify="right")
     table.add_column("segments\n30 s", justify="right")
     for robot, found in pooled.items():
         if len(pooled) > 1:
@@ -67,10 +64,9 @@ def _pooled(results: Results, *, narrow: bool) -> Table:
                 if not narrow:
                     cells.append(_interval(one.get(f"{key}_95")))
             for label in LABELS if not narrow else LABELS[1:]:
-                own = name == baseline
-                cells.append(_value(one.get(f"drift_ratio_{label}")))
-                cells.append(_interval(None if own else one.get(f"drift_ratio_{label}_95")))
-            nees = one["nees_position_mean" if position else "nees_pose_mean"]
+                interval = None if name == baseline else one.get(f"drift_ratio_{label}_95")
+                cells += [_value(one.get(f"drift_ratio_{label}")), _interval(interval)]
+            nees = one["nees_position_mean" if of_positions else "nees_pose_mean"]
             cells.append(_value(nees, digits=1))
             cells.append(Text(str(one.get("drift_segments_30s", "-"))))
             table.add_row(name, *cells)
@@ -86,7 +82,7 @@ def _of_positions(results: Results) -> bool:
 
 
 def _ratios(results: Results) -> Table:
-    """Drift with a robot file over that with the first."""
+    """Ratio of drift with each robot file to that with the first."""
     first = next(iter(results["pooled"]))
     table = Table(title=f"Drift over that with {first}, same segments", title_justify="left")
     table.add_column("variant", no_wrap=True)
@@ -106,7 +102,7 @@ def _ratios(results: Results) -> Table:
 
 
 def _logs(results: Results) -> Table:
-    """One row for each log: length, and what drifts least in it."""
+    """One row for each log: its length, and the variant with the least drift."""
     label = many_text.horizon_of(results)
     several = len(results["pooled"]) > 1
     table = Table(title="Each log", title_justify="left")

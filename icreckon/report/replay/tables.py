@@ -72,9 +72,7 @@ WIDE_FROM = 125
 def results_table(results: Results, *, narrow: int = 0) -> Group:
     """Verdict and scores of all variants, with footnotes on the log.
 
-    Args:
-        results: results of a comparison.
-        narrow: width of a terminal without room for all columns [characters]; 0 for all.
+    `narrow` is the width of a terminal without room for all columns [characters]; 0 for all.
     """
     truth = results["truth"]
     columns: Sequence[Column] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS

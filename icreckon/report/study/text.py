@@ -39,10 +39,10 @@ def headline(results: Results) -> str:
     drift, baseline, overall = results["drift"], results["baseline"], results["overall"]
     count = len(results["cells"])
     runs = f"{count} {'cell' if count == 1 else 'cells'} of {results['runs']} runs each"
-    of = overall[baseline][drift]
+    summary = overall[baseline][drift]
     if overall[baseline][FINAL_ERROR]["n"] == 0:
         return f"{ERROR}: over {runs}, {baseline} has no result; there is nothing to compare with."
-    if of["n"] == 0:
+    if summary["n"] == 0:
         return f"Over {runs}, nowhere long enough without fixes to score the drift of {baseline}."
     after, typical = title_of(results, drift).removeprefix("drift "), results["typical"]
     cells = [cell["variants"][baseline][drift]["mean"] for cell in results["cells"]]
@@ -86,10 +86,10 @@ def _comparison(results: Results, name: str) -> str:
         if ends:
             text += ": " + ", ".join(f"{change(one['ratio'])} at {place}" for one, place in ends)
     end = results["overall"][name][FINAL_ERROR]
-    against = _finite(end["ratio_low"]) and (
+    end_contradicts_drift = _finite(end["ratio_low"]) and (
         (typical["ratio"] < 1.0 < end["ratio_low"]) or (end["ratio_high"] < 1.0 < typical["ratio"])
     )
-    if against:
+    if end_contradicts_drift:
         text += f". Its error at the end is {change(end['ratio'])} ({_between(end, 'ratio')} times)"
     return f"{text}."
 
@@ -167,12 +167,12 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
         f"{runs} runs{shared} in each cell, paired over cells and variants; {intervals}.",
         f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: "
         f"median{percentile}. NEES of the pose at the end: 3 is ideal, more is too sure.",
-        *_untold_noise(results),
+        *_unknown_noise(results),
     ]
 
 
-def _untold_noise(results: Results) -> list[str]:
-    """Explain large NEES of filters without the noise that is swept."""
+def _unknown_noise(results: Results) -> list[str]:
+    """Explain a large NEES of filters that do not know the swept noise; else nothing."""
     study = results["configuration"]
     sweep = study.get("sweep") or {}
     cases = [keys for named in (sweep.get("cases") or {}).values() for keys in named.values()]
@@ -192,9 +192,8 @@ def _untold_noise(results: Results) -> list[str]:
 def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]:
     """Make tables by cell, or by axis if there are many cells.
 
-    Args:
-        results: output of `icreckon.simulation.study.results.study_results`.
-        narrow: whether to leave columns out, and to give intervals as factors, to fit 80 characters.
+    `results` are those of `study_results`. Narrow tables omit columns, and give intervals as factors, to
+    fit 80 characters.
     """
     cells = results["cells"]
     axes = [axis["name"] for axis, _ in swept(results)]
@@ -251,7 +250,7 @@ def _table(
         numbers = [drifts, ratios, "final error, m", "95th percentile, m", "NEES at the end"]
     head = [*(_last_parts(axes) if narrow else axes), "variant", *numbers]
     interval = _with_factor if narrow else _with_interval
-    rows, untold = [], bool(_untold_noise(results))
+    rows, noise_is_unknown = [], bool(_unknown_noise(results))
     for values, variants, inside in places:
         for number, (name, one) in enumerate(variants.items()):
             summary = one[drift]
@@ -263,33 +262,28 @@ def _table(
             ]
             if one[FINAL_ERROR]["n"] == 0:
                 blank = len(head) - len(place) - 2
-                rows.append((*place, name, _error(failed), *[""] * blank))
+                reason = _first_reason(failed) if failed else "no result"
+                rows.append((*place, name, f"{ERROR}: {reason}", *[""] * blank))
                 continue
             is_baseline = name == results["baseline"]
-            count = sum(found["runs"] for found in failed)
-            of = results["runs"] * len(inside)
             if failed:
+                count, of = sum(found["runs"] for found in failed), results["runs"] * len(inside)
                 name = f"{name}\n({count} of {of} runs failed: {_first_reason(failed)})"
             row = [*place, name, interval(summary, "mean")]
             row += ["1" if is_baseline else interval(summary, "ratio")]
             row += [_number(one[FINAL_ERROR]["median"])]
             row += [] if narrow else [_number(one[FINAL_ERROR]["p95"])]
             nees = _number(one[NEES]["mean"]) if narrow else _with_interval(one[NEES], "mean")
-            unsure = untold and _finite(one[NEES]["mean"]) and one[NEES]["mean"] >= MUCH_NEES
-            row += [f"{nees} {MARK}" if unsure else nees]
+            is_large = _finite(one[NEES]["mean"]) and one[NEES]["mean"] >= MUCH_NEES
+            row += [f"{nees} {MARK}" if noise_is_unknown and is_large else nees]
             rows.append(tuple(row))
     return TextTable(title, tuple(head), tuple(rows), len(axes) + 1)
 
 
 def _last_parts(axes: tuple[str, ...]) -> tuple[str, ...]:
-    """Keep what follows the last dot of each name, unless two then have the same one."""
+    """Shorten names to the part after their last dot, unless two become equal."""
     last = tuple(axis.rsplit(".", 1)[-1] for axis in axes)
     return last if len(set(last)) == len(last) else axes
-
-
-def _error(failed: Sequence[dict[str, Any]]) -> str:
-    """Text that replaces numbers in a table if all runs failed."""
-    return f"{ERROR}: {_first_reason(failed) if failed else 'no result'}"
 
 
 def _first_reason(failed: Sequence[dict[str, Any]]) -> str:
@@ -316,7 +310,7 @@ def _with_factor(summary: dict[str, Any], key: str) -> str:
 
 
 def _between(summary: dict[str, Any], key: str) -> str:
-    """Format an interval, as precisely as its middle."""
+    """Format an interval with the decimals of its estimate."""
     low, high = summary[f"{key}_low"], summary[f"{key}_high"]
     if not (_finite(low) and _finite(high)):
         return "one true motion"
