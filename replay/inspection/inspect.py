@@ -234,7 +234,7 @@ def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
     if log.imu is None:
         return mapping
     units, fast = {}, _fast_turning(log.imu)
-    # A robot turns faster than this in deg/s, but never in rad/s.
+    # Above the first limit rad/s are implausible, above the second deg/s are, too.
     if FAST_TURNING < fast < math.degrees(FAST_TURNING):
         units["rate_unit"] = "deg/s"
         notes.append(f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s")

@@ -53,10 +53,8 @@ class BaseFrame:
     def pose3d(self, pose: Pose3d, planar: Floats, covariance: Floats) -> Pose3d:
         """Pose of the base frame in three dimensions.
 
-        Args:
-            pose: that of the centre.
-            planar: (3,) the same of the base frame, seen from above.
-            covariance: (3, 3) its covariance.
+        `pose` is that of the centre, `planar` (3,) the pose of the base frame seen from above, with its
+        covariance (3, 3).
         """
         if not self._moves:
             return pose
@@ -92,7 +90,7 @@ class BaseFrame:
         return (x, y, yaw)
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """Point in the estimator's frame, in the base frame [m]."""
+        """Convert a point of the estimator's frame to the base frame [m]."""
         if not self._moves:
             return (x, y)
         forward, left, _ = relative(self._offset, (x, y, 0.0)).tolist()

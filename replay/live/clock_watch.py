@@ -55,8 +55,8 @@ class ClockWatch(Generic[T]):
     def take(self, stream: str, stamp: int, came: int, message: T) -> Watched[T]:
         """Add a message, and return those that can be used.
 
-        `came` is its arrival by a clock that is never set [ns]. A message whose stamp is far ahead of that
-        is held back until `WITNESSES` in a row agree on the step; if the next ones do not, it is lost.
+        `came` is its arrival by a clock that is never set [ns]. A message with a stamp far ahead of it is
+        held back until `WITNESSES` in a row agree on the step; if the next ones do not, it is lost.
         """
         known = self._streams.get(stream)
         if known is None:

@@ -28,10 +28,10 @@ class Placed(NamedTuple):
 class MapFrame:
     """Estimator of the pose in `map`, from the first fix on.
 
-    It starts as a copy of that in `odom` if the first fix agrees with it and is said to be in `odom`, as
-    those of a simulation are. Otherwise it starts at the first fix with a heading, or when the path has
-    gone far enough to show the heading by positions alone. A pose that somebody gives takes precedence.
-    Parameters and biases are those learnt so far.
+    It starts as a copy of that in `odom` if the first fix agrees with it and has the frame `odom`, as in
+    a simulation. Otherwise it starts at the first fix with a heading, or when the path is long enough to
+    estimate the heading from positions alone. A pose set by `place` takes precedence. Learnt parameters
+    and biases are kept.
 
     Attributes:
         estimator: the estimator; None before it starts.
@@ -51,10 +51,8 @@ class MapFrame:
     def take(self, group: list[Measurement], odom: PoseEstimator, *, in_odom: bool) -> None:
         """Update with measurements of one stamp.
 
-        Args:
-            group: the measurements.
-            odom: the estimator of the pose in `odom`, updated with all of them but the fixes.
-            in_odom: whether the fixes are said to be in `odom`.
+        `odom` is the estimator in `odom`, already updated with all of them but the fixes; `in_odom` is
+        True if the frame of the fixes is `odom`.
         """
         if self._placed is not None and odom.stamp is not None:
             learnt = odom if self.estimator is None else self.estimator
@@ -78,7 +76,7 @@ class MapFrame:
             self.estimator = self._by_path(fix, odom)
 
     def set_clock(self, by: int) -> None:
-        """Go on by a clock that is ahead of the one so far [ns]."""
+        """Continue with a clock that was set forward by this time [ns]."""
         self._heading = None
         self._waiting.clear()
         if self.estimator is not None:
@@ -97,7 +95,7 @@ class MapFrame:
     def _started(
         self, fix: PositionFix, odom: PoseEstimator, *, in_odom: bool
     ) -> PoseEstimator | None:
-        """Start at a fix; None without a heading."""
+        """Start at a fix that has a heading, or agrees with `odom`; None otherwise."""
         heading, lever_arm = self._heading, np.array([fix.forward, fix.left])
         if heading is not None and abs(fix.stamp - heading.stamp) * NANOSECOND > SOON:
             heading = None
@@ -128,14 +126,15 @@ class MapFrame:
         white = math.sqrt(float(np.median([one.variance for one in fixes])))
         wander = wander_of(odom.robot, odom.settings)
         sigma = math.hypot(white, math.sqrt(len(fixes)) * wander.sigma)
-        found = laid_over(path, np.array([(one.x, one.y) for one in fixes]), sigma)
-        if found is None:
+        fit = laid_over(path, np.array([(one.x, one.y) for one in fixes]), sigma)
+        if fit is None:
             return None
-        x, y, yaw = compose(found.pose, odom.pose).tolist()
-        away = float(np.hypot(*(odom.pose[:2] - path.mean(axis=0))))
-        wide = wander.at_start(white) + found.sigma[2] * away
+        x, y, yaw = compose(fit.pose, odom.pose).tolist()
+        # The error of the yaw turns the pose about the middle of the path.
+        distance = float(np.hypot(*(odom.pose[:2] - path.mean(axis=0))))
+        position_sigma = wander.at_start(white) + fit.sigma[2] * distance
         self._waiting.clear()
-        return odom.restarted((x, y, yaw), (wide, wide, found.sigma[2]))
+        return odom.restarted((x, y, yaw), (position_sigma, position_sigma, fit.sigma[2]))
 
 
 def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:

@@ -22,16 +22,12 @@ def mean_of_sides(values: Floats, left: int) -> Floats:
 def interpolated(
     stamps: Stamps, values: Floats, wrap: float | None, slowest: int | None = None
 ) -> tuple[Stamps, Floats]:
-    """Values of wheels with messages of their own at the stamps of the slowest.
+    """Interpolate wheels with messages of their own at the stamps of the slowest wheel.
 
-    Args:
-        stamps: (n,) [ns], rising.
-        values: (n, k) of the wheels; NaN for those that a message does not have.
-        wrap: value at which counters begin again, or None.
-        slowest: column of the slowest wheel; None for that with the fewest values.
-
-    Returns:
-        Stamps and values; as they are if any message has all wheels, or a wheel has none.
+    `values` (n, k) are NaN for wheels that a message lacks, `wrap` is the value at which counters begin
+    again, `slowest` the column of the slowest wheel (default: that with the fewest values). Stamps [ns]
+    and values are returned unchanged if any message has all wheels, or a wheel has no value; otherwise
+    without rows in a gap of a wheel, of more than `TOGETHER`.
     """
     known = ~np.isnan(values)
     if not len(values) or known.all(axis=1).any() or not known.any(axis=0).all():
@@ -39,21 +35,21 @@ def interpolated(
     at = stamps[known[:, known.sum(axis=0).argmin() if slowest is None else slowest]]
     whole, columns = np.ones(len(at), bool), []
     for column, there in zip(values.T, known.T, strict=True):
-        own, of_own = stamps[there], column[there]
+        own_stamps, own_values = stamps[there], column[there]
         if wrap is not None:
-            of_own = np.unwrap(of_own, period=wrap)
-        after = np.searchsorted(own, at).clip(max=len(own) - 1)
-        before = (after - (own[after] > at)).clip(min=0)
-        whole &= (own[before] <= at) & (at <= own[after])
-        whole &= (own[after] - own[before]) * NANOSECOND <= TOGETHER
-        columns.append(np.interp(at - at[0], own - at[0], of_own))
+            own_values = np.unwrap(own_values, period=wrap)
+        after = np.searchsorted(own_stamps, at).clip(max=len(own_stamps) - 1)
+        before = (after - (own_stamps[after] > at)).clip(min=0)
+        whole &= (own_stamps[before] <= at) & (at <= own_stamps[after])
+        whole &= (own_stamps[after] - own_stamps[before]) * NANOSECOND <= TOGETHER
+        columns.append(np.interp(at - at[0], own_stamps - at[0], own_values))
     return at[whole], np.column_stack(columns)[whole]
 
 
 def of_sides(
     stamps: Stamps, speeds: Floats, left: int, names: Sequence[str], fastest: float
 ) -> tuple[TrackSpeedSeries, list[str]]:
-    """Track speeds by those of the wheels of both sides.
+    """Mean track speeds of the wheels of each side; wheels that disagree are noted.
 
     Args:
         stamps: (n,) [ns], rising.
