@@ -32,7 +32,7 @@ class Received(NamedTuple):
         return int(self.info["source_timestamp"] or self.info["received_timestamp"] or 0)
 
     def arrival(self, now: int) -> int:
-        """Time of arrival by the middleware [ns], or `now` if that is missing or implausible."""
+        """Time of arrival by the middleware [ns]; `now` if missing or implausible."""
         received = int(self.info["received_timestamp"] or 0)
         return received if received and 0 <= now - received <= LONGEST_QUEUE * 1e9 else now
 

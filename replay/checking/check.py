@@ -154,7 +154,7 @@ def effective_track(robot: Robot) -> float:
 
 
 def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
-    """Effective track [m] by the gyro, its standard error or None; None if not observable."""
+    """Effective track [m] and standard error by the gyro; None if not observable."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
     vertical = in_base(log.imu, robot)[0]

@@ -231,7 +231,7 @@ def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
 
 
 def _driven(windows: list[_Window], time: float) -> float:
-    """Mean distance driven in a time of at most `WINDOW` [m], at the scale of the fixes."""
+    """Mean distance driven in up to `WINDOW` seconds [m], at the scale of the fixes."""
     speeds = []
     for window in windows:
         columns = np.column_stack([np.ones(len(window.path)), window.path])

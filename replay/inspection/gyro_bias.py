@@ -39,7 +39,7 @@ class GyroBias(NamedTuple):
     source: str  # "standstill", "truth" or "tracks"
 
     def differs(self, expected: float, sigma: float = 0.0) -> bool:
-        """True if the bias differs significantly from an expected one with a sigma [rad/s]."""
+        """True if the bias differs significantly from one with this sigma [rad/s]."""
         least = LEAST_BY_TRACKS if self.source == "tracks" else 0.0
         return abs(self.value - expected) > max(least, SURE * float(np.hypot(sigma, self.sigma)))
 

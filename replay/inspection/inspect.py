@@ -161,7 +161,7 @@ def inspect(
 def _estimates(
     mapping: TopicMap, clocks: dict[str, Choice], log: Log | None, sizes: robot_file.Sizes
 ) -> robot_file.LogEstimates:
-    """Estimate mounting, wheels, latencies, gyro bias and wander of the fixes from a log."""
+    """Estimate mounting, wheels, latencies, gyro bias and wander from a log."""
     if log is None:
         return robot_file.LogEstimates(mapping, clocks, log, sizes)
     mounting, vertical = _mounted(log)
@@ -186,7 +186,7 @@ def _estimates(
 
 
 def _mounted(log: Log) -> tuple[imu_mounting.Mounting | None, Floats | None]:
-    """Mounting of the IMU and its rate about the vertical (n,) [rad/s], None if unknown."""
+    """Mounting of the IMU and its rate about the vertical (n,); None if unknown."""
     mounting = imu_mounting.estimate_mounting(log)
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     return mounting, vertical

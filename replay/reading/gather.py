@@ -141,7 +141,7 @@ def _use_own_mapping(result: Gathered, bags: Sequence[Path], definitions: Defini
 def _first_text(
     bag: Bag, path: Path, topic: str, definitions: Definitions
 ) -> tuple[str | None, list[str]]:
-    """First readable std_msgs/String on a topic, or None; and notes on unreadable ones."""
+    """First readable std_msgs/String on a topic, or None; and notes on others."""
     notes: list[str] = []
     if all(channel.topic != topic for channel in bag.counts):
         return None, notes
@@ -296,7 +296,7 @@ def _check_all_there(result: Gathered, bags: Sequence[Path], paths: Sequence[Pat
 
 
 def _left_out(result: Gathered) -> Iterator[str]:
-    """Note an unmapped IMU, and an unmapped receiver if there is neither fix nor truth."""
+    """Note an unmapped IMU, and fixes that are unmapped if the truth is, too."""
     mapping = result.mapping
     wanted = {IMU: ("an IMU", "imu", mapping.imu is None)}
     no_positions = mapping.fixes is None and mapping.truth is None

@@ -22,7 +22,7 @@ def mean_of_sides(values: Floats, left: int) -> Floats:
 def interpolated(
     stamps: Stamps, values: Floats, wrap: float | None, slowest: int | None = None
 ) -> tuple[Stamps, Floats]:
-    """Interpolate wheels with messages of their own at the stamps of the slowest wheel.
+    """Interpolate wheels with messages of their own at the stamps of the slowest.
 
     `values` (n, k) are NaN for wheels that a message lacks, `wrap` is the value at which counters begin
     again, `slowest` the column of the slowest wheel (default: that with the fewest values). Stamps [ns]
