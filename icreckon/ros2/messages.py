@@ -59,7 +59,7 @@ def fill_pose(message: Any, stamp: int, frame: str, pose: Pose3d) -> Any:
 
 
 def pose_of(message: Any) -> tuple[Pose, list[list[float]]]:
-    """Planar pose of a PoseWithCovarianceStamped: x, y [m], yaw [rad]; and covariance (3, 3).
+    """Planar pose (x, y [m], yaw [rad]) and covariance (3, 3) of a message.
 
     Raises:
         EstimatorError: the orientation is no rotation.

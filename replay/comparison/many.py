@@ -124,7 +124,7 @@ def label_of(path: Path) -> str:
 
 
 def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
-    """Append numbers to labels that repeat, or that are taken; upper case equals lower."""
+    """Append numbers to labels that repeat or are taken, in any case of letters."""
     found: list[str] = []
     used = {one.casefold() for one in taken}
     for label in labels:
@@ -294,7 +294,7 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
 
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
-    """Ratio of drift with each robot file to that with the first, on the same segments."""
+    """Ratio of drift with each robot file to that with the first, same segments."""
     by_case = {one.case: one for one in scored if one.drifts}
     found: Results = {}
     for robot in robots[1:]:

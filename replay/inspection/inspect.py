@@ -161,7 +161,7 @@ def inspect(
 def _estimates(
     mapping: TopicMap, clocks: dict[str, Choice], log: Log | None, sizes: robot_file.Sizes
 ) -> robot_file.LogEstimates:
-    """Estimate mounting, wheels, latencies, gyro bias and wander of the fixes from a log."""
+    """Estimate mounting, wheels, latencies, gyro bias and wander from a log."""
     if log is None:
         return robot_file.LogEstimates(mapping, clocks, log, sizes)
     mounting, vertical = _mounted(log)
@@ -186,7 +186,7 @@ def _estimates(
 
 
 def _mounted(log: Log) -> tuple[imu_mounting.Mounting | None, Floats | None]:
-    """Mounting of the IMU and its rate about the vertical (n,) [rad/s], None if unknown."""
+    """Mounting of the IMU and its rate about the vertical (n,); None if unknown."""
     mounting = imu_mounting.estimate_mounting(log)
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     return mounting, vertical
@@ -234,7 +234,7 @@ def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
     if log.imu is None:
         return mapping
     units, fast = {}, _fast_turning(log.imu)
-    # A robot turns faster than this in deg/s, but never in rad/s.
+    # Above the first limit rad/s are implausible, above the second deg/s are, too.
     if FAST_TURNING < fast < math.degrees(FAST_TURNING):
         units["rate_unit"] = "deg/s"
         notes.append(f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s")

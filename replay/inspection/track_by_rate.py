@@ -41,7 +41,7 @@ class TrackByRate(NamedTuple):
 
 
 def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
-    """Mean yaw rates and V_r - V_l (n, 2) of windows without a hole or a changing rate.
+    """Mean yaw rates and V_r - V_l (n, 2) of windows without hole or changing rate.
 
     Track speeds may be rates. `vertical` (n,) is the rate about the vertical at the IMU's stamps, with
     this bias [rad/s].
@@ -81,7 +81,7 @@ def track_by_rate(windows: Floats) -> list[RateBin]:
 
 
 def extremes(bins: Sequence[RateBin]) -> tuple[RateBin, RateBin] | None:
-    """The two bins whose tracks differ most significantly, narrower first; None if none."""
+    """Bins whose tracks differ most significantly, narrower first; None if none do."""
 
     def significance(pair: tuple[RateBin, RateBin]) -> float:
         one, other = pair

@@ -144,7 +144,7 @@ def standstills(log: Log) -> list[tuple[float, float]]:
 
 
 def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:
-    """Compare the spread of the odometry's yaw rate with the gyro's; note a wrong unit.
+    """Compare the spread of the odometry's yaw rate with the gyro's; note a misfit.
 
     `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], `gauge` [m] the one with
     which track speeds were computed from the twist.

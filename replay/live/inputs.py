@@ -189,7 +189,7 @@ class LiveInputs:
         return self._ready(arrival)
 
     def flush(self, now: int) -> list[Measurement]:
-        """Measurements that are ready as time has passed; `now` [ns] is by the arrivals' clock."""
+        """Measurements that are ready at `now` [ns], by the clock of the arrivals."""
         return self._ready(now) if self._waiting else []
 
     def restart(self, now: int | None = None) -> None:
@@ -405,7 +405,7 @@ class LiveInputs:
 
 
 def _track_speeds(stamp: int, speeds: Floats, left: int) -> TrackSpeeds:
-    """Track speeds from wheel speeds (1, k), of which the first `left` are the left ones."""
+    """Track speeds from wheel speeds (1, k), the first `left` of the left side."""
     (of_left, of_right), wheels = mean_of_sides(speeds, left)[0].tolist(), tuple(speeds[0].tolist())
     if len(wheels) == 2:
         return TrackSpeeds(stamp, of_left, of_right)

@@ -39,7 +39,7 @@ class Stop:
 
     @classmethod
     def repeat(cls, ignored: sys.UnraisableHookArgs) -> None:
-        """Send the signal again if a callback or finalizer swallowed its KeyboardInterrupt."""
+        """Send the signal again if a callback or finalizer swallowed the interrupt."""
         if ignored.exc_type is not KeyboardInterrupt or not cls.number:
             sys.__unraisablehook__(ignored)
             return

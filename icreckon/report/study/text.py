@@ -172,7 +172,7 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
 
 
 def _unknown_noise(results: Results) -> list[str]:
-    """Explain a large NEES of filters that do not know the swept noise; else nothing."""
+    """Explain a large NEES of filters without the swept noise; empty otherwise."""
     study = results["configuration"]
     sweep = study.get("sweep") or {}
     cases = [keys for named in (sweep.get("cases") or {}).values() for keys in named.values()]
