@@ -48,13 +48,14 @@ def test_a_fault_stays_within_three_sigma_and_is_told(outcomes, fault: str) -> N
         assert found.degrees < 0.2
 
 
-@pytest.mark.parametrize("gap", [thorough(1.0), 2.0, thorough(4.0)])
+@pytest.mark.parametrize("gap", [thorough(1.0), 2.0, thorough(3.0)])
 @pytest.mark.parametrize("imu_first", [False, thorough(True)])
 def test_a_hole_in_all_sensors_is_bridged_honestly(gap: float, imu_first: bool) -> None:
     robot = load_robot("auriga-alpha")
     log = replace(simulate(Scenario(duration=60.0, seed=6), robot), fixes=None)
     whole = run(log, robot, "inertia-online")
     shares = []
+    # After 4 s the yaw may be off by half a turn: errors along the path are not in a linear covariance.
     for start in range(8, 50, 14):
         begin = log.start + start * SECOND
         end = begin + int(gap * SECOND)
