@@ -177,10 +177,10 @@ def noise_health(
 
     While the tracks rest (`at_rest`), the assumed noise follows a measured one sooner.
     """
-    health, in_file = {}, settings.accelerometer_noise_density
+    health, of_accelerometers = {}, settings.accelerometer_noise_density
     for name, squared_density in imu_noise(record, at_rest, settings)._asdict().items():
         measured = measured_noise(getattr(record, name)) or None  # 0 before there is one
-        of_file = settings.gyro_noise_density if name == "gyro" else in_file
+        of_file = settings.gyro_noise_density if name == "gyro" else of_accelerometers
         health[name] = NoiseHealth(measured, of_file, math.sqrt(squared_density))
     return health
 

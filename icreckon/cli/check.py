@@ -40,8 +40,8 @@ def command(
 ) -> None:
     """Check a robot file against a log: units, signs, mounting, latency.
 
-    Lists contradictions with the log, the costliest first, each with the setting that corrects it. Exit
-    status 1 if there are any, or if the log allows no check.
+    List contradictions with the log, the costliest first, each with the setting that corrects it. Exit
+    with status 1 if there are any, or if the log allows no check.
     """
     _, robot = the_robot(robot_name, paths)
     console.check_writable(ros, ROS_FIRST_WORDS, overwrite=overwrite)

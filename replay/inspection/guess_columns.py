@@ -7,14 +7,13 @@ import numpy as np
 
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.inspection.guess_topics import (
-    COUNTER,
     NO_SPEED,
     PLACEHOLDER_SIGMA,
     SPEED,
-    UNIT_WORDS,
     is_command,
     is_truth,
     sides,
+    unit_of,
 )
 from icreckon.replay.mapping.columns import (
     AngleUnit,
@@ -25,7 +24,7 @@ from icreckon.replay.mapping.columns import (
     TimeUnit,
     TrackColumns,
 )
-from icreckon.replay.mapping.track_units import ANY_COUNTS, TrackUnit, counter_range
+from icreckon.replay.mapping.track_units import counter_range
 from icreckon.replay.reading.tables import Table
 
 TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
@@ -107,15 +106,11 @@ def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumn
         left, right = sides([name for name in likely if _is_bare(name)])
     if not (left and right) or len(left) != len(right):
         return None
-    column = left[0].lower()
-    if COUNTER.search(column):
+    keys = unit_of(left[0], unknown="m/s")
+    if keys["unit"] == "counts":
         numbers = table.numbers((*left, *right))
-        wrap = counter_range(numbers)[0] if len(left) == 1 else None
-        return TrackColumns(
-            left=left, right=right, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap, time=time
-        )
-    unit: TrackUnit = next((unit for word, unit in UNIT_WORDS if word in column), "m/s")
-    return TrackColumns(left=left, right=right, unit=unit, time=time)
+        keys["wrap"] = counter_range(numbers)[0] if len(left) == 1 else None
+    return TrackColumns(left=left, right=right, time=time, **keys)
 
 
 def _is_bare(name: str) -> bool:

@@ -143,7 +143,7 @@ def _pair_of_topics(samples: Mapping[str, Survey]) -> TrackTopic | None:
             pair = TrackTopic(left[0], right[0], left=("data",), right=("data",))
             if "Int" in kind:
                 return replace(pair, unit="counts", counts_per_turn=ANY_COUNTS, wrap=wrap)
-            return replace(pair, **_unit_of(left[0], unknown="rad/s"))
+            return replace(pair, **unit_of(left[0], unknown="rad/s"))
     return None
 
 
@@ -156,12 +156,12 @@ def _fields_of_sides(samples: Mapping[str, Survey]) -> TrackTopic | None:
         left, right = sides([path for path in paths if is_of_wheel(f"{topic} {path}")])
         if left and len(left) == len(right) and not {*left} & {*right}:
             track = TrackTopic(topic, left=left, right=right)
-            return replace(track, **_unit_of(left[0], unknown="m/s"))
+            return replace(track, **unit_of(left[0], unknown="m/s"))
     return None
 
 
-def _unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
-    """Unit by a name, as keys of `TrackTopic`; a person fills in counts per turn."""
+def unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
+    """Unit by a name, as keys of `TrackKeys`; a person fills in counts per turn."""
     name = name.lower()
     if COUNTER.search(name):
         return {"unit": "counts", "counts_per_turn": ANY_COUNTS}

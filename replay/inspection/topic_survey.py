@@ -142,7 +142,8 @@ def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Su
             survey.sampled += len(record.data)
             try:
                 message = decoders[record.channel](record.data)
-                SHAPE_CHECKS.get(record.channel.msgtype, type)(message)
+                if check := SHAPE_CHECKS.get(record.channel.msgtype):
+                    check(message)
                 survey.messages.append(message)
             except Exception:  # noqa: S112
                 # Not a message of its type; `read_log` counts these.
