@@ -36,7 +36,7 @@ LIKELY_SPIN_DISTANCE, LEAST_SPIN_DISTANCE, GRIP_TIME = 0.04, 0.1, 0.2
 # Greatest change of a robot's yaw rate [rad/s²]; beyond it the gyro fails, if its jump is this share of
 # the mismatch that counts.
 MOST_ACCELERATION, JUMP_SHARE = 30.0, 0.5
-# A mismatch below this share of the one that counts is none, once a track spins.
+# A mismatch below this share of the one that counts is none, once a track spins or reads zero.
 GONE_SHARE = 0.5
 # Time over which the force to the left is averaged [s], and the least that indicates loads [m/s²].
 LOAD_AVERAGING, LEAST_FORCE = 0.5, 0.15
@@ -50,6 +50,7 @@ class SpinRecord(msgspec.Struct):
     left: float = 0.0  # newest reading of the left track [m/s]
     right: float = 0.0  # newest reading of the right track [m/s]
     rate: float = 0.0  # newest yaw rate by the gyro [rad/s]
+    width: Size = 0.0  # effective track width that is used; 0 if it is not known [m]
     force: float = 0.0  # averaged specific force to the left [m/s²]; 0 without accelerometers
     # newest difference of the track speeds that no slip in bends explains [m/s]
     mismatch: float = 0.0
@@ -83,16 +84,15 @@ def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIG
     """Difference of the track speeds that no slip in bends explains [m/s].
 
     Args:
-        spin: record, with the yaw rate.
+        spin: record, with the yaw rate and the width.
         left: reading of the left track [m/s].
         right: reading of the right track [m/s].
         sigmas: standard deviations of the robot's own bends that slip explains.
     """
-    width = width_of_bends(spin)
-    if width == 0.0:
+    if spin.width == 0.0:
         return 0.0
-    turning, expected = right - left, width * spin.rate
-    share = sigmas * spread_of_bends(spin)
+    turning, expected = right - left, spin.width * spin.rate
+    share = sigmas * spread_of_bends(spin) if width_of_bends(spin) > 0.0 else MOST_ABOVE
     below = min(MOST_BELOW, max(LEAST_SHARE, share)) * abs(expected)
     above = min(MOST_ABOVE, max(LEAST_SHARE, share)) * abs(expected)
     low, high = (below, above) if expected > 0.0 else (above, below)
@@ -171,11 +171,15 @@ def watch_spin(
     change_left: float,
     change_right: float,
     fastest: float,
+    zero_side: int,
+    file_width: float,
 ) -> None:
     """Add a sample of the IMU, and decide whether a track spins.
 
     Nothing is decided before the robot's own bends have shown how its tracks turn it: a wrong geometry or
-    swapped sides in the robot file are no spin.
+    swapped sides in the robot file are no spin. Only a track that reads zero is compared with the file's.
+    It is taken for the one at fault, from a smaller mismatch on: a robot rarely brakes one track to
+    exactly zero while the other one spins, and a sensor that fails does so.
 
     Args:
         spin: record, changed in place.
@@ -185,6 +189,8 @@ def watch_spin(
         change_left: newest change of the left track's speed [m/s].
         change_right: newest change of the right track's speed [m/s].
         fastest: highest speed of a track [m/s].
+        zero_side: `LEFT` or `RIGHT`, the track that reads zero while the other drives, or `UNKNOWN`.
+        file_width: effective track width by the robot file [m].
     """
     dt = (stamp - spin.stamp) * NANOSECOND if spin.stamp != NEVER else 0.0
     if not 0.0 < dt < LONGEST_INTERVAL:
@@ -193,17 +199,20 @@ def watch_spin(
     spin.stamp, spin.rate = stamp, rate
     if force == force:
         spin.force += min(1.0, dt / LOAD_AVERAGING) * (force - spin.force)
-    was_found = is_found(spin)
-    sigmas = SIGMAS_FOUND if was_found and spin.jumped else SIGMAS
+    was_found, reads_zero = is_found(spin), zero_side != UNKNOWN
+    spin.width = width_of_bends(spin)
+    if spin.width == 0.0 and reads_zero:
+        spin.width = file_width
+    sigmas = SIGMAS_FOUND if (was_found and spin.jumped) or reads_zero else SIGMAS
     mismatch = unexplained(spin, spin.left, spin.right, sigmas)
     limit = least_mismatch(fastest)
     if abs(mismatch) <= limit:
         spin.gyro_jumped = 0
     elif spin.since == NEVER and abs(change) > MOST_ACCELERATION * dt:
-        spin.gyro_jumped = int(abs(change) * width_of_bends(spin) > JUMP_SHARE * limit)
+        spin.gyro_jumped = int(abs(change) * spin.width > JUMP_SHARE * limit)
+    limit_now = GONE_SHARE * limit if was_found or reads_zero else limit
     # Tracks at rest do not begin to spin; the robot is pushed or carried.
-    may_spin = was_found or max(abs(spin.left), abs(spin.right)) > limit
-    limit_now = GONE_SHARE * limit if was_found else limit
+    may_spin = was_found or max(abs(spin.left), abs(spin.right)) > limit_now
     is_mismatch = may_spin and not spin.gyro_jumped and abs(mismatch) > limit_now
     same_sign = spin.since == NEVER or mismatch * spin.mismatch > 0.0
     if is_mismatch and same_sign:
@@ -211,13 +220,15 @@ def watch_spin(
             spin.since, spin.way = stamp, 0.0
             spin.side = side_that_changed(mismatch, change_left, change_right, limit)
             spin.jumped = int(spin.side != UNKNOWN)
-        if spin.side == UNKNOWN:
+        if reads_zero and not was_found:
+            spin.side = zero_side
+        elif spin.side == UNKNOWN:
             spin.side = side_with_less_load(spin.force)
         spin.mismatch, spin.newest = mismatch, stamp
         spin.way += abs(mismatch) * dt
     elif spin.since != NEVER and (not was_found or (stamp - spin.newest) * NANOSECOND > GRIP_TIME):
         forget_mismatch(spin)
-    if not (was_found and is_found(spin)) and not spin.gyro_jumped:
+    if not (was_found and is_found(spin)) and not spin.gyro_jumped and not reads_zero:
         learn_width(spin, dt)
     if is_found(spin) and not was_found:
         spin.times += 1
@@ -239,7 +250,7 @@ def assumed_speeds(spin: SpinRecord, stamp: int, left: float, right: float) -> t
         return left, right
     if not is_likely(spin):
         return left, right
-    excess = right - left - width_of_bends(spin) * spin.rate
+    excess = right - left - spin.width * spin.rate
     share_of_left = 0.5 * (1.0 - certain_side(spin))
     return left + share_of_left * excess, right - (1.0 - share_of_left) * excess
 

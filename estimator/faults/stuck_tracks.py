@@ -85,6 +85,11 @@ def may_stick(track: Repeating) -> bool:
     return track.since != track.newest and track.other_count >= SUSPICIOUS
 
 
+def reads_zero(track: Repeating) -> bool:
+    """Return True if the track reads zero while the other's reading changes."""
+    return may_stick(track) and track.reading == 0.0
+
+
 def stuck_from(track: Repeating, hold: float) -> int:
     """Stamp from which the reading is stuck [ns]; NEVER if it is not.
 

@@ -13,6 +13,9 @@ from icreckon.estimator.faults.failed_gyro import GyroRecord, watch_gyro
 from icreckon.estimator.faults.odd_wheels import WheelsRecord
 from icreckon.estimator.faults.sliding_robot import SlideRecord, watch_slide
 from icreckon.estimator.faults.spinning_tracks import (
+    LEFT,
+    RIGHT,
+    UNKNOWN,
     SpinRecord,
     assumed_speeds,
     forget_mismatch,
@@ -25,6 +28,7 @@ from icreckon.estimator.faults.stuck_tracks import (
     frozen_from,
     may_stick,
     repeating_after,
+    reads_zero,
     stuck_from,
 )
 from icreckon.estimator.log.measurements import Vector3
@@ -190,13 +194,17 @@ def take_motion(
     change_left, change_right = spin.left - held.smooth_left, spin.right - held.smooth_right
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
-    sticks = may_stick(repeating[0]) or may_stick(repeating[1])
+    left_zero, right_zero = reads_zero(repeating[0]), reads_zero(repeating[1])
+    sticks = (may_stick(repeating[0]) and not left_zero) or (may_stick(repeating[1]) and not right_zero)
     sticks = sticks or frozen_from(*repeating, settings.track_speed) != NEVER
     if sticks and not is_found(spin):
         forget_mismatch(spin)
         spin.stamp = stamp
         return rate
-    watch_spin(spin, stamp, rate, force_y, change_left, change_right, settings.fastest)
+    zero_side = LEFT if left_zero else RIGHT if right_zero else UNKNOWN
+    changes = change_left, change_right
+    fastest, file_width = settings.fastest, settings.track_width
+    watch_spin(spin, stamp, rate, force_y, *changes, fastest, zero_side, file_width)
     return rate
 
 
