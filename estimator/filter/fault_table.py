@@ -20,7 +20,7 @@ from icreckon.estimator.faults.repeating_fixes import most_driven
 from icreckon.estimator.faults.scattering_fixes import correlation_of, wanders
 from icreckon.estimator.faults.sliding_robot import slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, is_found
-from icreckon.estimator.faults.stuck_tracks import frozen_from, stuck_from
+from icreckon.estimator.faults.stuck_tracks import frozen_from, reads_zero, stuck_from
 from icreckon.estimator.log.measurements import Measurement
 from icreckon.estimator.sensors.imu_clock import is_alive
 
@@ -114,11 +114,14 @@ def _silent(record: Any) -> Iterator[Found]:
 
 
 def _spinning(record: Any) -> Iterator[Found]:
-    spin = record.tracks.spin
+    tracks, spin = record.tracks, record.tracks.spin
     if is_found(spin):
         part = {LEFT: "left track", RIGHT: "right track"}.get(spin.side, "")
         which, size = f"the {part}" if part else "one track", abs(spin.mismatch)
         text = f"{which} spins, or its sensor fails: {size:.2f} m/s too much"
+        for side, track in ((LEFT, tracks.repeating_left), (RIGHT, tracks.repeating_right)):
+            if side == spin.side and reads_zero(track):
+                text = f"{which} reads zero while the robot drives on: its sensor or drive fails"
         yield Found("tracks", text, part, spin.since, size)
 
 

@@ -27,8 +27,9 @@ SKIPPED, GATED, FORCED = range(3)
 MOST = max(CHI_SQUARE_1E4)
 # Number of gated measurements that are recent.
 RECENT = 100
-# Most of `GateSettings.patience` that counts for samples of the IMU, which no other sensor replaces [s].
-IMU_PATIENCE = 0.1
+# Most of `GateSettings.patience` that counts for samples of the IMU [s]: less than one sample lasts, so
+# the second in a row is used. Tracks that slip make samples unexpected more often than a faulty IMU does.
+IMU_PATIENCE = 1e-3
 # Most that a rejected fix counts of the time since the fix before it [s].
 LONGEST_COUNTED = 1.0
 # Largest factor on the patience by the distance of a position.

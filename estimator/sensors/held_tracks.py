@@ -27,8 +27,8 @@ from icreckon.estimator.faults.stuck_tracks import (
     Repeating,
     frozen_from,
     may_stick,
-    repeating_after,
     reads_zero,
+    repeating_after,
     stuck_from,
 )
 from icreckon.estimator.log.measurements import Vector3
@@ -195,7 +195,9 @@ def take_motion(
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
     left_zero, right_zero = reads_zero(repeating[0]), reads_zero(repeating[1])
-    sticks = (may_stick(repeating[0]) and not left_zero) or (may_stick(repeating[1]) and not right_zero)
+    sticks = (may_stick(repeating[0]) and not left_zero) or (
+        may_stick(repeating[1]) and not right_zero
+    )
     sticks = sticks or frozen_from(*repeating, settings.track_speed) != NEVER
     if sticks and not is_found(spin):
         forget_mismatch(spin)

@@ -11,8 +11,17 @@ from hypothesis import strategies as st
 
 import faulty_drives
 from conftest import sample_log
-from faulty_drives import BEGINS, SECOND, VARIANTS, motion_over, with_free_track
+from faulty_drives import (
+    BEGINS,
+    SECOND,
+    VARIANTS,
+    imu_of,
+    motion_over,
+    with_free_track,
+    with_tracks,
+)
 from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.spinning_tracks import (
     LEFT,
     RIGHT,
@@ -28,7 +37,9 @@ from icreckon.estimator.faults.spinning_tracks import (
     width_of_bends,
 )
 from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot, load_robot
+from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import run
 from icreckon.replay.reading.read_log import read_log
@@ -44,6 +55,8 @@ def drive(robot: Robot) -> Log:
 
 
 WIDTH, FASTEST = 1.2, 1.0
+# No track reads zero; the width of the robot file then does not count.
+NOT_ZERO = UNKNOWN, math.nan
 LOGS = logs_without("jackal", "wetexplorer")
 
 
@@ -54,10 +67,10 @@ def after_bends(width: float = WIDTH, seconds: float = 20.0, spread: float = 0.2
         rate = 0.8 * np.sin(0.01 * k)
         turning = width * (1.0 + spread * (-1) ** k) * rate
         spin.left, spin.right = 0.4 - 0.5 * turning, 0.4 + 0.5 * turning
-        watch_spin(spin, k * STEP, rate, math.nan, 0.0, 0.0, FASTEST)
+        watch_spin(spin, k * STEP, rate, math.nan, 0.0, 0.0, FASTEST, *NOT_ZERO)
         assert not is_found(spin)
     spin.left = spin.right = 0.4
-    watch_spin(spin, (k + 1) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST)
+    watch_spin(spin, (k + 1) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST, *NOT_ZERO)
     return spin
 
 
@@ -103,7 +116,7 @@ def watched(
     begin = spin.stamp // STEP + 1
     spin.left, spin.right, spin.force = left, right, 0.0 if math.isnan(force) else force
     for k in range(begin, begin + round(seconds / (STEP * NANOSECOND))):
-        watch_spin(spin, k * STEP, rate, force, left - was[0], right - was[1], FASTEST)
+        watch_spin(spin, k * STEP, rate, force, left - was[0], right - was[1], FASTEST, *NOT_ZERO)
     return spin
 
 
@@ -116,6 +129,31 @@ def test_the_track_that_changed_spins() -> None:
     assert (is_found(failed), failed.side) == (True, LEFT)
     # The load does not matter where a track jumped.
     assert watched(1.2, 0.4, 0.0, 0.3, force=-2.0).side == LEFT
+
+
+def with_left_at_zero(spin: SpinRecord, right: float, rate: float, seconds: float) -> SpinRecord:
+    """The record after a time in which the left track reads zero and the right one jumped."""
+    begin = max(0, spin.stamp) // STEP + 1
+    spin.left, spin.right = 0.0, right
+    for k in range(begin, begin + round(seconds / (STEP * NANOSECOND))):
+        watch_spin(spin, k * STEP, rate, math.nan, 0.0, right, FASTEST, LEFT, WIDTH)
+    return spin
+
+
+@pytest.mark.parametrize("before", [SpinRecord, after_bends])
+def test_a_track_that_reads_zero_is_the_one_that_fails(before) -> None:
+    """Also before bends, by the width of the robot file, and if the other one has just sped up."""
+    found = with_left_at_zero(before(), 0.6, 0.1, 0.5)
+    assert (is_found(found), found.side) == (True, LEFT)
+    assert assumed_speeds(found, found.stamp, 0.0, 0.6) == pytest.approx((0.48, 0.6), rel=0.01)
+    # A robot that turns about a track that it holds has no fault, whether it slips a little or not.
+    for share in (1.0, 0.7):
+        assert not is_found(with_left_at_zero(before(), 0.6, share * 0.6 / WIDTH, 0.5))
+
+
+def test_a_track_that_reads_zero_is_no_bend() -> None:
+    found = with_left_at_zero(after_bends(), 0.6, 0.4, 20.0)
+    assert width_of_bends(found) == width_of_bends(after_bends())
 
 
 @pytest.mark.parametrize(
@@ -173,10 +211,10 @@ def test_a_gyro_that_jumps_is_no_track_that_spins() -> None:
     spin = after_bends()
     begin = spin.stamp // STEP + 1
     for k in range(begin, begin + 100):
-        watch_spin(spin, k * STEP, 2.0, math.nan, 0.0, 0.0, FASTEST)
+        watch_spin(spin, k * STEP, 2.0, math.nan, 0.0, 0.0, FASTEST, *NOT_ZERO)
         assert (is_found(spin), spin.gyro_jumped) == (False, 1)
     assert assumed_speeds(spin, spin.stamp, 0.4, 0.4) == (0.4, 0.4)
-    watch_spin(spin, (begin + 100) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST)
+    watch_spin(spin, (begin + 100) * STEP, 0.0, math.nan, 0.0, 0.0, FASTEST, *NOT_ZERO)
     assert not spin.gyro_jumped
     # Its readings are no bends of the robot.
     assert width_of_bends(spin) == width_of_bends(after_bends())
@@ -191,6 +229,29 @@ def test_a_free_track_costs_little(variant: str, robot: Robot, drive: Log) -> No
     assert found.error < 0.3
     assert found.error < 3.0 * found.sigma
     assert found.delay < 0.5
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_robot_with_an_encoder_that_never_worked_is_on_its_path(side, variant, robot):
+    """5 to 7 m off if zero is used. The gyro is used nearly all the time."""
+    log = faulty_drives.drive(robot, 0, 36.0)
+    dead = with_tracks(log, 36.0, lambda speeds: speeds * [side, 1 - side], begins=0.0)
+    estimator = PoseEstimator(robot, variant, start=(0.0, 0.0, 0.0), settings=Settings(history=0.0))
+    texts = set()
+    for measurement in dead.measurements():
+        estimator.feed(measurement)
+        finding = estimator.health.finding("spinning")
+        texts |= {finding.text} if finding else set()
+    error = estimator.pose - interpolate_poses(log.truth.poses, np.array([estimator.stamp]))[0]
+    assert np.hypot(*error[:2]) < 1.5
+    assert abs(wrap_angle(error[2])) < 0.05
+    name = ("left", "right")[side]
+    assert (
+        f"the {name} track reads zero while the robot drives on: its sensor or drive fails" in texts
+    )
+    rejected = estimator.health.sensors["gyro"].rejected
+    assert sum(rejected.values()) < 0.05 * len(imu_of(log).stamps)
 
 
 def test_health_names_the_track_while_it_spins(robot: Robot, drive: Log) -> None:
