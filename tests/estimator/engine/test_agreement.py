@@ -251,7 +251,7 @@ BLOCKS = {
         "constant-online",
         robot=SURE,
         seen=lambda counts, streams: all(
-            counts[f"accelerometer_{axis}_rejected"].min() >= 10.0
+            counts[f"accelerometer_{axis}_rejected"].min() > 0.0
             and all(abs(one.biases[f"accelerometer_bias_{axis}"]) > 1.0 for one in streams)
             for axis in "xy"
         ),

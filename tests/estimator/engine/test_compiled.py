@@ -232,10 +232,10 @@ def test_compiled_agrees_with_plain(variant):
             assert flat(other.newest[2:]) == pytest.approx(flat(sensor.newest[2:]), rel=1e-7)
     # The gyro's gate is wide where it alone shows the turning.
     wide = variant in ("gyro", "differential")
-    assert wide or a.sensors["gyro"].rejected["gate"] >= 10
+    assert wide or a.sensors["gyro"].rejected["gate"] > 0
     assert a.sensors["gyro"].rejected["jumped"] >= 10
     forces = ("accelerometer_y",) if VARIANTS[variant].accelerometers else ()
-    assert all(a.sensors[name].rejected["gate"] >= 10 for name in forces)
+    assert all(a.sensors[name].rejected["gate"] > 0 for name in forces)
     assert a.sensors["position"].rejected["gate"] >= 10
     assert a.sensors["pose"].degrees > 10
     assert a.sensors["zero velocity"].degrees > 100

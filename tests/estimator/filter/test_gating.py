@@ -84,8 +84,8 @@ def test_wrong_fixes_are_used_after_the_same_time_at_any_rate(hertz, distance, e
 
 
 @pytest.mark.parametrize("hertz", [50, 100, 200])
-def test_samples_of_the_imu_are_used_again_after_a_tenth_of_a_second(hertz):
-    """No other sensor replaces them, and ten of them came in 0.05 s at 200 Hz."""
+def test_the_second_rejected_sample_of_the_imu_in_a_row_is_used(hertz):
+    """No other sensor replaces the IMU. One wrong sample alone moves nothing."""
     estimator = PoseEstimator(load_robot("auriga-alpha"), "inertia-online")
     for k in range(4 * hertz):
         stamp, force = second(k / hertz), 20.0 if k >= 3 * hertz else 0.0
@@ -93,7 +93,7 @@ def test_samples_of_the_imu_are_used_again_after_a_tenth_of_a_second(hertz):
         estimator.feed(ImuSample(stamp, (0.0, 0.0, 0.0), (force, 0.0, 9.81)))
     ahead = estimator.health.sensors["accelerometer_x"]
     assert ahead.reacquired > 0
-    assert ahead.rejected["gate"] / hertz == pytest.approx(0.1, abs=1.5 / hertz)
+    assert ahead.rejected["gate"] == ahead.reacquired < 5
 
 
 def second(value):
