@@ -1,7 +1,8 @@
 """Steps of one filter at one lane, compiled or in Python."""
 
 import math
-from functools import cache, partial
+from collections.abc import Callable
+from functools import cache, cached_property, partial
 from typing import Any, cast
 
 import numpy as np
@@ -78,8 +79,7 @@ class LaneSteps:
             ekf.model, ekf.considered, wanders=ekf.wanders, compiles=compiles
         )
         compiled = lane.compiled or (lambda function: function)
-        self._take_step, self._take_sample = compiled(take_step), compiled(take_sample)
-        self._feed_samples, self._take_tracks = compiled(feed_samples), compiled(take_tracks_of)
+        self._take_step, self._feed_samples = compiled(take_step), compiled(feed_samples)
         self._evaluate_twist, self._fill_move = compiled(evaluate_twist), compiled(move_of)
         self._follow_scatter, self._write_row = compiled(scatter_of), compiled(write_row)
         rows = lane.shape.layout.rows
@@ -100,12 +100,14 @@ class LaneSteps:
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(LaneSteps, compiles=self._compiles), self._made_of
 
-    def take_track_speeds(
-        self, stamp: int, left: float, right: float, only_if_usual: bool = False
-    ) -> int:
-        """Add track speeds, see `lane_functions.take_tracks_of`."""
-        result: int = self._take_tracks(self._records, stamp, left, right, only_if_usual)
-        return result
+    @cached_property
+    def take_track_speeds(self) -> Callable[[int, float, float, bool], int]:
+        """Function that adds track speeds, see `lane_functions.take_tracks_of`."""
+        return partial(self._lane.direct(take_tracks_of), self._records)
+
+    @cached_property
+    def _take_sample(self) -> Callable[..., int]:
+        return cast(Callable[..., int], self._lane.direct(take_sample))
 
     def take_imu(
         self, m: ImuSample, mounting: Floats, uses_force: bool, *, after_gap: bool = False
@@ -113,13 +115,27 @@ class LaneSteps:
         """Add an IMU sample, and take the step that it ends, see `take_sample`."""
         readings, force = self._readings, m.linear_acceleration or NO_FORCE
         which = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
-        while True:
-            of_readings = m.stamp, readings.stamps, readings.rates, mounting
-            sample = *of_readings, *m.angular_velocity, *force, uses_force, after_gap
-            result = self._call(self._take_sample, which, sample, of_sample=True)
-            if result != FULL:
-                return result
-            readings.make_room()
+        yaw, result = self._ekf.x.item(s.YAW), FULL
+        while result == FULL:
+            result = self._take_sample(
+                self._lane.places,
+                which,
+                self._records,
+                self._all_arrays(),
+                m.stamp,
+                readings.stamps,
+                readings.rates,
+                mounting,
+                *m.angular_velocity,
+                *force,
+                uses_force,
+                after_gap,
+            )
+            if result == FULL:
+                readings.make_room()
+        if result >= 0 and self._has_watchers():
+            self._report(kernel_of_sample(which, self._record), yaw)
+        return result
 
     def move(self, stamp: int, which: int = TIME_STEP) -> None:
         """Take a step without an IMU sample to a later stamp [ns].
@@ -226,22 +242,20 @@ class LaneSteps:
 
     def _step(self, which: int, stamp: int, rejected_for: float = 0.0) -> int:
         """Take a step to a stamp [ns], or an update; see `take_step`."""
-        return self._call(self._take_step, which, (stamp, rejected_for))
-
-    def _call(
-        self, function: Any, which: int, arguments: tuple[Any, ...], *, of_sample: bool = False
-    ) -> int:
-        """Call `take_step` or `take_sample`, and report the changes of the filter."""
-        ekf, lane = self._ekf, self._lane
-        yaw, arrays = ekf.x.item(s.YAW), self._all_arrays()
-        result: int = function(lane.places, which, self._records, arrays, *arguments)
-        if result < 0:
-            return result
-        if ekf.clones is not None or ekf.observer is not None:
-            values = self._workspace[self._first_report :, 0]
-            which = kernel_of_sample(which, self._record) if of_sample else which
-            events_of(lane.shape, which).report(values, len(ekf.x), yaw, ekf)
+        yaw, places, arrays = self._ekf.x.item(s.YAW), self._lane.places, self._all_arrays()
+        result: int = self._take_step(places, which, self._records, arrays, stamp, rejected_for)
+        if result >= 0 and self._has_watchers():
+            self._report(which, yaw)
         return result
+
+    def _has_watchers(self) -> bool:
+        """Return True if clones or the smoother follow the changes of the filter."""
+        return self._ekf.clones is not None or self._ekf.observer is not None
+
+    def _report(self, which: int, yaw: float) -> None:
+        """Report the changes of the filter by a kernel, from a yaw before it [rad]."""
+        values, ekf = self._workspace[self._first_report :, 0], self._ekf
+        events_of(self._lane.shape, which).report(values, len(ekf.x), yaw, ekf)
 
 
 @cache

@@ -105,6 +105,14 @@ class OneLane(NamedTuple):
     # compiles a function of `lane_functions`; None if they are executed in Python
     compiled: Callable[[Any], Any] | None
 
+    def direct(self, function: Callable[..., Any]) -> Any:
+        """Return a function of `lane_functions` to call often, compiled if the others are."""
+        if self.compiled is None:
+            return function
+        from icreckon.estimator.tracing.jit_kernel import direct_entry
+
+        return direct_entry(function)
+
 
 def one_lane(
     model: MotionModel, considered: tuple[int, ...], *, wanders: bool, compiles: bool

@@ -6,7 +6,7 @@ from contextlib import suppress
 from decimal import Decimal
 from functools import cache
 from numbers import Real
-from typing import Any, cast, get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 
@@ -291,7 +291,8 @@ class Admission:
     def checked(self, measurement: Measurement) -> tuple[Measurement, str | None]:
         """Measurement by `as_plain`, and the reason to reject it by `objection`."""
         # Samples of plain numbers come hundreds of times a second.
-        m, kind, usual = cast(Any, measurement), type(measurement), False
+        m: Any = measurement
+        kind, usual = type(m), False
         if kind is ImuSample:
             force = m.linear_acceleration
             usual = _are_usual(m.angular_velocity, ABSURD_RATE) and (

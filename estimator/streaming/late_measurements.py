@@ -23,7 +23,7 @@ LOGGER = logging.getLogger(__name__)
 # Before any measurement.
 BEFORE_ALL: Key = (-(2**63), -1)
 # Number of measurements between two checkpoints.
-CHECKPOINT_EVERY = 32
+CHECKPOINT_EVERY = 64
 # Highest number of measurements that a late one may be behind, however fast they come.
 MOST_MEASUREMENTS = 16_000
 

@@ -155,7 +155,7 @@ class StampCorrection:
 
     def corrected(self, measurement: Measurement) -> Measurement:
         """Return the measurement with its stamp corrected."""
-        late_ns = self.late(type(measurement))
+        late_ns = self._latency_ns.get(type(measurement))
         if not late_ns:
             return measurement
         # Measurements are dataclasses, but their protocol only asks for a stamp.

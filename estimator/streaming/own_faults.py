@@ -37,11 +37,8 @@ class OwnFaults:
 
     def __init__(self, names: tuple[str, ...], admission: Admission) -> None:
         self._names, self._admission = names, admission
-        self._watched = [kind() for kind in OWN_FAULTS.values()]
+        self.watched = [kind() for kind in OWN_FAULTS.values()]
         self._failed: dict[str, Finding] = {}
-
-    def __bool__(self) -> bool:
-        return bool(self._watched)
 
     def watch(
         self, measurement: Measurement, view: FilterView, ekf: Ekf
@@ -54,7 +51,7 @@ class OwnFaults:
             The measurement to use; the name of the fault that excludes it, or None.
         """
         excluded, inflated = None, []
-        for fault in self._watched.copy():
+        for fault in self.watched.copy():
             try:
                 effect = fault.watch(measurement, view)
                 match effect:
@@ -74,7 +71,7 @@ class OwnFaults:
     def findings(self) -> list[Finding]:
         """Findings that last, and faults that are not watched any more."""
         lasting = []
-        for fault in self._watched.copy():
+        for fault in self.watched.copy():
             try:
                 found = fault.find()
                 if found is not None:
@@ -85,7 +82,7 @@ class OwnFaults:
 
     def memory(self) -> dict[str, Any]:
         """Copies of the faults by name."""
-        return {one.name: deepcopy(one) for one in self._watched}
+        return {one.name: deepcopy(one) for one in self.watched}
 
     def restore(self, memory: dict[str, Any]) -> None:
         """Restore copies, or what a file has of them; faults that these lack start again.
@@ -93,10 +90,10 @@ class OwnFaults:
         Raises:
             EstimatorError: the fields of a file are not those of the fault.
         """
-        for k, fault in enumerate(self._watched):
+        for k, fault in enumerate(self.watched):
             saved = memory.get(fault.name, type(fault)())
             try:
-                self._watched[k] = (
+                self.watched[k] = (
                     deepcopy(saved)
                     if isinstance(saved, OwnFault)
                     else msgspec.convert(saved, type(fault))
@@ -110,7 +107,7 @@ class OwnFaults:
         Raises:
             EstimatorError: one holds a number that is not finite, or another kind of value.
         """
-        for fault in self._watched:
+        for fault in self.watched:
             try:
                 again = msgspec.json.decode(msgspec.json.encode(fault), type=type(fault))
                 same = again == fault
@@ -147,4 +144,4 @@ class OwnFaults:
         text = f"{type(problem).__name__}: {problem}"
         given_up = Found("robot", f"the fault {fault.name!r} failed: {text}", effect="not watched")
         self._failed[fault.name] = finding(fault, given_up)
-        self._watched = [one for one in self._watched if one.name != fault.name]
+        self.watched = [one for one in self.watched if one.name != fault.name]

@@ -202,7 +202,7 @@ class PoseEstimator:
     @property
     def has_own_faults(self) -> bool:
         """True if it watches for faults that `add_fault` has added."""
-        return bool(self._reckoning.own_faults)
+        return bool(self._reckoning.own_faults.watched)
 
     @property
     def health(self) -> Health:

@@ -267,7 +267,7 @@ class Reckoning:
         Returns:
             True if it was used.
         """
-        if self.own_faults and not isinstance(event, Mark):
+        if self.own_faults.watched and not isinstance(event, Mark):
             event, excluded = self.own_faults.watch(event, self, self.ekf)
             if excluded is not None:
                 self._counts.sensor(STREAMS[type(event)]).reject(excluded)
@@ -285,7 +285,7 @@ class Reckoning:
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         """Add track speeds, after a step with the old ones where these end it."""
         take, is_plain = self._steps.take_track_speeds, not (m.left_wheels or m.right_wheels)
-        if is_plain and take(m.stamp, m.left, m.right, only_if_usual=True) != REFUSED:
+        if is_plain and take(m.stamp, m.left, m.right, True) != REFUSED:
             self._counts.sensor("tracks").used += 1
             return True
         record, tracks = self.record, self._tracks
@@ -299,7 +299,7 @@ class Reckoning:
                 self._advance(imu_clock.interval_start(tracks, m.stamp) if is_gap else tracks.stamp)
             self._counts.track_gaps += is_gap
         wheels = m.left_wheels, m.right_wheels
-        take(m.stamp, *sides_of(record, m.stamp, (m.left, m.right), *wheels, True))
+        take(m.stamp, *sides_of(record, m.stamp, (m.left, m.right), *wheels, True), False)
         if begins:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
@@ -328,7 +328,9 @@ class Reckoning:
     def take_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
         """Update with samples, and fill rows, see `PoseEstimator.feed_samples`."""
         ekf = self.ekf
-        has_watchers = ekf.clones is not None or ekf.observer is not None or bool(self.own_faults)
+        has_watchers = (
+            ekf.clones is not None or ekf.observer is not None or bool(self.own_faults.watched)
+        )
         if has_watchers or self._tracks.stamp == NEVER:
             return 0, 0, 0
         arrays = samples, self._mounting, rows
