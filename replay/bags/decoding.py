@@ -19,8 +19,7 @@ Definitions = tuple[tuple[str, str], ...]
 """Definitions of message types that a bag may lack: (name, as `our_msgs/msg/Rate`, definition)."""
 IDL_RULE = "=" * 80 + "\n"
 """Line before each type in the definition of an IDL type that contains others."""
-LONGEST_REASON = 200
-"""Most characters of an error of rosbags, which may hold a whole definition."""
+LONGEST_REASON = 200  # most characters of an error of rosbags, which may hold a whole definition
 
 
 def stamp_of(header: Any) -> int:

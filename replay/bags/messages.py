@@ -14,10 +14,8 @@ UNUSED_VARIANCE = 1e6
 """Variance of axes that are not estimated: finite, so that other programs can invert the matrix."""
 
 ODOM, BASE_LINK, IMU_LINK = "odom", "base_link", "imu_link"
-PLANAR = (0, 1, 5)
-"""Rows of x, y and yaw in a 6x6 covariance of ROS: x, y, z, roll, pitch, yaw."""
-PLANAR_BLOCK = np.ix_(PLANAR, PLANAR)
-"""Index of the 3x3 block of x, y and yaw in a 6x6 covariance."""
+PLANAR = (0, 1, 5)  # rows of x, y and yaw in a 6x6 covariance of ROS: x, y, z, roll, pitch, yaw
+PLANAR_BLOCK = np.ix_(PLANAR, PLANAR)  # index of the 3x3 block of x, y and yaw in a 6x6 covariance
 NOT_ESTIMATED = np.diag(np.full(6, UNUSED_VARIANCE))
 """6x6 covariance of a pose of which nothing is estimated."""
 ICR_MARKERS = ((7, 0.08), (4, 0.015))

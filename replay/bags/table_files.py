@@ -25,16 +25,11 @@ UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 MOST_COLUMNS = 10_000
 POSE_CELLS, UNIT_ERROR = 8, 0.01
 """Cells of a line of a trajectory, and largest error of the norm of its quaternion [-]."""
-FEW = 0.01
-"""Share of the rows that may be damaged: they are left out."""
-ENOUGH = 20
-"""Rows from which on one damaged row is allowed."""
-SHOWN = 60
-"""Characters of a damaged row that a message shows."""
-TEXTS = ("string", "binary")
-"""Arrow types of texts, also as `large_string` and `large_binary`."""
-CELL_BYTES = 8
-"""Size of a number in memory [bytes]."""
+FEW = 0.01  # share of the rows that may be damaged: they are left out
+ENOUGH = 20  # rows from which on one damaged row is allowed
+SHOWN = 60  # characters of a damaged row that a message shows
+TEXTS = ("string", "binary")  # Arrow types of texts, also as `large_string` and `large_binary`
+CELL_BYTES = 8  # size of a number in memory [bytes]
 
 
 def is_table(path: Path) -> bool:

@@ -23,8 +23,7 @@ else:
     from backports import zstd
 
 GIGABYTE = 10**9
-LARGEST_LIMIT = 1e6
-"""Largest limit [GB]."""
+LARGEST_LIMIT = 1e6  # largest limit [GB]
 PACKED_PIECE, UNPACKED_PIECE = 1 << 16, 1 << 20
 """Bytes that are read, and most bytes that are unpacked, at once."""
 DECOMPRESSORS: dict[str, Callable[[], Any]] = {

@@ -23,8 +23,7 @@ Format = Literal["mcap", "sqlite3", "ros1"]
 PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
 
-MARK = "written_by_icreckon"
-"""Text in each bag, without which none is replaced."""
+MARK = "written_by_icreckon"  # text in each bag, without which none is replaced
 
 UNSPECIFIED = interfaces.QosTime(0, 0)
 LATCHED = interfaces.Qos(
@@ -40,8 +39,7 @@ LATCHED = interfaces.Qos(
 )
 """Quality of service of a latched topic."""
 
-LARGEST_STAMP = 2**31 * NANOSECONDS
-"""Both ROS 1 and ROS 2 store the seconds of a stamp in 32 bits."""
+LARGEST_STAMP = 2**31 * NANOSECONDS  # both ROS 1 and ROS 2 store the seconds of a stamp in 32 bits
 
 
 class Outbox(NamedTuple):

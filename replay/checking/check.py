@@ -20,12 +20,10 @@ from icreckon.replay.inspection.wheels import wheel_estimates
 from icreckon.replay.mapping.columns import TrackKeys
 from icreckon.replay.mapping.topics import topic_map
 
-# Standard errors from which a difference is one.
-SIGMAS = 3.0
+SIGMAS = 3.0  # standard errors from which a difference is one
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
-# Turning of a window that hardly slips [rad].
-STRAIGHT = 0.2
+STRAIGHT = 0.2  # turning of a window that hardly slips [rad]
 
 Correction = Callable[[Log, Robot], tuple[Log, Robot]]
 Scale = tuple[float, float | None, str]

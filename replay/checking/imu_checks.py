@@ -30,16 +30,12 @@ from icreckon.replay.inspection.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gr
 LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
 # Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
 LEAST_DRIVING = 0.3
-# Fewest track speeds that show anything.
-FEWEST = 20
-# Distance of the centre of turning from that of the robot [m].
-LEVER = 0.3
+FEWEST = 20  # fewest track speeds that show anything
+LEVER = 0.3  # distance of the centre of turning from that of the robot [m]
 # Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
 OFFSET_OF_GRAVITY = 0.3
-# Factor between noise densities that is reported [-].
-OTHER_NOISE = 3.0
-# Fewest pairs of neighbouring samples at standstill that show the noise.
-FEWEST_STILL = 20
+OTHER_NOISE = 3.0  # factor between noise densities that is reported [-]
+FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
 
 def check_presence(log: Log, robot: Robot) -> Iterator[Check]:

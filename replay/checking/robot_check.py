@@ -22,8 +22,7 @@ STREAMS = {
     "heading": "a heading",
     "truth": "a ground truth",
 }
-# Factor of the scale up to which the wheels can be the right ones [-].
-SLIGHT = 1.2
+SLIGHT = 1.2  # factor of the scale up to which the wheels can be the right ones [-]
 # In this order: each needs what those before it have corrected.
 CHECKS = (
     imu_checks.check_presence,

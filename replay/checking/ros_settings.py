@@ -28,14 +28,11 @@ from icreckon.replay.inspection.latency import truth_lag, without_lag
 from icreckon.replay.reading.read_log import read_log
 
 ROS_FIRST_WORDS = "# Settings for ROS"
-# Variance of motion that the wheels do not measure [m²/s², rad²/s²].
-UNMEASURED = 1e3
-# Windows in which odometry is compared with a truth [s].
-WINDOW = 1.0
+UNMEASURED = 1e3  # variance of motion that the wheels do not measure [m²/s², rad²/s²]
+WINDOW = 1.0  # windows in which odometry is compared with a truth [s]
 # Error of v_x and w without anything to compare with, as a share of their usual size [-].
 SHARE_FORWARD, SHARE_TURNING = 0.03, 0.2
-# Mass that a robot file must have, and these settings do not use [kg].
-ANY_MASS = 50.0
+ANY_MASS = 50.0  # mass that a robot file must have, and these settings do not use [kg]
 
 Estimate = tuple[float, float | None]
 """Estimate and its standard error, None if unknown."""

@@ -60,12 +60,9 @@ USUAL_ERRORS = (
     (math.pi / 180.0, "are the rates in deg/s?"),
 )
 OF_COUNTS = "is counts_per_turn off by that (lines or edges, gears), or the radius a diameter?"
-# Windows in which driving backward is looked for [s].
-BACKWARD_WINDOW = 0.5
-# Largest relative distance from a usual error [-].
-USUAL_ERROR = 0.05
-# Scales that are a matter of units at all [-].
-PLAUSIBLE = (3e-4, 3e3)
+BACKWARD_WINDOW = 0.5  # windows in which driving backward is looked for [s]
+USUAL_ERROR = 0.05  # largest relative distance from a usual error [-]
+PLAUSIBLE = (3e-4, 3e3)  # scales that are a matter of units at all [-]
 # Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
 FEWEST, CLEARLY_TURNS = 20, 0.05
 

@@ -18,10 +18,8 @@ from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
 
 VARIANT = "inertia-online"
-# Horizons of the drift, the first that fits the log [s].
-HORIZONS = (30.0, 10.0)
-# Smallest cost that counts [% of the distance].
-LEAST_COST = 0.05
+HORIZONS = (30.0, 10.0)  # horizons of the drift, the first that fits the log [s]
+LEAST_COST = 0.05  # smallest cost that counts [% of the distance]
 
 
 @dataclass(frozen=True)

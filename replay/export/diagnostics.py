@@ -24,8 +24,7 @@ from icreckon.replay.base.diagnostic_status import (
 DIAGNOSTICS_TOPIC = "/diagnostics"
 # Interval of the messages, and the window before each over which innovations are averaged [s].
 INTERVAL, WINDOW = 1.0, 10.0
-# Fewest innovations in the window from which a large mean NIS is reported as WARN.
-ENOUGH = 5
+ENOUGH = 5  # fewest innovations in the window from which a large mean NIS is reported as WARN
 
 
 class _Innovations(NamedTuple):

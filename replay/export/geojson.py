@@ -15,10 +15,8 @@ from icreckon.replay.export.formats import check_formats
 from icreckon.replay.export.replay_bag import thinned
 from icreckon.replay.mapping.geodesy import Origin, degrees
 
-# Highest rate of the points of a path [Hz].
-RATE = 5.0
-# Decimals of degrees and of metres: about a millimetre.
-DECIMALS, HEIGHT_DECIMALS = 8, 3
+RATE = 5.0  # highest rate of the points of a path [Hz]
+DECIMALS, HEIGHT_DECIMALS = 8, 3  # decimals of degrees and of metres: about a millimetre
 
 
 def write_geojson(path: Path, comparison: Comparison) -> Path:

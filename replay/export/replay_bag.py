@@ -36,14 +36,11 @@ from icreckon.replay.mapping.geodesy import Origin, degrees
 
 TRUTH = "ground_truth"
 FIXES_TOPIC, TF_TOPIC = "/fixes", "/tf"
-# Highest rate of transforms [Hz]; odometry and truth keep all of their samples.
-TF_RATE = 20.0
+TF_RATE = 20.0  # highest rate of transforms [Hz]; odometry and truth keep all of their samples
 # Highest rates of the other topics that are thinned [Hz].
 POSE_RATE, MARKER_RATE, PLACE_RATE = 20.0, 5.0, 5.0
-# `position_covariance_type` of NavSatFix.
-COVARIANCE_KNOWN = 3
-# Most poses of a path, which is one message.
-PATH_POSES = 1000
+COVARIANCE_KNOWN = 3  # `position_covariance_type` of NavSatFix
+PATH_POSES = 1000  # most poses of a path, which is one message
 # Places of the variances of z, roll and pitch in a row-major 6x6 covariance.
 SPATIAL_VARIANCES = [14, 21, 28]
 

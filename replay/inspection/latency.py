@@ -25,19 +25,18 @@ from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSerie
 
 _Series = TypeVar("_Series", TrackSpeedSeries, PoseSeries)
 
-LEAST = 0.03
-"""Smallest size of a latency that is proposed [s]."""
+LEAST_LATENCY = 0.03  # smallest size of a latency that is proposed [s]
 
 
 def objection(latency: Lag) -> str:
     """Reason not to correct a latency, empty if there is none."""
     if abs(latency.seconds) <= BEYOND * latency.sigma:
         return "within its error"
-    return "" if abs(latency.seconds) > LEAST else f"less than {LEAST:g} s"
+    return "" if abs(latency.seconds) > LEAST_LATENCY else f"less than {LEAST_LATENCY:g} s"
 
 
 def without_lag(series: _Series, lag: Lag) -> _Series:
-    """Copy of a series with a lag taken off its stamps."""
+    """Copy of a series with a lag subtracted from its stamps."""
     return replace(series, stamps=series.stamps - round(lag.seconds / NANOSECOND))
 
 
