@@ -15,19 +15,35 @@ from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Imu, Robot
 from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.wheels import STRAIGHT as BENDS
+from icreckon.replay.inspection.wheels import STRAIGHT as LARGEST_TURNING
 from icreckon.replay.inspection.wheels import wheel_estimates
 from icreckon.replay.mapping.columns import TrackKeys
 from icreckon.replay.mapping.topics import topic_map
 
-SIGMAS = 3.0  # standard errors from which a difference is one
+SIGMAS = 3.0  # standard errors from which a difference is significant
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
-STRAIGHT = 0.2  # turning of a window that hardly slips [rad]
+STRAIGHT = 0.2  # largest turning of a window in which tracks hardly slip [rad]
 
 Correction = Callable[[Log, Robot], tuple[Log, Robot]]
-Scale = tuple[float, float | None, str]
-"""Distance over ground over that of the tracks [-], its standard error or None, and its source."""
+
+
+class Estimate(NamedTuple):
+    """Estimate by a log."""
+
+    value: float
+    sigma: float | None  # standard error, None if unknown
+    source: str = "gyro"  # "gyro", "truth", "fixes" or "accelerometer"
+
+    @property
+    def error(self) -> str:
+        """Standard error as text, such as " ± 0.012"; empty if unknown."""
+        return "" if self.sigma is None else f" ± {self.sigma:.2g}"
+
+    def times(self, factor: float) -> Self:
+        """Estimate and standard error times a factor."""
+        sigma = None if self.sigma is None else self.sigma * factor
+        return self._replace(value=self.value * factor, sigma=sigma)
 
 
 class Measured(NamedTuple):
@@ -79,21 +95,21 @@ class Check:
 
 def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
     """Apply the corrections of checks, one after the other; skip checks without one."""
-    for one in checks:
-        if one.correction is not None:
-            log, robot = one.correction(log, robot)
+    for check in checks:
+        if check.correction is not None:
+            log, robot = check.correction(log, robot)
     return log, robot
 
 
 def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
-    """Yaw rate (n,) and specific force (n, 3) in base_link, by the robot file."""
+    """Yaw rate (n,) [rad/s] and specific force (n, 3) or None [m/s²] in base_link."""
     rotation = robot.imu_rotation
     vertical = imu_mounting.rate_about(rotation[2], imu.angular_velocity, robot.imu.gyro_axes)
     force = imu.linear_acceleration
     return vertical, None if force is None else np.asarray(force @ rotation.T)
 
 
-def in_rates_of(robot: Robot) -> bool:
+def has_track_rates(robot: Robot) -> bool:
     """True if the track speeds of a robot's logs are rates, multiplied by its radius."""
     return topic_map(robot, robot.name).in_rates if robot.log else True
 
@@ -116,7 +132,7 @@ def tracks_table(robot: Robot) -> str:
 
 
 def with_imu(**values: object) -> Correction:
-    """Correction of the robot's IMU."""
+    """Correction that sets keys of the robot's [imu] to values."""
 
     def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
         imu: Imu = structs.replace(robot.imu, **values)
@@ -126,7 +142,7 @@ def with_imu(**values: object) -> Correction:
 
 
 def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
-    """Correction of the track speeds (n, 2)."""
+    """Correction that changes the log's track speeds (n, 2)."""
 
     def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
         tracks = TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))
@@ -136,7 +152,7 @@ def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
 
 
 def rounded_angles(rotation: Floats) -> tuple[float, ...]:
-    """Roll, pitch and yaw of a rotation (3, 3), to the tenth [deg]."""
+    """Roll, pitch and yaw of a rotation (3, 3), to the tenth [deg], without -0.0."""
     return tuple(round(math.degrees(angle), 1) + 0.0 for angle in matrix_to_rpy(rotation))
 
 
@@ -150,31 +166,28 @@ def effective_track(robot: Robot) -> float:
     return robot.constant_indices.eta0 * robot.vehicle.track_gauge
 
 
-def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
-    """Effective track by gyro and tracks, and its standard error or None [m].
-
-    None if they turn too little.
-    """
+def measured_track(log: Log, robot: Robot) -> Estimate | None:
+    """Effective track by gyro and tracks [m]; None if they turn too little."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
-    vertical = in_base(log.imu, robot)[0]
+    vertical, _ = in_base(log.imu, robot)
     correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
     wheels = wheel_estimates(log, vertical, correlation)
-    return None if wheels.track_ratio is None else (wheels.track_ratio, wheels.track_sigma)
+    return None if wheels.track_ratio is None else Estimate(wheels.track_ratio, wheels.track_sigma)
 
 
-def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:
-    """Scale of the track speeds by truth or fixes; None if they do not show it.
+def measured_scale(log: Log, robot: Robot, *, with_bends: bool = False) -> Estimate | None:
+    """Distance by truth or fixes over that of the tracks [-]; None if not observable.
 
-    Windows in which tracks slip in a bend count only with `bends`.
+    Windows in which tracks slip in a bend count only with `with_bends`.
     """
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
-    vertical = in_base(log.imu, robot)[0]
-    wheels = wheel_estimates(log, vertical, None, BENDS if bends else STRAIGHT)
+    vertical, _ = in_base(log.imu, robot)
+    wheels = wheel_estimates(log, vertical, None, LARGEST_TURNING if with_bends else STRAIGHT)
     if wheels.way_ratio is None:
         return None
-    return wheels.way_ratio, wheels.way_sigma, wheels.way_source
+    return Estimate(wheels.way_ratio, wheels.way_sigma, wheels.way_source)
 
 
 def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:
