@@ -39,12 +39,10 @@ def _mcap_chunk(data: bytes, _: int, *, compression: str) -> bytes:
 
 
 # The tables by which rosbags unpacks chunks. It compares the sizes of those of MCAP files afterwards.
-storage_mcap.DECOMPRESSORS.update(
-    {name: partial(_mcap_chunk, compression=name) for name in ("zstd", "lz4")}
-)
-rosbag1_reader.decompressors.update(
-    {name: partial(unpack, compression=name) for name in ("bz2", "lz4")}
-)
+for _name in ("zstd", "lz4"):
+    storage_mcap.DECOMPRESSORS[_name] = partial(_mcap_chunk, compression=_name)
+for _name in ("bz2", "lz4"):
+    rosbag1_reader.decompressors[_name] = partial(unpack, compression=_name)
 
 
 class _FolderReader(DirectoryReader):
@@ -109,15 +107,11 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
             raise ReplayError(text) from problem
 
 
-def _run_over(
-    path: Path, file_sets: list[list[Path]], notes: list[str], work: Callable[[Bag], T]
-) -> T:
-    """Run a function over a bag, by the first set of files that rosbags can read.
-
-    If there is none, the last set is recovered record by record. `notes` go before those of the bag.
-    """
+def _run_over(path: Path, sets: list[list[Path]], notes: list[str], work: Callable[[Bag], T]) -> T:
+    """Run a function over a bag, by the first set of files that rosbags can read."""
+    # If there is none, the last set is recovered record by record. `notes` go before those of the bag.
     reason = ""
-    for files in file_sets:
+    for files in sets:
         try:
             with _IndexedBag(files) as bag:
                 bag.notes[:0] = notes
@@ -126,7 +120,7 @@ def _run_over(
                 return work(bag)
         except _UnreadableError as problem:
             reason = reason or str(problem)
-    recovered = _RecoveredBag(path, file_sets[-1], reason)
+    recovered = _RecoveredBag(path, sets[-1], reason)
     recovered.notes[:0] = notes
     return work(recovered)
 
@@ -172,21 +166,19 @@ class _IndexedBag:
             if not wanted:
                 continue
             channels = {connection.id: _channel(connection) for connection in wanted}
-            listed_count, read_count = sum(connection.msgcount for connection in wanted), 0
+            listed, read = sum(connection.msgcount for connection in wanted), 0
             try:
                 for connection, time, data in reader.messages(wanted):
                     if not 0 <= time < LATEST:
                         break  # damaged: the counts will differ
-                    read_count += 1
+                    read += 1
                     yield Record(channels[connection.id], time, data)
             except ReplayError as problem:
                 raise ReplayError(f"{file}: {problem}") from None
             except Exception as problem:
                 raise _UnreadableError(_reason(problem)) from problem
-            if read_count != listed_count:
-                raise _UnreadableError(
-                    f"the index lists {listed_count} messages, {read_count} are there"
-                )
+            if read != listed:
+                raise _UnreadableError(f"the index lists {listed} messages, {read} are there")
 
 
 class _RecoveredBag:
@@ -231,16 +223,13 @@ def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
     if walk.damaged and count:
         chunks_are = f"{len(walk.damaged)} of its chunks {'are' if len(walk.damaged) > 1 else 'is'}"
         cut = "" if walk.complete else f", and the file is cut short at {place}"
-        outcome = (
-            f"{chunks_are} damaged, the first at byte {walk.damaged[0]}{cut}; {count} other messages "
-            "were read"
-        )
+        others = f"{count} other messages were read"
+        outcome = f"{chunks_are} damaged, the first at byte {walk.damaged[0]}{cut}; {others}"
     elif walk.complete:
         outcome = f"all its {count} messages were read without the index"
     else:
-        outcome = (
-            f"the file is cut short or damaged at {place}, {count} messages before that were read"
-        )
+        number = f"{count} messages before that were read"
+        outcome = f"the file is cut short or damaged at {place}, {number}"
     return f"{walk.path.name}: {reason}; {outcome}"
 
 
@@ -260,10 +249,8 @@ def _packed_files(path: Path) -> list[Path]:
 
 
 def _unpack_files(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
-    """Unpack files to a folder; return the new files, and notes on damaged ones.
-
-    The limit of unpacked sizes holds for all of them together.
-    """
+    """Unpack files to a folder; return the new files, and notes on damaged ones."""
+    # The limit of unpacked sizes holds for all of them together.
     files, notes, bytes_left = [], [], limit()
     for file in packed:
         target = folder / file.stem
@@ -283,14 +270,9 @@ def _unpack_files(packed: list[Path], folder: Path) -> tuple[list[Path], list[st
 
 
 def _file_sets(path: Path, unpacked: list[Path]) -> list[list[Path]]:
-    """Sets of files by which a bag can be opened, in the order of trial.
-
-    For a ROS 2 folder these are the folder itself, by its metadata, and its storage files. `unpacked`
-    are its storage files that were unpacked elsewhere.
-
-    Raises:
-        ReplayError: there is no bag.
-    """
+    """Sets of files by which a bag can be opened, in the order of trial."""
+    # For a ROS 2 folder: the folder itself, by its metadata; its storage files. `unpacked` are storage
+    # files that were unpacked elsewhere.
     with os_errors(path, "cannot be read"):
         if path.is_file():
             files = unpacked or [path]

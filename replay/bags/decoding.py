@@ -41,16 +41,13 @@ def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Cal
         raise ReplayError(f"{where}: its encoding {channel.encoding!r} is not known")
     try:
         store = _typestore(channel.msgtype, channel.definition, definitions)
-    except Exception as problem:
-        raise ReplayError(
-            f"{where}: its definition cannot be read: {_reason(problem)}"
-        ) from problem
+    except Exception as error:
+        raise ReplayError(f"{where}: its definition cannot be read: {_reason(error)}") from error
     undefined = _undefined_type(store, channel.msgtype)
     if undefined is not None:
         name = "this type" if undefined == channel.msgtype else f"{undefined!r} in it"
-        raise ReplayError(
-            f"{where}: the bag holds no definition of {name}; give its .msg file with --msg"
-        )
+        text = f"the bag holds no definition of {name}; give its .msg file with --msg"
+        raise ReplayError(f"{where}: {text}")
     decode = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
     msgtype = channel.msgtype
     return lambda data: decode(data, msgtype)
@@ -114,11 +111,9 @@ def _ros1_header(data: bytes) -> tuple[int, str]:
 
 
 @cache
-def _typestore(
-    msgtype: str, definition: MessageDefinition, definitions: Definitions = ()
-) -> Typestore:
+def _typestore(msgtype: str, known: MessageDefinition, definitions: Definitions = ()) -> Typestore:
     """Types by the bag's definition; if none, those of Humble and `definitions`."""
-    if definition.format == MessageDefinitionFormat.NONE:
+    if known.format == MessageDefinitionFormat.NONE:
         store = get_typestore(Stores.ROS2_HUMBLE)
         types: dict[str, Any] = {}
         for name, text in definitions:
@@ -126,7 +121,7 @@ def _typestore(
         store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
         return store
     store = get_typestore(Stores.EMPTY)
-    store.register(_parse_definition(msgtype, definition))
+    store.register(_parse_definition(msgtype, known))
     return store
 
 
@@ -164,10 +159,9 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
             get_types_from_msg(text, name)
         except (OSError, UnicodeDecodeError) as problem:
             raise ReplayError(f"{file}: cannot be read: {problem}") from None
-        except Exception as problem:
-            raise ReplayError(
-                f"{file}: not a message definition (.msg): {_reason(problem)}"
-            ) from None
+        except Exception as error:
+            text = _reason(error)
+            raise ReplayError(f"{file}: not a message definition (.msg): {text}") from None
         definitions.append((name, text))
     return tuple(definitions)
 

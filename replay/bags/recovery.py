@@ -24,12 +24,8 @@ MCAP_DATA_END = 0x0F
 ROS1_MESSAGE, ROS1_CHUNK, ROS1_CONNECTION = 0x02, 0x05, 0x07
 
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
-DEFINITION_FORMATS = {
-    "ros1msg": MessageDefinitionFormat.MSG,
-    "ros2msg": MessageDefinitionFormat.MSG,
-    "ros2idl": MessageDefinitionFormat.IDL,
-    "omgidl": MessageDefinitionFormat.IDL,
-}
+MSG, IDL = MessageDefinitionFormat.MSG, MessageDefinitionFormat.IDL
+DEFINITION_FORMATS = {"ros1msg": MSG, "ros2msg": MSG, "ros2idl": IDL, "omgidl": IDL}
 
 
 class BreakError(Exception):
@@ -48,23 +44,19 @@ class _Schema(NamedTuple):
     definition: str
 
 
-class RecordWalk:
-    """Sequential reader of the records of one file.
+_Schemas = dict[int, _Schema]  # by id
+_Fields = dict[bytes, bytes]  # fields of a ROS 1 header, by name
 
-    Attributes:
-        path: the file, a ROS 1 bag or an MCAP file by its first bytes.
-        channels: the channels found so far.
-        position: byte up to which whole records (or a chunk's whole messages) were read.
-        complete: whether the last walk reached the end that the format prescribes.
-        damaged: places of the damaged chunks, of which at most the beginning was read.
-    """
+
+class RecordWalk:
+    """Sequential reader of the records of one file."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.channels: dict[int, Channel] = {}
-        self.position = 0
-        self.complete = False
-        self.damaged: list[int] = []
+        self.path = path  # a ROS 1 bag or an MCAP file, by its first bytes
+        self.channels: dict[int, Channel] = {}  # the channels found so far, by id
+        self.position = 0  # byte up to which whole records (or a chunk's whole messages) were read
+        self.complete = False  # whether the last walk reached the end that the format prescribes
+        self.damaged: list[int] = []  # places of damaged chunks, of which the beginning was read
 
     def records(self) -> Iterator[Record]:
         """Yield the messages in the order of the file, up to the break.
@@ -87,10 +79,8 @@ class RecordWalk:
             self.complete = True
 
     def _until_damage(self, records: Iterator[Record], *, is_cut: bool) -> Iterator[Record]:
-        """Yield the records of a chunk up to its damage, which is noted.
-
-        Reading can go on after that, but not after a chunk that the end of the file cuts: BreakError.
-        """
+        """Yield the records of a chunk up to its damage, which is noted."""
+        # Reading can go on after that, but not after a chunk that the end of the file cuts: BreakError.
         try:
             yield from records
         except DAMAGE:
@@ -101,7 +91,7 @@ class RecordWalk:
 
     def _mcap(self, file: BinaryIO) -> Iterator[Record]:
         """Yield the messages of an MCAP file, from the end of its magic bytes."""
-        schemas: dict[int, _Schema] = {}
+        schemas: _Schemas = {}
         while True:
             self.position = file.tell()
             operation, length = struct.unpack("<BQ", file.read(9))
@@ -117,7 +107,7 @@ class RecordWalk:
             else:
                 yield from self._mcap_record(operation, content, schemas)
 
-    def _mcap_chunk(self, content: bytes, schemas: dict[int, _Schema]) -> Iterator[Record]:
+    def _mcap_chunk(self, content: bytes, schemas: _Schemas) -> Iterator[Record]:
         """Yield the messages of an MCAP chunk; BreakError: wrong checksum or size."""
         _begin_time, _end_time, size, checksum = struct.unpack_from("<QQQI", content)
         compression, position = _text(content, struct.calcsize("<QQQI"))
@@ -135,9 +125,7 @@ class RecordWalk:
         if len(data) != size:
             raise BreakError
 
-    def _mcap_record(
-        self, operation: int, content: bytes, schemas: dict[int, _Schema]
-    ) -> Iterator[Record]:
+    def _mcap_record(self, operation: int, content: bytes, schemas: _Schemas) -> Iterator[Record]:
         """Yield a record that is a message; store one that is a channel or a schema."""
         if operation == MCAP_MESSAGE:
             channel_id, _sequence, log_time, _ = struct.unpack_from("<HIQQ", content)
@@ -190,9 +178,7 @@ class RecordWalk:
         if len(data) != size:
             raise BreakError
 
-    def _ros1_record(
-        self, operation: int, fields: dict[bytes, bytes], content: bytes
-    ) -> Iterator[Record]:
+    def _ros1_record(self, operation: int, fields: _Fields, content: bytes) -> Iterator[Record]:
         """Yield a record that is a message; store the channel of one that is a connection."""
         if operation == ROS1_MESSAGE:
             (connection,) = struct.unpack("<L", fields[b"conn"])
@@ -202,13 +188,9 @@ class RecordWalk:
         elif operation == ROS1_CONNECTION:
             (connection,) = struct.unpack("<L", fields[b"conn"])
             type_fields = _ros1_fields(content)
-            text = type_fields[b"message_definition"].decode()
-            self.channels[connection] = Channel(
-                fields[b"topic"].decode(),
-                ros2_type_name(type_fields[b"type"].decode()),
-                MessageDefinition(MessageDefinitionFormat.MSG, text),
-                "ros1",
-            )
+            topic, msgtype = fields[b"topic"].decode(), type_fields[b"type"].decode()
+            known = MessageDefinition(MSG, type_fields[b"message_definition"].decode())
+            self.channels[connection] = Channel(topic, ros2_type_name(msgtype), known, "ros1")
 
 
 def _unpacked(data: bytes, compression: str) -> bytes:
@@ -227,9 +209,9 @@ def _text(content: bytes, position: int) -> tuple[str, int]:
     return content[position + 4 : end].decode(), end
 
 
-def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
+def _ros1_fields(header: bytes) -> _Fields:
     """Fields of a ROS 1 record's header by name: each is a length and `name=value`."""
-    fields: dict[bytes, bytes] = {}
+    fields: _Fields = {}
     position = 0
     while position < len(header):
         (length,) = struct.unpack_from("<L", header, position)

@@ -57,10 +57,8 @@ columns, such as lists, by name; and notes on rows that were left out."""
 
 
 def are_few(count: int, rows: int) -> bool:
-    """Return True if a table is read although `count` of its rows are damaged.
-
-    One damaged row is allowed in a short table, too: often a logger was stopped within the last one.
-    """
+    """Return True if a table is read although `count` of its rows are damaged."""
+    # One row in a short table, too: often a logger was stopped within the last one.
     return count <= FEW * rows or (count == 1 and rows >= ENOUGH)
 
 
@@ -137,11 +135,7 @@ def _read_csv(path: Path) -> Read:
 
 
 def _csv_bytes(path: Path) -> Any:
-    """Bytes of a CSV file (a pyarrow.Buffer), unpacked up to the limit.
-
-    Raises:
-        ReplayError: it unpacks to more than the limit.
-    """
+    """Bytes of a CSV file (a pyarrow.Buffer), unpacked up to the limit."""
     from pyarrow import input_stream, memory_map, py_buffer
 
     if not path.name.lower().endswith(PACKED_CSV_SUFFIXES):
@@ -179,11 +173,7 @@ class _DamagedRows:
         return "skip"
 
     def notes(self, read_rows: int) -> list[str]:
-        """Note damaged rows, if any; `read_rows` is the number of the others.
-
-        Raises:
-            ReplayError: the damaged rows are too many.
-        """
+        """Note on damaged rows, if any; `read_rows` is the number of the others."""
         if not self._count:
             return []
         rows = read_rows + self._count

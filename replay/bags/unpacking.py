@@ -48,9 +48,8 @@ def unpacked_limit(gigabytes: float) -> Iterator[None]:
         ReplayError: the limit is negative, larger than 1e6, or no finite number.
     """
     if not (is_finite(gigabytes) and 0.0 <= gigabytes <= LARGEST_LIMIT):
-        raise ReplayError(
-            f"the limit of unpacked sizes must be from 0 to {LARGEST_LIMIT:g} GB, found {gigabytes!r}"
-        )
+        bounds = f"from 0 to {LARGEST_LIMIT:g} GB"
+        raise ReplayError(f"the limit of unpacked sizes must be {bounds}, found {gigabytes!r}")
     token = _limit.set(round(gigabytes * GIGABYTE))
     try:
         yield
@@ -65,10 +64,8 @@ def limit() -> int:
 
 def too_large(subject: str, limit_bytes: int) -> ReplayError:
     """Make the error for a subject ("the table") that unpacks to more."""
-    size = f"{limit_bytes / GIGABYTE:.3g} GB"
-    return ReplayError(
-        f"{subject} unpacks to more than the limit of {size}; --unpacked-limit raises it"
-    )
+    limit_text = f"the limit of {limit_bytes / GIGABYTE:.3g} GB"
+    return ReplayError(f"{subject} unpacks to more than {limit_text}; --unpacked-limit raises it")
 
 
 def _decompress(

@@ -92,11 +92,10 @@ def bag_path(path: Path, kind: Format) -> Path:
 
 
 def _write_messages(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
-    """Write the messages in the order of stamps; several outboxes may share a topic.
-
-    Messages are made one at a time, so that memory holds few of them.
-    """
+    """Write the messages in the order of stamps; several outboxes may share a topic."""
+    # Messages are made one at a time, so that memory holds few of them.
     connections: dict[str, Any] = {}
+    store = messages.store
 
     def serialised(outbox: Outbox) -> Iterator[tuple[int, Any, bytes]]:
         """Yield (stamp [ns], connection, bytes); first of all, add the topic."""
@@ -105,9 +104,8 @@ def _write_messages(outboxes: list[Outbox], writer: Any, messages: Messages) -> 
             options: dict[str, Any] = {"callerid": f"/{MARK}"} if messages.ros1 else {}
             if outbox.latched:
                 options |= {"latching": 1} if messages.ros1 else {"offered_qos_profiles": [LATCHED]}
-            connections[topic] = writer.add_connection(
-                topic, msgtype, typestore=messages.store, **options
-            )
+            connection = writer.add_connection(topic, msgtype, typestore=store, **options)
+            connections[topic] = connection
         for i, stamp in enumerate(outbox.stamps):
             data = bytes(messages.serialize(outbox.make(messages, i), msgtype))
             yield int(stamp), connections[topic], data
@@ -129,10 +127,8 @@ def _ros1_writer(path: Path) -> Iterator[tuple[Any, Messages]]:
 def _ros2_writer(
     path: Path, plugin: StoragePlugin, is_bare: bool
 ) -> Iterator[tuple[Any, Messages]]:
-    """Open a ROS 2 bag for writing, with a factory of its messages.
-
-    It is a folder; if it is bare, its storage file alone is moved to the path at the end.
-    """
+    """Open a ROS 2 bag for writing, with a factory of its messages."""
+    # It is a folder; if it is bare, its storage file alone is moved to the path at the end.
     folder = path.with_suffix("") if is_bare else path
     writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
     writer.set_custom_data(MARK, "true")

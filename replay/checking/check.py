@@ -26,6 +26,7 @@ SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of th
 STRAIGHT = 0.2  # largest turning of a window in which tracks hardly slip [rad]
 
 Correction = Callable[[Log, Robot], tuple[Log, Robot]]
+Settings = dict[str, float | list[float]]
 
 
 class Estimate(NamedTuple):
@@ -57,40 +58,31 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True)
 class Check:
-    """One quantity of a robot file, compared with a log.
+    """One quantity of a robot file, compared with a log."""
 
-    Attributes:
-        name: the quantity.
-        in_file: value of the file, with its unit.
-        in_log: value that the log shows, with its unit and error; empty if it shows none.
-        problem: what contradicts, in a sentence; empty if nothing does.
-        remedy: what to set in the file.
-        correction: log and robot with this corrected, None if it cannot be.
-        measured: the numbers behind `in_file` and `in_log`, None if the log shows none.
-        settings: values to set in the robot file by dotted key, such as "log.tracks.latency"; empty if
-            no single key corrects it.
-    """
-
-    name: str
-    in_file: str
-    in_log: str
-    problem: str = ""
-    remedy: str = ""
-    correction: Correction | None = None
-    measured: Measured | None = None
-    settings: dict[str, float | list[float]] = field(default_factory=dict)
+    name: str  # the quantity
+    in_file: str  # value of the file, with its unit
+    in_log: str  # value that the log shows, with its unit and error; empty if it shows none
+    problem: str = ""  # contradiction, in a sentence; empty if there is none
+    remedy: str = ""  # what to set in the file
+    correction: Correction | None = None  # function that corrects log and robot, None if none can
+    measured: Measured | None = (
+        None  # numbers behind `in_file` and `in_log`, None if not observable
+    )
+    # values to set in the robot file by dotted key, such as "log.tracks.latency"; empty if no single
+    # key corrects it
+    settings: Settings = field(default_factory=dict)
 
     def contradicted(
         self,
         problem: str,
         remedy: str,
         correction: Correction | None = None,
-        settings: dict[str, float | list[float]] | None = None,
+        settings: Settings | None = None,
     ) -> Self:
         """Copy as a contradiction of the file; arguments as the attributes."""
-        return replace(
-            self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}
-        )
+        new = replace(self, problem=problem, remedy=remedy, correction=correction)
+        return replace(new, settings=settings or {})
 
 
 def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
@@ -177,10 +169,8 @@ def measured_track(log: Log, robot: Robot) -> Estimate | None:
 
 
 def measured_scale(log: Log, robot: Robot, *, with_bends: bool = False) -> Estimate | None:
-    """Distance by truth or fixes over that of the tracks [-]; None if not observable.
-
-    Windows in which tracks slip in a bend count only with `with_bends`.
-    """
+    """Distance by truth or fixes over that of the tracks [-]; None if not observable."""
+    # Windows in which tracks slip in a bend count only with `with_bends`.
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
     vertical, _ = in_base(log.imu, robot)
@@ -197,12 +187,9 @@ def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] 
         (n + 1,) stamps of the starts and ends of the windows [ns], and (n, 3) the pose at the end of each
         in that at its start [m, m, rad].
     """
-    edges = even_grid(
-        max(truth.poses.stamps[0], log.start),
-        min(truth.poses.stamps[-1], log.end),
-        round(window / NANOSECOND),
-        truth.poses.stamps,
-    )
+    known = truth.poses.stamps
+    start, end = max(known[0], log.start), min(known[-1], log.end)
+    edges = even_grid(start, end, round(window / NANOSECOND), known)
     if len(edges) < 2:
         return None
     poses = interpolate_poses(truth.poses, edges)

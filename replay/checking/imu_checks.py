@@ -141,10 +141,8 @@ def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
 
 
 def _tilt_by_turning(tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats, robot: Robot) -> float:
-    """Largest apparent tilt by the mean centripetal force of turning [deg].
-
-    `rate` (n,) is the yaw rate [rad/s]. The force is that of the IMU's lever arm and of driving bends.
-    """
+    """Largest apparent tilt by the mean centripetal force of turning [deg]."""
+    # `rate` (n,) is the yaw rate [rad/s]. The force is that of the IMU's lever arm and of driving bends.
     forward, left, _ = robot.imu.position
     force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
     if imu_mounting.are_usable(tracks):

@@ -71,10 +71,8 @@ def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:
-    """True if two of IMU mounting, scale and effective track contradict the file.
-
-    The log is then rather of another robot than the file is wrong.
-    """
+    """True if two of IMU mounting, scale and effective track contradict the file."""
+    # The log is then rather of another robot than the file is wrong.
     wrong = [check for check in checks if check.problem and check.correction is not None]
     names = {check.name for check in wrong if check.name != SCALE or not _is_slight(check)}
     groups = ({MOUNTING, FORWARD}, {SCALE}, {TRACK})

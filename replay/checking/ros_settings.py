@@ -69,7 +69,7 @@ def ros_settings(
             f"# The robot file contradicts the log in: {', '.join(corrected)}. These are by the log."
         )
     if any(len(log.tracks.stamps) for log in logs):
-        lines += _controller_lines(logs, robot, source=source, proposed=proposed)
+        lines += _controller_lines(logs, robot, source, proposed)
     imu = next((log.imu for log in logs if log.imu is not None and len(log.imu.stamps) > 1), None)
     if imu is not None:
         lines += _imu_lines(imu, robot)
@@ -104,10 +104,8 @@ def proposed_ros_settings(
 
 
 def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
-    """Estimate errors of wheel odometry with the effective track of a robot.
-
-    Without a gyro or a truth they are usual shares of the speeds.
-    """
+    """Estimate errors of wheel odometry with the effective track of a robot."""
+    # Without a gyro or a truth they are usual shares of the speeds.
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
     rates = (speeds[:, 1] - speeds[:, 0]) / check.effective_track(robot)
     forward = SHARE_FORWARD * float(np.sqrt(np.mean(speeds**2, axis=0)).mean())
@@ -161,9 +159,7 @@ def _forward_errors(log: Log, robot: Robot) -> Floats:
     return np.asarray((speed - true_speed)[is_driving])
 
 
-def _controller_lines(
-    logs: Sequence[Log], robot: Robot, *, source: str, proposed: bool
-) -> list[str]:
+def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: bool) -> list[str]:
     """Parameters of the controller, and the latency of its speeds."""
     errors, difference = twist_errors(logs, robot), robot.tracks.difference
     # v_x, v_y, v_z and the rates about x, y, z.
@@ -213,10 +209,8 @@ def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
 
 
 def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
-    """Wheel separation and its multiplier.
-
-    The multiplier is that of the logs where they contradict the robot.
-    """
+    """Wheel separation and its multiplier."""
+    # The multiplier is that of the logs where they contradict the robot.
     gauge, multiplier = robot.vehicle.track_gauge, robot.constant_indices.eta0
     measured = _measured_multipliers(logs, robot)
     comment = f"{source}; {_unknown(logs)}"

@@ -113,6 +113,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     check = replace(check, measured=Measured(correlation, "-", 1.0))
     # By the truth; None without one.
     is_backward = _drives_backward(log)
+    by_imu = is_backward is None and _accelerates_backward(log.tracks, log.imu, vertical, force)
     if correlation > 0.0 and not is_backward:
         yield check
         return
@@ -125,13 +126,11 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
         remedy = f"{exchange}, {minus}"
         correction = with_speeds(lambda speeds: -speeds[:, ::-1])
-    elif is_backward or (
-        is_backward is None and _accelerates_backward(log.tracks, log.imu, vertical, force)
-    ):
+    elif is_backward or by_imu:
         text = "both tracks count backward: they turn the other way than the gyro"
         remedy = f"left and right in [{table}] {minus}"
         correction = with_speeds(lambda speeds: -speeds)
-        if is_backward is None:
+        if by_imu:
             text += " and accelerate the other way than the IMU"
             remedy += " (or left and right are swapped, and the IMU is turned by 180 deg)"
     else:
@@ -141,16 +140,14 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     yield check.contradicted(text, remedy, correction)
 
 
-def _unclear_turning(
-    log: Log, imu: ImuSeries, robot: Robot, check: Check, vertical: Floats
-) -> Check:
+def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:
     """Check of tracks without a clear correlation: wrong gauge, or a side reversed?"""
     tracks = mapped_tracks(robot)
     if isinstance(tracks, TrackTopic) and not tracks.left:
-        suspicion = turning_suspicion(log, vertical, tracks.gauge or robot.vehicle.track_gauge)
+        suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
         remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
         return check.contradicted(suspicion[0], remedy) if suspicion else check
-    reversed_side = _reversed_side(log.tracks, imu, vertical)
+    reversed_side = _reversed_side(log.tracks, imu, rate)
     if reversed_side is None:
         return check
     side, signs = reversed_side
@@ -285,10 +282,8 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     guess = _guess(ratio, robot)
     text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{guess}"
     if source == "accelerometer":
-        text = (
-            f"accelerations are {ratio:.3g}{error} times the changes of the track speeds (suspensions "
-            "explain 1.2)"
-        )
+        text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
+        text += " (suspensions explain 1.2)"
     yield check.contradicted(
         text,
         f"{name} = {value:g} in [{table}]",
@@ -312,10 +307,8 @@ def _guess(ratio: float, robot: Robot) -> str:
 
 
 def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> Estimate | None:
-    """Forward acceleration over the change of track speed [-]; None if unclear.
-
-    Both are means over successive intervals of `imu_mounting.SMOOTHING`.
-    """
+    """Forward acceleration over the change of track speed [-]; None if unclear."""
+    # Both are means over successive intervals of `imu_mounting.SMOOTHING`.
     stamps, (_, force) = imu.stamps, in_base(imu, robot)
     if force is None:
         return None
@@ -403,9 +396,6 @@ def _track_settings(robot: Robot, eta0: float) -> dict[str, float | list[float]]
 
 def _with_track(robot: Robot, gauge: float, eta0: float) -> Robot:
     """Robot with the effective track gauge * eta0, which constant ICRs would overrule."""
-    return structs.replace(
-        robot,
-        vehicle=structs.replace(robot.vehicle, track_gauge=gauge),
-        indices=structs.replace(robot.indices, eta0=eta0),
-        constant_icr=None,
-    )
+    vehicle = structs.replace(robot.vehicle, track_gauge=gauge)
+    indices = structs.replace(robot.indices, eta0=eta0)
+    return structs.replace(robot, vehicle=vehicle, indices=indices, constant_icr=None)

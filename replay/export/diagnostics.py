@@ -37,11 +37,9 @@ class _Innovations(NamedTuple):
 
 
 def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
-    """Make the diagnostics of filtered runs, one message per second.
-
-    Each has the estimates' uncertainty and the innovations; the last one also has counts of the whole
-    runs. `runs` are by variant; `hardware` is the id of the robot in the messages.
-    """
+    """Make the diagnostics of filtered runs, one message per second."""
+    # Each has the estimates' uncertainty and the innovations; the last one also has counts of the whole
+    # runs. `runs` are by variant; `hardware` is the id of the robot in the messages.
     begin = min(int(run.stamps[0]) for run in runs.values())
     end = max(int(run.stamps[-1]) for run in runs.values())
     all_stamps = np.unique(np.concatenate([run.stamps for run in runs.values()]))
@@ -62,11 +60,8 @@ def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
             statuses += [_innovation_status(name, sensor, i) for sensor in innovations[name]]
             if i == len(stamps) - 1:
                 statuses.append(_count_status(name, run))
-        return messages.new(
-            DIAGNOSTICS,
-            header=messages.header(stamps[i], ""),
-            status=[_status_message(messages, status, hardware) for status in statuses],
-        )
+        status = [_status_message(messages, one, hardware) for one in statuses]
+        return messages.new(DIAGNOSTICS, header=messages.header(stamps[i], ""), status=status)
 
     return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, stamps, make)
 

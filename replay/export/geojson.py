@@ -41,9 +41,8 @@ def write_geojson(path: Path, comparison: Comparison) -> Path:
         features.append(_line_feature("ground_truth", log.truth.poses, origin, TRUTH_COLOUR))
     if log.fixes is not None and len(log.fixes.stamps):
         points = _coordinates(log.fixes.poses[:, :2], origin)
-        features.append(
-            _feature("MultiPoint", points, name="fixes", **{"marker-color": FIX_COLOUR})
-        )
+        colour = {"marker-color": FIX_COLOUR}
+        features.append(_feature("MultiPoint", points, name="fixes", **colour))
     text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
     return write_text(path, text + "\n")
 

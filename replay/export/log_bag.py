@@ -42,10 +42,11 @@ def write_log(
     *,
     overwrite: bool = False,
 ) -> Path:
-    """Write a log as a bag, on the topics of the robot's mapping; return its path.
+    """Write a log as a bag, on the topics of the robot's mapping.
 
     Streams without a mapping, or with one that cannot be written, go to
     `icreckon.replay.mapping.topics.DEFAULT_TOPICS`. The bag then holds its own mapping for reading it.
+    The result is the path of the bag.
 
     `read_log` with the same robot restores the log: stamps exactly, track speeds up to the rounding of
     sprocket_radius, yaw up to that of the quaternion.
@@ -70,13 +71,7 @@ def write_log(
     return write_bag(Path(path), format, outboxes, overwrite=overwrite)
 
 
-def check_place(
-    path: Path,
-    format: Format,  # noqa: A002
-    robot: Robot,
-    *,
-    overwrite: bool = False,
-) -> None:
+def check_place(path: Path, format: Format, robot: Robot, *, overwrite: bool = False) -> None:  # noqa: A002
     """Check the arguments of `write_log` before a long run.
 
     Raises:
@@ -87,28 +82,21 @@ def check_place(
 
 
 def _with_antenna(topics: TopicMap, log: Log) -> TopicMap:
-    """Mapping with the antenna's position of the log's fixes.
-
-    Raises:
-        ReplayError: the log has fixes of several antennas.
-    """
+    """Mapping with the position of the one antenna that all fixes of the log are of."""
     if log.fixes is None or topics.fixes is None or not len(log.fixes.stamps):
         return topics
     antennas = np.unique(log.fixes.lever_arms, axis=0).tolist()
     if len(antennas) > 1:
-        raise ReplayError(
-            f"{log.name}: fixes of antennas at {antennas} m; a bag holds fixes of one, drop the others"
-        )
+        problem = f"fixes of antennas at {antennas} m; a bag holds fixes of one, drop the others"
+        raise ReplayError(f"{log.name}: {problem}")
     forward, left = antennas[0]
     fixes = msgspec.structs.replace(topics.fixes, position=(forward, left))
     return msgspec.structs.replace(topics, fixes=fixes)
 
 
 def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
-    """Messages of a log; `topics` maps all streams (see `writable_topics`).
-
-    Track speeds are divided by the sprocket radius [m] to joint rates.
-    """
+    """Messages of a log; `topics` maps all streams (see `writable_topics`)."""
+    # Track speeds are divided by the sprocket radius [m] to joint rates.
     outboxes = []
     tracks, truth = topics.tracks, topics.truth
     if tracks and len(log.tracks.stamps):
@@ -202,12 +190,11 @@ def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         position_variance = fixes.variances[i, 0]
-        covariance = np.diag([position_variance, position_variance, yaw_variances[i]])
+        variances = np.diag([position_variance, position_variance, yaw_variances[i]])
+        covariance = planar_covariance(variances)
         position = (*fixes.poses[i, :2], 0.0)
         header = messages.header(fixes.stamps[i], ODOM)
-        pose = messages.pose_with_covariance(
-            position, quaternions[i], planar_covariance(covariance)
-        )
+        pose = messages.pose_with_covariance(position, quaternions[i], covariance)
         return messages.new(ros.POSE_WITH_COVARIANCE, header=header, pose=pose)
 
     return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make)

@@ -149,10 +149,8 @@ def _path_message(topic: str, series: PoseSeries) -> Outbox:
 def _icr_markers(
     topic: str, all_stamps: Stamps, indices: Floats, robot: Robot, frame: str, colour: str
 ) -> Outbox:
-    """ICRs of both tracks as spheres joined by a line, in the robot's frame.
-
-    `indices` (n, 3) are zeta, epsilon [m] and eta at the stamps; the colour is of the form "#rrggbb".
-    """
+    """ICRs of both tracks as spheres joined by a line, in the robot's frame."""
+    # `indices` (n, 3) are zeta, epsilon [m] and eta at the stamps; the colour is of the form "#rrggbb".
     rows = thinned(all_stamps, MARKER_RATE)
     stamps = all_stamps[rows]
     icrs = icr_points(IndexValues(*indices[rows].T), robot.vehicle.track_gauge)
@@ -182,10 +180,8 @@ def _icr_markers(
 
 
 def _globe_messages(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
-    """Positions of a frame as sensor_msgs/NavSatFix, at most `PLACE_RATE` a second.
-
-    The altitude is that of the origin, plus the estimated height of runs in three dimensions.
-    """
+    """Positions of a frame as sensor_msgs/NavSatFix, at most `PLACE_RATE` a second."""
+    # The altitude is that of the origin, plus the estimated height of runs in three dimensions.
     rows = thinned(trajectory.stamps, PLACE_RATE)
     stamps = trajectory.stamps[rows]
     latitude, longitude = degrees(trajectory.poses[rows, :2], origin).T

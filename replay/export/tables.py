@@ -45,7 +45,7 @@ ENCODING = "BYTE_STREAM_SPLIT"
 
 
 def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, Any]:
-    """Columns (n,) of a run by name, float32 except for stamps, times and poses.
+    """Columns (n,) of a run by name, float64 if precision matters, otherwise float32.
 
     They are input of a data frame, `pandas.DataFrame(run_columns(run, robot))`, with units in their
     names: `stamp_ns`, `t_s`, pose, twist, their covariances, ICRs, states with their standard deviations,
@@ -106,11 +106,9 @@ def write_table(path: Path, form: Format, columns: dict[str, Any]) -> Path:
     import pyarrow as pa
     from pyarrow import csv, parquet
 
-    arrays = {
-        name: pa.array(np.ascontiguousarray(value), from_pandas=True)
-        for name, value in columns.items()
-    }
-    table = pa.table(arrays)
+    contiguous = {name: np.ascontiguousarray(values) for name, values in columns.items()}
+    # From pandas: NaN is null.
+    table = pa.table({key: pa.array(one, from_pandas=True) for key, one in contiguous.items()})
     with new_file(path) as new:
         if form == "csv":
             csv.write_csv(table, new)

@@ -102,10 +102,8 @@ def filled_in_sizes(path: Path) -> Sizes:
 
 
 def _read_filled_in(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Text of an earlier proposal, and a person's values in it by table and key.
-
-    A value is a person's if it is set and has no mark. Without the file there are none.
-    """
+    """Text of an earlier proposal, and a person's values in it by table and key."""
+    # A value is a person's if it is set and has no mark. Without the file there are none.
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else ""
         former = _values(tomllib.loads(text))
@@ -141,10 +139,8 @@ def _mark(table: str, key: str, value: Any) -> str:
 def _is_set(value: Any) -> bool:
     """Return True for texts, finite numbers and lists of them; NaN is a placeholder."""
     parts = value if isinstance(value, list) else [value]
-    return all(
-        isinstance(part, str | int) or (isinstance(part, float) and math.isfinite(part))
-        for part in parts
-    )
+    is_known = (isinstance(part, str | int | float) for part in parts)
+    return all(is_known) and all(math.isfinite(part) for part in parts if isinstance(part, float))
 
 
 def _tables(text: str) -> dict[str, list[str]]:

@@ -62,9 +62,8 @@ class FixWanderEstimate(NamedTuple):
         if not self.sigma:
             return f"{white}; {self.reason}, no wander is proposed"
         shortest, longest = self.times
-        slow = (
-            f"{self.sigma:.2g} m over {self.time:g} s ({shortest:g} to {longest:g} s fit as well)"
-        )
+        times = f"{self.time:g} s ({shortest:g} to {longest:g} s fit as well)"
+        slow = f"{self.sigma:.2g} m over {times}"
         if self.reason:
             return f"{white}, and a slow part of {slow}; {self.reason}: no wander is proposed"
         text = f"their error wanders, by {slow}, besides {white}"
@@ -117,12 +116,11 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
     fits = {(time, ratio): _fit(windows, (time, ratio)) for time in TIMES for ratio in RATIOS}
     time, ratio = max(fits, key=lambda model: fits[model].likelihood)
     best_fit = fits[time, ratio]
-    best_of_time = {span: max(fits[span, share].likelihood for share in RATIOS) for span in TIMES}
-    good_times = [
-        span for span in TIMES if 2.0 * (best_fit.likelihood - best_of_time[span]) <= AS_GOOD
-    ]
+    best = best_fit.likelihood
+    losses = {span: best - max(fits[span, share].likelihood for share in RATIOS) for span in TIMES}
+    good_times = [span for span in TIMES if 2.0 * losses[span] <= AS_GOOD]
     times = good_times[0], good_times[-1]
-    if 2.0 * (best_fit.likelihood - white_fit.likelihood) < CLEAR:
+    if 2.0 * (best - white_fit.likelihood) < CLEAR:
         white, reason = float(np.sqrt(white_fit.variance)), "white noise alone explains them"
         return FixWanderEstimate(white, 0.0, time, times, reason)
     sigma = float(np.sqrt(best_fit.variance))
@@ -140,11 +138,9 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
 
 
 def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
-    """Cut the fixes into windows, with the path by odometry.
-
-    `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
-    fixes are left out.
-    """
+    """Cut the fixes into windows, with the path by odometry."""
+    # `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
+    # fixes are left out.
     fixes = log.fixes
     if fixes is None or len(stamps) < 2:
         return []
@@ -174,11 +170,10 @@ def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
         has_hole = any(_has_hole(one, origin, begin) for one in (stamps, log.tracks.stamps))
         if len(rows) < FEWEST_IN_WINDOW or has_hole:
             continue
-        path_there, bias_path_there = (
-            np.interp(times[rows], seconds, column) for column in (path, bias_path)
-        )
-        design = _orthonormal(np.column_stack([np.ones(len(rows)), path_there, bias_path_there]))
-        windows.append(_Window(times[rows], positions[rows], path_there, design))
+        at_fixes = np.interp(times[rows], seconds, path)
+        bias_at_fixes = np.interp(times[rows], seconds, bias_path)
+        design = _orthonormal(np.column_stack([np.ones(len(rows)), at_fixes, bias_at_fixes]))
+        windows.append(_Window(times[rows], positions[rows], at_fixes, design))
     return windows
 
 
@@ -209,10 +204,8 @@ def _orthonormal(columns: Floats) -> Floats:
 
 
 def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
-    """Fit the variance of an error model, by restricted maximum likelihood.
-
-    `model` is the correlation time [s] and the ratio of the white noise to the wander; None: no wander.
-    """
+    """Fit the variance of an error model, by restricted maximum likelihood."""
+    # `model` is the correlation time [s] and the ratio of the white noise to the wander; None: no wander.
     freedom, squares, logarithms = 0, 0.0, 0.0
     for window in windows:
         n, k = window.design.shape

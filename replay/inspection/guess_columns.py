@@ -45,6 +45,7 @@ LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_){short}({long})?(_deg)?$")
     for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
 )
+POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
 UNIT = re.compile(r"_(?:dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
@@ -128,10 +129,8 @@ def _names_side_alone(name: str) -> bool:
 
 
 def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
-    """Names of the axes x, y, z, of z alone if there is no x, or none.
-
-    The group of the pattern is the axis.
-    """
+    """Names of the axes x, y, z, of z alone if there is no x, or none."""
+    # The group of the pattern is the axis.
     by_axis = {}
     for name in names:
         if match := pattern.match(_plain(name)):
@@ -181,9 +180,6 @@ def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
 
 def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
     """Guess the columns of a truth's x, y and yaw; None without a position."""
-    x, y, yaw = (
-        _first(names, re.compile(rf"(?:^|[_.])(?:{ending})$"))
-        for ending in ("x", "y", "yaw|heading|theta")
-    )
+    x, y, yaw = (_first(names, re.compile(rf"(?:^|[_.])(?:{name})$")) for name in POSE_NAMES)
     unit: AngleUnit = "deg" if yaw and _in_degrees(yaw) else "rad"
     return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, time=time) if x and y else None

@@ -72,10 +72,8 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
 
 
 def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Select the joints of the left and the right side, by their names.
-
-    Of a side with names of wheels or tracks (`DRIVE_WORDS`), those alone, so not those of an arm.
-    """
+    """Select the joints of the left and the right side, by their names."""
+    # Of a side with names of wheels or tracks (`DRIVE_WORDS`), those alone, so not those of an arm.
 
     def on_side(side: str, abbreviations: set[str]) -> tuple[str, ...]:
         joints, driving = [], []
@@ -160,10 +158,8 @@ def _wheel_fields(surveys: Mapping[str, Survey]) -> TrackTopic | None:
 
 
 def unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
-    """Unit of track speeds by a word of a name, as keys of `TrackKeys`.
-
-    `unknown` is the unit without such a word. A person fills in the counts per turn.
-    """
+    """Unit of track speeds by a word of a name, as keys of `TrackKeys`."""
+    # `unknown` is the unit without such a word. A person fills in the counts per turn.
     name = name.lower()
     if COUNTER.search(name):
         return {"unit": "counts", "counts_per_turn": ANY_COUNTS}

@@ -165,11 +165,9 @@ def rate_about(upward: Floats, rates: Floats, gyro_axes: str) -> Floats:
 
 
 def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mask (n,) of the stamps [ns] that lie well inside a standstill of both tracks.
-
-    A stop lasts from the first to the last of at least two consecutive track-speed samples of about
-    zero, less `STILL_MARGIN` at each end.
-    """
+    """Mask (n,) of the stamps [ns] that lie well inside a standstill of both tracks."""
+    # A stop lasts from the first to the last of at least two consecutive track-speed samples of about
+    # zero, less `STILL_MARGIN` at each end.
     result = np.zeros(len(stamps), dtype=bool)
     if not len(tracks.stamps):
         return result
@@ -188,10 +186,8 @@ def true_runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
 
 
 def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
-    """Correlation of V_r - V_l with the vertical rate; None if one is constant.
-
-    `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
-    """
+    """Correlation of V_r - V_l with the vertical rate; None if one is constant."""
+    # `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
     difference = _turning(tracks, imu)
     if difference is None or np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:
         return None
@@ -247,10 +243,8 @@ def _density_while_driving(
 
 
 def density(values: Floats, where: NDArray[np.bool_], step: float) -> float:
-    """White noise density [unit/√Hz] of values (n,) where a mask (n,) is set.
-
-    `step` is the interval of the samples [s]. Differences of neighbours are free of slow changes.
-    """
+    """White noise density [unit/√Hz] of values (n,) where a mask (n,) is set."""
+    # `step` is the interval of the samples [s]. Differences of neighbours are free of slow changes.
     are_neighbours = where[1:] & where[:-1]
     # The variance of a difference is twice that of a sample.
     return float(np.diff(values)[are_neighbours].std() / np.sqrt(2.0) * np.sqrt(step))

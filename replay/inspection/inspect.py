@@ -207,11 +207,9 @@ def _track_by_rate(estimates: robot_file.LogEstimates) -> by_rate.TrackByRate | 
         return None
     whole, unit = estimates.effective_track, "m"
     if whole is None:
-        is_rate = estimates.mapping.in_rates
-        whole, unit = (
-            ratio,
-            "times the effective radius" if is_rate else "times the controller's gauge",
-        )
+        whole, unit = ratio, "times the controller's gauge"
+        if estimates.mapping.in_rates:
+            unit = "times the effective radius"
     is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
     clear_bias = bias.value if bias is not None and is_clear else 0.0
     aligned = _without_latencies(log, estimates.latencies)
@@ -222,13 +220,8 @@ def _track_by_rate(estimates: robot_file.LogEstimates) -> by_rate.TrackByRate | 
 
 
 def _with_keys(guess: TopicMap, filled_in: Mapping[str, Mapping[str, Any]]) -> TopicMap:
-    """Merge keys of [log] tables, by table, into a guessed mapping, except `UNUSED`.
-
-    A guessed stream is dropped if they use its topic for another stream.
-
-    Raises:
-        ReplayError: they are no valid mapping.
-    """
+    """Merge keys of [log] tables, by table, into a guessed mapping, except `UNUSED`."""
+    # A guessed stream is dropped if they use its topic for another stream.
     if not filled_in:
         return guess
     topics = {keys["topic"] for keys in filled_in.values() if "topic" in keys}
@@ -247,10 +240,8 @@ def _with_keys(guess: TopicMap, filled_in: Mapping[str, Mapping[str, Any]]) -> T
 
 
 def _with_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
-    """Mapping with the IMU in deg/s or g where its readings are; adds a note on each.
-
-    It is the same object if there is nothing to change.
-    """
+    """Mapping with the IMU in deg/s or g where its readings are; adds a note on each."""
+    # It is the same object if there is nothing to change.
     if log.imu is None:
         return mapping
     units, fast = {}, _fast_turning(log.imu)
@@ -282,10 +273,8 @@ def guess_mapping(
 
 
 def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
-    """Latencies of tracks and truth against the gyro, by purpose.
-
-    Headings of a truth that do not fit its path are not used.
-    """
+    """Latencies of tracks and truth against the gyro, by purpose."""
+    # Headings of a truth that do not fit its path are not used.
     if log.imu is None or vertical is None:
         return {}
     found: dict[str, Lag | NoLag] = {}
@@ -313,10 +302,8 @@ def _without_latencies(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
 def _survey_files(
     paths: Sequence[Path], definitions: Definitions
 ) -> tuple[dict[tuple[str, str], topic_survey.Survey], list[str], list[Table]]:
-    """Survey all files in one pass: topics by name and type, notes, tables.
-
-    A topic with messages in several bags has one survey.
-    """
+    """Survey all files in one pass: topics by name and type, notes, tables."""
+    # A topic with messages in several bags has one survey.
     surveys: dict[tuple[str, str], topic_survey.Survey] = {}
     notes: list[str] = []
     tables = []
@@ -328,18 +315,16 @@ def _survey_files(
         survey_bag = partial(topic_survey.survey_bag, source=str(path), definitions=definitions)
         bag_surveys, bag_notes = over_bag(path, survey_bag)
         notes += bag_notes
-        for survey in bag_surveys:
-            first = surveys.setdefault((survey.channel.topic, survey.channel.msgtype), survey)
-            if first is not survey:
-                first.extend(survey)
+        for new in bag_surveys:
+            known = surveys.setdefault((new.channel.topic, new.channel.msgtype), new)
+            if known is not new:
+                known.extend(new)
     return surveys, notes, tables
 
 
 def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_survey.TopicReport]:
-    """Report each column; numbers with their spacing in time, if that is known.
-
-    Texts, and times that cannot be read, have no spacing.
-    """
+    """Report each column; numbers with their spacing in time, if that is known."""
+    # Texts, and times that cannot be read, have no spacing.
     stamps = has_time = None
     if columns is not None and table.has([columns.time]):
         with suppress(ReplayError):
@@ -425,11 +410,8 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
         total = sum(end - begin for begin, end in stops)
         spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in stops[:MOST_STOPS])
         more = ", ..." if len(stops) > MOST_STOPS else ""
-        yield (
-            f"standstills: {len(stops)}, {total:.0f} s in all ({spans}{more})"
-            if stops
-            else "standstills: none of a second or more"
-        )
+        found = f"{len(stops)}, {total:.0f} s in all ({spans}{more})"
+        yield f"standstills: {found if stops else 'none of a second or more'}"
     if mounting is not None and mounting.gyro_bias is not None:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
         yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
@@ -459,10 +441,8 @@ def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[st
         if not in_rates and fast > FAST_SPEED:
             yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
     if not in_rates and ratio is not None and not 0.5 < ratio < 2.0:
-        yield (
-            f"the distance over ground is {ratio:.3g} times that of the track speeds, by the "
-            f"{estimates.wheels.way_source}"
-        )
+        size = f"{ratio:.3g} times that of the track speeds"
+        yield f"the distance over ground is {size}, by the {estimates.wheels.way_source}"
 
 
 def _fast_turning(imu: ImuSeries) -> float:

@@ -41,11 +41,9 @@ def without_lag(series: _Series, lag: Lag) -> _Series:
 
 
 def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Lag | NoLag:
-    """Estimate the latency of track speeds against the gyro.
-
-    Each track speed, in any unit, is the mean since the one before. `vertical` (n,) is the rate of the
-    IMU about the vertical [rad/s].
-    """
+    """Estimate the latency of track speeds against the gyro."""
+    # Each track speed, in any unit, is the mean since the one before. `vertical` (n,) is the rate of the
+    # IMU about the vertical [rad/s].
     by_tracks = turned_in_steps(tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
     return find_lag(by_tracks, turned_in_steps(imu.stamps, vertical), least=LEAST_TURN)
 
@@ -53,11 +51,9 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
 def truth_lag(
     truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats
 ) -> Lag | NoLag:
-    """Estimate the lag of a truth, by its headings or its places.
-
-    Headings are compared with the gyro. A truth without them is compared with the path by the tracks,
-    whose speeds may have any unit. `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
-    """
+    """Estimate the lag of a truth, by its headings or its places."""
+    # Headings are compared with the gyro. A truth without them is compared with the path by the tracks,
+    # whose speeds may have any unit. `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
     if truth.headings:
         return find_lag(heading_of(truth.poses), turned(imu.stamps, vertical), least=LEAST_TURN)
     if not len(tracks.stamps):

@@ -87,10 +87,8 @@ class LogEstimates:
 
 def robot_file_text(path: Path, estimates: LogEstimates) -> str:
     """Format a robot file for `load_robot` and `topic_map`, named after the bag."""
-    latency, wander = (
-        _latency_lines(estimates.latencies.get("tracks")),
-        _wander_lines(estimates.wander),
-    )
+    latency = _latency_lines(estimates.latencies.get("tracks"))
+    wander = _wander_lines(estimates.wander)
     columns = estimates.mapping.columns
     lines = [
         f"{FIRST_WORDS} {toml_value(path.name)[1:-1]}: check every line.",
@@ -119,17 +117,11 @@ def _vehicle_lines(estimates: LogEstimates) -> list[str]:
         _radius_line(estimates),
     ]
     # Metres per unit of the log's track speeds, which were read with a radius of 1 m.
-    scale = (
-        (estimates.sizes.radius or estimates.wheels.way_ratio)
-        if estimates.mapping.in_rates
-        else 1.0
-    )
+    radius = estimates.sizes.radius or estimates.wheels.way_ratio
+    scale = radius if estimates.mapping.in_rates else 1.0
     if fastest and scale is not None and fastest < ABSURD:
-        speed = fastest * scale
-        lines.append(
-            f"max_track_speed = {MARGIN * fastest * scale:.2g}    # m/s; the fastest in the log is "
-            f"{speed:.2f}"
-        )
+        remark = f"m/s; the fastest in the log is {fastest * scale:.2f}"
+        lines.append(f"max_track_speed = {MARGIN * fastest * scale:.2g}    # {remark}")
     else:
         lines.append(f"max_track_speed = 2.0    {FILL_IN} (m/s)")
         if fastest:

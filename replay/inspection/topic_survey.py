@@ -66,11 +66,9 @@ def spacing(times: Stamps) -> Spacing:
         return Spacing()
     # As floats: far-off times would overflow.
     steps = np.diff(times.astype(np.float64)) * NANOSECOND
-    return Spacing(
-        mean_rate=1.0 / float(np.median(steps) or steps.mean()),
-        largest_gap=float(steps.max()),
-        gaps=int((steps > GAP * np.median(steps)).sum()),
-    )
+    median = float(np.median(steps))
+    usual = median or float(steps.mean())  # the median is 0 if most times are equal
+    return Spacing(1.0 / usual, float(steps.max()), int((steps > GAP * median).sum()))
 
 
 @dataclass

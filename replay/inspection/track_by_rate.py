@@ -38,11 +38,9 @@ class TrackByRate(NamedTuple):
 
 
 def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
-    """Mean yaw rates and V_r - V_l (n, 2) of windows without hole or changing rate.
-
-    Track speeds may be rates. `vertical` (n,) is the rate about the vertical at the IMU's stamps, with
-    this bias [rad/s].
-    """
+    """Mean yaw rates and V_r - V_l (n, 2) of windows without hole or changing rate."""
+    # Track speeds may be rates. `vertical` (n,) is the rate about the vertical at the IMU's stamps, with
+    # this bias [rad/s].
     if log.imu is None or not are_usable(log.tracks):
         return np.zeros((0, 2))
     tracks, imu, step = log.tracks.stamps, log.imu.stamps, round(WINDOW / NANOSECOND)
@@ -64,10 +62,8 @@ def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
 
 
 def track_by_rate(windows: Floats) -> list[RateBin]:
-    """Effective track in bins of the yaw rate, right to left, by windows (n, 2).
-
-    The windows are those of `track_windows`.
-    """
+    """Effective track in bins of the yaw rate, right to left, by windows (n, 2)."""
+    # The windows are those of `track_windows`.
     bins = []
     for side in (-1.0, 1.0):
         rates, differences = side * windows.T

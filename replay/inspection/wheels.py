@@ -72,10 +72,8 @@ def wheel_estimates(
 
 
 def _turning_ratio(vertical: Floats, difference: Floats) -> tuple[float, float | None]:
-    """Ratio of V_r - V_l to the yaw rate by linear regression, and its standard error.
-
-    The regression is of the yaw rate on V_r - V_l, whose noise is less. The error is None if unknown.
-    """
+    """Ratio of V_r - V_l to the yaw rate by linear regression, and its standard error."""
+    # The regression is of the yaw rate on V_r - V_l, whose noise is less. The error is None if unknown.
 
     def ratio(rows: NDArray[np.int_]) -> float:
         covariance = np.cov(vertical[rows], difference[rows])
@@ -98,11 +96,9 @@ def jackknifed(estimate: Callable[[NDArray[np.int_]], float], count: int) -> tup
 def _distance_ratio(
     log: Log, vertical: Floats, stamps: Stamps, positions: Floats, window: float, straight: float
 ) -> tuple[float | None, float | None]:
-    """Distance over ground over that of the tracks, and its standard error.
-
-    It is None if unknown, otherwise the median over windows [s] that turn by less than `straight` [rad]
-    and in which the robot clearly drives. Distances between positions (n, 2) are chords, not arcs.
-    """
+    """Distance over ground over that of the tracks, and its standard error."""
+    # It is None if unknown, otherwise the median over windows [s] that turn by less than `straight` [rad]
+    # and in which the robot clearly drives. Distances between positions (n, 2) are chords, not arcs.
     assert log.imu is not None  # noqa: S101 - checked by the caller
     start, end = max(stamps[0], log.start), min(stamps[-1], log.end)
     edges = even_grid(start, end, round(window / NANOSECOND), stamps)
@@ -143,11 +139,9 @@ def standstills(log: Log) -> list[tuple[float, float]]:
 
 
 def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[str]:
-    """Compare the spread of the odometry's yaw rate with the gyro's; note a misfit.
-
-    `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], `gauge` [m] the one with
-    which track speeds were computed from the twist.
-    """
+    """Compare the spread of the odometry's yaw rate with the gyro's; note a misfit."""
+    # `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], `gauge` [m] the one with
+    # which track speeds were computed from the twist.
     odometry = float((log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]).std()) / gauge
     gyro = float((vertical - vertical.mean()).std())
     if not (odometry > 0.0 and gyro > 0.0):
