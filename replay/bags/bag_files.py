@@ -109,7 +109,8 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
 
 def _run_over(path: Path, sets: list[list[Path]], notes: list[str], work: Callable[[Bag], T]) -> T:
     """Run a function over a bag, by the first set of files that rosbags can read."""
-    # If there is none, the last set is recovered record by record. `notes` go before those of the bag.
+    # If there is none, the last set is recovered record by record. `work` may find only while it reads
+    # messages that rosbags cannot read them, and is called again. `notes` go before those of the bag.
     reason = ""
     for files in sets:
         try:
@@ -204,9 +205,8 @@ class _RecoveredBag:
             except ReplayError as problem:
                 raise ReplayError(f"{file}: {problem}") from None
             self.counts.update(counts)
-            self.counts.update(
-                dict.fromkeys(walk.channels.values(), 0)
-            )  # adds channels without any
+            # Channels without messages, too.
+            self.counts.update(dict.fromkeys(walk.channels.values(), 0))
             self._walks.append(walk)
             self.notes.append(_recovery_note(walk, counts.total(), reason))
         if not any(self.counts.values()):
@@ -271,8 +271,8 @@ def _unpack_files(packed: list[Path], folder: Path) -> tuple[list[Path], list[st
 
 def _file_sets(path: Path, unpacked: list[Path]) -> list[list[Path]]:
     """Sets of files by which a bag can be opened, in the order of trial."""
-    # For a ROS 2 folder: the folder itself, by its metadata; its storage files. `unpacked` are storage
-    # files that were unpacked elsewhere.
+    # For a ROS 2 folder: the folder itself, by its metadata, then its storage files without metadata.
+    # `unpacked` are storage files that were unpacked elsewhere.
     with os_errors(path, "cannot be read"):
         if path.is_file():
             files = unpacked or [path]
@@ -296,6 +296,7 @@ def _file_sets(path: Path, unpacked: list[Path]) -> list[list[Path]]:
 
 
 def _storage_files(folder: Path) -> list[Path]:
+    """MCAP and SQLite files of a ROS 2 folder, not compressed as a whole."""
     return sorted(file for file in folder.iterdir() if file.suffix in STORAGE_SUFFIXES)
 
 

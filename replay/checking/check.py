@@ -66,9 +66,7 @@ class Check:
     problem: str = ""  # contradiction, in a sentence; empty if there is none
     remedy: str = ""  # what to set in the file
     correction: Correction | None = None  # function that corrects log and robot, None if none can
-    measured: Measured | None = (
-        None  # numbers behind `in_file` and `in_log`, None if not observable
-    )
+    measured: Measured | None = None  # numbers of `in_file` and `in_log`, None if unknown
     # values to set in the robot file by dotted key, such as "log.tracks.latency"; empty if no single
     # key corrects it
     settings: Settings = field(default_factory=dict)

@@ -75,7 +75,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    vertical, force = in_base(log.imu, robot)
+    vertical, _ = in_base(log.imu, robot)
     track_rate = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
     if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and track_rate > CLEARLY_TURNS:
         yield Check(
@@ -89,12 +89,9 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
     in_log = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
     check = Check("sense of turning", "left is positive", in_log)
-    if correlation is None:
-        yield _unclear_turning(log, log.imu, robot, check, vertical)
-        return
-    if abs(correlation) < imu_mounting.CLEAR_TURNING:
-        check = replace(check, in_log=f"{in_log}: unclear")
-        yield _unclear_turning(log, log.imu, robot, check, vertical)
+    if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
+        in_log += "" if correlation is None else ": unclear"
+        yield _unclear_turning(log, log.imu, robot, replace(check, in_log=in_log), vertical)
         return
     difference = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
     spread = float(difference.std()) / effective_track(robot)
@@ -111,18 +108,24 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             Measured(ratio, "-", 1.0),
         )
     check = replace(check, measured=Measured(correlation, "-", 1.0))
-    # By the truth; None without one.
-    is_backward = _drives_backward(log)
-    by_imu = is_backward is None and _accelerates_backward(log.tracks, log.imu, vertical, force)
-    if correlation > 0.0 and not is_backward:
-        yield check
-        return
+    yield _clear_turning(log, log.imu, robot, check, turns_alike=correlation > 0.0)
+
+
+def _clear_turning(
+    log: Log, imu: ImuSeries, robot: Robot, check: Check, *, turns_alike: bool
+) -> Check:
+    """Check of tracks that turn as the gyro, or opposite: swapped, or reversed?"""
+    vertical, force = in_base(imu, robot)
+    is_backward = _drives_backward(log)  # None without a truth
+    by_imu = is_backward is None and _accelerates_backward(log.tracks, imu, vertical, force)
+    if turns_alike and not is_backward:
+        return check
     minus = 'with a minus before each name, as "-motor"'
     table = tracks_table(robot)
     exchange = f"exchange left and right in [{table}]"
     if "right_topic" in robot.log.get("tracks", {}):
         exchange = "exchange topic and right_topic in [log.tracks]"
-    if correlation > 0.0:
+    if turns_alike:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
         remedy = f"{exchange}, {minus}"
         correction = with_speeds(lambda speeds: -speeds[:, ::-1])
@@ -137,7 +140,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         text = "left and right are swapped: the tracks turn the other way than the gyro"
         remedy = f"{exchange} (or the gyro's z axis points down)"
         correction = with_speeds(lambda speeds: speeds[:, ::-1].copy())
-    yield check.contradicted(text, remedy, correction)
+    return check.contradicted(text, remedy, correction)
 
 
 def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:

@@ -212,6 +212,6 @@ def thinned(stamps: Stamps, rate: float) -> Any:
     """Select rows (m,) of stamps (n,) [ns]: the first of each slot of 1 / `rate` [Hz]."""
     if not len(stamps):
         return np.zeros(0, int)
-    # The margin keeps stamps at the very begin of a slot in it, in spite of rounding.
+    # The margin keeps stamps at the beginning of a slot in it, in spite of rounding.
     slots = np.floor((stamps - stamps[0]) * NANOSECOND * rate + 1e-6).astype(np.int64)
     return np.flatnonzero(np.diff(slots, prepend=-1))

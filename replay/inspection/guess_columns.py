@@ -161,6 +161,7 @@ def _first(names: Sequence[str], pattern: re.Pattern[str]) -> str | None:
 
 
 def _in_degrees(name: str) -> bool:
+    """Test a name for a unit of degrees, or degrees per second."""
     return any(word in name.lower() for word in ("deg", "dps", "°"))
 
 

@@ -382,16 +382,7 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
     for purpose, latency in estimates.latencies.items():
-        if isinstance(latency, NoLag):
-            yield (f"{purpose}: lag behind the gyro not observable: {latency.reason}")
-            continue
-        lags = "lag" if latency.seconds > 0.0 else "lead"
-        has_headings = purpose != "truth" or fault is None
-        against = "the gyro (by yaw rate)" if has_headings else "the tracks (by speed)"
-        reason = objection(latency)
-        refusal = f"; {reason}: no latency is proposed" if reason else ""
-        size = f"{abs(latency.seconds):.2f} s (± {latency.sigma:.1g})"
-        yield f"{purpose}: stamps {lags} {against} by {size}{refusal}"
+        yield _lag_finding(purpose, latency, by_yaw_rate=purpose != "truth" or fault is None)
     if mapping.lacks_counts_per_turn:
         yield (
             "tracks: counters; fill in counts_per_turn, and inspect again with --overwrite for the "
@@ -416,6 +407,18 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
         yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
     yield from (f"suspicious: {text}" for text in unit_suspicions(estimates, log))
+
+
+def _lag_finding(purpose: str, lag: Lag | NoLag, *, by_yaw_rate: bool) -> str:
+    """Finding on the lag of a stream behind the gyro, or the tracks."""
+    if isinstance(lag, NoLag):
+        return f"{purpose}: lag behind the gyro not observable: {lag.reason}"
+    lags = "lag" if lag.seconds > 0.0 else "lead"
+    against = "the gyro (by yaw rate)" if by_yaw_rate else "the tracks (by speed)"
+    reason = objection(lag)
+    refusal = f"; {reason}: no latency is proposed" if reason else ""
+    size = f"{abs(lag.seconds):.2f} s (± {lag.sigma:.1g})"
+    return f"{purpose}: stamps {lags} {against} by {size}{refusal}"
 
 
 def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[str]:
