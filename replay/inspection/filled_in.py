@@ -88,15 +88,12 @@ def filled_in_sizes(path: Path) -> Sizes:
         value = filled_in.get(table, {}).get(key)
         return value if isinstance(value, float | int) and value > 0.0 else None
 
-    # If a person changed one of the topic keys of a stream, the proposed others hold, too.
-    log = {
-        table.removeprefix("log."): {
-            key: value for key, value in values.items() if key in TOPIC_KEYS
-        }
-        | filled_in[table]
-        for table, values in _values(tomllib.loads(text)).items()
-        if table in filled_in and table.startswith("log.")
-    }
+    log = {}
+    for table, values in _values(tomllib.loads(text)).items():
+        if table.startswith("log.") and table in filled_in:
+            # If a person changed one of the topic keys of a stream, the proposed others hold, too.
+            topic_keys = {key: value for key, value in values.items() if key in TOPIC_KEYS}
+            log[table.removeprefix("log.")] = topic_keys | filled_in[table]
     gauge, radius = length("vehicle", "track_gauge"), length("vehicle", "sprocket_radius")
     return Sizes(gauge, radius, length("log.tracks", "gauge"), log)
 
@@ -122,13 +119,13 @@ def _read_filled_in(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
 
 def _values(table: dict[str, Any], name: str = "") -> dict[str, dict[str, Any]]:
     """Values of a table and its subtables, by dotted table names and keys."""
-    found: dict[str, dict[str, Any]] = {name: {}}
+    tables: dict[str, dict[str, Any]] = {name: {}}
     for key, value in table.items():
         if isinstance(value, dict):
-            found |= _values(value, f"{name}.{key}".lstrip("."))
+            tables |= _values(value, f"{name}.{key}".lstrip("."))
         else:
-            found[name][key] = value
-    return found
+            tables[name][key] = value
+    return tables
 
 
 def _mark(table: str, key: str, value: Any) -> str:

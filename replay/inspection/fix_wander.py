@@ -57,7 +57,7 @@ class FixWanderEstimate(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Finding for people."""
+        """Finding on the error of the fixes, as a sentence for people."""
         white = f"white noise of {self.white:.2g} m"
         if not self.sigma:
             return f"{white}; {self.reason}, no wander is proposed"
@@ -133,8 +133,8 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
         reason = f"it changes too slowly for spans of {WINDOW:.0f} s, as errors of odometry do"
     elif not (exceeds_odometry or is_stated):
         reason = f"odometry may be off by as much over {driven:.0f} m of driving"
-    shown_by = None if reason or exceeds_odometry else stated
-    return FixWanderEstimate(white, sigma, time, times, reason, shown_by)
+    evidence = None if reason or exceeds_odometry else stated
+    return FixWanderEstimate(white, sigma, time, times, reason, evidence)
 
 
 def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:

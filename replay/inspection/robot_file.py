@@ -373,7 +373,7 @@ def _wander_lines(wander: FixWanderEstimate | str | None) -> list[str]:
 
 
 def _column_lines(columns: ColumnMap, track_latency: list[str], wander: list[str]) -> list[str]:
-    """Tables [log.columns], [log.columns.tracks], ...; defaults are left out."""
+    """Tables [log.columns], [log.columns.tracks], ...; empty keys are left out."""
     lines = ["[log.columns]", f"time = {toml_value(columns.time)}"]
     lines.append(f"time_unit = {toml_value(columns.time_unit)}    # check it")
     for purpose in ("tracks", "imu", "fixes", "truth"):
@@ -381,7 +381,7 @@ def _column_lines(columns: ColumnMap, track_latency: list[str], wander: list[str
         if stream is None:
             continue
         lines += ["", f"[log.columns.{purpose}]"]
-        # These keys are written by the lines on latency and wander.
+        # Keys that the lines on latency and wander hold, or that nobody can guess.
         omitted = {"latency", "scale", "wander_sigma", "wander_time"}
         omitted |= {"position_sigma"} if wander else set()
         omitted |= set() if getattr(stream, "yaw", "") else {"yaw_unit"}
