@@ -4,6 +4,7 @@
 or SQLite file. Files that are compressed as a whole are unpacked first.
 """
 
+from collections import Counter
 from collections.abc import Callable, Collection, Generator, Iterator
 from contextlib import ExitStack
 from functools import partial
@@ -33,33 +34,33 @@ T = TypeVar("T")
 
 
 def _mcap_chunk(data: bytes, _: int, *, compression: str) -> bytes:
+    """Decompress a chunk of an MCAP file; rosbags passes its unpacked size, too."""
     return unpack(data, compression)
 
 
 # The tables by which rosbags unpacks chunks. It compares the sizes of those of MCAP files afterwards.
-storage_mcap.DECOMPRESSORS.update(
-    {name: partial(_mcap_chunk, compression=name) for name in ("zstd", "lz4")}
-)
-rosbag1_reader.decompressors.update(
-    {name: partial(unpack, compression=name) for name in ("bz2", "lz4")}
-)
+for _name in ("zstd", "lz4"):
+    storage_mcap.DECOMPRESSORS[_name] = partial(_mcap_chunk, compression=_name)
+for _name in ("bz2", "lz4"):
+    rosbag1_reader.decompressors[_name] = partial(unpack, compression=_name)
 
 
 class _FolderReader(DirectoryReader):
     """Reader of ROS 2 folders that unpacks messages up to the limit."""
 
-    _packed = False
+    _has_packed_messages = False
 
     def open(self) -> None:
         """Open the folder, and leave the unpacking of its messages to `messages`."""
         super().open()
-        self._packed = self.metadata.compression_mode == "message"
+        self._has_packed_messages = self.metadata.compression_mode == "message"
+        # So rosbags does not unpack them.
         self.metadata = self.metadata._replace(compression_mode=None)
 
     def messages(self, *args: Any, **options: Any) -> Generator[Any, None, None]:
-        """Read messages, as `rosbag2.Reader.messages`."""
+        """Yield (connection, time of recording [ns], bytes), as `rosbag2.Reader.messages`."""
         for connection, time, data in super().messages(*args, **options):
-            yield connection, time, unpack(data, "zstd") if self._packed else data
+            yield connection, time, unpack(data, "zstd") if self._has_packed_messages else data
 
 
 class Ros2Reader(rosbag2.Reader):
@@ -71,7 +72,7 @@ class Ros2Reader(rosbag2.Reader):
 class Bag(Protocol):
     """An open bag."""
 
-    counts: dict[Channel, int]  # number of messages of each channel
+    counts: Counter[Channel]  # number of messages of each channel
     notes: list[str]  # findings for the user, such as a broken index
 
     def messages(self, topics: Collection[str]) -> Iterator[Record]:
@@ -87,9 +88,6 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
         work: function of the bag; it may be called again from the start, with the bag opened by
             another method.
 
-    Returns:
-        The result of `work`.
-
     Raises:
         ReplayError: no such file, no bag, nothing of it is readable, or it unpacks to more than the
             limit, see `unpacking.unpacked_limit`.
@@ -98,21 +96,23 @@ def over_bag(path: Path, work: Callable[[Bag], T]) -> T:
         raise ReplayError(f"{path}: no such file or folder")
     packed = _packed_files(path)
     if not packed:
-        return _read(path, _ways(path, []), [], work)
+        return _run_over(path, _file_sets(path, []), [], work)
     with TemporaryDirectory(prefix="icreckon-") as folder:
         try:
-            unpacked, notes = _unpacked(packed, Path(folder))
-            return _read(path, _ways(path, unpacked), notes, work)
+            unpacked, notes = _unpack_files(packed, Path(folder))
+            return _run_over(path, _file_sets(path, unpacked), notes, work)
         except ReplayError as problem:
-            # The temporary place means nothing to a reader.
-            shown = str(problem).replace(folder, str(packed[0].parent))
-            raise ReplayError(shown) from problem
+            # The user knows the packed file, not its temporary copy.
+            text = str(problem).replace(folder, str(packed[0].parent))
+            raise ReplayError(text) from problem
 
 
-def _read(path: Path, ways: list[list[Path]], notes: list[str], work: Callable[[Bag], T]) -> T:
-    """Run a function over a bag, opened by the first method that works."""
+def _run_over(path: Path, sets: list[list[Path]], notes: list[str], work: Callable[[Bag], T]) -> T:
+    """Run a function over a bag, by the first set of files that rosbags can read."""
+    # If there is none, the last set is recovered record by record. `work` may find only while it reads
+    # messages that rosbags cannot read them, and is called again. `notes` go before those of the bag.
     reason = ""
-    for files in ways:
+    for files in sets:
         try:
             with _IndexedBag(files) as bag:
                 bag.notes[:0] = notes
@@ -121,7 +121,7 @@ def _read(path: Path, ways: list[list[Path]], notes: list[str], work: Callable[[
                 return work(bag)
         except _UnreadableError as problem:
             reason = reason or str(problem)
-    recovered = _RecoveredBag(path, ways[-1], reason)
+    recovered = _RecoveredBag(path, sets[-1], reason)
     recovered.notes[:0] = notes
     return work(recovered)
 
@@ -135,132 +135,127 @@ class _IndexedBag:
 
     def __init__(self, files: list[Path]) -> None:
         self.files = files
-        self.counts: dict[Channel, int] = {}
+        self.counts: Counter[Channel] = Counter()
         self.notes: list[str] = []
         self._stack = ExitStack()
-        self._sources: list[tuple[Path, rosbag1.Reader | rosbag2.Reader, list[Connection]]] = []
+        self._readers: list[tuple[Path, rosbag1.Reader | rosbag2.Reader]] = []
 
     def __enter__(self) -> Self:
         try:
             for file in self.files:
-                ros1 = file.is_file() and _magic(file) == ROS1_MAGIC
-                reader = rosbag1.Reader(file) if ros1 else Ros2Reader(file)
+                is_ros1 = file.is_file() and _first_bytes(file) == ROS1_MAGIC
+                reader = rosbag1.Reader(file) if is_ros1 else Ros2Reader(file)
                 self._stack.enter_context(reader)
-                self._sources.append((file, reader, list(reader.connections)))
+                self._readers.append((file, reader))
                 for connection in reader.connections:
-                    channel = _channel(connection)
-                    self.counts[channel] = self.counts.get(channel, 0) + connection.msgcount
+                    self.counts[_channel(connection)] += connection.msgcount
         except ReplayError as problem:
             self._stack.close()
             raise ReplayError(f"{file}: {problem}") from None
         except Exception as problem:
             self._stack.close()
             raise _UnreadableError(_reason(problem)) from problem
-        self.notes.extend(_unread_sqlite_journals(self.files))
+        self.notes.extend(_journal_notes(self.files))
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
     def messages(self, topics: Collection[str]) -> Iterator[Record]:
-        for file, reader, connections in self._sources:
-            wanted = [connection for connection in connections if connection.topic in topics]
+        for file, reader in self._readers:
+            wanted = [connection for connection in reader.connections if connection.topic in topics]
             if not wanted:
                 continue
             channels = {connection.id: _channel(connection) for connection in wanted}
-            listed, found = sum(connection.msgcount for connection in wanted), 0
+            listed, read = sum(connection.msgcount for connection in wanted), 0
             try:
                 for connection, time, data in reader.messages(wanted):
                     if not 0 <= time < LATEST:
-                        break
-                    found += 1
+                        break  # damaged: the counts will differ
+                    read += 1
                     yield Record(channels[connection.id], time, data)
             except ReplayError as problem:
                 raise ReplayError(f"{file}: {problem}") from None
             except Exception as problem:
                 raise _UnreadableError(_reason(problem)) from problem
-            if found != listed:
-                raise _UnreadableError(f"the index lists {listed} messages, {found} are there")
+            if read != listed:
+                raise _UnreadableError(f"the index lists {listed} messages, {read} are there")
 
 
 class _RecoveredBag:
     """Readable part of a bag whose index is missing or broken."""
 
     def __init__(self, path: Path, files: list[Path], reason: str) -> None:
-        self.counts: dict[Channel, int] = {}
+        self.counts: Counter[Channel] = Counter()
         self.notes: list[str] = []
         self._walks: list[RecordWalk] = []
         for file in files:
-            magic = _magic(file)
-            if magic.startswith(SQLITE_MAGIC[: len(magic)]) and magic:
+            first_bytes = _first_bytes(file)
+            # A file that was cut short may have less than the whole magic.
+            if first_bytes and SQLITE_MAGIC.startswith(first_bytes):
                 raise ReplayError(
                     f"{file}: the SQLite file cannot be read ({reason}); "
                     "`sqlite3 broken.db3 .recover | sqlite3 saved.db3` may save what is left"
                 )
             walk = RecordWalk(file)
-            count = 0
             try:
-                for record in walk.records():
-                    self.counts[record.channel] = self.counts.get(record.channel, 0) + 1
-                    count += 1
+                counts = Counter(record.channel for record in walk.records())
             except OSError as problem:
                 raise ReplayError(f"{file}: cannot be read: {problem.strerror}") from None
             except ReplayError as problem:
                 raise ReplayError(f"{file}: {problem}") from None
-            for channel in walk.channels.values():
-                self.counts.setdefault(channel, 0)
+            self.counts.update(counts)
+            # Channels without messages, too.
+            self.counts.update(dict.fromkeys(walk.channels.values(), 0))
             self._walks.append(walk)
-            self.notes.append(_recovery_note(walk, count, reason))
+            self.notes.append(_recovery_note(walk, counts.total(), reason))
         if not any(self.counts.values()):
             raise ReplayError(f"{path}: no message can be read ({reason})")
 
     def messages(self, topics: Collection[str]) -> Iterator[Record]:
         for walk in self._walks:
-            for record in walk.records():
-                if record.channel.topic in topics:
-                    yield record
+            yield from (record for record in walk.records() if record.channel.topic in topics)
 
 
 def _recovery_note(walk: RecordWalk, count: int, reason: str) -> str:
+    """Note on a recovered file: reason, damage, number of messages that were read."""
     place = f"byte {walk.position} of {walk.path.stat().st_size}"
     if walk.damaged and count:
-        number = f"{len(walk.damaged)} of its chunks {'are' if len(walk.damaged) > 1 else 'is'}"
-        more = "" if walk.complete else f", and the file is cut short at {place}"
-        found = (
-            f"{number} damaged, the first at byte {walk.damaged[0]}{more}; {count} other messages "
-            "were read"
-        )
+        chunks_are = f"{len(walk.damaged)} of its chunks {'are' if len(walk.damaged) > 1 else 'is'}"
+        cut = "" if walk.complete else f", and the file is cut short at {place}"
+        others = f"{count} other messages were read"
+        outcome = f"{chunks_are} damaged, the first at byte {walk.damaged[0]}{cut}; {others}"
     elif walk.complete:
-        found = f"all its {count} messages were read without the index"
+        outcome = f"all its {count} messages were read without the index"
     else:
-        found = (
-            f"the file is cut short or damaged at {place}, {count} messages before that were read"
-        )
-    return f"{walk.path.name}: {reason}; {found}"
+        number = f"{count} messages before that were read"
+        outcome = f"the file is cut short or damaged at {place}, {number}"
+    return f"{walk.path.name}: {reason}; {outcome}"
 
 
 def _packed_files(path: Path) -> list[Path]:
-    """Files of a bag that are compressed as a whole, and were not unpacked."""
-    if path.exists() and not (path.is_file() or path.is_dir()):
+    """Files compressed as a whole that have no unpacked file next to them."""
+    if not (path.is_file() or path.is_dir()):
         raise ReplayError(f"{path}: is a device or a pipe; a log is a file or a folder")
     with os_errors(path, "cannot be read"):
-        found = [path] if path.is_file() else sorted(path.iterdir())
+        candidates = [path] if path.is_file() else sorted(path.iterdir())
     return [
         file
-        for file in found
+        for file in candidates
         if file.suffix == PACKED_SUFFIX
         and file.with_suffix("").suffix in STORAGE_SUFFIXES
         and not (path.is_dir() and file.with_suffix("").exists())
     ]
 
 
-def _unpacked(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
-    """Unpack files to a folder; return the new ones, and notes on damaged ones."""
-    files, notes, rest = [], [], limit()
+def _unpack_files(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
+    """Unpack files to a folder; return the new files, and notes on damaged ones."""
+    # The limit of unpacked sizes holds for all of them together.
+    files, notes, bytes_left = [], [], limit()
     for file in packed:
         target = folder / file.stem
         try:
-            if not unpack_file(file, target, rest):
+            if not unpack_file(file, target, bytes_left):
                 notes.append(f"{file.name}: cut short or damaged; what could be unpacked was read")
         except ReplayError as problem:
             raise ReplayError(f"{file}: {problem}") from None
@@ -269,78 +264,85 @@ def _unpacked(packed: list[Path], folder: Path) -> tuple[list[Path], list[str]]:
                 f"{file}: cannot be unpacked to {folder.parent}: {problem.strerror}; TMPDIR names "
                 "another place"
             ) from None
-        rest -= target.stat().st_size
+        bytes_left -= target.stat().st_size
         files.append(target)
     return files, notes
 
 
-def _ways(path: Path, unpacked: list[Path]) -> list[list[Path]]:
-    """Methods of opening the bag, each a list of files to open together."""
+def _file_sets(path: Path, unpacked: list[Path]) -> list[list[Path]]:
+    """Sets of files by which a bag can be opened, in the order of trial."""
+    # For a ROS 2 folder: the folder itself, by its metadata, then its storage files without metadata.
+    # `unpacked` are storage files that were unpacked elsewhere.
     with os_errors(path, "cannot be read"):
         if path.is_file():
             files = unpacked or [path]
             _check_is_bag(files[0])
             return [files]
         files = sorted([*_storage_files(path), *unpacked], key=lambda file: file.name)
+        if not files and any(path.glob("*.bag")):
+            raise ReplayError(
+                f"{path}: a folder of ROS 1 bags; give its .bag files (replay: with --one-log if they "
+                "are one log)"
+            )
         if not files:
-            raise ReplayError(f"{path}: {_why_no_bag(path)}")
+            raise ReplayError(
+                f"{path}: not a bag: the folder holds no .mcap, .db3 or .bag file (tables: name the "
+                "files)"
+            )
         for file in files:
             _check_is_bag(file)
-    # Of a bag that is compressed as a whole, rosbags would unpack all, without a limit.
+    # Given such a folder, rosbags would unpack its compressed files, without a limit.
     return [files] if any(path.glob(f"*{PACKED_SUFFIX}")) else [[path], files]
 
 
 def _storage_files(folder: Path) -> list[Path]:
+    """MCAP and SQLite files of a ROS 2 folder, not compressed as a whole."""
     return sorted(file for file in folder.iterdir() if file.suffix in STORAGE_SUFFIXES)
 
 
-def _why_no_bag(folder: Path) -> str:
-    if any(folder.glob("*.bag")):
-        return "a folder of ROS 1 bags; give its .bag files (replay: with --one-log if they are one log)"
-    return "not a bag: the folder holds no .mcap, .db3 or .bag file (tables: name the files)"
-
-
 def _check_is_bag(file: Path) -> None:
-    magic = _magic(file)
-    if not magic:
+    """Raise a ReplayError for a file that is empty or not a bag by its first bytes."""
+    first_bytes = _first_bytes(file)
+    if not first_bytes:
         raise ReplayError(f"{file}: the file is empty")
-    if magic.startswith(b"#ROSBAG V") and magic != ROS1_MAGIC:
+    if first_bytes.startswith(b"#ROSBAG V") and first_bytes != ROS1_MAGIC:
         raise ReplayError(f"{file}: only version 2.0 of ROS 1 bags is read; try `rosbag migrate`")
+    # SQLite's magic is longer than the bytes that were read.
     known = (ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC[: len(ROS1_MAGIC)])
-    if not magic.startswith(known):
+    if not first_bytes.startswith(known):
         raise ReplayError(f"{file}: neither a bag (.bag, .mcap, .db3) nor a table (.csv, .parquet)")
 
 
-def _magic(file: Path) -> bytes:
+def _first_bytes(file: Path) -> bytes:
+    """First 13 bytes of a file, by which all formats differ; fewer if it is shorter."""
     with file.open("rb") as stream:
         return stream.read(len(ROS1_MAGIC))
 
 
 def _channel(connection: Connection) -> Channel:
+    """Channel of a connection of rosbags; only ROS 2 bags name their encoding."""
     encoding = "ros1"
     if isinstance(connection.ext, ConnectionExtRosbag2):
         encoding = connection.ext.serialization_format
     return Channel(connection.topic, connection.msgtype, connection.msgdef, encoding)
 
 
-def _unread_sqlite_journals(files: list[Path]) -> list[str]:
-    databases = [
-        database
-        for file in files
-        for database in (_storage_files(file) if file.is_dir() else [file])
-        if database.suffix == ".db3"
-    ]
-    return [
-        f"{journal.name}: holds messages that were never merged into {database.name} and were not "
-        f"read; `sqlite3 {database.name} 'PRAGMA wal_checkpoint'` merges them"
-        for database in databases
-        if (journal := database.with_name(f"{database.name}-wal")).is_file()
-        and journal.stat().st_size
-    ]
+def _journal_notes(files: list[Path]) -> list[str]:
+    """Notes on SQLite journals (`.db3-wal`) with messages that their databases lack."""
+    notes = []
+    for file in files:
+        for database in _storage_files(file) if file.is_dir() else [file]:
+            journal = database.with_name(f"{database.name}-wal")
+            if database.suffix == ".db3" and journal.is_file() and journal.stat().st_size:
+                notes.append(
+                    f"{journal.name}: holds messages that were never merged into {database.name} and "
+                    f"were not read; `sqlite3 {database.name} 'PRAGMA wal_checkpoint'` merges them"
+                )
+    return notes
 
 
 def _reason(problem: Exception) -> str:
-    """One-line message of an error of rosbags, or its type if the message is unclear."""
+    """One-line text of an error, with its type unless it is a reader's error."""
     text = " ".join(str(problem).split()).rstrip(".")
     if isinstance(problem, (rosbag1.ReaderError, rosbag2.ReaderError)) and text:
         return text

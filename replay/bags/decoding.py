@@ -18,8 +18,8 @@ NANOSECONDS = 1_000_000_000
 Definitions = tuple[tuple[str, str], ...]
 """Definitions of message types that a bag may lack: (name, as `our_msgs/msg/Rate`, definition)."""
 IDL_RULE = "=" * 80 + "\n"
-LONGEST_REASON = 200
-"""Most characters of an error of rosbags, which may hold a whole definition."""
+"""Line before each type in the definition of an IDL type that contains others."""
+LONGEST_REASON = 200  # most characters of an error of rosbags, which may hold a whole definition
 
 
 def stamp_of(header: Any) -> int:
@@ -30,7 +30,8 @@ def stamp_of(header: Any) -> int:
 def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Callable[[bytes], Any]:
     """Build a decoder of a channel, from bytes to a message object with fields.
 
-    The decoder raises the errors of rosbags if the bytes are not such a message.
+    The decoder raises the errors of rosbags if the bytes are not such a message. `source` names the
+    bag in errors; `definitions` are those that the bag may lack.
 
     Raises:
         ReplayError: an encoding or a type definition that cannot be read.
@@ -40,23 +41,20 @@ def decoder(channel: Channel, source: str, definitions: Definitions = ()) -> Cal
         raise ReplayError(f"{where}: its encoding {channel.encoding!r} is not known")
     try:
         store = _typestore(channel.msgtype, channel.definition, definitions)
-    except Exception as problem:
-        raise ReplayError(
-            f"{where}: its definition cannot be read: {_reason(problem)}"
-        ) from problem
-    missing = _undefined(store, channel.msgtype)
-    if missing is not None:
-        what = "this type" if missing == channel.msgtype else f"{missing!r} in it"
-        raise ReplayError(
-            f"{where}: the bag holds no definition of {what}; give its .msg file with --msg"
-        )
+    except Exception as error:
+        raise ReplayError(f"{where}: its definition cannot be read: {_reason(error)}") from error
+    undefined = _undefined_type(store, channel.msgtype)
+    if undefined is not None:
+        name = "this type" if undefined == channel.msgtype else f"{undefined!r} in it"
+        text = f"the bag holds no definition of {name}; give its .msg file with --msg"
+        raise ReplayError(f"{where}: {text}")
     decode = store.deserialize_ros1 if channel.encoding == "ros1" else store.deserialize_cdr
     msgtype = channel.msgtype
     return lambda data: decode(data, msgtype)
 
 
-def _undefined(store: Typestore, msgtype: str) -> str | None:
-    """First undefined type that a message type depends on, or None."""
+def _undefined_type(store: Typestore, msgtype: str) -> str | None:
+    """First undefined type among a message type and those it contains, or None."""
     seen: set[str] = set()
     waiting = [msgtype]
     while waiting:
@@ -65,37 +63,41 @@ def _undefined(store: Typestore, msgtype: str) -> str | None:
             return name
         if name not in seen:
             seen.add(name)
-            waiting += reversed(_inner_types(store.fielddefs[name][1]))
+            _, fields = store.fielddefs[name]
+            waiting += reversed(_field_types(fields))  # a stack: the first field is searched first
     return None
 
 
-def _inner_types(fields: Any) -> list[str]:
-    """Names of the message types in some fields, in their order."""
-    found = []
+def _field_types(fields: Any) -> list[str]:
+    """Names of the message types of some fields of rosbags, (name, (node, type)) each."""
+    types = []
     for _, (node, inner) in fields:
         if node in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            node, inner = inner[0]
+            (node, inner), _length = inner
         if node == Nodetype.NAME:
-            found.append(str(inner))
-    return found
+            types.append(str(inner))
+    return types
 
 
 def header_reader(channel: Channel) -> Callable[[bytes], tuple[int, str]] | None:
     """Build a reader of the stamps [ns] and frames of a channel; None without headers.
 
-    The reader raises struct.error or UnicodeDecodeError if the bytes are not such a message.
+    The reader decodes the first bytes only, which is fast. It raises struct.error or UnicodeDecodeError
+    if the bytes are not such a message.
     """
     try:
         store = _typestore(channel.msgtype, channel.definition)
-        first = store.fielddefs[channel.msgtype][1][0]
+        _, fields = store.fielddefs[channel.msgtype]
+        _, (_, first_type) = fields[0]
     except Exception:
-        return None
-    if first[1][1] != "std_msgs/msg/Header":
+        return None  # `decoder` reports definitions that cannot be read
+    if first_type != "std_msgs/msg/Header":
         return None
     return _ros1_header if channel.encoding == "ros1" else _cdr_header
 
 
 def _cdr_header(data: bytes) -> tuple[int, str]:
+    """Stamp [ns] and frame of a ROS 2 message, after 4 bytes with the byte order."""
     order = "<" if data[1] & 1 else ">"
     seconds, nanoseconds, length = struct.unpack_from(f"{order}iII", data, 4)
     frame = bytes(data[16 : 16 + length]).rstrip(b"\0").decode()
@@ -103,28 +105,28 @@ def _cdr_header(data: bytes) -> tuple[int, str]:
 
 
 def _ros1_header(data: bytes) -> tuple[int, str]:
+    """Stamp [ns] and frame of a ROS 1 message, after its sequence number."""
     _, seconds, nanoseconds, length = struct.unpack_from("<4I", data)
     return seconds * NANOSECONDS + nanoseconds, bytes(data[16 : 16 + length]).decode()
 
 
 @cache
-def _typestore(
-    msgtype: str, definition: MessageDefinition, definitions: Definitions = ()
-) -> Typestore:
-    if definition.format == MessageDefinitionFormat.NONE:
+def _typestore(msgtype: str, known: MessageDefinition, definitions: Definitions = ()) -> Typestore:
+    """Types by the bag's definition; if none, those of Humble and `definitions`."""
+    if known.format == MessageDefinitionFormat.NONE:
         store = get_typestore(Stores.ROS2_HUMBLE)
-        known: dict[str, Any] = {}
+        types: dict[str, Any] = {}
         for name, text in definitions:
-            known.update(get_types_from_msg(text, name))
-        store.register({name: kind for name, kind in known.items() if name not in store.fielddefs})
+            types.update(get_types_from_msg(text, name))
+        store.register({name: kind for name, kind in types.items() if name not in store.fielddefs})
         return store
     store = get_typestore(Stores.EMPTY)
-    store.register(_types(msgtype, definition))
+    store.register(_parse_definition(msgtype, known))
     return store
 
 
-def _types(msgtype: str, definition: MessageDefinition) -> dict[str, Any]:
-    """Parse the definition of a type, with those of the types in it."""
+def _parse_definition(msgtype: str, definition: MessageDefinition) -> dict[str, Any]:
+    """Parse the definition of a type and of the types in it, by name (for rosbags)."""
     text = definition.data
     types: dict[str, Any] = {}
     if definition.format == MessageDefinitionFormat.MSG:
@@ -132,8 +134,9 @@ def _types(msgtype: str, definition: MessageDefinition) -> dict[str, Any]:
     elif not text.startswith(f"{IDL_RULE}IDL: "):
         types.update(get_types_from_idl(text))
     else:
-        for part in text.split(IDL_RULE)[1:]:
-            types.update(get_types_from_idl(part.partition("\n")[2]))
+        for section in text.split(IDL_RULE)[1:]:
+            _title, _, idl = section.partition("\n")
+            types.update(get_types_from_idl(idl))
     return types
 
 
@@ -146,7 +149,7 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
     Raises:
         ReplayError: no such file, or not a definition.
     """
-    found = []
+    definitions = []
     for file in files:
         folder = Path(os.path.realpath(file)).parent
         package = folder.parent.name if folder.name == "msg" else folder.name
@@ -156,12 +159,11 @@ def read_definitions(files: Sequence[Path]) -> Definitions:
             get_types_from_msg(text, name)
         except (OSError, UnicodeDecodeError) as problem:
             raise ReplayError(f"{file}: cannot be read: {problem}") from None
-        except Exception as problem:
-            raise ReplayError(
-                f"{file}: not a message definition (.msg): {_reason(problem)}"
-            ) from None
-        found.append((name, text))
-    return tuple(found)
+        except Exception as error:
+            text = _reason(error)
+            raise ReplayError(f"{file}: not a message definition (.msg): {text}") from None
+        definitions.append((name, text))
+    return tuple(definitions)
 
 
 def _reason(problem: Exception) -> str:

@@ -14,10 +14,8 @@ UNUSED_VARIANCE = 1e6
 """Variance of axes that are not estimated: finite, so that other programs can invert the matrix."""
 
 ODOM, BASE_LINK, IMU_LINK = "odom", "base_link", "imu_link"
-PLANAR = (0, 1, 5)
-"""x, y and yaw among the rows and columns of a 6x6 covariance."""
-PLANAR_BLOCK = np.ix_(PLANAR, PLANAR)
-"""The part of a 6x6 covariance that is that of x, y and yaw."""
+PLANAR = (0, 1, 5)  # rows of x, y and yaw in a 6x6 covariance of ROS: x, y, z, roll, pitch, yaw
+PLANAR_BLOCK = np.ix_(PLANAR, PLANAR)  # index of the 3x3 block of x, y and yaw in a 6x6 covariance
 NOT_ESTIMATED = np.diag(np.full(6, UNUSED_VARIANCE))
 """6x6 covariance of a pose of which nothing is estimated."""
 ICR_MARKERS = ((7, 0.08), (4, 0.015))
@@ -28,16 +26,19 @@ TF_DEFINITION = "geometry_msgs/TransformStamped[] transforms\n"
 
 
 def planar_covariance(covariance: Floats) -> Floats:
-    """Expand a (3, 3) covariance of x, y, yaw to a row-major 6x6 one (36,)."""
+    """Expand a covariance (3, 3) of x, y, yaw to a row-major 6x6 one (36,).
+
+    The other axes get `UNUSED_VARIANCE`. It is also used for twists v_x, v_y, w.
+    """
     full = NOT_ESTIMATED.copy()
     full[PLANAR_BLOCK] = covariance
     return full.ravel()
 
 
 def six_rows(covariance: Floats) -> Floats:
-    """Row-major covariance (36,) of a (6, 6) one; NaN is not estimated."""
-    full, unknown = np.nan_to_num(covariance), np.isnan(covariance.diagonal())
-    full[unknown, unknown] = UNUSED_VARIANCE
+    """Flatten a covariance (6, 6) to (36,); NaN variances are `UNUSED_VARIANCE`."""
+    full, is_unknown = np.nan_to_num(covariance), np.isnan(covariance.diagonal())
+    full[is_unknown, is_unknown] = UNUSED_VARIANCE
     return full.ravel()
 
 
@@ -45,89 +46,85 @@ class Messages:
     """Factory and serialiser of the messages of a ROS version."""
 
     def __init__(self, *, ros1: bool) -> None:
-        store = _store(ros1=ros1)
-        self.store = store
+        self.store = _store(ros1=ros1)
         self.ros1 = ros1
-        self.serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
-        self._sequence = {"seq": 0} if ros1 else {}
+        self.serialize = self.store.serialize_ros1 if ros1 else self.store.serialize_cdr
+        self._sequence = {"seq": 0} if ros1 else {}  # a field of headers in ROS 1 only
 
     def new(self, msgtype: str, **fields: Any) -> Any:
         """Make a message from all its fields."""
         return self.store.types[msgtype](**fields)
 
     def header(self, stamp: int, frame_id: str) -> Any:
-        """std_msgs/Header of a stamp [ns]."""
+        """Make a std_msgs/Header from a stamp [ns]."""
         seconds, nanoseconds = divmod(int(stamp), NANOSECONDS)
         time = self.new("builtin_interfaces/msg/Time", sec=seconds, nanosec=nanoseconds)
         return self.new("std_msgs/msg/Header", **self._sequence, stamp=time, frame_id=frame_id)
 
     def vector(self, xyz: Any) -> Any:
-        """geometry_msgs/Vector3."""
-        x, y, z = xyz
-        return self.new("geometry_msgs/msg/Vector3", x=float(x), y=float(y), z=float(z))
+        """Make a geometry_msgs/Vector3 from three numbers."""
+        x, y, z = map(float, xyz)
+        return self.new("geometry_msgs/msg/Vector3", x=x, y=y, z=z)
 
     def point(self, xyz: Any) -> Any:
-        """geometry_msgs/Point."""
-        x, y, z = xyz
-        return self.new("geometry_msgs/msg/Point", x=float(x), y=float(y), z=float(z))
+        """Make a geometry_msgs/Point from three numbers [m]."""
+        x, y, z = map(float, xyz)
+        return self.new("geometry_msgs/msg/Point", x=x, y=y, z=z)
 
     def quaternion(self, xyzw: Any) -> Any:
-        """geometry_msgs/Quaternion."""
-        x, y, z, w = (float(part) for part in xyzw)
+        """Make a geometry_msgs/Quaternion from x, y, z, w."""
+        x, y, z, w = map(float, xyzw)
         return self.new("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
-    def pose(self, place: Any, quaternion: Any) -> Any:
-        """geometry_msgs/Pose at x, y, z."""
-        return self.new(
-            "geometry_msgs/msg/Pose",
-            position=self.point(place),
-            orientation=self.quaternion(quaternion),
-        )
+    def pose(self, position: Any, quaternion: Any) -> Any:
+        """Make a geometry_msgs/Pose from x, y, z [m] and a quaternion x, y, z, w."""
+        point, orientation = self.point(position), self.quaternion(quaternion)
+        return self.new("geometry_msgs/msg/Pose", position=point, orientation=orientation)
 
-    def pose_with_covariance(self, place: Any, quaternion: Any, covariance: Floats) -> Any:
-        """geometry_msgs/PoseWithCovariance of a row-major covariance (36,)."""
-        return self.new(
-            "geometry_msgs/msg/PoseWithCovariance",
-            pose=self.pose(place, quaternion),
-            covariance=covariance,
-        )
+    def pose_with_covariance(self, position: Any, quaternion: Any, covariance: Floats) -> Any:
+        """Make a geometry_msgs/PoseWithCovariance; the covariance is row-major (36,)."""
+        pose = self.pose(position, quaternion)
+        return self.new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=covariance)
 
     def twist(self, twist: Any) -> Any:
-        """geometry_msgs/Twist of v_x, v_y, w."""
+        """Make a geometry_msgs/Twist from v_x, v_y [m/s] and w [rad/s] of the body."""
         v_x, v_y, w = twist
-        return self.new(
-            "geometry_msgs/msg/Twist",
-            linear=self.vector((v_x, v_y, 0.0)),
-            angular=self.vector((0.0, 0.0, w)),
-        )
+        linear, angular = self.vector((v_x, v_y, 0.0)), self.vector((0.0, 0.0, w))
+        return self.new("geometry_msgs/msg/Twist", linear=linear, angular=angular)
 
     def twist_with_covariance(self, twist: Any, covariance: Floats) -> Any:
-        """geometry_msgs/TwistWithCovariance of v_x, v_y, w."""
+        """Make a geometry_msgs/TwistWithCovariance; the covariance is row-major (36,)."""
         return self.new(
             "geometry_msgs/msg/TwistWithCovariance", twist=self.twist(twist), covariance=covariance
         )
 
     def blank(self, msgtype: str, **fields: Any) -> Any:
         """Make a message from some fields; the others are zero or empty."""
-        for name, (kind, spec) in self.store.fielddefs[msgtype][1]:
+        _constants, definitions = self.store.fielddefs[msgtype]
+        for name, (kind, definition) in definitions:
             if name not in fields:
-                fields[name] = self._nothing(kind.name, spec)
+                fields[name] = self._empty_value(kind.name, definition)
         return self.new(msgtype, **fields)
 
-    def _nothing(self, kind: str, spec: Any) -> Any:
-        match kind:
-            case "BASE":
-                return {"string": "", "bool": False}.get(spec[0], 0)
-            case "NAME":
-                return self.blank(spec)
-            case _:
-                (inner, inner_spec), length = spec
-                if inner.name == "BASE" and inner_spec[0] != "string":
-                    return np.zeros(length, inner_spec[0])
-                return [self._nothing(inner.name, inner_spec) for _ in range(length)]
+    def _empty_value(self, kind: str, definition: Any) -> Any:
+        """Zero or empty value of a field by its definition in rosbags.
+
+        That is (type, length) for numbers and texts ("BASE"), the type's name for a message ("NAME"), and
+        (kind and definition of an element, length) for arrays and sequences.
+        """
+        if kind == "BASE":
+            type_name, _ = definition
+            return {"string": "", "bool": False}.get(type_name, 0)
+        if kind == "NAME":
+            return self.blank(definition)
+        (element_kind, element), length = definition
+        if element_kind.name == "BASE" and element[0] != "string":
+            return np.zeros(length, element[0])
+        return [self._empty_value(element_kind.name, element) for _ in range(length)]
 
 
 def _store(*, ros1: bool) -> Typestore:
+    """Message types of ROS 1 Noetic or ROS 2 Humble, with TFMessage in both."""
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
     if TF not in store.types:
         store.register(get_types_from_msg(TF_DEFINITION, TF))

@@ -15,11 +15,11 @@ class Channel(NamedTuple):
 
 
 class Record(NamedTuple):
-    """A raw message of a bag: channel, time of recording [ns] and bytes."""
+    """A raw message of a bag."""
 
     channel: Channel
-    time: int
-    data: bytes
+    time: int  # time of recording [ns]
+    data: bytes  # the message, in the channel's encoding
 
 
 LATEST = 2**62

@@ -24,12 +24,8 @@ MCAP_DATA_END = 0x0F
 ROS1_MESSAGE, ROS1_CHUNK, ROS1_CONNECTION = 0x02, 0x05, 0x07
 
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
-DEFINITION_FORMATS = {
-    "ros1msg": MessageDefinitionFormat.MSG,
-    "ros2msg": MessageDefinitionFormat.MSG,
-    "ros2idl": MessageDefinitionFormat.IDL,
-    "omgidl": MessageDefinitionFormat.IDL,
-}
+MSG, IDL = MessageDefinitionFormat.MSG, MessageDefinitionFormat.IDL
+DEFINITION_FORMATS = {"ros1msg": MSG, "ros2msg": MSG, "ros2idl": IDL, "omgidl": IDL}
 
 
 class BreakError(Exception):
@@ -41,28 +37,26 @@ DAMAGE = (BreakError, struct.error, IndexError, KeyError, UnicodeDecodeError)
 
 
 class _Schema(NamedTuple):
+    """Message type of an MCAP file, by its name and its definition in some encoding."""
+
     name: str
     encoding: str
-    text: str
+    definition: str
+
+
+_Schemas = dict[int, _Schema]  # by id
+_Fields = dict[bytes, bytes]  # fields of a ROS 1 header, by name
 
 
 class RecordWalk:
-    """Sequential reader of the records of one file.
-
-    Attributes:
-        path: the file, a ROS 1 bag or an MCAP file by its first bytes.
-        channels: the channels found so far.
-        position: byte up to which whole records (or a chunk's whole messages) were read.
-        complete: whether the last walk reached the end that the format prescribes.
-        damaged: places of the damaged chunks, of which at most the beginning was read.
-    """
+    """Sequential reader of the records of one file."""
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self.channels: dict[int, Channel] = {}
-        self.position = 0
-        self.complete = False
-        self.damaged: list[int] = []
+        self.path = path  # a ROS 1 bag or an MCAP file, by its first bytes
+        self.channels: dict[int, Channel] = {}  # the channels found so far, by id
+        self.position = 0  # byte up to which whole records (or a chunk's whole messages) were read
+        self.complete = False  # whether the last walk reached the end that the format prescribes
+        self.damaged: list[int] = []  # places of damaged chunks, of which the beginning was read
 
     def records(self) -> Iterator[Record]:
         """Yield the messages in the order of the file, up to the break.
@@ -84,105 +78,108 @@ class RecordWalk:
                 return
             self.complete = True
 
-    def _chunk(self, records: Iterator[Record], *, cut: bool) -> Iterator[Record]:
-        """Yield the records of a chunk up to its damage, and note that."""
+    def _until_damage(self, records: Iterator[Record], *, is_cut: bool) -> Iterator[Record]:
+        """Yield the records of a chunk up to its damage, which is noted."""
+        # Reading can go on after that, but not after a chunk that the end of the file cuts: BreakError.
         try:
             yield from records
         except DAMAGE:
-            if not cut:
+            if not is_cut:
                 self.damaged.append(self.position)
-        if cut:
+        if is_cut:
             raise BreakError
 
     def _mcap(self, file: BinaryIO) -> Iterator[Record]:
-        schemas: dict[int, _Schema] = {}
+        """Yield the messages of an MCAP file, from the end of its magic bytes."""
+        schemas: _Schemas = {}
         while True:
             self.position = file.tell()
             operation, length = struct.unpack("<BQ", file.read(9))
             if operation in (MCAP_DATA_END, MCAP_FOOTER):
                 return
-            content = file.read(min(length, _rest(file)))
+            # A damaged length may be huge: no memory is reserved for it.
+            content = file.read(min(length, _bytes_left(file)))
             if operation == MCAP_CHUNK:
                 records = self._mcap_chunk(content, schemas)
-                yield from self._chunk(records, cut=len(content) < length)
+                yield from self._until_damage(records, is_cut=len(content) < length)
             elif len(content) < length:
                 raise BreakError
             else:
                 yield from self._mcap_record(operation, content, schemas)
 
-    def _mcap_chunk(self, content: bytes, schemas: dict[int, _Schema]) -> Iterator[Record]:
-        _, _, size, checksum = struct.unpack_from("<QQQI", content)
-        compression, position = _text(content, 28)
-        (compressed,) = struct.unpack_from("<Q", content, position)
+    def _mcap_chunk(self, content: bytes, schemas: _Schemas) -> Iterator[Record]:
+        """Yield the messages of an MCAP chunk; BreakError: wrong checksum or size."""
+        _begin_time, _end_time, size, checksum = struct.unpack_from("<QQQI", content)
+        compression, position = _text(content, struct.calcsize("<QQQI"))
+        (packed_size,) = struct.unpack_from("<Q", content, position)
         start = position + 8
-        data = _unpacked(content[start : start + compressed], compression)
+        data = _unpacked(content[start : start + packed_size], compression)
         if len(data) == size and checksum and crc32(data) != checksum:
             raise BreakError
         records = BytesIO(data)
         while head := records.read(9):
             operation, length = struct.unpack("<BQ", head)
-            if length > _rest(records):
+            if length > _bytes_left(records):
                 raise BreakError
             yield from self._mcap_record(operation, records.read(length), schemas)
         if len(data) != size:
             raise BreakError
 
-    def _mcap_record(
-        self, operation: int, content: bytes, schemas: dict[int, _Schema]
-    ) -> Iterator[Record]:
+    def _mcap_record(self, operation: int, content: bytes, schemas: _Schemas) -> Iterator[Record]:
+        """Yield a record that is a message; store one that is a channel or a schema."""
         if operation == MCAP_MESSAGE:
-            channel_id, _, log_time, _ = struct.unpack_from("<HIQQ", content)
+            channel_id, _sequence, log_time, _ = struct.unpack_from("<HIQQ", content)
             if log_time >= LATEST:
                 raise BreakError
-            yield Record(self.channels[channel_id], log_time, content[22:])
+            data = content[struct.calcsize("<HIQQ") :]
+            yield Record(self.channels[channel_id], log_time, data)
         elif operation == MCAP_SCHEMA:
             (schema_id,) = struct.unpack_from("<H", content)
             name, position = _text(content, 2)
             encoding, position = _text(content, position)
-            text, _ = _text(content, position)
-            schemas[schema_id] = _Schema(name, encoding, text)
+            definition, _ = _text(content, position)
+            schemas[schema_id] = _Schema(name, encoding, definition)
         elif operation == MCAP_CHANNEL:
             channel_id, schema_id = struct.unpack_from("<HH", content)
             topic, position = _text(content, 4)
             encoding, _ = _text(content, position)
             schema = schemas.get(schema_id, _Schema("", "", ""))
             form = DEFINITION_FORMATS.get(schema.encoding)
-            definition = MessageDefinition(form, schema.text) if form else NO_DEFINITION
-            self.channels[channel_id] = Channel(
-                topic, ros2_type_name(schema.name), definition, encoding
-            )
+            known = MessageDefinition(form, schema.definition) if form else NO_DEFINITION
+            self.channels[channel_id] = Channel(topic, ros2_type_name(schema.name), known, encoding)
         elif operation == 0:  # not a record: a file system that lost the tail leaves zeros
             raise BreakError
 
     def _ros1(self, file: BinaryIO) -> Iterator[Record]:
-        while _rest(file):
+        """Yield the messages of a ROS 1 bag, from the end of its magic bytes."""
+        while _bytes_left(file):
             self.position = file.tell()
-            fields = _ros1_fields(_sized(file))
+            fields = _ros1_fields(_sized_bytes(file))
             operation = fields[b"op"][0]
             (length,) = struct.unpack("<L", file.read(4))
-            content = file.read(min(length, _rest(file)))
+            content = file.read(min(length, _bytes_left(file)))
             if operation == ROS1_CHUNK:
                 compression = fields[b"compression"].decode()
-                size = struct.unpack("<L", fields[b"size"])[0]
+                (size,) = struct.unpack("<L", fields[b"size"])
                 records = self._ros1_chunk(content, compression, size)
-                yield from self._chunk(records, cut=len(content) < length)
+                yield from self._until_damage(records, is_cut=len(content) < length)
             elif len(content) < length:
                 raise BreakError
             else:
                 yield from self._ros1_record(operation, fields, content)
 
     def _ros1_chunk(self, content: bytes, compression: str, size: int) -> Iterator[Record]:
+        """Yield the messages of a ROS 1 chunk; BreakError: wrong size [bytes]."""
         data = _unpacked(content, compression)
         records = BytesIO(data)
-        while _rest(records):
-            fields = _ros1_fields(_sized(records))
-            yield from self._ros1_record(fields[b"op"][0], fields, _sized(records))
+        while _bytes_left(records):
+            fields = _ros1_fields(_sized_bytes(records))
+            yield from self._ros1_record(fields[b"op"][0], fields, _sized_bytes(records))
         if len(data) != size:
             raise BreakError
 
-    def _ros1_record(
-        self, operation: int, fields: dict[bytes, bytes], content: bytes
-    ) -> Iterator[Record]:
+    def _ros1_record(self, operation: int, fields: _Fields, content: bytes) -> Iterator[Record]:
+        """Yield a record that is a message; store the channel of one that is a connection."""
         if operation == ROS1_MESSAGE:
             (connection,) = struct.unpack("<L", fields[b"conn"])
             seconds, nanoseconds = struct.unpack("<LL", fields[b"time"])
@@ -190,19 +187,14 @@ class RecordWalk:
             yield Record(self.channels[connection], time, content)
         elif operation == ROS1_CONNECTION:
             (connection,) = struct.unpack("<L", fields[b"conn"])
-            described = _ros1_fields(content)
-            self.channels[connection] = Channel(
-                fields[b"topic"].decode(),
-                ros2_type_name(described[b"type"].decode()),
-                MessageDefinition(
-                    MessageDefinitionFormat.MSG, described[b"message_definition"].decode()
-                ),
-                "ros1",
-            )
+            type_fields = _ros1_fields(content)
+            topic, msgtype = fields[b"topic"].decode(), type_fields[b"type"].decode()
+            known = MessageDefinition(MSG, type_fields[b"message_definition"].decode())
+            self.channels[connection] = Channel(topic, ros2_type_name(msgtype), known, "ros1")
 
 
 def _unpacked(data: bytes, compression: str) -> bytes:
-    """Decompress the readable beginning of a chunk."""
+    """Decompress a chunk up to its damage; BreakError: unknown compression."""
     if compression in ("", "none"):
         return data
     if compression not in DECOMPRESSORS:
@@ -211,13 +203,15 @@ def _unpacked(data: bytes, compression: str) -> bytes:
 
 
 def _text(content: bytes, position: int) -> tuple[str, int]:
+    """Text of an MCAP record after its length (4 bytes), and its end's position."""
     (length,) = struct.unpack_from("<I", content, position)
     end = position + 4 + length
     return content[position + 4 : end].decode(), end
 
 
-def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
-    fields: dict[bytes, bytes] = {}
+def _ros1_fields(header: bytes) -> _Fields:
+    """Fields of a ROS 1 record's header by name: each is a length and `name=value`."""
+    fields: _Fields = {}
     position = 0
     while position < len(header):
         (length,) = struct.unpack_from("<L", header, position)
@@ -227,14 +221,16 @@ def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def _sized(data: BinaryIO) -> bytes:
+def _sized_bytes(data: BinaryIO) -> bytes:
+    """Read bytes after their number (4 bytes); BreakError if there are fewer."""
     (length,) = struct.unpack("<L", data.read(4))
-    if length > _rest(data):
+    if length > _bytes_left(data):
         raise BreakError
     return data.read(length)
 
 
-def _rest(data: BinaryIO) -> int:
+def _bytes_left(data: BinaryIO) -> int:
+    """Number of bytes from the position of a file to its end."""
     here = data.tell()
     end = data.seek(0, 2)
     data.seek(here)

@@ -25,16 +25,11 @@ UTF_16_MARKS = (b"\xff\xfe", b"\xfe\xff")
 MOST_COLUMNS = 10_000
 POSE_CELLS, UNIT_ERROR = 8, 0.01
 """Cells of a line of a trajectory, and largest error of the norm of its quaternion [-]."""
-FEW = 0.01
-"""Share of the rows that may be damaged: they are left out."""
-ENOUGH = 20
-"""Rows of a table one of which may be damaged, as the last one where a logger was stopped."""
-SHOWN = 60
-"""Characters of a damaged row that a message shows."""
-TEXTS = ("string", "binary")
-"""Types of columns that are read as dictionaries; with large ones of these."""
-CELL = 8
-"""Size of a number in memory [bytes]."""
+FEW = 0.01  # share of the rows that may be damaged: they are left out
+ENOUGH = 20  # rows from which on one damaged row is allowed
+SHOWN = 60  # characters of a damaged row that a message shows
+TEXTS = ("string", "binary")  # Arrow types of texts, also as `large_string` and `large_binary`
+CELL_BYTES = 8  # size of a number in memory [bytes]
 
 
 def is_table(path: Path) -> bool:
@@ -51,17 +46,19 @@ def is_table(path: Path) -> bool:
 
 
 def _is_parquet(path: Path) -> bool:
+    """Test the first bytes of a file; OSError if it cannot be read."""
     with path.open("rb") as file:
         return file.read(len(PARQUET_MAGIC)) == PARQUET_MAGIC
 
 
 Read = tuple[Any, dict[str, str], list[str]]
 """Columns of numbers, times and texts as a pyarrow.Table, texts as dictionaries; types of the other
-columns, such as lists, by name; and what was left out."""
+columns, such as lists, by name; and notes on rows that were left out."""
 
 
 def are_few(count: int, rows: int) -> bool:
-    """Return True if this many of the rows may be damaged in a table that is read."""
+    """Return True if a table is read although `count` of its rows are damaged."""
+    # One row in a short table, too: often a logger was stopped within the last one.
     return count <= FEW * rows or (count == 1 and rows >= ENOUGH)
 
 
@@ -85,7 +82,7 @@ def read_table(path: Path) -> Read:
 
 
 def _is_trajectory(path: Path) -> bool:
-    """Test for a time, a place and a unit quaternion in the first line but comments."""
+    """Test the first line of data for a time, a position and a unit quaternion."""
     with path.open(encoding="utf-8", errors="replace") as file:
         lines = file.read(FIRST_BYTES).splitlines()
     first = next((line for line in lines if line.strip() and line[0] != "#"), "")
@@ -97,7 +94,7 @@ def _is_trajectory(path: Path) -> bool:
 
 
 def _read_trajectory(path: Path) -> Read:
-    """Read the planar poses of a trajectory, with timestamps."""
+    """Read the planar poses of a TUM trajectory as columns of a truth."""
     from pyarrow import table
 
     try:
@@ -110,39 +107,35 @@ def _read_trajectory(path: Path) -> Read:
 
 
 def _read_csv(path: Path) -> Read:
+    """Read a CSV file, without its damaged rows if they are few."""
     from pyarrow import ArrowInvalid, BufferReader, csv
 
-    text = _text_of(path)
-    begin = bytes(text[:FIRST_BYTES])
-    if begin.startswith(UTF_16_MARKS):
+    text = _csv_bytes(path)
+    beginning = bytes(text[:FIRST_BYTES])
+    if beginning.startswith(UTF_16_MARKS):
         raise ReplayError("it is UTF-16; `iconv -f utf-16 -t utf-8` converts it")
-    lines = [*begin.decode("utf-8", "replace").splitlines(), ""]
-    first, rows = lines[0], lines[1:]
-    delimiter = max(DELIMITERS, key=first.count)
-    _check_columns(first.count(delimiter) + 1)
+    names, *rows = beginning.decode("utf-8", "replace").splitlines() or [""]
+    delimiter = max(DELIMITERS, key=names.count)
+    _check_columns(names.count(delimiter) + 1)
     numbers = csv.ConvertOptions(decimal_point=_decimal_point(rows, delimiter))
 
-    def read(handler: Callable[[Any], str] | None) -> Any:
-        options = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=handler)
+    def read(invalid_row_handler: Callable[[Any], str] | None) -> Any:
+        options = csv.ParseOptions(delimiter=delimiter, invalid_row_handler=invalid_row_handler)
         return csv.read_csv(BufferReader(text), parse_options=options, convert_options=numbers)
 
     try:
         return read(None), {}, []
     except ArrowInvalid:
-        # A handler of rows that are no UTF-8 writes a traceback.
+        # pyarrow writes a traceback when it hands a row that is not UTF-8 to a handler.
         if not _is_utf_8(text):
             raise
     damaged = _DamagedRows()
-    table = read(damaged.take)
+    table = read(damaged.skip)
     return table, {}, damaged.notes(int(table.num_rows))
 
 
-def _text_of(path: Path) -> Any:
-    """Bytes of a CSV file (a pyarrow.Buffer), unpacked up to the limit.
-
-    Raises:
-        ReplayError: it unpacks to more than the limit.
-    """
+def _csv_bytes(path: Path) -> Any:
+    """Bytes of a CSV file (a pyarrow.Buffer), unpacked up to the limit."""
     from pyarrow import input_stream, memory_map, py_buffer
 
     if not path.name.lower().endswith(PACKED_CSV_SUFFIXES):
@@ -157,6 +150,7 @@ def _text_of(path: Path) -> Any:
 
 
 def _is_utf_8(text: Any) -> bool:
+    """Test bytes (a pyarrow.Buffer) without a copy of them."""
     try:
         str(memoryview(text), "utf-8")
     except UnicodeDecodeError:
@@ -165,46 +159,43 @@ def _is_utf_8(text: Any) -> bool:
 
 
 class _DamagedRows:
-    """Rows that have another number of cells than the line of names."""
+    """Count of the rows that have another number of cells than the line of names."""
 
     def __init__(self) -> None:
-        self._count, self._first = 0, ""
+        self._count, self._first_row = 0, ""
 
-    def take(self, row: Any) -> str:
-        """Count a row; return what pyarrow is to do with it."""
+    def skip(self, row: Any) -> str:
+        """Count a pyarrow.csv.InvalidRow, describe the first, make pyarrow skip it."""
         if not self._count:
             text = row.text if len(row.text) <= SHOWN else f"{row.text[:SHOWN]}..."
-            self._first = f"{row.actual_columns} instead of {row.expected_columns}, in {text!r}"
+            self._first_row = f"{row.actual_columns} instead of {row.expected_columns}, in {text!r}"
         self._count += 1
         return "skip"
 
-    def notes(self, rows: int) -> list[str]:
-        """Notes on what was left out of the rows.
-
-        Raises:
-            ReplayError: these are too many.
-        """
+    def notes(self, read_rows: int) -> list[str]:
+        """Note on damaged rows, if any; `read_rows` is the number of the others."""
         if not self._count:
             return []
-        rows += self._count
-        what = (
-            f"{self._count} of {rows} rows with another number of cells than names ({self._first})"
-        )
+        rows = read_rows + self._count
+        number = f"{self._count} of {rows} rows"
+        damage = f"{number} with another number of cells than names ({self._first_row})"
         if not are_few(self._count, rows):
-            raise ReplayError(f"the table cannot be read: it has {what}; correct or delete them")
-        return [f"left out {what}"]
+            raise ReplayError(f"the table cannot be read: it has {damage}; correct or delete them")
+        return [f"left out {damage}"]
 
 
 def _decimal_point(rows: list[str], delimiter: str) -> str:
-    """Point or comma, as in most numbers of these rows."""
+    """Decimal point of a table: a comma if most fractions in these rows have one."""
     if delimiter == ",":
         return "."
     cells = [cell.strip().strip('"') for row in rows for cell in row.split(delimiter)]
-    marks = [found[1] for cell in cells if (found := FRACTION.fullmatch(cell))]
-    return "," if 2 * marks.count(",") > len(marks) else "."
+    fractions = list(filter(None, map(FRACTION.fullmatch, cells)))
+    commas = sum(fraction[1] == "," for fraction in fractions)
+    return "," if 2 * commas > len(fractions) else "."
 
 
 def _read_parquet(path: Path) -> Read:
+    """Read columns of numbers, times and texts, within the limit of the size."""
     from pyarrow import parquet
 
     with parquet.ParquetFile(path) as file:
@@ -212,10 +203,10 @@ def _read_parquet(path: Path) -> Read:
         schema = file.schema_arrow
     _check_columns(len(schema.names))
     texts = [field.name for field in schema if str(field.type).removeprefix("large_") in TEXTS]
-    read = [field.name for field in schema if _is_flat(field.type) or field.name in texts]
-    # Equal numbers take no place in a file.
+    read = [field.name for field in schema if _has_fixed_size(field.type) or field.name in texts]
+    # The stated size may be too small: a column of equal numbers takes hardly any bytes in a file.
     cells = sum(group.num_rows for group in groups) * len(read)
-    size = max(sum(group.total_byte_size for group in groups), cells * CELL)
+    size = max(sum(group.total_byte_size for group in groups), cells * CELL_BYTES)
     if size > max(limit(), path.stat().st_size):
         raise too_large("the table", limit())
     with parquet.ParquetFile(path, read_dictionary=texts, pre_buffer=False) as file:
@@ -225,12 +216,13 @@ def _read_parquet(path: Path) -> Read:
 
 
 def _check_columns(count: int) -> None:
+    """Raise a ReplayError for more than `MOST_COLUMNS` columns."""
     if count > MOST_COLUMNS:
         raise ReplayError(f"it has {count} columns, and at most {MOST_COLUMNS} are read")
 
 
-def _is_flat(kind: Any) -> bool:
-    """Test for numbers and times, which have a size of their own."""
+def _has_fixed_size(arrow_type: Any) -> bool:
+    """Test for numbers and times, whose cells have one size, or empty columns."""
     from pyarrow import types
 
-    return bool(types.is_primitive(kind) or types.is_null(kind))
+    return bool(types.is_primitive(arrow_type) or types.is_null(arrow_type))

@@ -23,10 +23,9 @@ else:
     from backports import zstd
 
 GIGABYTE = 10**9
-LARGEST_LIMIT = 1e6
-"""Largest limit [GB]."""
-PIECE, PART = 1 << 16, 1 << 20
-"""Bytes that are read, and most bytes that are unpacked at once."""
+LARGEST_LIMIT = 1e6  # largest limit [GB]
+PACKED_PIECE, UNPACKED_PIECE = 1 << 16, 1 << 20
+"""Bytes that are read, and most bytes that are unpacked, at once."""
 DECOMPRESSORS: dict[str, Callable[[], Any]] = {
     "zstd": zstd.ZstdDecompressor,
     "lz4": LZ4FrameDecompressor,
@@ -49,9 +48,8 @@ def unpacked_limit(gigabytes: float) -> Iterator[None]:
         ReplayError: the limit is negative, larger than 1e6, or no finite number.
     """
     if not (is_finite(gigabytes) and 0.0 <= gigabytes <= LARGEST_LIMIT):
-        raise ReplayError(
-            f"the limit of unpacked sizes must be from 0 to {LARGEST_LIMIT:g} GB, found {gigabytes!r}"
-        )
+        bounds = f"from 0 to {LARGEST_LIMIT:g} GB"
+        raise ReplayError(f"the limit of unpacked sizes must be {bounds}, found {gigabytes!r}")
     token = _limit.set(round(gigabytes * GIGABYTE))
     try:
         yield
@@ -64,41 +62,44 @@ def limit() -> int:
     return _limit.get()
 
 
-def too_large(what: str, most: int) -> ReplayError:
-    """Error of something that unpacks to more than the limit."""
-    return ReplayError(
-        f"{what} unpacks to more than the limit of {most / GIGABYTE:.3g} GB; --unpacked-limit raises it"
-    )
+def too_large(subject: str, limit_bytes: int) -> ReplayError:
+    """Make the error for a subject ("the table") that unpacks to more."""
+    limit_text = f"the limit of {limit_bytes / GIGABYTE:.3g} GB"
+    return ReplayError(f"{subject} unpacks to more than {limit_text}; --unpacked-limit raises it")
 
 
-def _parts(pieces: Iterable[bytes], compression: str) -> Iterator[bytes]:
-    """Decompress pieces of one or several frames to parts of at most `PART` bytes.
+def _decompress(
+    pieces: Iterable[bytes], compression: str, subject: str, limit_bytes: int
+) -> Iterator[bytes]:
+    """Decompress frames in sequence, to pieces of at most `UNPACKED_PIECE` bytes.
 
     Raises:
+        ReplayError: the subject, as of `too_large`, unpacks to more than the limit.
         EOFError: the last frame is cut short; damage raises the other exceptions of `DAMAGE`.
     """
-    decompressor, is_whole = DECOMPRESSORS[compression](), True
+    decompressor, is_frame_complete, size = DECOMPRESSORS[compression](), True, 0
     for piece in pieces:
-        rest = piece
-        while rest or not decompressor.needs_input:
-            yield decompressor.decompress(rest, max_length=PART)
-            rest, is_whole = b"", decompressor.eof
-            if is_whole:
-                rest = decompressor.unused_data or b""
+        packed = piece
+        # Without `needs_input` there is more unpacked than one piece may have.
+        while packed or not decompressor.needs_input:
+            unpacked = decompressor.decompress(packed, max_length=UNPACKED_PIECE)
+            size += len(unpacked)
+            if size > limit_bytes:
+                raise too_large(subject, limit_bytes)
+            yield unpacked
+            packed, is_frame_complete = b"", decompressor.eof
+            if is_frame_complete:
+                # A decompressor reads one frame; the next one begins in the unused bytes.
+                packed = decompressor.unused_data or b""
                 decompressor = DECOMPRESSORS[compression]()
-    if not is_whole:
+    if not is_frame_complete:
         raise EOFError
 
 
-def _within_limit(data: bytes, compression: str) -> Iterator[bytes]:
-    """Decompress a chunk or a message to parts, up to the limit."""
-    pieces = (data[start : start + PIECE] for start in range(0, len(data), PIECE))
-    size = 0
-    for part in _parts(pieces, compression):
-        size += len(part)
-        if size > limit():
-            raise too_large("a part of the bag", limit())
-        yield part
+def _decompress_part(data: bytes, compression: str) -> Iterator[bytes]:
+    """Decompress a chunk or a message of a bag in pieces; errors as `unpack`."""
+    pieces = (data[start : start + PACKED_PIECE] for start in range(0, len(data), PACKED_PIECE))
+    return _decompress(pieces, compression, "a part of the bag", limit())
 
 
 def unpack(data: bytes, compression: str) -> bytes:
@@ -107,36 +108,30 @@ def unpack(data: bytes, compression: str) -> bytes:
     Raises:
         ReplayError: it unpacks to more than the limit; damage raises one of `DAMAGE`.
     """
-    return b"".join(_within_limit(data, compression))
+    return b"".join(_decompress_part(data, compression))
 
 
 def unpack_beginning(data: bytes, compression: str) -> bytes:
-    """Decompress a chunk up to its damage; errors as `unpack`."""
+    """Decompress a chunk up to its damage; ReplayError as for `unpack`."""
     unpacked = bytearray()
     with suppress(*DAMAGE):
-        for part in _within_limit(data, compression):
-            unpacked += part
+        for piece in _decompress_part(data, compression):
+            unpacked += piece
     return bytes(unpacked)
 
 
-def unpack_file(packed: Path, target: Path, most: int) -> bool:
-    """Decompress a file (zstd), up to its break if it is damaged.
-
-    Returns:
-        True if all of it was decompressed.
+def unpack_file(packed: Path, target: Path, limit_bytes: int) -> bool:
+    """Decompress a file (zstd) up to its damage; return True if there is none.
 
     Raises:
-        ReplayError: it unpacks to more than `most`.
+        ReplayError: it unpacks to more than `limit_bytes`.
         OSError: a file cannot be read or written.
     """
-    size = 0
     with packed.open("rb") as source, target.open("wb") as sink:
+        packed_pieces = iter(partial(source.read, PACKED_PIECE), b"")  # until nothing is read
         try:
-            for part in _parts(iter(partial(source.read, PIECE), b""), "zstd"):
-                size += len(part)
-                if size > most:
-                    raise too_large("the bag", most)
-                sink.write(part)
+            for piece in _decompress(packed_pieces, "zstd", "the bag", limit_bytes):
+                sink.write(piece)
         except (zstd.ZstdError, EOFError):
             return False
     return True

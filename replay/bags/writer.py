@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from heapq import merge
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -22,8 +23,7 @@ Format = Literal["mcap", "sqlite3", "ros1"]
 PLUGINS = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}
 SUFFIXES = {"mcap": ".mcap", "sqlite3": ".db3"}
 
-MARK = "written_by_icreckon"
-"""Text in each bag, without which none is replaced."""
+MARK = "written_by_icreckon"  # text in each bag, without which none is replaced
 
 UNSPECIFIED = interfaces.QosTime(0, 0)
 LATCHED = interfaces.Qos(
@@ -39,8 +39,7 @@ LATCHED = interfaces.Qos(
 )
 """Quality of service of a latched topic."""
 
-LARGEST_STAMP = 2**31 * NANOSECONDS
-"""Both ROS 1 and ROS 2 store the seconds of a stamp in 32 bits."""
+LARGEST_STAMP = 2**31 * NANOSECONDS  # both ROS 1 and ROS 2 store the seconds of a stamp in 32 bits
 
 
 class Outbox(NamedTuple):
@@ -54,7 +53,7 @@ class Outbox(NamedTuple):
 
 
 def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bool = False) -> Path:
-    """Write a bag.
+    """Write a bag; return its path.
 
     Args:
         path: target; a ROS 2 folder, or with the suffix `.mcap` or `.db3` the bare file. A ROS 1
@@ -63,9 +62,6 @@ def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bo
         outboxes: messages of each topic.
         overwrite: whether an existing bag may be replaced.
 
-    Returns:
-        The path of the bag.
-
     Raises:
         ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
     """
@@ -73,59 +69,67 @@ def write_bag(path: Path, kind: Format, outboxes: list[Outbox], *, overwrite: bo
         _check_stamps(outbox)
     path = bag_path(path, kind)
     if kind == "ros1":
-        opened = _ros1_writer
+        open_writer = _ros1_writer
     else:
-        opened = partial(_ros2_writer, plugin=PLUGINS[kind], bare=path.suffix == SUFFIXES[kind])
+        is_bare = path.suffix == SUFFIXES[kind]
+        open_writer = partial(_ros2_writer, plugin=PLUGINS[kind], is_bare=is_bare)
     try:
         with (
             written_beside(path, overwrite=overwrite, mark=MARK.encode()) as new,
-            opened(new) as (writer, messages),
+            open_writer(new) as (writer, messages),
         ):
-            _send(outboxes, writer, messages)
+            _write_messages(outboxes, writer, messages)
     except (OSError, sqlite3.Error, rosbag1.WriterError, rosbag2.WriterError) as problem:
         raise ReplayError(f"{path}: cannot be written: {problem}") from problem
     return path
 
 
 def bag_path(path: Path, kind: Format) -> Path:
-    """Path of the bag that `write_bag` writes."""
+    """Path of the bag that `write_bag` writes: the given one, with `.bag` for ROS 1."""
     if kind != "ros1" or path.suffix == ".bag":
         return path
     return path.with_name(f"{path.name}.bag")
 
 
-def _send(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
+def _write_messages(outboxes: list[Outbox], writer: Any, messages: Messages) -> None:
     """Write the messages in the order of stamps; several outboxes may share a topic."""
+    # Messages are made one at a time, so that memory holds few of them.
     connections: dict[str, Any] = {}
+    store = messages.store
 
-    def packed(outbox: Outbox) -> Iterator[tuple[int, Any, bytes]]:
+    def serialised(outbox: Outbox) -> Iterator[tuple[int, Any, bytes]]:
+        """Yield (stamp [ns], connection, bytes); first of all, add the topic."""
         topic, msgtype = outbox.topic, outbox.msgtype
         if topic not in connections:
             options: dict[str, Any] = {"callerid": f"/{MARK}"} if messages.ros1 else {}
             if outbox.latched:
                 options |= {"latching": 1} if messages.ros1 else {"offered_qos_profiles": [LATCHED]}
-            connections[topic] = writer.add_connection(
-                topic, msgtype, typestore=messages.store, **options
-            )
+            connection = writer.add_connection(topic, msgtype, typestore=store, **options)
+            connections[topic] = connection
         for i, stamp in enumerate(outbox.stamps):
             data = bytes(messages.serialize(outbox.make(messages, i), msgtype))
             yield int(stamp), connections[topic], data
 
-    for stamp, connection, data in merge(*map(packed, outboxes), key=lambda item: item[0]):
+    by_stamp = itemgetter(0)
+    for stamp, connection, data in merge(*map(serialised, outboxes), key=by_stamp):
         writer.write(connection, stamp, data)
 
 
 @contextmanager
 def _ros1_writer(path: Path) -> Iterator[tuple[Any, Messages]]:
+    """Open a ROS 1 bag for writing, with a factory of its messages."""
     # Uncompressed: ROS 1 itself cannot read the lz4 of rosbags ("malformed data"), and bz2 is slow.
     with rosbag1.Writer(path) as writer:
         yield writer, Messages(ros1=True)
 
 
 @contextmanager
-def _ros2_writer(path: Path, plugin: StoragePlugin, bare: bool) -> Iterator[tuple[Any, Messages]]:
-    """Open a ROS 2 bag: a folder, or only its storage file."""
-    folder = path.with_suffix("") if bare else path
+def _ros2_writer(
+    path: Path, plugin: StoragePlugin, is_bare: bool
+) -> Iterator[tuple[Any, Messages]]:
+    """Open a ROS 2 bag for writing, with a factory of its messages."""
+    # It is a folder; if it is bare, its storage file alone is moved to the path at the end.
+    folder = path.with_suffix("") if is_bare else path
     writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
     writer.set_custom_data(MARK, "true")
     if plugin is StoragePlugin.MCAP:
@@ -133,14 +137,15 @@ def _ros2_writer(path: Path, plugin: StoragePlugin, bare: bool) -> Iterator[tupl
         writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
     with writer:
         yield writer, Messages(ros1=False)
-    if bare:
+    if is_bare:
         (folder / path.name).rename(path)
 
 
 def _check_stamps(outbox: Outbox) -> None:
-    bad = outbox.stamps[(outbox.stamps < 0) | (outbox.stamps >= LARGEST_STAMP)]
-    if len(bad):
+    """Raise a ReplayError for negative stamps, or from `LARGEST_STAMP` on."""
+    invalid = outbox.stamps[(outbox.stamps < 0) | (outbox.stamps >= LARGEST_STAMP)]
+    if len(invalid):
         raise ReplayError(
-            f"topic {outbox.topic!r}: the stamp {bad[0]} ns cannot be written; stamps in bags are "
+            f"topic {outbox.topic!r}: the stamp {invalid[0]} ns cannot be written; stamps in bags are "
             f"from 0 to {LARGEST_STAMP - 1} ns"
         )

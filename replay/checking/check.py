@@ -15,21 +15,36 @@ from icreckon.estimator.log.scores import even_grid, interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Imu, Robot
 from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.wheels import STRAIGHT as BENDS
+from icreckon.replay.inspection.wheels import STRAIGHT as LARGEST_TURNING
 from icreckon.replay.inspection.wheels import wheel_estimates
 from icreckon.replay.mapping.columns import TrackKeys
 from icreckon.replay.mapping.topics import topic_map
 
-# Standard errors from which a difference is one.
-SIGMAS = 3.0
+SIGMAS = 3.0  # standard errors from which a difference is significant
 MOUNTING, FORWARD = "tilt of the IMU", "forward axis of the IMU"
 SCALE, TRACK, LATENCY = "scale of the tracks", "effective track", "latency of the tracks"
-# Turning of a window that hardly slips [rad].
-STRAIGHT = 0.2
+STRAIGHT = 0.2  # largest turning of a window in which tracks hardly slip [rad]
 
 Correction = Callable[[Log, Robot], tuple[Log, Robot]]
-Scale = tuple[float, float | None, str]
-"""Distance over ground over that of the tracks [-], its standard error or None, and its source."""
+Settings = dict[str, float | list[float]]
+
+
+class Estimate(NamedTuple):
+    """Estimate by a log."""
+
+    value: float
+    sigma: float | None  # standard error, None if unknown
+    source: str = "gyro"  # "gyro", "truth", "fixes" or "accelerometer"
+
+    @property
+    def error(self) -> str:
+        """Standard error as text, such as " ± 0.012"; empty if unknown."""
+        return "" if self.sigma is None else f" ± {self.sigma:.2g}"
+
+    def times(self, factor: float) -> Self:
+        """Estimate and standard error times a factor."""
+        sigma = None if self.sigma is None else self.sigma * factor
+        return self._replace(value=self.value * factor, sigma=sigma)
 
 
 class Measured(NamedTuple):
@@ -43,59 +58,48 @@ class Measured(NamedTuple):
 
 @dataclass(frozen=True)
 class Check:
-    """One quantity of a robot file, compared with a log.
+    """One quantity of a robot file, compared with a log."""
 
-    Attributes:
-        name: the quantity.
-        in_file: value of the file, with its unit.
-        in_log: value that the log shows, with its unit and error; empty if it shows none.
-        problem: what contradicts, in a sentence; empty if nothing does.
-        remedy: what to set in the file.
-        correction: log and robot with this corrected, None if it cannot be.
-        measured: the numbers behind `in_file` and `in_log`, None if the log shows none.
-        settings: values to set in the robot file by dotted key, such as "log.tracks.latency"; empty if
-            no single key corrects it.
-    """
-
-    name: str
-    in_file: str
-    in_log: str
-    problem: str = ""
-    remedy: str = ""
-    correction: Correction | None = None
-    measured: Measured | None = None
-    settings: dict[str, float | list[float]] = field(default_factory=dict)
+    name: str  # the quantity
+    in_file: str  # value of the file, with its unit
+    in_log: str  # value that the log shows, with its unit and error; empty if it shows none
+    problem: str = ""  # contradiction, in a sentence; empty if there is none
+    remedy: str = ""  # what to set in the file
+    correction: Correction | None = None  # function that corrects log and robot, None if none can
+    measured: Measured | None = None  # numbers of `in_file` and `in_log`, None if unknown
+    # values to set in the robot file by dotted key, such as "log.tracks.latency"; empty if no single
+    # key corrects it
+    settings: Settings = field(default_factory=dict)
 
     def contradicted(
         self,
         problem: str,
         remedy: str,
         correction: Correction | None = None,
-        settings: dict[str, float | list[float]] | None = None,
+        settings: Settings | None = None,
     ) -> Self:
         """Copy as a contradiction of the file; arguments as the attributes."""
-        return replace(
-            self, problem=problem, remedy=remedy, correction=correction, settings=settings or {}
-        )
+        new = replace(self, problem=problem, remedy=remedy, correction=correction)
+        return replace(new, settings=settings or {})
 
 
 def corrected(log: Log, robot: Robot, checks: Iterable[Check]) -> tuple[Log, Robot]:
     """Apply the corrections of checks, one after the other; skip checks without one."""
-    for one in checks:
-        if one.correction is not None:
-            log, robot = one.correction(log, robot)
+    for check in checks:
+        if check.correction is not None:
+            log, robot = check.correction(log, robot)
     return log, robot
 
 
 def in_base(imu: ImuSeries, robot: Robot) -> tuple[Floats, Floats | None]:
-    """Yaw rate (n,) and specific force (n, 3) in base_link, by the robot file."""
+    """Yaw rate (n,) [rad/s] and specific force (n, 3) or None [m/s²] in base_link."""
     rotation = robot.imu_rotation
     vertical = imu_mounting.rate_about(rotation[2], imu.angular_velocity, robot.imu.gyro_axes)
     force = imu.linear_acceleration
     return vertical, None if force is None else np.asarray(force @ rotation.T)
 
 
-def in_rates_of(robot: Robot) -> bool:
+def has_track_rates(robot: Robot) -> bool:
     """True if the track speeds of a robot's logs are rates, multiplied by its radius."""
     return topic_map(robot, robot.name).in_rates if robot.log else True
 
@@ -118,7 +122,7 @@ def tracks_table(robot: Robot) -> str:
 
 
 def with_imu(**values: object) -> Correction:
-    """Correction of the robot's IMU."""
+    """Correction that sets keys of the robot's [imu] to values."""
 
     def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
         imu: Imu = structs.replace(robot.imu, **values)
@@ -128,7 +132,7 @@ def with_imu(**values: object) -> Correction:
 
 
 def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
-    """Correction of the track speeds (n, 2)."""
+    """Correction that changes the log's track speeds (n, 2)."""
 
     def corrected(log: Log, robot: Robot) -> tuple[Log, Robot]:
         tracks = TrackSpeedSeries(log.tracks.stamps, change(log.tracks.speeds))
@@ -138,7 +142,7 @@ def with_speeds(change: Callable[[Floats], Floats]) -> Correction:
 
 
 def rounded_angles(rotation: Floats) -> tuple[float, ...]:
-    """Roll, pitch and yaw of a rotation (3, 3), to the tenth [deg]."""
+    """Roll, pitch and yaw of a rotation (3, 3), to the tenth [deg], without -0.0."""
     return tuple(round(math.degrees(angle), 1) + 0.0 for angle in matrix_to_rpy(rotation))
 
 
@@ -152,31 +156,26 @@ def effective_track(robot: Robot) -> float:
     return robot.constant_indices.eta0 * robot.vehicle.track_gauge
 
 
-def measured_track(log: Log, robot: Robot) -> tuple[float, float | None] | None:
-    """Effective track by gyro and tracks, and its standard error or None [m].
-
-    None if they turn too little.
-    """
+def measured_track(log: Log, robot: Robot) -> Estimate | None:
+    """Effective track by gyro and tracks [m]; None if they turn too little."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
-    vertical = in_base(log.imu, robot)[0]
+    vertical, _ = in_base(log.imu, robot)
     correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
     wheels = wheel_estimates(log, vertical, correlation)
-    return None if wheels.track_ratio is None else (wheels.track_ratio, wheels.track_sigma)
+    return None if wheels.track_ratio is None else Estimate(wheels.track_ratio, wheels.track_sigma)
 
 
-def measured_scale(log: Log, robot: Robot, *, bends: bool = False) -> Scale | None:
-    """Scale of the track speeds by truth or fixes; None if they do not show it.
-
-    Windows in which tracks slip in a bend count only with `bends`.
-    """
+def measured_scale(log: Log, robot: Robot, *, with_bends: bool = False) -> Estimate | None:
+    """Distance by truth or fixes over that of the tracks [-]; None if not observable."""
+    # Windows in which tracks slip in a bend count only with `with_bends`.
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return None
-    vertical = in_base(log.imu, robot)[0]
-    wheels = wheel_estimates(log, vertical, None, BENDS if bends else STRAIGHT)
+    vertical, _ = in_base(log.imu, robot)
+    wheels = wheel_estimates(log, vertical, None, LARGEST_TURNING if with_bends else STRAIGHT)
     if wheels.way_ratio is None:
         return None
-    return wheels.way_ratio, wheels.way_sigma, wheels.way_source
+    return Estimate(wheels.way_ratio, wheels.way_sigma, wheels.way_source)
 
 
 def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] | None:
@@ -186,12 +185,9 @@ def true_motion(log: Log, truth: Truth, window: float) -> tuple[Stamps, Floats] 
         (n + 1,) stamps of the starts and ends of the windows [ns], and (n, 3) the pose at the end of each
         in that at its start [m, m, rad].
     """
-    edges = even_grid(
-        max(truth.poses.stamps[0], log.start),
-        min(truth.poses.stamps[-1], log.end),
-        round(window / NANOSECOND),
-        truth.poses.stamps,
-    )
+    known = truth.poses.stamps
+    start, end = max(known[0], log.start), min(known[-1], log.end)
+    edges = even_grid(start, end, round(window / NANOSECOND), known)
     if len(edges) < 2:
         return None
     poses = interpolate_poses(truth.poses, edges)

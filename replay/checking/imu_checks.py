@@ -30,16 +30,12 @@ from icreckon.replay.inspection.wheels import GRAVITY, WRONG_GRAVITY, unit_of_gr
 LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
 # Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
 LEAST_DRIVING = 0.3
-# Fewest track speeds that show anything.
-FEWEST = 20
-# Distance of the centre of turning from that of the robot [m].
-LEVER = 0.3
+FEWEST = 20  # fewest track speeds that show anything
+LEVER = 0.3  # distance of the centre of turning from the robot's centre that is usual [m]
 # Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
 OFFSET_OF_GRAVITY = 0.3
-# Factor between noise densities that is reported [-].
-OTHER_NOISE = 3.0
-# Fewest pairs of neighbouring samples at standstill that show the noise.
-FEWEST_STILL = 20
+OTHER_NOISE = 3.0  # factor between noise densities that is reported [-]
+FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
 
 def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
@@ -54,10 +50,9 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
             if len(log.tracks.stamps)
             else "the topic in [log.tracks]; icreckon inspect lists those of the log",
         )
-    columns = robot.log.get("columns", {})
-    topic = robot.log.get("imu", {}).get("topic")
-    if topic is None and "imu" in columns:
-        topic = "its columns"
+    source = robot.log.get("imu", {}).get("topic")
+    if source is None and "imu" in robot.log.get("columns", {}):
+        source = "its columns"
     largest = 0.0 if log.imu is None else float(np.abs(log.imu.angular_velocity).max())
     if largest > imu_mounting.ABSURD:
         yield Check(
@@ -68,12 +63,12 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
             "look at its driver",
             lambda log, robot: (replace(log, imu=None), robot),
         )
-    if log.imu is None and topic is not None:
+    if log.imu is None and source is not None:
         yield Check(
             "IMU",
-            str(topic),
+            str(source),
             "no sample",
-            f"the log has no IMU sample on {topic}: the heading is that of the tracks alone",
+            f"the log has no IMU sample on {source}: the heading is that of the tracks alone",
             "the right topic in [log.imu]; icreckon inspect lists those of the log",
         )
 
@@ -85,9 +80,9 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
         return
     size = float(np.linalg.norm(np.nanmean(imu.linear_acceleration, axis=0)))
     measured = Measured(size, "m/s²", GRAVITY)
-    found = Check("mean specific force", f"{GRAVITY} m/s²", f"{size:.4g} m/s²", measured=measured)
+    check = Check("mean specific force", f"{GRAVITY} m/s²", f"{size:.4g} m/s²", measured=measured)
     if abs(size - GRAVITY) <= WRONG_GRAVITY * GRAVITY:
-        yield found
+        yield check
         return
 
     def scaled(log: Log, robot: Robot) -> tuple[Log, Robot]:
@@ -99,7 +94,7 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
     remedy = 'acceleration_unit = "g" in [log.imu], where the driver publishes g'
     if abs(size - GRAVITY) <= OFFSET_OF_GRAVITY * GRAVITY:
         remedy = "the accelerometer's scale or offset: calibrate it, or scale it in the driver"
-    yield found.contradicted(
+    yield check.contradicted(
         f"the accelerometer reads {size:.4g} m/s² on average, not {GRAVITY}{unit_of_gravity(size)}",
         remedy,
         scaled if size > 0.0 else None,
@@ -107,41 +102,47 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
 
 
 def check_mounting(log: Log, robot: Robot) -> Iterator[Check]:
-    """Roll and pitch of the IMU, by gravity."""
+    """Roll and pitch of the IMU, by gravity.
+
+    A small tilt turns the mounting of the file. A large one replaces it, yaw and all. It is not corrected
+    if a gyro of the z axis alone would then lie down.
+    """
     if log.imu is None:
         return
     rate, force = in_base(log.imu, robot)
     if force is None:
         return
     up = np.nanmean(force, axis=0)
-    if not np.linalg.norm(up) > 0.0:
+    if not np.linalg.norm(up) > 0.0:  # zero or NaN
         return
     up = up / np.linalg.norm(up)
     tilt = math.degrees(math.acos(min(1.0, max(-1.0, float(up[2])))))
-    angles = angles_text(robot.imu.rotation_rpy_deg)
+    in_file = angles_text(robot.imu.rotation_rpy_deg)
     in_log = f"{tilt:.1f} deg off the file, by gravity"
-    found = Check(MOUNTING, angles, in_log, measured=Measured(tilt, "deg", 0.0))
+    check = Check(MOUNTING, in_file, in_log, measured=Measured(tilt, "deg", 0.0))
     if tilt <= LEAST_TILT + _tilt_by_turning(log.tracks, log.imu, rate, robot):
-        yield found
+        yield check
         return
-    turned = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
-    if tilt > ANOTHER_MOUNTING and (whole := imu_mounting.estimate_mounting(log)) is not None:
-        turned = rounded_angles(rpy_to_matrix(*np.radians(whole.rotation_rpy_deg)))
-    roll, pitch, _ = np.radians(turned)
-    shows_turning = (
-        robot.imu.gyro_axes == "xyz" or abs(np.cos(roll) * np.cos(pitch)) >= LEAST_UPRIGHT
-    )
-    upside = " (upside down)" if tilt > 180.0 - ANOTHER_MOUNTING else ""
-    yield found.contradicted(
-        f"gravity shows the IMU {tilt:.1f} deg off its mounting in the file{upside}",
-        f"rotation_rpy_deg = {list(turned)} in [imu]",
-        with_imu(rotation_rpy_deg=turned) if shows_turning else None,
-        {"imu.rotation_rpy_deg": list(turned)},
+    mounting = imu_mounting.estimate_mounting(log) if tilt > ANOTHER_MOUNTING else None
+    if mounting is None:
+        angles = rounded_angles(_turn_upright(up) @ robot.imu_rotation)
+    else:
+        angles = rounded_angles(rpy_to_matrix(*np.radians(mounting.rotation_rpy_deg)))
+    roll, pitch, _ = np.radians(angles)
+    is_upright = abs(np.cos(roll) * np.cos(pitch)) >= LEAST_UPRIGHT
+    can_correct = robot.imu.gyro_axes == "xyz" or is_upright
+    upside_down = " (upside down)" if tilt > 180.0 - ANOTHER_MOUNTING else ""
+    yield check.contradicted(
+        f"gravity shows the IMU {tilt:.1f} deg off its mounting in the file{upside_down}",
+        f"rotation_rpy_deg = {list(angles)} in [imu]",
+        with_imu(rotation_rpy_deg=angles) if can_correct else None,
+        {"imu.rotation_rpy_deg": list(angles)},
     )
 
 
 def _tilt_by_turning(tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats, robot: Robot) -> float:
     """Largest apparent tilt by the mean centripetal force of turning [deg]."""
+    # `rate` (n,) is the yaw rate [rad/s]. The force is that of the IMU's lever arm and of driving bends.
     forward, left, _ = robot.imu.position
     force = float(np.mean(rate**2)) * (math.hypot(forward, left) + LEVER)
     if imu_mounting.are_usable(tracks):
@@ -151,9 +152,9 @@ def _tilt_by_turning(tracks: TrackSpeedSeries, imu: ImuSeries, rate: Floats, rob
 
 
 def _turn_upright(up: Floats) -> Floats:
-    """Smallest rotation (3, 3) of a unit vector onto the z axis."""
+    """Smallest rotation (3, 3) of a unit vector onto the z axis (Rodrigues)."""
     x, y, z = up
-    if z < -1.0 + 1e-9:
+    if z < -1.0 + 1e-9:  # opposite: any horizontal axis does
         return np.diag([1.0, -1.0, -1.0])
     cross = np.array([[0.0, 0.0, -x], [0.0, 0.0, -y], [x, y, 0.0]])
     return np.asarray(np.eye(3) + cross + cross @ cross / (1.0 + z))
@@ -165,28 +166,27 @@ def check_forward(log: Log, robot: Robot) -> Iterator[Check]:
         return
     vertical, force = in_base(log.imu, robot)
     speeds = log.tracks.speeds
-    drives = np.abs(speeds.mean(axis=1)).mean() > LEAST_DRIVING * np.abs(speeds).mean()
-    if force is None or not drives:
+    is_driving = np.abs(speeds.mean(axis=1)).mean() > LEAST_DRIVING * np.abs(speeds).mean()
+    if force is None or not is_driving:
         return
-    yaw = imu_mounting.forward_yaw(
-        log.tracks, log.imu.stamps, np.nan_to_num(force[:, :2]), vertical
-    )
+    horizontal = np.nan_to_num(force[:, :2])
+    yaw = imu_mounting.forward_yaw(log.tracks, log.imu.stamps, horizontal, vertical)
     if yaw is None:
         return
     in_log = f"{yaw:+.0f} deg about the vertical" if yaw else "as the tracks accelerate"
     in_file, measured = angles_text(robot.imu.rotation_rpy_deg), Measured(yaw, "deg", 0.0)
-    found = Check(FORWARD, in_file, in_log, measured=measured)
+    check = Check(FORWARD, in_file, in_log, measured=measured)
     if yaw == 0.0:
-        yield found
+        yield check
         return
     about_z = rpy_to_matrix(0.0, 0.0, math.radians(yaw))
-    turned = rounded_angles(about_z @ robot.imu_rotation)
-    yield found.contradicted(
+    angles = rounded_angles(about_z @ robot.imu_rotation)
+    yield check.contradicted(
         f"the IMU is mounted {yaw:+.0f} deg about the vertical from what the file says, by its "
         "accelerations",
-        f"rotation_rpy_deg = {list(turned)} in [imu]",
-        with_imu(rotation_rpy_deg=turned),
-        {"imu.rotation_rpy_deg": list(turned)},
+        f"rotation_rpy_deg = {list(angles)} in [imu]",
+        with_imu(rotation_rpy_deg=angles),
+        {"imu.rotation_rpy_deg": list(angles)},
     )
 
 
@@ -194,27 +194,28 @@ def check_bias(log: Log, robot: Robot) -> Iterator[Check]:
     """Bias of the gyro at standstill, or else by truth or tracks."""
     if log.imu is None:
         return
-    found = gyro_bias(log, in_base(log.imu, robot)[0], robot.imu.gyro_noise_density)
-    if found is None:
+    vertical, _ = in_base(log.imu, robot)
+    bias = gyro_bias(log, vertical, robot.imu.gyro_noise_density)
+    if bias is None:
         return
-    bias, stated = found.value, robot.imu.gyro_bias
-    where = "at standstill" if found.source == "standstill" else f"by the {found.source}"
-    error = "" if found.source == "standstill" else f" ± {found.sigma:.4f}"
-    in_file = f"{stated:+.5f} ± {robot.imu.gyro_bias_sigma:g} rad/s"
-    measured = Measured(bias, "rad/s", stated, found.sigma)
-    check = Check("gyro bias", in_file, f"{bias:+.5f}{error} rad/s {where}", measured=measured)
-    sigma = robot.imu.gyro_bias_sigma
-    if found.source != "standstill":
+    stated, sigma = robot.imu.gyro_bias, robot.imu.gyro_bias_sigma
+    in_file = f"{stated:+.5f} ± {sigma:g} rad/s"
+    if bias.source == "standstill":
+        in_log = f"{bias.value:+.5f} rad/s at standstill"
+    else:
+        in_log = f"{bias.value:+.5f} ± {bias.sigma:.4f} rad/s by the {bias.source}"
         # Without a standstill no filter learns a bias soon.
         sigma = min(sigma, STANDING_BIAS_SIGMA)
-    if not found.differs(stated, sigma):
+    measured = Measured(bias.value, "rad/s", stated, bias.sigma)
+    check = Check("gyro bias", in_file, in_log, measured=measured)
+    if not bias.differs(stated, sigma):
         yield check
         return
     yield check.contradicted(
-        f"the gyro has a bias of {bias:+.5f}{error} rad/s {where}, the file has {in_file}",
-        f"gyro_bias = {bias:.5f} in [imu], or a larger gyro_bias_sigma",
-        with_imu(gyro_bias=min(1.0, max(-1.0, bias))),
-        {"imu.gyro_bias": round(bias, 5)},
+        f"the gyro has a bias of {in_log}, the file has {in_file}",
+        f"gyro_bias = {bias.value:.5f} in [imu], or a larger gyro_bias_sigma",
+        with_imu(gyro_bias=min(1.0, max(-1.0, bias.value))),
+        {"imu.gyro_bias": round(bias.value, 5)},
     )
 
 
@@ -222,19 +223,19 @@ def check_noise(log: Log, robot: Robot) -> Iterator[Check]:
     """Noise of the gyro at standstill."""
     if log.imu is None or len(log.imu.stamps) < 2 or not imu_mounting.are_usable(log.tracks):
         return
-    still = imu_mounting.standstill(log.tracks, log.imu.stamps)
+    is_still = imu_mounting.standstill(log.tracks, log.imu.stamps)
     step = float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
-    is_long = float(still.sum()) * step >= imu_mounting.ENOUGH_STILL
-    if not is_long or (still[1:] & still[:-1]).sum() < FEWEST_STILL:
+    is_long = float(is_still.sum()) * step >= imu_mounting.ENOUGH_STILL
+    if not is_long or (is_still[1:] & is_still[:-1]).sum() < FEWEST_STILL:
         return
-    noise = imu_mounting.density(in_base(log.imu, robot)[0], still, step)
-    stated = robot.imu.gyro_noise_density
+    vertical, _ = in_base(log.imu, robot)
+    noise, stated = imu_mounting.density(vertical, is_still, step), robot.imu.gyro_noise_density
     in_file, in_log = f"{stated:.2g} rad/s/√Hz", f"{noise:.2g} rad/s/√Hz at standstill"
-    found = Check("gyro noise", in_file, in_log, measured=Measured(noise, "rad/s/√Hz", stated))
+    check = Check("gyro noise", in_file, in_log, measured=Measured(noise, "rad/s/√Hz", stated))
     if noise <= OTHER_NOISE * stated:
-        yield found
+        yield check
         return
-    yield found.contradicted(
+    yield check.contradicted(
         f"at standstill the gyro shakes {noise / stated:.0f} times as much as the file says",
         f"gyro_noise_density = {noise:.2g} in [imu] (the filter measures noise, too)",
         with_imu(gyro_noise_density=noise),

@@ -22,8 +22,7 @@ STREAMS = {
     "heading": "a heading",
     "truth": "a ground truth",
 }
-# Factor of the scale up to which the wheels can be the right ones [-].
-SLIGHT = 1.2
+SLIGHT = 1.2  # factor of the scale up to which the wheels can be the right ones [-]
 # In this order: each needs what those before it have corrected.
 CHECKS = (
     imu_checks.check_presence,
@@ -53,24 +52,27 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
 
 
 def far_centre(robot: Robot) -> list[str]:
-    """Note on a turning centre that is beyond the contact of the tracks."""
-    zeta0, half = robot.indices.zeta0, robot.vehicle.half_contact_length
-    if abs(zeta0) <= half:
+    """Note on a turning centre that is beyond the contact of the tracks, or nothing."""
+    zeta0, half_length = robot.indices.zeta0, robot.vehicle.half_contact_length
+    if abs(zeta0) <= half_length:
         return []
-    return [
-        f"zeta0 = {zeta0:.2f} m is beyond half_contact_length = {half:g} m: is [imu] position right?"
-    ]
+    limit = f"half_contact_length = {half_length:g} m"
+    return [f"zeta0 = {zeta0:.2f} m is beyond {limit}: is [imu] position right?"]
 
 
 def with_corrected(log: Log, robot: Robot, checks: Sequence[Check]) -> tuple[Log, Robot]:
     """Correct log and robot by all contradictions that have a correction."""
-    wrong = [one for one in checks if one.problem and one.correction is not None]
+    wrong = [check for check in checks if check.problem and check.correction is not None]
     log, robot = corrected(log, robot, wrong)
-    return log, changed_robot(robot, {key: to for one in wrong for key, to in one.settings.items()})
+    settings: dict[str, float | list[float]] = {}
+    for check in wrong:
+        settings |= check.settings
+    return log, changed_robot(robot, settings)
 
 
 def is_of_another(checks: Sequence[Check]) -> bool:
-    """True if two of IMU mounting, scale and effective track are contradicted."""
+    """True if two of IMU mounting, scale and effective track contradict the file."""
+    # The log is then rather of another robot than the file is wrong.
     wrong = [check for check in checks if check.problem and check.correction is not None]
     names = {check.name for check in wrong if check.name != SCALE or not _is_slight(check)}
     groups = ({MOUNTING, FORWARD}, {SCALE}, {TRACK})
@@ -83,10 +85,10 @@ def _is_slight(scale: Check) -> bool:
 
 
 def topics_left_out(guessed: TopicMap, robot: Robot) -> list[str]:
-    """Report streams of a bag that a robot file leaves out."""
+    """Report streams of a bag, by its guessed topics, that a robot file leaves out."""
     mapping = topic_map(robot, robot.name)
     return [
-        left_out(use, there.topic, stream)
-        for stream, use in STREAMS.items()
-        if (there := getattr(guessed, stream)) is not None and getattr(mapping, stream) is None
+        left_out(description, getattr(guessed, stream).topic, stream)
+        for stream, description in STREAMS.items()
+        if getattr(guessed, stream) is not None and getattr(mapping, stream) is None
     ]

@@ -28,17 +28,11 @@ from icreckon.replay.inspection.latency import truth_lag, without_lag
 from icreckon.replay.reading.read_log import read_log
 
 ROS_FIRST_WORDS = "# Settings for ROS"
-# Variance of motion that the wheels do not measure [m²/s², rad²/s²].
-UNMEASURED = 1e3
-# Windows in which odometry is compared with a truth [s].
-WINDOW = 1.0
+UNMEASURED = 1e3  # variance of motion that the wheels do not measure [m²/s², rad²/s²]
+WINDOW = 1.0  # windows in which odometry is compared with a truth [s]
 # Error of v_x and w without anything to compare with, as a share of their usual size [-].
 SHARE_FORWARD, SHARE_TURNING = 0.03, 0.2
-# Mass that a robot file must have, and these settings do not use [kg].
-ANY_MASS = 50.0
-
-Estimate = tuple[float, float | None]
-"""Estimate and its standard error, None if unknown."""
+ANY_MASS = 50.0  # mass that a robot file must have, and these settings do not use [kg]
 
 
 class TwistErrors(NamedTuple):
@@ -75,7 +69,7 @@ def ros_settings(
             f"# The robot file contradicts the log in: {', '.join(corrected)}. These are by the log."
         )
     if any(len(log.tracks.stamps) for log in logs):
-        lines += _controller_lines(logs, robot, source=source, proposed=proposed)
+        lines += _controller_lines(logs, robot, source, proposed)
     imu = next((log.imu for log in logs if log.imu is not None and len(log.imu.stamps) > 1), None)
     if imu is not None:
         lines += _imu_lines(imu, robot)
@@ -98,74 +92,79 @@ def proposed_ros_settings(
             "settings for ROS need the effective radius, which this log does not show: fill in "
             "sprocket_radius in the proposed robot file, then icreckon check --ros"
         )
-    without_gauge = math.isnan(vehicle["track_gauge"])
-    of_controller = tables.get("log", {}).get("tracks", {}).get("gauge", 1.0)
-    for key, value in (("mass", ANY_MASS), ("track_gauge", of_controller)):
-        if math.isnan(vehicle[key]):
-            vehicle[key] = value
+    has_no_gauge = math.isnan(vehicle["track_gauge"])
+    if has_no_gauge:
+        # The gauge by which the controller computed its twist, or 1 m.
+        vehicle["track_gauge"] = tables.get("log", {}).get("tracks", {}).get("gauge", 1.0)
+    if math.isnan(vehicle["mass"]):
+        vehicle["mass"] = ANY_MASS
     robot = make_robot(name, **tables)
     log = read_log(list(paths), robot, definitions=definitions)
-    return ros_settings([log], robot, proposed=without_gauge or has_stand_in_gauge(proposed))
+    return ros_settings([log], robot, proposed=has_no_gauge or has_stand_in_gauge(proposed))
 
 
 def twist_errors(logs: Sequence[Log], robot: Robot) -> TwistErrors:
     """Estimate errors of wheel odometry with the effective track of a robot."""
-    track = check.effective_track(robot)
+    # Without a gyro or a truth they are usual shares of the speeds.
     speeds = np.concatenate([log.tracks.speeds for log in logs] + [np.zeros((1, 2))])
-    usual = np.sqrt(np.mean(speeds**2, axis=0))
-    forward, forward_by = SHARE_FORWARD * float(usual.mean()), ""
-    turned = (speeds[:, 1] - speeds[:, 0]) / track
-    turning, turning_by = SHARE_TURNING * float(np.sqrt(np.mean(turned**2))), ""
-    off = np.concatenate([_turning_errors(log, robot) for log in logs])
-    if len(off):
-        turning, turning_by = float(np.sqrt(np.mean(off**2))), "against the gyro"
-    found = np.concatenate([_forward_errors(log, robot) for log in logs])
-    if len(found):
-        forward, forward_by = float(np.sqrt(np.mean(found**2))), "against the truth"
+    rates = (speeds[:, 1] - speeds[:, 0]) / check.effective_track(robot)
+    forward = SHARE_FORWARD * float(np.sqrt(np.mean(speeds**2, axis=0)).mean())
+    turning, forward_by, turning_by = SHARE_TURNING * float(np.sqrt(np.mean(rates**2))), "", ""
+    turning_errors = np.concatenate([_turning_errors(log, robot) for log in logs])
+    if len(turning_errors):
+        turning, turning_by = float(np.sqrt(np.mean(turning_errors**2))), "against the gyro"
+    forward_errors = np.concatenate([_forward_errors(log, robot) for log in logs])
+    if len(forward_errors):
+        forward, forward_by = float(np.sqrt(np.mean(forward_errors**2))), "against the truth"
     return TwistErrors(forward, forward_by, turning, turning_by)
 
 
 def _turning_errors(log: Log, robot: Robot) -> Floats:
-    """Errors (n,) of the yaw rate about their mean while tracks move, by the gyro."""
+    """Errors (n,) of the yaw rate while tracks move, by the gyro [rad/s]."""
     if log.imu is None or not are_usable(log.tracks):
         return np.zeros(0)
-    left, right = (np.interp(log.imu.stamps, log.tracks.stamps, one) for one in log.tracks.speeds.T)
-    size = np.abs(log.tracks.speeds).max(axis=1)
-    moving = np.interp(log.imu.stamps, log.tracks.stamps, size) > 0.0
-    off = ((right - left) / check.effective_track(robot) - check.in_base(log.imu, robot)[0])[moving]
-    return np.asarray(off - off.mean() if len(off) else off)
+    stamps, known, speeds = log.imu.stamps, log.tracks.stamps, log.tracks.speeds
+    left, right = (np.interp(stamps, known, side) for side in speeds.T)
+    is_moving = np.interp(stamps, known, np.abs(speeds).max(axis=1)) > 0.0
+    vertical, _ = check.in_base(log.imu, robot)
+    errors = ((right - left) / check.effective_track(robot) - vertical)[is_moving]
+    # The mean is mostly the gyro's bias.
+    return np.asarray(errors - errors.mean() if len(errors) else errors)
 
 
 def _forward_errors(log: Log, robot: Robot) -> Floats:
-    """Errors (n,) of the mean forward speed in windows, against a truth [m/s]."""
+    """Errors (n,) of mean forward speeds in windows, by a truth [m/s]."""
     truth = log.truth
     if truth is None or not truth.headings or log.imu is None or not are_usable(log.tracks):
         return np.zeros(0)
-    late = truth_lag(truth, log.tracks, log.imu, check.in_base(log.imu, robot)[0])
-    if isinstance(late, Lag) and truth.twists is None:
-        truth = replace(truth, poses=without_lag(truth.poses, late))
+    vertical, _ = check.in_base(log.imu, robot)
+    lag = truth_lag(truth, log.tracks, log.imu, vertical)
+    if isinstance(lag, Lag) and truth.twists is None:
+        truth = replace(truth, poses=without_lag(truth.poses, lag))
     motion = check.true_motion(log, truth, WINDOW)
     if motion is None:
         return np.zeros(0)
     edges, moved = motion
+    forward, left, turned = moved.T
     seconds = np.diff(edges) * NANOSECOND
-    true_speed = np.hypot(moved[:, 0], moved[:, 1]) * np.sign(moved[:, 0]) / seconds
-    true_speed /= np.sinc(moved[:, 2] / (2.0 * math.pi))
-    stamps = (log.tracks.stamps - log.tracks.stamps[0]) * NANOSECOND
+    # The truth shows chords: the arc of this turning is longer by 1 / sinc.
+    true_speed = np.hypot(forward, left) * np.sign(forward) / seconds
+    true_speed /= np.sinc(turned / (2.0 * math.pi))
+    times = (log.tracks.stamps - log.tracks.stamps[0]) * NANOSECOND
     mean = log.tracks.speeds.mean(axis=1)
-    way = np.concatenate([[0.0], np.cumsum(np.diff(stamps) * mean[:-1])])
-    at = np.interp((edges - log.tracks.stamps[0]) * NANOSECOND, stamps, way)
-    speed = np.diff(at) / seconds
-    driving = np.abs(speed) > 0.1 * np.abs(speed).max()
-    return np.asarray((speed - true_speed)[driving])
+    distance = np.concatenate([[0.0], np.cumsum(np.diff(times) * mean[:-1])])
+    edge_times = (edges - log.tracks.stamps[0]) * NANOSECOND
+    speed = np.diff(np.interp(edge_times, times, distance)) / seconds
+    is_driving = np.abs(speed) > 0.1 * np.abs(speed).max()
+    return np.asarray((speed - true_speed)[is_driving])
 
 
-def _controller_lines(
-    logs: Sequence[Log], robot: Robot, *, source: str, proposed: bool
-) -> list[str]:
+def _controller_lines(logs: Sequence[Log], robot: Robot, source: str, proposed: bool) -> list[str]:
     """Parameters of the controller, and the latency of its speeds."""
     errors, difference = twist_errors(logs, robot), robot.tracks.difference
+    # v_x, v_y, v_z and the rates about x, y, z.
     twist = [errors.forward**2, *[UNMEASURED] * 4, errors.turning**2]
+    by_default = "by default, with nothing to compare with"
     lines = [
         "# ros2_controllers, diff_drive_controller: merge into its parameters.",
         "diff_drive_controller:",
@@ -174,8 +173,8 @@ def _controller_lines(
         *_radius_lines(logs, robot),
         f"    left_wheel_radius_multiplier: {1.0 - 0.5 * difference:.4f}",
         f"    right_wheel_radius_multiplier: {1.0 + 0.5 * difference:.4f}",
-        f"    # v_x: {errors.forward:.2g} m/s {_by(errors.forward_by)}; "
-        f"w: {errors.turning:.2g} rad/s {_by(errors.turning_by)}",
+        f"    # v_x: {errors.forward:.2g} m/s {errors.forward_by or by_default}; "
+        f"w: {errors.turning:.2g} rad/s {errors.turning_by or by_default}",
         f"    twist_covariance_diagonal: {_numbers(twist)}",
         "# robot_localization: fuse v_x and v_yaw of this odometry (not its pose) and v_yaw of the IMU.",
     ]
@@ -189,10 +188,11 @@ def _controller_lines(
 
 
 def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
+    """Covariances for the driver of the IMU, and the transform of its mounting."""
     imu = robot.imu
     step = float(np.median(np.diff(samples.stamps))) * NANOSECOND
-    rate = imu.gyro_noise_density**2 / step
-    force = imu.accelerometer_noise_density**2 / step
+    rate_variance = imu.gyro_noise_density**2 / step
+    force_variance = imu.accelerometer_noise_density**2 / step
     x, y, z = imu.position
     roll, pitch, yaw = np.radians(imu.rotation_rpy_deg)
     return [
@@ -200,8 +200,8 @@ def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
         f"{imu.gyro_bias:.2g} ± {imu.gyro_bias_sigma:.2g} rad/s, and no covariance.",
         "imu_driver:  # the name of your IMU's driver, which may name these otherwise",
         "  ros__parameters:",
-        f"    angular_velocity_covariance_diagonal: {_numbers([rate] * 3)}",
-        f"    linear_acceleration_covariance_diagonal: {_numbers([force] * 3)}",
+        f"    angular_velocity_covariance_diagonal: {_numbers([rate_variance] * 3)}",
+        f"    linear_acceleration_covariance_diagonal: {_numbers([force_variance] * 3)}",
         "# ros2 run tf2_ros static_transform_publisher --frame-id base_link --child-frame-id imu_link "
         f"--x {_metres(x)} --y {_metres(y)} --z {_metres(z)} "
         f"--roll {roll:.5f} --pitch {pitch:.5f} --yaw {yaw:.5f}",
@@ -209,19 +209,17 @@ def _imu_lines(samples: ImuSeries, robot: Robot) -> list[str]:
 
 
 def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
-    """Wheel separation and its multiplier.
-
-    The multiplier is that of the logs where they contradict the robot.
-    """
+    """Wheel separation and its multiplier."""
+    # The multiplier is that of the logs where they contradict the robot.
     gauge, multiplier = robot.vehicle.track_gauge, robot.constant_indices.eta0
-    seen = _multipliers(logs, robot)
-    comment = f"{source}; {_not_seen(logs)}"
-    if seen:
-        shown, ratio = _shown(logs, "gyro", seen), float(np.mean([one for one, _ in seen]))
-        comment = f"{source}; {shown}"
-        if is_other_track(ratio / multiplier):
-            comment = f"{shown}, which contradicts {multiplier:.4g} {source}"
-            multiplier = ratio
+    measured = _measured_multipliers(logs, robot)
+    comment = f"{source}; {_unknown(logs)}"
+    if measured:
+        evidence, mean = _evidence(logs, measured), float(np.mean([one.value for one in measured]))
+        comment = f"{source}; {evidence}"
+        if is_other_track(mean / multiplier):
+            comment = f"{evidence}, which contradicts {multiplier:.4g} {source}"
+            multiplier = mean
     if check.from_twist(robot):
         comment += "; times that of the controller which made this odometry"
     return [
@@ -233,81 +231,69 @@ def _separation(logs: Sequence[Log], robot: Robot, source: str) -> list[str]:
 
 def _proposed_separation(logs: Sequence[Log], robot: Robot) -> list[str]:
     """Effective wheel separation of logs, where nobody has measured the gauge."""
-    seen = _multipliers(logs, robot)
-    if not seen:
-        return [f"    # wheel_separation and its multiplier: {_not_seen(logs)}."]
+    measured = _measured_multipliers(logs, robot)
+    if not measured:
+        return [f"    # wheel_separation and its multiplier: {_unknown(logs)}."]
+    first = measured[0]
     if check.from_twist(robot):
+        which = "this log" if len(logs) == 1 else "these logs"
         return [
             "    # wheel_separation_multiplier: that of the controller which made this odometry, times "
-            f"{seen[0][0]:.4g}{_error(seen[0][1])}, {_shown(logs, 'gyro', [])}"
+            f"{first.value:.4g}{first.error}, by the gyro of {which}"
         ]
-    track, sigma = _times(seen[0], robot.vehicle.track_gauge)
+    track = first.times(robot.vehicle.track_gauge)
+    remark = f"m, effective{track.error}, by the gyro of this log"
     return [
-        f"    wheel_separation: {_number(track)}  # m, effective{_error(sigma)}, by the gyro of this log",
+        f"    wheel_separation: {_number(track.value)}  # {remark}",
         "    wheel_separation_multiplier: 1.0",
         "    # With the separation between the centrelines: the effective one over that.",
     ]
 
 
-def _multipliers(logs: Sequence[Log], robot: Robot) -> list[Estimate]:
+def _measured_multipliers(logs: Sequence[Log], robot: Robot) -> list[check.Estimate]:
     """Effective track over the gauge, of each log that shows it."""
-    found = [check.measured_track(log, robot) for log in logs]
-    return [_times(one, 1.0 / robot.vehicle.track_gauge) for one in found if one is not None]
+    tracks = [check.measured_track(log, robot) for log in logs]
+    return [track.times(1.0 / robot.vehicle.track_gauge) for track in tracks if track is not None]
 
 
 def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
-    """Effective radius, unless the track speeds are no rates."""
-    if not check.in_rates_of(robot):
+    """Effective radius, by file and logs; nothing if track speeds are no rates."""
+    if not check.has_track_rates(robot):
         return []
     radius = robot.vehicle.sprocket_radius
-    scales = [check.measured_scale(log, robot, bends=True) for log in logs]
-    found = [one for one in scales if one is not None]
-    comment = _not_seen(logs)
-    if found:
-        seen = [_times((ratio, sigma), radius) for ratio, sigma, _ in found]
-        comment = _shown(logs, found[0][2], seen)
+    scales = [check.measured_scale(log, robot, with_bends=True) for log in logs]
+    measured = [scale.times(radius) for scale in scales if scale is not None]
+    comment = _evidence(logs, measured) if measured else _unknown(logs)
     return [f"    wheel_radius: {_number(radius)}  # m, effective: {comment}"]
 
 
-def _times(one: Estimate, factor: float) -> Estimate:
-    return one[0] * factor, None if one[1] is None else one[1] * factor
+def _evidence(logs: Sequence[Log], estimates: Sequence[check.Estimate]) -> str:
+    """Comment on the estimates of a quantity by the logs, with the first one's source."""
+    values = ", ".join(f"{one.value:.4g}{one.error}" for one in estimates)
+    which = "this log" if len(logs) == 1 else "these logs"
+    return f"by the {estimates[0].source} of {which} {values}"
 
 
-def _shown(logs: Sequence[Log], by: str, values: Sequence[Estimate]) -> str:
-    """Text of estimates of one quantity, one for each log."""
-    shown = ", ".join(f"{value:.4g}{_error(sigma)}" for value, sigma in values)
-    return f"by the {by} of {'this log' if len(logs) == 1 else 'these logs'} {shown}".rstrip()
-
-
-def _not_seen(logs: Sequence[Log]) -> str:
+def _unknown(logs: Sequence[Log]) -> str:
+    """Comment on a quantity that no log shows."""
     return "this log does not show it" if len(logs) == 1 else "these logs do not show it"
 
 
-def _error(sigma: float | None) -> str:
-    return "" if sigma is None else f" ± {sigma:.2g}"
-
-
-def _by(source: str) -> str:
-    return source or "by default, with nothing to compare with"
-
-
 def _numbers(values: list[float]) -> str:
+    """List of YAML, to three digits."""
     return f"[{', '.join(_number(value, 3) for value in values)}]"
 
 
 def _number(value: float, digits: int = 4) -> str:
-    """Float of YAML: always with a point.
-
-    YAML 1.1 takes 1e3 for a text.
-    """
-    text = np.format_float_positional(value, digits, fractional=False, trim="0", unique=False)
-    return str(text)
+    """Float to significant digits, with a point: to YAML 1.1, 1e3 is a text."""
+    return str(np.format_float_positional(value, digits, fractional=False, trim="0", unique=False))
 
 
 def _metres(value: float) -> str:
-    """Length to the millimetre."""
+    """Length to the millimetre, without -0.0."""
     return f"{round(value, 3) + 0.0:g}"
 
 
 def _word(name: str) -> str:
+    """Name in one line, so that it does not end a comment."""
     return " ".join(name.split())

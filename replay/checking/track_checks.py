@@ -20,10 +20,11 @@ from icreckon.replay.checking.check import (
     SIGMAS,
     TRACK,
     Check,
+    Estimate,
     Measured,
     effective_track,
+    has_track_rates,
     in_base,
-    in_rates_of,
     mapped_tracks,
     measured_scale,
     measured_track,
@@ -32,7 +33,7 @@ from icreckon.replay.checking.check import (
     with_speeds,
 )
 from icreckon.replay.inspection import imu_mounting
-from icreckon.replay.inspection.latency import objection, track_latency
+from icreckon.replay.inspection.latency import objection, track_latency, without_lag
 from icreckon.replay.inspection.wheels import DEGREES, jackknifed, turning_suspicion
 from icreckon.replay.mapping.topics import TrackTopic
 
@@ -46,9 +47,11 @@ LEAST_LATENCY = 0.07
 # Least error of the scale by the accelerometer that is reported [-]: suspensions squat.
 SCALE_BY_FORCE = 0.35
 # Usual errors of a scale, as true over assumed.
-USUAL_ERRORS = (
+RADIUS_ERRORS = (
     (0.5, "is the radius a diameter?"),
     (2.0, "is the radius half of what it should be?"),
+)
+UNIT_ERRORS = (
     (0.001, "is a length or a speed in mm?"),
     (0.01, "is a length or a speed in cm?"),
     (1000.0, "is the truth in mm?"),
@@ -59,13 +62,11 @@ USUAL_ERRORS = (
     (math.pi / 30.0, "are the rates in rpm?"),
     (math.pi / 180.0, "are the rates in deg/s?"),
 )
-OF_COUNTS = "is counts_per_turn off by that (lines or edges, gears), or the radius a diameter?"
-# Windows in which driving backward is looked for [s].
-BACKWARD_WINDOW = 0.5
-# Largest relative distance from a usual error [-].
-USUAL_ERROR = 0.05
-# Scales that are a matter of units at all [-].
-PLAUSIBLE = (3e-4, 3e3)
+COUNT_QUESTION = "is counts_per_turn off by that (lines or edges, gears), or the radius a diameter?"
+COUNT_ERRORS = tuple((size, COUNT_QUESTION) for size in (0.25, 0.5, 2.0, 4.0))
+BACKWARD_WINDOW = 0.5  # windows in which driving backward is looked for [s]
+USUAL_ERROR = 0.05  # largest relative distance from a usual error [-]
+PLAUSIBLE = (3e-4, 3e3)  # scales that are a matter of units at all [-]
 # Fewest samples of a gyro that reads one value, and turning of the tracks that a gyro must show [rad/s].
 FEWEST, CLEARLY_TURNS = 20, 0.05
 
@@ -74,9 +75,9 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    vertical, force = in_base(log.imu, robot)
-    turning = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
-    if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and turning > CLEARLY_TURNS:
+    vertical, _ = in_base(log.imu, robot)
+    track_rate = float(np.ptp(log.tracks.speeds, axis=1).mean()) / effective_track(robot)
+    if len(vertical) > FEWEST and np.ptp(vertical) == 0.0 and track_rate > CLEARLY_TURNS:
         yield Check(
             "gyro",
             "shows turns",
@@ -86,29 +87,17 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         )
         return
     correlation = imu_mounting.turning_correlation(log.tracks, log.imu, vertical)
-    shown = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
-    found = Check("sense of turning", "left is positive", shown)
+    in_log = "nothing turns" if correlation is None else f"correlation {correlation:.2f}"
+    check = Check("sense of turning", "left is positive", in_log)
     if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
-        found = replace(found, in_log=shown if correlation is None else f"{shown}: unclear")
-        tracks = mapped_tracks(robot)
-        if isinstance(tracks, TrackTopic) and not tracks.left:
-            gauge = tracks.gauge or robot.vehicle.track_gauge
-            if off := turning_suspicion(log, vertical, gauge):
-                remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
-                found = found.contradicted(off[0], remedy)
-        elif (reversed_side := _reversed_side(log.tracks, log.imu, vertical)) is not None:
-            side, signs = reversed_side
-            found = found.contradicted(
-                f"the {side} side counts backward: the robot turns as the sum of both sides",
-                f'a minus before the names of {side} in [{tracks_table(robot)}], as "-motor"',
-                with_speeds(lambda speeds: speeds * signs),
-            )
-        yield found
+        in_log += "" if correlation is None else ": unclear"
+        yield _unclear_turning(log, log.imu, robot, replace(check, in_log=in_log), vertical)
         return
-    turned = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
-    difference = float(turned.std()) / effective_track(robot)
-    ratio = float(vertical.std()) / difference if difference else 0.0
-    if DEGREES[0] < ratio < DEGREES[1]:
+    difference = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
+    spread = float(difference.std()) / effective_track(robot)
+    ratio = float(vertical.std()) / spread if spread else 0.0
+    lowest, highest = DEGREES
+    if lowest < ratio < highest:
         yield Check(
             "unit of the gyro",
             "rad/s",
@@ -118,34 +107,58 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
             _in_radians,
             Measured(ratio, "-", 1.0),
         )
-    found = replace(found, measured=Measured(correlation, "-", 1.0))
-    backward = _drives_backward(log)
-    if correlation > 0.0 and not backward:
-        yield found
-        return
+    check = replace(check, measured=Measured(correlation, "-", 1.0))
+    yield _clear_turning(log, log.imu, robot, check, turns_alike=correlation > 0.0)
+
+
+def _clear_turning(
+    log: Log, imu: ImuSeries, robot: Robot, check: Check, *, turns_alike: bool
+) -> Check:
+    """Check of tracks that turn as the gyro, or opposite: swapped, or reversed?"""
+    vertical, force = in_base(imu, robot)
+    is_backward = _drives_backward(log)  # None without a truth
+    by_imu = is_backward is None and _accelerates_backward(log.tracks, imu, vertical, force)
+    if turns_alike and not is_backward:
+        return check
     minus = 'with a minus before each name, as "-motor"'
     table = tracks_table(robot)
     exchange = f"exchange left and right in [{table}]"
     if "right_topic" in robot.log.get("tracks", {}):
         exchange = "exchange topic and right_topic in [log.tracks]"
-    if correlation > 0.0:
+    if turns_alike:
         text = "the tracks drive backward where the truth drives forward, and turn as the gyro does"
         remedy = f"{exchange}, {minus}"
         correction = with_speeds(lambda speeds: -speeds[:, ::-1])
-    elif backward or (
-        backward is None and _accelerates_backward(log.tracks, log.imu, vertical, force)
-    ):
+    elif is_backward or by_imu:
         text = "both tracks count backward: they turn the other way than the gyro"
         remedy = f"left and right in [{table}] {minus}"
         correction = with_speeds(lambda speeds: -speeds)
-        if backward is None:
+        if by_imu:
             text += " and accelerate the other way than the IMU"
             remedy += " (or left and right are swapped, and the IMU is turned by 180 deg)"
     else:
         text = "left and right are swapped: the tracks turn the other way than the gyro"
         remedy = f"{exchange} (or the gyro's z axis points down)"
         correction = with_speeds(lambda speeds: speeds[:, ::-1].copy())
-    yield found.contradicted(text, remedy, correction)
+    return check.contradicted(text, remedy, correction)
+
+
+def _unclear_turning(log: Log, imu: ImuSeries, robot: Robot, check: Check, rate: Floats) -> Check:
+    """Check of tracks without a clear correlation: wrong gauge, or a side reversed?"""
+    tracks = mapped_tracks(robot)
+    if isinstance(tracks, TrackTopic) and not tracks.left:
+        suspicion = turning_suspicion(log, rate, tracks.gauge or robot.vehicle.track_gauge)
+        remedy = "gauge in [log.tracks], which is that of its controller, or its yaw rate"
+        return check.contradicted(suspicion[0], remedy) if suspicion else check
+    reversed_side = _reversed_side(log.tracks, imu, rate)
+    if reversed_side is None:
+        return check
+    side, signs = reversed_side
+    return check.contradicted(
+        f"the {side} side counts backward: the robot turns as the sum of both sides",
+        f'a minus before the names of {side} in [{tracks_table(robot)}], as "-motor"',
+        with_speeds(lambda speeds: speeds * signs),
+    )
 
 
 def _reversed_side(
@@ -154,10 +167,11 @@ def _reversed_side(
     """Side that counts backward, and the signs (2,) that correct it; None if unclear."""
     signs = np.array([1.0, -1.0])
     mirrored = TrackSpeedSeries(tracks.stamps, tracks.speeds * signs)
-    by_sum = imu_mounting.turning_correlation(mirrored, imu, vertical)
-    if by_sum is None or abs(by_sum) < imu_mounting.CLEAR_TURNING:
+    correlation = imu_mounting.turning_correlation(mirrored, imu, vertical)
+    if correlation is None or abs(correlation) < imu_mounting.CLEAR_TURNING:
         return None
-    return ("right", signs) if by_sum > 0.0 else ("left", -signs)
+    # V_r - V_l of the mirrored speeds is -(V_r + V_l).
+    return ("right", signs) if correlation > 0.0 else ("left", -signs)
 
 
 def _accelerates_backward(
@@ -178,18 +192,18 @@ def _drives_backward(log: Log) -> bool | None:
     motion = true_motion(log, truth, BACKWARD_WINDOW)
     if motion is None:
         return None
-    edges, ahead = motion[0], motion[1][:, 0]
-    speed = np.interp(
-        0.5 * (edges[1:] + edges[:-1]), log.tracks.stamps, log.tracks.speeds.mean(axis=1)
-    )
+    edges, moved = motion
+    ahead, middles = moved[:, 0], 0.5 * (edges[1:] + edges[:-1])
+    speed = np.interp(middles, log.tracks.stamps, log.tracks.speeds.mean(axis=1))
     size = float(np.linalg.norm(ahead) * np.linalg.norm(speed))
     if size == 0.0:
         return None
-    agreement = float(ahead @ speed) / size
+    agreement = float(ahead @ speed) / size  # from -1 to 1, as of a correlation about zero
     return agreement < 0.0 if abs(agreement) > imu_mounting.CLEAR_TURNING else None
 
 
 def _in_radians(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    """Correction of a gyro in deg/s."""
     assert log.imu is not None  # noqa: S101 - checked by the caller
     rates = np.radians(log.imu.angular_velocity)
     return replace(log, imu=replace(log.imu, angular_velocity=rates)), robot
@@ -199,33 +213,33 @@ def check_latency(log: Log, robot: Robot) -> Iterator[Check]:
     """Latency of the track speeds against the gyro, beyond that of the file."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    late = track_latency(log.tracks, log.imu, in_base(log.imu, robot)[0])
-    if not isinstance(late, Lag):
-        yield Check(LATENCY, "", f"not seen: {late.reason}")
+    vertical, _ = in_base(log.imu, robot)
+    lag = track_latency(log.tracks, log.imu, vertical)
+    if not isinstance(lag, Lag):
+        yield Check(LATENCY, "", f"not seen: {lag.reason}")
         return
-    mapped = mapped_tracks(robot)
-    of_file = 0.0 if mapped is None else mapped.latency
-    stated = f"{of_file:g} s"
-    measured = Measured(of_file + late.seconds, "s", of_file, late.sigma)
-    shown = f"{of_file + late.seconds:.3f} ± {late.sigma:.3f} s after the gyro"
-    found = Check(LATENCY, stated, shown, measured=measured)
-    if objection(late) or abs(late.seconds) <= max(LEAST_LATENCY, SIGMAS * late.sigma):
-        if abs(late.seconds) > SIGMAS * late.sigma:
-            found = replace(found, in_log=f"{shown}; counts from {LEAST_LATENCY:g} s on")
-        yield found
+    tracks = mapped_tracks(robot)
+    # `read_log` has subtracted the latency of the file from the stamps.
+    stated = 0.0 if tracks is None else tracks.latency
+    latency = stated + lag.seconds
+    in_log = f"{latency:.3f} ± {lag.sigma:.3f} s after the gyro"
+    measured = Measured(latency, "s", stated, lag.sigma)
+    check = Check(LATENCY, f"{stated:g} s", in_log, measured=measured)
+    if objection(lag) or abs(lag.seconds) <= max(LEAST_LATENCY, SIGMAS * lag.sigma):
+        if abs(lag.seconds) > SIGMAS * lag.sigma:
+            check = replace(check, in_log=f"{in_log}; counts from {LEAST_LATENCY:g} s on")
+        yield check
         return
-    by = late.seconds
-    word = "late" if by > 0.0 else "early"
 
-    def shifted(log: Log, robot: Robot) -> tuple[Log, Robot]:
-        stamps = log.tracks.stamps - round(by / NANOSECOND)
-        return replace(log, tracks=TrackSpeedSeries(stamps, log.tracks.speeds)), robot
+    def correction(log: Log, robot: Robot) -> tuple[Log, Robot]:
+        return replace(log, tracks=without_lag(log.tracks, lag)), robot
 
-    yield found.contradicted(
-        f"track speeds are stamped {abs(by):.2f} s {word} against the gyro, ± {late.sigma:.3f} s",
-        f"add {by:+.2f} to latency in [{tracks_table(robot)}]",
-        shifted,
-        {f"{tracks_table(robot)}.latency": round(of_file + by, 2)},
+    size = f"{abs(lag.seconds):.2f} s {'late' if lag.seconds > 0.0 else 'early'}"
+    yield check.contradicted(
+        f"track speeds are stamped {size} against the gyro, ± {lag.sigma:.3f} s",
+        f"add {lag.seconds:+.2f} to latency in [{tracks_table(robot)}]",
+        correction,
+        {f"{tracks_table(robot)}.latency": round(latency, 2)},
     )
 
 
@@ -233,29 +247,31 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
     """Scale of the track speeds, by truth, fixes or the accelerometer."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    least, seen = LEAST_SCALE, measured_scale(log, robot)
-    if seen is None:
-        least, seen = LEAST_IN_BENDS, measured_scale(log, robot, bends=True)
-    if seen is not None:
-        ratio, sigma, source = seen
-    elif (by_force := _scale_by_force(log.tracks, log.imu, robot)) is not None:
-        ratio, sigma, source, least = *by_force, "accelerometer", SCALE_BY_FORCE
+    least, scale = LEAST_SCALE, measured_scale(log, robot)
+    if scale is None:
+        least, scale = LEAST_IN_BENDS, measured_scale(log, robot, with_bends=True)
+    if scale is not None:
+        least = max(least, SIGMAS * robot.tracks.scale_sigma)
     else:
+        least, scale = SCALE_BY_FORCE, _scale_by_force(log.tracks, log.imu, robot)
+    if scale is None:
         yield Check(SCALE, "1", "not seen: no truth, no fixes")
         return
-    if source != "accelerometer":
-        least = max(least, SIGMAS * robot.tracks.scale_sigma)
+    ratio, sigma, source = scale
     error = "" if sigma is None else f" ± {sigma:.3f}"
-    shown = f"{ratio:.3f}{error}, {source} over tracks"
+    in_log = f"{ratio:.3f}{error}, {source} over tracks"
     if sigma is None:
-        shown += " (too few straight stretches to tell its error)"
-    table, name, of_file = "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
-    if not in_rates_of(robot) and (tracks := mapped_tracks(robot)) is not None:
-        table, name, of_file = tracks_table(robot), "scale", tracks.scale
-    value = float(f"{ratio * of_file:.4g}")
-    found = Check(SCALE, "1", shown, measured=Measured(ratio, "-", 1.0, sigma))
-    if not PLAUSIBLE[0] < ratio < PLAUSIBLE[1]:
-        yield found.contradicted(
+        in_log += " (too few straight stretches to tell its error)"
+    # Rates are corrected by the radius, speeds by their scale.
+    table, name, stated = "vehicle", "sprocket_radius", robot.vehicle.sprocket_radius
+    tracks = mapped_tracks(robot)
+    if tracks is not None and not has_track_rates(robot):
+        table, name, stated = tracks_table(robot), "scale", tracks.scale
+    value = float(f"{ratio * stated:.4g}")
+    check = Check(SCALE, "1", in_log, measured=Measured(ratio, "-", 1.0, sigma))
+    smallest, largest = PLAUSIBLE
+    if not smallest < ratio < largest:
+        yield check.contradicted(
             f"the {source} moves {ratio:.3g} times as far as the tracks: one of them shows no motion, or "
             "they are in units that nobody uses",
             "look at both; a receiver without a fix may repeat one position",
@@ -263,16 +279,15 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
         return
     if abs(ratio - 1.0) <= max(least, SIGMAS * (sigma or 0.0)) and 0.5 < ratio < 2.0:
         if abs(ratio - 1.0) > LEAST_SCALE:
-            shown += f"; counts from {least:.0%} on, {name} = {value:.3g} would fit"
-        yield replace(found, in_log=shown)
+            in_log += f"; counts from {least:.0%} on, {name} = {value:.3g} would fit"
+        yield replace(check, in_log=in_log)
         return
-    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{_guess(ratio, robot)}"
+    guess = _guess(ratio, robot)
+    text = f"the {source} moves {ratio:.3g}{error} times as far as the tracks{guess}"
     if source == "accelerometer":
-        text = (
-            f"accelerations are {ratio:.3g}{error} times the changes of the track speeds (suspensions "
-            "explain 1.2)"
-        )
-    yield found.contradicted(
+        text = f"accelerations are {ratio:.3g}{error} times the changes of the track speeds"
+        text += " (suspensions explain 1.2)"
+    yield check.contradicted(
         text,
         f"{name} = {value:g} in [{table}]",
         with_speeds(lambda speeds: ratio * speeds),
@@ -281,25 +296,23 @@ def check_scale(log: Log, robot: Robot) -> Iterator[Check]:
 
 
 def _guess(ratio: float, robot: Robot) -> str:
-    """Question after the usual error next to a scale, true over assumed."""
-    radius = robot.vehicle.sprocket_radius
-    of_radius = (
-        (1.0 / radius, "are they m/s, read as rates in rad/s?")
-        if in_rates_of(robot)
-        else (radius, "are they rates in rad/s, read as m/s?")
-    )
-    usual, tracks = [*USUAL_ERRORS, of_radius], mapped_tracks(robot)
+    """Question whether a usual error explains a scale, true over assumed; else empty."""
+    radius, tracks = robot.vehicle.sprocket_radius, mapped_tracks(robot)
+    if has_track_rates(robot):
+        by_radius = (1.0 / radius, "are they m/s, read as rates in rad/s?")
+    else:
+        by_radius = (radius, "are they rates in rad/s, read as m/s?")
+    usual_errors = [*RADIUS_ERRORS, *UNIT_ERRORS, by_radius]
     if tracks is not None and tracks.unit == "counts":
-        usual[:2] = [(size, OF_COUNTS) for size in (0.25, 0.5, 2.0, 4.0)]
-    off, question = min((abs(math.log(ratio / size)), text) for size, text in usual)
-    return f": {question}" if off < USUAL_ERROR else ""
+        usual_errors = [*COUNT_ERRORS, *UNIT_ERRORS, by_radius]
+    distance, question = min((abs(math.log(ratio / size)), text) for size, text in usual_errors)
+    return f": {question}" if distance < USUAL_ERROR else ""
 
 
-def _scale_by_force(
-    tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot
-) -> tuple[float, float] | None:
-    """Scale by forward acceleration over the change of track speed, and its error."""
-    stamps, force = imu.stamps, in_base(imu, robot)[1]
+def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> Estimate | None:
+    """Forward acceleration over the change of track speed [-]; None if unclear."""
+    # Both are means over successive intervals of `imu_mounting.SMOOTHING`.
+    stamps, (_, force) = imu.stamps, in_base(imu, robot)
     if force is None:
         return None
     step = float(np.median(np.diff(stamps))) * NANOSECOND
@@ -308,21 +321,22 @@ def _scale_by_force(
     if count < 20 * BLOCKS:
         return None
     speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
-    edges = speed[: count * width + 1 : width]
-    change = np.diff(edges) / (np.diff(stamps[: count * width + 1 : width]) * NANOSECOND)
+    edges = slice(0, count * width + 1, width)
+    acceleration = np.diff(speed[edges]) / (np.diff(stamps[edges]) * NANOSECOND)
     forward = force[: count * width, 0].reshape(count, width).mean(axis=1)
-    fine = np.isfinite(forward)
+    is_known = np.isfinite(forward)
     # Differences of neighbours: slopes and bias change slowly.
-    change, forward = np.diff(change[fine]), np.diff(forward[fine])
+    change, forward = np.diff(acceleration[is_known]), np.diff(forward[is_known])
 
-    def slope(where: NDArray[np.int_]) -> float:
-        x, y = change[where], forward[where]
+    def slope(rows: NDArray[np.int_]) -> float:
+        x, y = change[rows], forward[rows]
         return float(x @ y / (x @ x))
 
     if not change.any():
         return None
     ratio, sigma = jackknifed(slope, len(change))
-    return (ratio, sigma) if ratio > 0.0 and sigma < 0.1 * ratio else None
+    is_clear = ratio > 0.0 and sigma < 0.1 * ratio
+    return Estimate(ratio, sigma, "accelerometer") if is_clear else None
 
 
 def is_other_track(ratio: float) -> bool:
@@ -334,18 +348,16 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
     """Effective track, by gyro and tracks."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):
         return
-    found = measured_track(log, robot)
-    in_file = effective_track(robot)
-    if found is None:
-        yield Check(
-            TRACK, f"{in_file:.2f} m", "not seen: tracks and gyro turn too little, or not alike"
-        )
+    estimate, stated = measured_track(log, robot), effective_track(robot)
+    in_file = f"{stated:.2f} m"
+    if estimate is None:
+        yield Check(TRACK, in_file, "not seen: tracks and gyro turn too little, or not alike")
         return
-    track, sigma = found
-    ratio = track / in_file
+    track, sigma = estimate.value, estimate.sigma
+    ratio = track / stated
     error = "" if sigma is None else f" ± {sigma:.1g}"
-    shown = f"{track:.2f}{error} m by the gyro, {ratio:.2f} times"
-    check = Check(TRACK, f"{in_file:.2f} m", shown, measured=Measured(track, "m", in_file, sigma))
+    in_log = f"{track:.2f}{error} m by the gyro, {ratio:.2f} times"
+    check = Check(TRACK, in_file, in_log, measured=Measured(track, "m", stated, sigma))
     gauge = robot.vehicle.track_gauge
     if not is_other_track(ratio) and track > 0.9 * gauge:
         yield check
@@ -359,36 +371,34 @@ def check_track(log: Log, robot: Robot) -> Iterator[Check]:
             lambda log, robot: (log, _with_track(robot, track, 1.0)),
         )
         return
-    keys, also = _keys_of_track(robot, round(eta0, 2)), ""
+    settings, icr_remedy = _track_settings(robot, round(eta0, 2)), ""
     if robot.constant_icr is not None:
-        left, right = keys["constant_icr.x_ICRl"], keys["constant_icr.x_ICRr"]
-        also = f" and x_ICRl = {left}, x_ICRr = {right} in [constant_icr]"
+        left, right = settings["constant_icr.x_ICRl"], settings["constant_icr.x_ICRr"]
+        icr_remedy = f" and x_ICRl = {left}, x_ICRr = {right} in [constant_icr]"
     yield check.contradicted(
         f"the effective track is {track:.2f} m by the gyro, {ratio:.2f} times that of the file: wheel "
         f"odometry turns {ratio:.2f} times as far as the robot",
-        f"eta0 = {eta0:.2f} in [indices]{also}, or calibrate; where sprocket_radius is "
+        f"eta0 = {eta0:.2f} in [indices]{icr_remedy}, or calibrate; where sprocket_radius is "
         "wrong, this is, too",
         lambda log, robot: (log, _with_track(robot, gauge, eta0)),
-        keys,
+        settings,
     )
 
 
-def _keys_of_track(robot: Robot, eta0: float) -> dict[str, float | list[float]]:
-    """Keys of a robot file that state the effective track, for a new one."""
-    keys: dict[str, float | list[float]] = {"indices.eta0": eta0}
+def _track_settings(robot: Robot, eta0: float) -> dict[str, float | list[float]]:
+    """Settings of a robot file, by dotted key, for the effective track of an eta0."""
+    settings: dict[str, float | list[float]] = {"indices.eta0": eta0}
     icr = robot.constant_icr
     if icr is not None:
         middle, half = 0.5 * (icr.x_ICRl + icr.x_ICRr), 0.5 * eta0 * robot.vehicle.track_gauge
-        keys["constant_icr.x_ICRl"] = round(middle - half, 4)
-        keys["constant_icr.x_ICRr"] = round(middle + half, 4)
-        keys["constant_icr.y_ICR"] = icr.y_ICR
-    return keys
+        settings["constant_icr.x_ICRl"] = round(middle - half, 4)
+        settings["constant_icr.x_ICRr"] = round(middle + half, 4)
+        settings["constant_icr.y_ICR"] = icr.y_ICR
+    return settings
 
 
 def _with_track(robot: Robot, gauge: float, eta0: float) -> Robot:
-    return structs.replace(
-        robot,
-        vehicle=structs.replace(robot.vehicle, track_gauge=gauge),
-        indices=structs.replace(robot.indices, eta0=eta0),
-        constant_icr=None,
-    )
+    """Robot with the effective track gauge * eta0, which constant ICRs would overrule."""
+    vehicle = structs.replace(robot.vehicle, track_gauge=gauge)
+    indices = structs.replace(robot.indices, eta0=eta0)
+    return structs.replace(robot, vehicle=vehicle, indices=indices, constant_icr=None)

@@ -18,10 +18,8 @@ from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.live.manoeuvres import missing_manoeuvres
 
 VARIANT = "inertia-online"
-# Horizons of the drift, the first that fits the log [s].
-HORIZONS = (30.0, 10.0)
-# Smallest cost that counts [% of the distance].
-LEAST_COST = 0.05
+HORIZONS = (30.0, 10.0)  # horizons of the drift, the first that fits the log [s]
+LEAST_COST = 0.05  # smallest cost that counts [% of the distance]
 
 
 @dataclass(frozen=True)
@@ -55,30 +53,34 @@ def worth_of(
     log = replace(log, fixes=None)
     wrong = [check for check in checks if check.problem]
     count = 2 + len(wrong)
-    horizon = next((span for span in HORIZONS if log.duration > 2.0 * span), HORIZONS[-1])
+    fitting = [span for span in HORIZONS if log.duration > 2.0 * span]
+    horizon = fitting[0] if fitting else HORIZONS[-1]
     run, truth = _run(*corrected(log, robot, wrong))
-    best = run.trajectory.pose_series
-    reference = best if truth is None else truth
-    drift_of_best = drift(best, reference, horizon).percent_mean
+    best_path = run.trajectory.pose_series
+    reference = best_path if truth is None else truth
+    best_drift = drift(best_path, reference, horizon).percent_mean
     report(1 / count)
 
-    def drift_with(errors_corrected: Sequence[Check]) -> float:
+    def drift_with(corrections: Sequence[Check]) -> float:
+        """Drift with some checks corrected [%]; the truth is aligned with each run."""
         try:
-            other, own_truth = _run(*corrected(log, robot, errors_corrected))
+            run, truth = _run(*corrected(log, robot, corrections))
         except ReplayError:
             return float("nan")
-        path = other.trajectory.pose_series
-        return drift(path, reference if own_truth is None else own_truth, horizon).percent_mean
+        path = run.trajectory.pose_series
+        return drift(path, reference if truth is None else truth, horizon).percent_mean
 
-    as_it_is, costs = drift_with([]) if wrong else drift_of_best, []
+    as_it_is, costs = drift_with([]) if wrong else best_drift, []
     for index, check in enumerate(wrong):
         report((2 + index) / count)
         others = [other for other in wrong if other is not check]
-        uncorrected = drift_with(others) if others and check.correction else as_it_is
-        costs.append(uncorrected - drift_of_best if check.correction else float("nan"))
+        if check.correction is None:
+            costs.append(float("nan"))
+        else:
+            costs.append((drift_with(others) if others else as_it_is) - best_drift)
     report(1.0)
     missing = missing_manoeuvres(run.state_names, run.state_sigmas[-1])
-    corrected_drift = drift_of_best if truth is not None else np.nan
+    corrected_drift = best_drift if truth is not None else np.nan
     return Worth(horizon, as_it_is, corrected_drift, tuple(costs), tuple(missing))
 
 
@@ -96,6 +98,7 @@ def judged(
     worth, notes = worth_of(log, robot, checks, progress), []
     wrong, judged_checks = [check for check in checks if check.problem], list(checks)
     for check, cost in zip(wrong, worth.costs, strict=True):
+        # A negative cost: the correction increases the drift.
         if check.name == LATENCY and log.truth is not None and cost < -LEAST_COST:
             notes.append(
                 f"{check.problem}; but with that set {VARIANT} drifts {-cost:.1f} points more after "

@@ -23,112 +23,113 @@ from icreckon.replay.base.diagnostic_status import (
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 # Interval of the messages, and the window before each over which innovations are averaged [s].
-INTERVAL = 1.0
-WINDOW = 10.0
-# Fewest innovations in the window from which a large mean NIS is reported as WARN.
-ENOUGH = 5
+INTERVAL, WINDOW = 1.0, 10.0
+ENOUGH = 5  # fewest innovations in the window from which a large mean NIS is reported as WARN
 
 
-class _Sensor(NamedTuple):
-    """One component of a sensor at the times of the messages, (m,) each."""
+class _Innovations(NamedTuple):
+    """Innovations of a sensor's component in the window before each message, (m,)."""
 
     name: str  # name of the component
     newest: Floats  # latest normalised innovation, NaN if there is none in the window
-    mean_square: Floats  # mean square of the normalised innovations in the window, NaN likewise
-    counted: Floats  # number of innovations in the window
+    mean_square: Floats  # mean square of the normalised innovations (mean NIS), NaN likewise
+    number: Floats  # number of innovations
 
 
 def diagnostics(runs: Mapping[str, Run], hardware: str) -> Outbox:
     """Make the diagnostics of filtered runs, one message per second."""
-    begin = min(int(one.stamps[0]) for one in runs.values())
-    end = max(int(one.stamps[-1]) for one in runs.values())
-    known = np.unique(np.concatenate([one.stamps for one in runs.values()]))
-    stamps = np.append(even_grid(begin, end, int(INTERVAL * NANOSECONDS), known), end)
-    sensors = {name: _sensors(one, stamps) for name, one in runs.items()}
+    # Each has the estimates' uncertainty and the innovations; the last one also has counts of the whole
+    # runs. `runs` are by variant; `hardware` is the id of the robot in the messages.
+    begin = min(int(run.stamps[0]) for run in runs.values())
+    end = max(int(run.stamps[-1]) for run in runs.values())
+    all_stamps = np.unique(np.concatenate([run.stamps for run in runs.values()]))
+    stamps = np.append(even_grid(begin, end, int(INTERVAL * NANOSECONDS), all_stamps), end)
+    innovations = {name: _innovations_before(run, stamps) for name, run in runs.items()}
+    # Newest row of each run at each message, the first one before there is any.
     rows = {
-        name: np.maximum(np.searchsorted(one.stamps, stamps, side="right") - 1, 0)
-        for name, one in runs.items()
+        name: np.maximum(np.searchsorted(run.stamps, stamps, side="right") - 1, 0)
+        for name, run in runs.items()
     }
 
     def make(messages: Messages, i: int) -> Any:
         statuses = []
-        for name, one in runs.items():
-            row, moved = int(rows[name][i]), one.trajectory
-            covariance, twist = moved.pose_covariances[row], moved.twists[row]
+        for name, run in runs.items():
+            row, trajectory = int(rows[name][i]), run.trajectory
+            covariance, twist = trajectory.pose_covariances[row], trajectory.twists[row]
             statuses.append(estimate_status(f"{name}: estimate", covariance, twist))
-            statuses += [_innovation(name, sensor, i) for sensor in sensors[name]]
+            statuses += [_innovation_status(name, sensor, i) for sensor in innovations[name]]
             if i == len(stamps) - 1:
-                statuses.append(_counts(name, one))
-        return messages.new(
-            DIAGNOSTICS,
-            header=messages.header(stamps[i], ""),
-            status=[_message(messages, status, hardware) for status in statuses],
-        )
+                statuses.append(_count_status(name, run))
+        status = [_status_message(messages, one, hardware) for one in statuses]
+        return messages.new(DIAGNOSTICS, header=messages.header(stamps[i], ""), status=status)
 
     return Outbox(DIAGNOSTICS_TOPIC, DIAGNOSTICS, stamps, make)
 
 
-def _sensors(one: Run, stamps: Stamps) -> list[_Sensor]:
-    last = np.searchsorted(one.stamps, stamps, side="right")
-    first = np.searchsorted(one.stamps, stamps - int(WINDOW * NANOSECONDS), side="right")
-    found = []
-    for name, column in zip(one.innovation_names, one.innovations.T, strict=True):
-        there = np.isfinite(column)
-        squares = np.where(there, column, 0.0).astype(float) ** 2
-        counts = np.concatenate([[0], np.cumsum(there)])
+def _innovations_before(run: Run, stamps: Stamps) -> list[_Innovations]:
+    """Innovations of each component of the sensors, in the window before each stamp."""
+    # A window has the rows from `first` to below `end`.
+    end = np.searchsorted(run.stamps, stamps, side="right")
+    first = np.searchsorted(run.stamps, stamps - int(WINDOW * NANOSECONDS), side="right")
+    components = []
+    for name, values in zip(run.innovation_names, run.innovations.T, strict=True):
+        is_known = np.isfinite(values)
+        squares = np.where(is_known, values, 0.0).astype(float) ** 2
+        # Counts and sums of all rows before a row: differences of them are those of a window.
+        counts = np.concatenate([[0], np.cumsum(is_known)])
         sums = np.concatenate([[0.0], np.cumsum(squares)])
-        count = counts[last] - counts[first]
-        newest = np.concatenate(
-            [[-1], np.maximum.accumulate(np.where(there, np.arange(len(there)), -1))]
-        )
-        some = count > 0
-        values = np.where(some, column[newest[last]], np.nan)
-        mean = np.where(some, (sums[last] - sums[first]) / np.maximum(count, 1), np.nan)
-        found.append(_Sensor(name, values, mean, count))
-    return found
+        # Row of the newest innovation before each row, -1 if there is none.
+        newest_rows = np.maximum.accumulate(np.where(is_known, np.arange(len(is_known)), -1))
+        newest = values[np.concatenate([[-1], newest_rows])[end]]
+        count = counts[end] - counts[first]
+        mean = (sums[end] - sums[first]) / np.maximum(count, 1)
+        newest, mean = (np.where(count > 0, column, np.nan) for column in (newest, mean))
+        components.append(_Innovations(name, newest, mean, count))
+    return components
 
 
-def _innovation(variant: str, sensor: _Sensor, i: int) -> DiagnosticStatus:
-    name, count = f"{variant}: {sensor.name}", int(sensor.counted[i])
+def _innovation_status(variant: str, sensor: _Innovations, i: int) -> DiagnosticStatus:
+    """Status of a component of a sensor in the i-th message."""
+    name, count = f"{variant}: {sensor.name}", int(sensor.number[i])
     if not count:
         return DiagnosticStatus(STALE, name, f"none in {WINDOW:.0f} s", {})
     newest, mean = float(sensor.newest[i]), float(sensor.mean_square[i])
-    large = count >= ENOUGH and mean > LARGE_NIS
+    is_large = count >= ENOUGH and mean > LARGE_NIS
     values = {
         "normalised_innovation": f"{newest:.3f}",
         f"nis_mean_{WINDOW:.0f}s": f"{mean:.3f}",
         f"count_{WINDOW:.0f}s": str(count),
     }
     text = f"NIS {mean:.2f} over {WINDOW:.0f} s (ideal 1)"
-    return DiagnosticStatus(WARN if large else OK, name, text, values)
+    return DiagnosticStatus(WARN if is_large else OK, name, text, values)
 
 
-def _counts(variant: str, one: Run) -> DiagnosticStatus:
-    """Counts of used and rejected measurements of the whole run, for its last message."""
-    values = {f"{name}: used": str(sensor.used) for name, sensor in one.health.sensors.items()}
-    values |= {f"{what}, rejected": str(count) for what, count in one.health.rejections().items()}
-    values["standstill updates"] = str(one.health.standstill_updates)
-    values["gaps in the track speeds"] = str(one.health.track_gaps)
-    values |= {f"{fault}: times found": str(count) for fault, count in one.health.times.items()}
-    for name, noise in one.health.noise.items():
+def _count_status(variant: str, run: Run) -> DiagnosticStatus:
+    """Counts of measurements, updates and faults, and noise, of the whole run."""
+    health = run.health
+    values = {f"{name}: used": str(sensor.used) for name, sensor in health.sensors.items()}
+    values |= {f"{name}, rejected": str(count) for name, count in health.rejections().items()}
+    values["standstill updates"] = str(health.standstill_updates)
+    values["gaps in the track speeds"] = str(health.track_gaps)
+    values |= {f"{fault}: times found": str(count) for fault, count in health.times.items()}
+    for name, noise in health.noise.items():
         if noise.measured is not None:
-            values[f"{name}: noise over that of the robot file"] = (
-                f"{noise.measured / noise.of_file:.2g}"
-            )
-    if one.health.wander is not None:
-        values["wander of the fixes"] = one.health.wander.text
-    seconds = (one.stamps[-1] - one.stamps[0]) * NANOSECOND
+            ratio = f"{noise.measured / noise.of_file:.2g}"
+            values[f"{name}: noise over that of the robot file"] = ratio
+    if health.wander is not None:
+        values["wander of the fixes"] = health.wander.text
+    seconds = (run.stamps[-1] - run.stamps[0]) * NANOSECOND
     return DiagnosticStatus(OK, f"{variant}: counts", f"of all {seconds:.0f} s", values)
 
 
-def _message(messages: Messages, status: DiagnosticStatus, hardware: str) -> Any:
+def _status_message(messages: Messages, status: DiagnosticStatus, hardware: str) -> Any:
+    """Make a diagnostic_msgs/DiagnosticStatus."""
+    pairs = [messages.new(KEY_VALUE, key=key, value=value) for key, value in status.values.items()]
     return messages.new(
         STATUS,
         level=status.level,
         name=status.name,
         message=status.message,
         hardware_id=hardware,
-        values=[
-            messages.new(KEY_VALUE, key=key, value=value) for key, value in status.values.items()
-        ],
+        values=pairs,
     )

@@ -31,25 +31,28 @@ TIMES_SUFFIX = ".times"
 def write_exports(
     folder: Path, comparison: Comparison, robot: Robot, formats: Sequence[str] = DEFAULT_FORMATS
 ) -> None:
-    """Write a comparison's trajectories in some formats; arguments as `write_report`."""
+    """Write the trajectories of all runs and the truth, in formats of `FORMATS`.
+
+    TUM and KITTI files have no heights if the truth has none: programs that compare them would take each
+    height for an error.
+    """
     truth, start = comparison.log.truth, comparison.log.start
-    paths: dict[str, PoseSeries] = {
-        name: one.trajectory.pose_series for name, one in comparison.runs.items()
-    }
+    paths = {name: run.trajectory.pose_series for name, run in comparison.runs.items()}
     if truth is not None:
         paths[TRUTH] = truth.poses
         if truth.poses.spatial is None:
-            # Programs that compare both would take each height for an error.
             paths = {name: replace(poses, spatial=None) for name, poses in paths.items()}
     for name, poses in paths.items():
         if "tum" in formats:
             write_tum(folder / f"{name}.tum", poses)
         if "kitti" in formats:
             write_kitti(folder / f"{name}.kitti", poses)
-    tables: tuple[Format, ...] = ("csv", "parquet")
-    for form in (kind for kind in tables if kind in formats):
-        for name, one in comparison.runs.items():
-            write_table(folder / f"{name}.{form}", form, run_columns(one, robot, start))
+    table_formats: tuple[Format, ...] = ("csv", "parquet")
+    for form in table_formats:
+        if form not in formats:
+            continue
+        for name, run in comparison.runs.items():
+            write_table(folder / f"{name}.{form}", form, run_columns(run, robot, start))
         if truth is not None:
             write_table(folder / f"{TRUTH}.{form}", form, pose_columns(truth.poses, start))
     if "mcap" in formats:
@@ -63,17 +66,15 @@ def write_exports(
 def write_tum(path: Path, poses: PoseSeries) -> Path:
     """Write poses as a TUM file, 9 decimals each; the stamps are exact.
 
-    Returns:
-        The path.
-
     Raises:
         ReplayError: the file exists, or cannot be written.
     """
     rows = zip(map(int, poses.stamps), poses.positions, poses.quaternions, strict=True)
     with new_file(path) as new, new.open("w", encoding="ascii", newline="\n") as file:
         # One row at a time: lists of all rows would take three times the memory of the poses.
-        for stamp, place, quaternion in rows:
-            numbers = " ".join(f"{value + 0.0:.9f}" for value in (*place, *quaternion))
+        for stamp, position, quaternion in rows:
+            # The sum turns -0.0 into 0.0.
+            numbers = " ".join(f"{value + 0.0:.9f}" for value in (*position, *quaternion))
             file.write(f"{_seconds(stamp)} {numbers}\n")
     return path
 
@@ -85,24 +86,23 @@ def write_kitti(path: Path, poses: PoseSeries) -> Path:
     have no times. They go to the same path with the suffix `.times`, one a line, in seconds with 9
     decimals.
 
-    Returns:
-        The path.
-
     Raises:
         ReplayError: a file exists, or cannot be written.
     """
     from scipy.spatial.transform import Rotation
 
-    turns = Rotation.from_quat(poses.quaternions).as_matrix()
-    rows = np.concatenate([turns, poses.positions[:, :, None]], axis=2).reshape(-1, 12)
+    rotations = Rotation.from_quat(poses.quaternions).as_matrix()
+    rows = np.concatenate([rotations, poses.positions[:, :, None]], axis=2).reshape(-1, 12)
+    # The sum turns -0.0 into 0.0.
     matrices = (" ".join(f"{value + 0.0:.9f}" for value in row) for row in rows.tolist())
     times = (_seconds(stamp) for stamp in poses.stamps.tolist())
-    for place, lines in ((path, matrices), (path.with_suffix(TIMES_SUFFIX), times)):
-        with new_file(place) as new, new.open("w", encoding="ascii", newline="\n") as file:
+    for file_path, lines in ((path, matrices), (path.with_suffix(TIMES_SUFFIX), times)):
+        with new_file(file_path) as new, new.open("w", encoding="ascii", newline="\n") as file:
             file.writelines(f"{line}\n" for line in lines)
     return path
 
 
 def _seconds(stamp: int) -> str:
-    whole, rest = divmod(abs(stamp), NANOSECONDS)
-    return f"{'-' if stamp < 0 else ''}{whole}.{rest:09d}"
+    """Format a stamp [ns] in seconds, exactly: a float would round it."""
+    seconds, nanoseconds = divmod(abs(stamp), NANOSECONDS)
+    return f"{'-' if stamp < 0 else ''}{seconds}.{nanoseconds:09d}"

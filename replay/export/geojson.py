@@ -15,10 +15,8 @@ from icreckon.replay.export.formats import check_formats
 from icreckon.replay.export.replay_bag import thinned
 from icreckon.replay.mapping.geodesy import Origin, degrees
 
-# Highest rate of the points of a path [Hz].
-RATE = 5.0
-# Decimals of degrees: a millimetre.
-DECIMALS, HEIGHT_DECIMALS = 8, 3
+RATE = 5.0  # highest rate of the points of a path [Hz]
+DECIMALS, HEIGHT_DECIMALS = 8, 3  # decimals of degrees and of metres: about a millimetre
 
 
 def write_geojson(path: Path, comparison: Comparison) -> Path:
@@ -28,9 +26,6 @@ def write_geojson(path: Path, comparison: Comparison) -> Path:
     fixes are a MultiPoint. Coordinates are longitude and latitude [deg], WGS 84, and the height [m] of
     paths in three dimensions.
 
-    Returns:
-        The path.
-
     Raises:
         ReplayError: the log has no origin, the file exists, or it cannot be written.
     """
@@ -39,25 +34,26 @@ def write_geojson(path: Path, comparison: Comparison) -> Path:
     origin = log.origin
     assert origin is not None  # noqa: S101 - checked above
     features = [
-        _line(name, one.trajectory.pose_series, origin, colour_of(name))
-        for name, one in comparison.runs.items()
+        _line_feature(name, run.trajectory.pose_series, origin, colour_of(name))
+        for name, run in comparison.runs.items()
     ]
     if log.truth is not None:
-        features.append(_line("ground_truth", log.truth.poses, origin, TRUTH_COLOUR))
+        features.append(_line_feature("ground_truth", log.truth.poses, origin, TRUTH_COLOUR))
     if log.fixes is not None and len(log.fixes.stamps):
         points = _coordinates(log.fixes.poses[:, :2], origin)
-        features.append(
-            _feature("MultiPoint", points, name="fixes", **{"marker-color": FIX_COLOUR})
-        )
+        colour = {"marker-color": FIX_COLOUR}
+        features.append(_feature("MultiPoint", points, name="fixes", **colour))
     text = json.dumps({"type": "FeatureCollection", "features": features}, allow_nan=False)
     return write_text(path, text + "\n")
 
 
-def _line(name: str, series: PoseSeries, origin: Origin, colour: str) -> dict[str, Any]:
+def _line_feature(name: str, series: PoseSeries, origin: Origin, colour: str) -> dict[str, Any]:
+    """Path as a LineString of at most `RATE` points a second."""
     rows = thinned(series.stamps, RATE)
     points = _coordinates(series.poses[rows, :2], origin)
     if series.spatial is not None:
-        heights = np.round(origin[2] + series.spatial[rows, 0], HEIGHT_DECIMALS).tolist()
+        _latitude, _longitude, altitude = origin
+        heights = np.round(altitude + series.spatial[rows, 0], HEIGHT_DECIMALS).tolist()
         points = [[*point, height] for point, height in zip(points, heights, strict=True)]
     if len(points) == 1:
         points *= 2  # a LineString has two positions or more
@@ -65,11 +61,14 @@ def _line(name: str, series: PoseSeries, origin: Origin, colour: str) -> dict[st
     return _feature("LineString", points, name=name, **times, stroke=colour)
 
 
-def _coordinates(places: Floats, origin: Origin) -> list[list[float]]:
-    found: list[list[float]] = np.round(degrees(places, origin)[:, ::-1], DECIMALS).tolist()
-    return found
+def _coordinates(positions: Floats, origin: Origin) -> list[list[float]]:
+    """Longitude and latitude [deg], as GeoJSON has them, of positions (n, 2) [m]."""
+    latitudes, longitudes = degrees(positions, origin).T
+    points: list[list[float]] = np.round([longitudes, latitudes], DECIMALS).T.tolist()
+    return points
 
 
 def _feature(kind: str, points: list[list[float]], **properties: Any) -> dict[str, Any]:
+    """GeoJSON feature with a geometry of a kind, such as "LineString"."""
     geometry = {"type": kind, "coordinates": points}
     return {"type": "Feature", "properties": properties, "geometry": geometry}

@@ -46,6 +46,7 @@ def write_log(
 
     Streams without a mapping, or with one that cannot be written, go to
     `icreckon.replay.mapping.topics.DEFAULT_TOPICS`. The bag then holds its own mapping for reading it.
+    The result is the path of the bag.
 
     `read_log` with the same robot restores the log: stamps exactly, track speeds up to the rounding of
     sprocket_radius, yaw up to that of the quaternion.
@@ -58,28 +59,19 @@ def write_log(
         robot: the robot, for its topic mapping, joint names and sprocket radius.
         overwrite: whether an existing bag may be replaced.
 
-    Returns:
-        The path of the bag.
-
     Raises:
         ReplayError: a bad mapping, stamps that ROS cannot hold, the path exists, or the file system
             refuses.
     """
-    own = topic_map(robot, f"robot {robot.name!r}")
-    topics = _with_antenna(writable_topics(own), log)
+    robot_topics = topic_map(robot, f"robot {robot.name!r}")
+    topics = _with_antenna(writable_topics(robot_topics), log)
     outboxes = _log_outboxes(log, topics, robot.vehicle.sprocket_radius)
-    if topics != own:
-        outboxes.append(_mapping(log, topics))
+    if topics != robot_topics:
+        outboxes.append(_mapping_message(log, topics))
     return write_bag(Path(path), format, outboxes, overwrite=overwrite)
 
 
-def check_place(
-    path: Path,
-    format: Format,  # noqa: A002
-    robot: Robot,
-    *,
-    overwrite: bool = False,
-) -> None:
+def check_place(path: Path, format: Format, robot: Robot, *, overwrite: bool = False) -> None:  # noqa: A002
     """Check the arguments of `write_log` before a long run.
 
     Raises:
@@ -90,72 +82,69 @@ def check_place(
 
 
 def _with_antenna(topics: TopicMap, log: Log) -> TopicMap:
-    """Mapping whose fixes are those of the log's antenna.
-
-    Raises:
-        ReplayError: the log has fixes of several antennas.
-    """
+    """Mapping with the position of the one antenna that all fixes of the log are of."""
     if log.fixes is None or topics.fixes is None or not len(log.fixes.stamps):
         return topics
-    places = np.unique(log.fixes.lever_arms, axis=0).tolist()
-    if len(places) > 1:
-        raise ReplayError(
-            f"{log.name}: fixes of antennas at {places} m; a bag holds fixes of one, drop the others"
-        )
-    forward, left = places[0]
+    antennas = np.unique(log.fixes.lever_arms, axis=0).tolist()
+    if len(antennas) > 1:
+        problem = f"fixes of antennas at {antennas} m; a bag holds fixes of one, drop the others"
+        raise ReplayError(f"{log.name}: {problem}")
+    forward, left = antennas[0]
     fixes = msgspec.structs.replace(topics.fixes, position=(forward, left))
     return msgspec.structs.replace(topics, fixes=fixes)
 
 
 def _log_outboxes(log: Log, topics: TopicMap, radius: float) -> list[Outbox]:
     """Messages of a log; `topics` maps all streams (see `writable_topics`)."""
+    # Track speeds are divided by the sprocket radius [m] to joint rates.
     outboxes = []
     tracks, truth = topics.tracks, topics.truth
     if tracks and len(log.tracks.stamps):
         outboxes.append(_joint_states(tracks.topic, log.tracks, tracks, radius))
     if topics.imu and log.imu is not None:
-        outboxes.append(_imu(topics.imu.topic, log.imu))
+        outboxes.append(_imu_messages(topics.imu.topic, log.imu))
     if topics.fixes and log.fixes is not None:
         outboxes.append(fix_messages(topics.fixes.topic, log.fixes))
     if truth and log.truth is not None:
         outboxes.append(pose_messages(truth.topic, log.truth.poses))
         if truth.source_topic:
-            outboxes.append(_text(truth.source_topic, log.truth.poses.stamps[:1], log.truth.source))
+            first = log.truth.poses.stamps[:1]
+            outboxes.append(_text_message(truth.source_topic, first, log.truth.source))
         if truth.twist and log.truth.twists is not None:
-            outboxes.append(_twists(truth.twist, log.truth.twists))
+            outboxes.append(_twist_messages(truth.twist, log.truth.twists))
         if tracks and truth.tracks and log.truth.tracks is not None:
             outboxes.append(_joint_states(truth.tracks, log.truth.tracks, tracks, radius))
     return outboxes
 
 
-def _mapping(log: Log, topics: TopicMap) -> Outbox:
-    """Mapping of the streams that the log has, as a message."""
+def _mapping_message(log: Log, topics: TopicMap) -> Outbox:
+    """Mapping of the streams that the log has, by which `read_log` reads the bag."""
     used = TopicMap(
         topics.tracks,
         topics.imu if log.imu is not None else None,
         topics.fixes if log.fixes is not None else None,
         topics.truth if log.truth is not None else None,
     )
-    return _text(MAPPING_TOPIC, np.array([log.start]), msgspec.json.encode(used).decode())
+    return _text_message(MAPPING_TOPIC, np.array([log.start]), msgspec.json.encode(used).decode())
 
 
-def _text(topic: str, stamps: Stamps, text: str) -> Outbox:
-    return Outbox(
-        topic,
-        ros.STRING,
-        stamps,
-        lambda messages, _: messages.new(ros.STRING, data=text),
-        latched=True,
-    )
+def _text_message(topic: str, stamps: Stamps, text: str) -> Outbox:
+    """Text as a latched std_msgs/String at each of some stamps (here one) [ns]."""
+
+    def make(messages: Messages, _: int) -> Any:
+        return messages.new(ros.STRING, data=text)
+
+    return Outbox(topic, ros.STRING, stamps, make, latched=True)
 
 
 def _joint_states(
     topic: str, tracks: series.TrackSpeedSeries, mapped: TrackTopic, sprocket_radius: float
 ) -> Outbox:
+    """Track speeds as sensor_msgs/JointState, one rate for all joints of a side."""
     names = list(mapped.names)
-    sides = [0] * len(mapped.left) + [1] * len(mapped.right)
+    columns = [0] * len(mapped.left) + [1] * len(mapped.right)
     # rosbags serialises contiguous rows only.
-    rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, sides])
+    rates = np.ascontiguousarray((tracks.speeds / sprocket_radius)[:, columns])
     nothing = np.empty(0)
 
     def make(messages: Messages, i: int) -> Any:
@@ -171,7 +160,8 @@ def _joint_states(
     return Outbox(topic, ros.JOINT_STATE, tracks.stamps, make)
 
 
-def _imu(topic: str, imu: series.ImuSeries) -> Outbox:
+def _imu_messages(topic: str, imu: series.ImuSeries) -> Outbox:
+    """IMU samples as sensor_msgs/Imu; covariances mark missing measurements."""
     absent, unknown = np.zeros(9), np.zeros(9)
     absent[0] = ABSENT
     forces = imu.linear_acceleration
@@ -200,39 +190,33 @@ def fix_messages(topic: str, fixes: series.FixSeries) -> Outbox:
 
     def make(messages: Messages, i: int) -> Any:
         position_variance = fixes.variances[i, 0]
-        variances = [position_variance, position_variance, yaw_variances[i]]
-        place = (*fixes.poses[i, :2], 0.0)
-        return messages.new(
-            ros.POSE_WITH_COVARIANCE,
-            header=messages.header(fixes.stamps[i], ODOM),
-            pose=messages.pose_with_covariance(
-                place, quaternions[i], planar_covariance(np.diag(variances))
-            ),
-        )
+        variances = np.diag([position_variance, position_variance, yaw_variances[i]])
+        covariance = planar_covariance(variances)
+        position = (*fixes.poses[i, :2], 0.0)
+        header = messages.header(fixes.stamps[i], ODOM)
+        pose = messages.pose_with_covariance(position, quaternions[i], covariance)
+        return messages.new(ros.POSE_WITH_COVARIANCE, header=header, pose=pose)
 
     return Outbox(topic, ros.POSE_WITH_COVARIANCE, fixes.stamps, make)
 
 
 def pose_messages(topic: str, poses: series.PoseSeries) -> Outbox:
     """Poses as geometry_msgs/PoseStamped in odom."""
-    places, quaternions = poses.positions, poses.quaternions
+    positions, quaternions = poses.positions, poses.quaternions
 
     def make(messages: Messages, i: int) -> Any:
-        return messages.new(
-            ros.POSE,
-            header=messages.header(poses.stamps[i], ODOM),
-            pose=messages.pose(places[i], quaternions[i]),
-        )
+        header = messages.header(poses.stamps[i], ODOM)
+        pose = messages.pose(positions[i], quaternions[i])
+        return messages.new(ros.POSE, header=header, pose=pose)
 
     return Outbox(topic, ros.POSE, poses.stamps, make)
 
 
-def _twists(topic: str, twists: series.TwistSeries) -> Outbox:
+def _twist_messages(topic: str, twists: series.TwistSeries) -> Outbox:
+    """Body velocities as geometry_msgs/TwistStamped in base_link."""
+
     def make(messages: Messages, i: int) -> Any:
-        return messages.new(
-            ros.TWIST,
-            header=messages.header(twists.stamps[i], BASE_LINK),
-            twist=messages.twist(twists.twists[i]),
-        )
+        header = messages.header(twists.stamps[i], BASE_LINK)
+        return messages.new(ros.TWIST, header=header, twist=messages.twist(twists.twists[i]))
 
     return Outbox(topic, ros.TWIST, twists.stamps, make)

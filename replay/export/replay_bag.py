@@ -36,16 +36,13 @@ from icreckon.replay.mapping.geodesy import Origin, degrees
 
 TRUTH = "ground_truth"
 FIXES_TOPIC, TF_TOPIC = "/fixes", "/tf"
-# Highest rate of transforms [Hz]; odometry and truth keep all of their samples.
-TF_RATE = 20.0
-POSE_RATE = 20.0
-MARKER_RATE = PLACE_RATE = 5.0
-# `position_covariance_type` of NavSatFix.
-COVARIANCE_KNOWN = 3
-# Most poses of a path, which is one message.
-PATH_POSES = 1000
-# Variances of z, roll and pitch in a row-major 6x6 covariance.
-SPATIAL = [14, 21, 28]
+TF_RATE = 20.0  # highest rate of transforms [Hz]; odometry and truth keep all of their samples
+# Highest rates of the other topics that are thinned [Hz].
+POSE_RATE, MARKER_RATE, PLACE_RATE = 20.0, 5.0, 5.0
+COVARIANCE_KNOWN = 3  # `position_covariance_type` of NavSatFix
+PATH_POSES = 1000  # most poses of a path, which is one message
+# Places of the variances of z, roll and pitch in a row-major 6x6 covariance.
+SPATIAL_VARIANCES = [14, 21, 28]
 
 
 def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Robot) -> Path:
@@ -58,70 +55,68 @@ def write_replay_bag(path: Path, form: Format, comparison: Comparison, robot: Ro
     were used, `/ground_truth/pose` and `/ground_truth/path`, and `/diagnostics`
     (diagnostic_msgs/DiagnosticArray) with innovations and uncertainty.
 
-    Returns:
-        The path.
-
     Raises:
         ReplayError: stamps that ROS cannot hold, the path exists, or the file system refuses.
     """
     log, outboxes = comparison.log, []
-    base = [name for name in comparison.runs if not name.endswith(SMOOTHED)][-1]
-    for name, one in comparison.runs.items():
-        topic, poses = name.replace("-", "_"), one.trajectory.pose_series
+    main_run = [name for name in comparison.runs if not name.endswith(SMOOTHED)][-1]
+    for name, run in comparison.runs.items():
+        topic, poses = name.replace("-", "_"), run.trajectory.pose_series
         frame = f"{topic}/{BASE_LINK}"
         outboxes += [
-            _odometry(f"/{topic}/odom", one.trajectory, frame),
+            _odometry_messages(f"/{topic}/odom", run.trajectory, frame),
             pose_messages(f"/{topic}/pose", poses.rows(thinned(poses.stamps, POSE_RATE))),
-            _path(f"/{topic}/path", poses),
+            _path_message(f"/{topic}/path", poses),
             _transforms(poses, frame),
-            _icrs(f"/{topic}/icrs", one.stamps, one.indices, robot, frame, colour_of(name)),
+            _icr_markers(f"/{topic}/icrs", run.stamps, run.indices, robot, frame, colour_of(name)),
         ]
         if log.origin is not None:
-            outboxes.append(_places(f"/{topic}/fix", one.trajectory, log.origin, frame))
-        if name == base:
+            outboxes.append(_globe_messages(f"/{topic}/fix", run.trajectory, log.origin, frame))
+        if name == main_run:
             outboxes.append(_transforms(poses, BASE_LINK))
     if log.truth is not None:
         # Bags have no stamps below zero, where the lag of a truth may move its first ones.
         truth = log.truth.poses.rows(log.truth.poses.stamps >= 0)
         outboxes += [
             pose_messages(f"/{TRUTH}/pose", truth),
-            _path(f"/{TRUTH}/path", truth),
+            _path_message(f"/{TRUTH}/path", truth),
             _transforms(truth, f"{TRUTH}/{BASE_LINK}"),
         ]
     if log.fixes is not None and len(log.fixes.stamps):
         outboxes.append(fix_messages(FIXES_TOPIC, log.fixes))
-    if filtered := {name: one for name, one in comparison.runs.items() if one.innovation_names}:
+    filtered = {name: run for name, run in comparison.runs.items() if run.innovation_names}
+    if filtered:
         outboxes.append(diagnostics(filtered, robot.name))
-    return write_bag(path, form, [one for one in outboxes if len(one.stamps)])
+    return write_bag(path, form, [outbox for outbox in outboxes if len(outbox.stamps)])
 
 
-def _odometry(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
-    """nav_msgs/Odometry from odom to a frame."""
+def _odometry_messages(topic: str, trajectory: Trajectory, frame: str) -> Outbox:
+    """nav_msgs/Odometry: poses of a frame in odom, its twists in that frame."""
     series, sigmas = trajectory.pose_series, trajectory.spatial_sigmas
-    places, quaternions = series.positions, series.quaternions
+    positions, quaternions = series.positions, series.quaternions
+    # Only runs in three dimensions estimate z, roll and pitch.
     spatial = sigmas.astype(float) ** 2 if sigmas is not None and sigmas.any() else None
 
     def make(messages: Messages, i: int) -> Any:
-        covariance = planar_covariance(trajectory.pose_covariances[i])
+        pose_covariance = planar_covariance(trajectory.pose_covariances[i])
         if spatial is not None:
-            covariance[SPATIAL] = spatial[i]
+            pose_covariance[SPATIAL_VARIANCES] = spatial[i]
+        twist_covariance = planar_covariance(trajectory.twist_covariances[i])
         return messages.new(
             ros.ODOMETRY,
             header=messages.header(trajectory.stamps[i], ODOM),
             child_frame_id=frame,
-            pose=messages.pose_with_covariance(places[i], quaternions[i], covariance),
-            twist=messages.twist_with_covariance(
-                trajectory.twists[i], planar_covariance(trajectory.twist_covariances[i])
-            ),
+            pose=messages.pose_with_covariance(positions[i], quaternions[i], pose_covariance),
+            twist=messages.twist_with_covariance(trajectory.twists[i], twist_covariance),
         )
 
     return Outbox(topic, ros.ODOMETRY, trajectory.stamps, make)
 
 
 def _transforms(series: PoseSeries, frame: str) -> Outbox:
-    """Transforms from odom to a frame, on /tf."""
+    """Transforms of a frame in odom on /tf, at most `TF_RATE` a second."""
     series = series.rows(thinned(series.stamps, TF_RATE))
-    places, quaternions = series.positions, series.quaternions
+    positions, quaternions = series.positions, series.quaternions
 
     def make(messages: Messages, i: int) -> Any:
         transform = messages.new(
@@ -130,7 +125,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
             child_frame_id=frame,
             transform=messages.new(
                 "geometry_msgs/msg/Transform",
-                translation=messages.vector(places[i]),
+                translation=messages.vector(positions[i]),
                 rotation=messages.quaternion(quaternions[i]),
             ),
         )
@@ -139,7 +134,7 @@ def _transforms(series: PoseSeries, frame: str) -> Outbox:
     return Outbox(TF_TOPIC, ros.TF, series.stamps, make)
 
 
-def _path(topic: str, series: PoseSeries) -> Outbox:
+def _path_message(topic: str, series: PoseSeries) -> Outbox:
     """Path of at most `PATH_POSES` poses, as one latched message with the first stamp."""
     rows = picks(len(series.stamps), PATH_POSES)
     poses = pose_messages(topic, series.rows(rows))
@@ -151,15 +146,17 @@ def _path(topic: str, series: PoseSeries) -> Outbox:
     return Outbox(topic, ros.PATH, poses.stamps[:1], make, latched=True)
 
 
-def _icrs(
+def _icr_markers(
     topic: str, all_stamps: Stamps, indices: Floats, robot: Robot, frame: str, colour: str
 ) -> Outbox:
     """ICRs of both tracks as spheres joined by a line, in the robot's frame."""
+    # `indices` (n, 3) are zeta, epsilon [m] and eta at the stamps; the colour is of the form "#rrggbb".
     rows = thinned(all_stamps, MARKER_RATE)
     stamps = all_stamps[rows]
     icrs = icr_points(IndexValues(*indices[rows].T), robot.vehicle.track_gauge)
-    red, green, blue = (int(colour[at : at + 2], 16) / 255.0 for at in (1, 3, 5))
-    left, right = (np.column_stack([*place, np.zeros(len(rows))]) for place in icrs)
+    red, green, blue = (part / 255.0 for part in bytes.fromhex(colour.removeprefix("#")))
+    # At the height of the frame's origin.
+    left, right = (np.column_stack([*point, np.zeros(len(rows))]) for point in icrs)
 
     def make(messages: Messages, i: int) -> Any:
         markers = [
@@ -182,14 +179,17 @@ def _icrs(
     return Outbox(topic, ros.MARKERS, stamps, make)
 
 
-def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
-    """sensor_msgs/NavSatFix, the height above the altitude of the origin."""
+def _globe_messages(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> Outbox:
+    """Positions of a frame as sensor_msgs/NavSatFix, at most `PLACE_RATE` a second."""
+    # The altitude is that of the origin, plus the estimated height of runs in three dimensions.
     rows = thinned(trajectory.stamps, PLACE_RATE)
     stamps = trajectory.stamps[rows]
     latitude, longitude = degrees(trajectory.poses[rows, :2], origin).T
+    # East, north, up.
     covariances = np.tile(np.diag(np.full(3, UNUSED_VARIANCE)), (len(rows), 1, 1))
     covariances[:, :2, :2] = trajectory.pose_covariances[rows][:, :2, :2]
-    altitudes = np.full(len(rows), origin[2])
+    _latitude, _longitude, altitude = origin
+    altitudes = np.full(len(rows), altitude)
     if trajectory.spatial is not None and trajectory.spatial_sigmas is not None:
         altitudes += trajectory.spatial[rows, 0]
         covariances[:, 2, 2] = trajectory.spatial_sigmas[rows, 0] ** 2
@@ -209,8 +209,9 @@ def _places(topic: str, trajectory: Trajectory, origin: Origin, frame: str) -> O
 
 
 def thinned(stamps: Stamps, rate: float) -> Any:
-    """Select rows (m,) of stamps [ns], at most `rate` a second; even stamps stay even."""
+    """Select rows (m,) of stamps (n,) [ns]: the first of each slot of 1 / `rate` [Hz]."""
     if not len(stamps):
         return np.zeros(0, int)
-    slot = np.floor((stamps - stamps[0]) * NANOSECOND * rate + 1e-6).astype(np.int64)
-    return np.flatnonzero(np.diff(slot, prepend=-1))
+    # The margin keeps stamps at the beginning of a slot in it, in spite of rounding.
+    slots = np.floor((stamps - stamps[0]) * NANOSECOND * rate + 1e-6).astype(np.int64)
+    return np.flatnonzero(np.diff(slots, prepend=-1))

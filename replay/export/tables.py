@@ -28,8 +28,18 @@ from icreckon.replay.comparison.scores import truths_of
 Format = Literal["csv", "parquet"]
 
 # Names of the upper triangles of both covariances, row by row.
-OF_POSE = ("x_x_m2", "x_y_m2", "x_yaw_m_rad", "y_y_m2", "y_yaw_m_rad", "yaw_yaw_rad2")
-OF_TWIST = ("v_x_v_x_m2", "v_x_v_y_m2", "v_x_w_m_rad", "v_y_v_y_m2", "v_y_w_m_rad", "w_w_rad2")
+POSE_COVARIANCES = ("x_x_m2", "x_y_m2", "x_yaw_m_rad", "y_y_m2", "y_yaw_m_rad", "yaw_yaw_rad2")
+TWIST_COVARIANCES = tuple(
+    f"{entry}_s2"
+    for entry in (
+        "v_x_v_x_m2",
+        "v_x_v_y_m2",
+        "v_x_w_m_rad",
+        "v_y_v_y_m2",
+        "v_y_w_m_rad",
+        "w_w_rad2",
+    )
+)
 # Noise compresses badly, but better if bytes of equal significance are grouped.
 ENCODING = "BYTE_STREAM_SPLIT"
 
@@ -46,25 +56,25 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
         robot: the robot, for its gauge.
         start: stamp of `t_s` = 0 [ns]; the run's first by default.
     """
-    moved = one.trajectory
-    start = int(moved.stamps[0]) if start is None else start
-    columns = pose_columns(moved.pose_series, start)
-    single: dict[str, Any] = dict(
-        zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), moved.twists.T, strict=True)
-    )
-    upper = (slice(None), *np.triu_indices(3))
-    for keys, covariances in (
-        ([f"cov_{one}" for one in OF_POSE], moved.pose_covariances),
-        ([f"cov_{one}_s2" for one in OF_TWIST], moved.twist_covariances),
+    trajectory = one.trajectory
+    start = int(trajectory.stamps[0]) if start is None else start
+    columns = pose_columns(trajectory.pose_series, start)
+    single: dict[str, Any] = {}  # columns in single precision
+    single |= zip(("v_x_m_s", "v_y_m_s", "w_rad_s"), trajectory.twists.T, strict=True)
+    upper = list(zip(*np.triu_indices(3), strict=True))
+    for names, covariances in (
+        (POSE_COVARIANCES, trajectory.pose_covariances),
+        (TWIST_COVARIANCES, trajectory.twist_covariances),
     ):
-        single |= dict(zip(keys, covariances[upper].T, strict=True))
-    if moved.spatial_sigmas is not None:
+        for name, (i, k) in zip(names, upper, strict=True):
+            single[f"cov_{name}"] = covariances[:, i, k]
+    if trajectory.spatial_sigmas is not None:
         names = ("sigma_z_m", "sigma_roll_rad", "sigma_pitch_rad")
-        single |= dict(zip(names, moved.spatial_sigmas.T, strict=True))
-    single |= dict(zip(("zeta_m", "epsilon_m", "eta"), one.indices.T, strict=True))
+        single |= zip(names, trajectory.spatial_sigmas.T, strict=True)
+    single |= zip(("zeta_m", "epsilon_m", "eta"), one.indices.T, strict=True)
     icrs = icr_points(IndexValues(*one.indices.T), robot.vehicle.track_gauge)
-    for side, place in icrs._asdict().items():
-        single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = place
+    for side, point in icrs._asdict().items():
+        single[f"{side}_icr_x_m"], single[f"{side}_icr_y_m"] = point
     for index in (*range(s.SLIP.start, s.SLIP.stop), *range(s.LEARNT.start, s.GRAVITY.stop)):
         name = one.state_names[index]
         if name:
@@ -76,7 +86,7 @@ def run_columns(one: Run, robot: Robot, start: int | None = None) -> dict[str, A
 
 
 def pose_columns(series: PoseSeries, start: int) -> dict[str, Any]:
-    """Columns (n,) of poses alone, such as the truth, `t_s` since a stamp [ns]."""
+    """Columns (n,) of poses alone, such as the truth; `t_s` is since `start` [ns]."""
     columns = {
         "stamp_ns": series.stamps,
         "t_s": (series.stamps - start) * NANOSECOND,
@@ -96,11 +106,9 @@ def write_table(path: Path, form: Format, columns: dict[str, Any]) -> Path:
     import pyarrow as pa
     from pyarrow import csv, parquet
 
-    arrays = {
-        name: pa.array(np.ascontiguousarray(value), from_pandas=True)
-        for name, value in columns.items()
-    }
-    table = pa.table(arrays)
+    contiguous = {name: np.ascontiguousarray(values) for name, values in columns.items()}
+    # From pandas: NaN is null.
+    table = pa.table({key: pa.array(one, from_pandas=True) for key, one in contiguous.items()})
     with new_file(path) as new:
         if form == "csv":
             csv.write_csv(table, new)
@@ -129,9 +137,9 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
         ReplayError: the comparison has no such run.
     """
     if variant not in comparison.runs:
-        lost = comparison.failed.get(variant)
+        failure = comparison.failed.get(variant)
         others = f"there are {', '.join(comparison.runs)}"
-        why = others if lost is None else f"it failed: {lost.reason}"
+        why = others if failure is None else f"it failed: {failure.reason}"
         raise ReplayError(f"the comparison has no run {variant!r}; {why}")
     one = comparison.runs[variant]
     columns: dict[str, NDArray[Any]] = run_columns(one, robot, comparison.log.start)
@@ -141,22 +149,24 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
 
 
 def _truth_columns(comparison: Comparison, variant: str, one: Run) -> dict[str, NDArray[Any]]:
-    """Truth and errors at the rows of a run, NaN where the truth does not show them."""
+    """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth.
+
+    The NEES is NaN where the covariance is singular, and against fixes, whose errors it does not contain.
+    """
     truth = truths_of(comparison)[variant].truth
     poses = true_poses_at(truth, one.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])
-    apart = one.trajectory.poses - poses
-    apart[:, 2] = wrap_angle(apart[:, 2])
+    errors = one.trajectory.poses - poses
+    errors[:, 2] = wrap_angle(errors[:, 2])
     covariances = one.trajectory.pose_covariances
-    # Errors of fixes are not known to the filter's covariance.
-    judged = regular(covariances) & (truth.source != OF_FIXES)
-    normalised = np.full(len(apart), np.nan)
-    normalised[judged] = nees(apart[judged], covariances[judged])
+    has_nees = regular(covariances) & (truth.source != OF_FIXES)
+    normalised = np.full(len(errors), np.nan)
+    normalised[has_nees] = nees(errors[has_nees], covariances[has_nees])
     return {
         "true_x_m": poses[:, 0],
         "true_y_m": poses[:, 1],
         "true_yaw_rad": poses[:, 2],
-        "position_error_m": np.hypot(apart[:, 0], apart[:, 1]),
-        "yaw_error_rad": apart[:, 2],
+        "position_error_m": np.hypot(errors[:, 0], errors[:, 1]),
+        "yaw_error_rad": errors[:, 2],
         "nees_pose": normalised,
     }

@@ -18,7 +18,8 @@ KEY = re.compile(r"(\w+)\s*=")
 STAND_IN_GAUGE = re.compile(
     r"^track_gauge = ([\d.e+-]+) *# .*the effective track \(\1\).*$", re.MULTILINE
 )
-OF_TOPICS = {"topic", "right_topic", "left", "right", "unit", "wrap"}
+# Keys that belong together: fields and units are those of one topic.
+TOPIC_KEYS = {"topic", "right_topic", "left", "right", "unit", "wrap"}
 MARK = "#~"
 MARKS = f"# Values as proposed, by marks ({MARK}): inspect --overwrite keeps all others."
 
@@ -33,46 +34,42 @@ def with_filled_in(proposed: str, path: Path) -> tuple[str, list[str]]:
     Raises:
         ReplayError: the earlier file is no TOML file.
     """
-    text, own = _own(path)
-    new, lines, taken = _values(tomllib.loads(proposed)), [], []
+    former_text, filled_in = _read_filled_in(path)
+    proposed_values, lines, kept = _values(tomllib.loads(proposed)), [], []
 
-    def take_over(table: str, key: str) -> None:
-        lines.append(f"{key} = {toml_value(own[table][key])}    # as filled in before")
-        taken.append(f"{table}.{key}".lstrip("."))
+    def keep(table: str, key: str) -> None:
+        lines.append(f"{key} = {toml_value(filled_in[table][key])}    # as filled in before")
+        kept.append(f"{table}.{key}".lstrip("."))
 
     table = ""
     for line in proposed.splitlines():
-        key = KEY.match(line.removeprefix("# "))
-        if found := TABLE.match(line):
-            table = found[1]
+        header, assignment = TABLE.match(line), KEY.match(line.removeprefix("# "))
+        key = assignment[1] if assignment else ""
+        if header:
+            table = header[1]
             lines.append(line)
-            for name in own.get(table, {}):
-                if name not in new.get(table, {}):
-                    take_over(table, name)
-        elif key is not None and key[1] in own.get(table, {}):
+            for added_key in filled_in.get(table, {}):
+                if added_key not in proposed_values.get(table, {}):
+                    keep(table, added_key)
+        elif key in filled_in.get(table, {}):
             # A value whose proposed line is commented out was added at the top of its table already.
             if not line.startswith("#"):
-                take_over(table, key[1])
+                keep(table, key)
         else:
             lines.append(line)
-    for name, of_table in _tables(text).items():
-        if name not in _tables(proposed) and name in own:
-            lines += ["", *of_table]
-            taken.append(f"[{name}]")
+    for name, table_lines in _tables(former_text).items():
+        if name not in _tables(proposed) and name in filled_in:
+            lines += ["", *table_lines]
+            kept.append(f"[{name}]")
     marks = [
         _mark(table, key, value)
-        for table, values in new.items()
+        for table, values in proposed_values.items()
         for key, value in values.items()
-        if key not in own.get(table, {})
+        if key not in filled_in.get(table, {})
     ]
-    lines += [
-        "",
-        MARKS,
-        *textwrap.wrap(
-            " ".join(marks), 100, initial_indent=f"{MARK} ", subsequent_indent=f"{MARK} "
-        ),
-    ]
-    return "\n".join(lines) + "\n", taken
+    # Space for "#~ " remains in lines of 100 characters.
+    lines += ["", MARKS, *(f"{MARK} {line}" for line in textwrap.wrap(" ".join(marks), 97))]
+    return "\n".join(lines) + "\n", kept
 
 
 def has_stand_in_gauge(proposed: str) -> bool:
@@ -83,26 +80,27 @@ def has_stand_in_gauge(proposed: str) -> bool:
 def filled_in_sizes(path: Path) -> Sizes:
     """Lengths and streams by a person in an earlier proposal; none if unreadable."""
     try:
-        text, own = _own(path)
+        text, filled_in = _read_filled_in(path)
     except ReplayError:
         return NO_SIZES
-    former = _values(tomllib.loads(text))
-    vehicle, tracks = own.get("vehicle", {}), own.get("log.tracks", {})
-    stated = (vehicle.get("track_gauge"), vehicle.get("sprocket_radius"), tracks.get("gauge"))
-    gauge, radius, of_controller = (
-        size if isinstance(size, float | int) and size > 0.0 else None for size in stated
-    )
-    # Keys of a person belong to the topics of the same table, in any log.
-    log = {
-        name[4:]: {key: former[name][key] for key in OF_TOPICS & {*former[name]}} | keys
-        for name, keys in own.items()
-        if name.startswith("log.")
-    }
-    return Sizes(gauge, radius, of_controller, log)
+
+    def length(table: str, key: str) -> float | None:
+        value = filled_in.get(table, {}).get(key)
+        return value if isinstance(value, float | int) and value > 0.0 else None
+
+    log = {}
+    for table, values in _values(tomllib.loads(text)).items():
+        if table.startswith("log.") and table in filled_in:
+            # If a person changed one of the topic keys of a stream, the proposed others hold, too.
+            topic_keys = {key: value for key, value in values.items() if key in TOPIC_KEYS}
+            log[table.removeprefix("log.")] = topic_keys | filled_in[table]
+    gauge, radius = length("vehicle", "track_gauge"), length("vehicle", "sprocket_radius")
+    return Sizes(gauge, radius, length("log.tracks", "gauge"), log)
 
 
-def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
-    """Text of an earlier proposal, and a person's values by table and key."""
+def _read_filled_in(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
+    """Text of an earlier proposal, and a person's values in it by table and key."""
+    # A value is a person's if it is set and has no mark. Without the file there are none.
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else ""
         former = _values(tomllib.loads(text))
@@ -111,51 +109,47 @@ def _own(path: Path) -> tuple[str, dict[str, dict[str, Any]]]:
             f"{path}: what was filled in cannot be read: {problem}; correct or move the file"
         ) from None
     marks = {mark for line in text.splitlines() if line.startswith(MARK) for mark in line.split()}
-    own = {
-        table: {
-            key: value
-            for key, value in values.items()
-            if _is_set(value) and _mark(table, key, value) not in marks
-        }
-        for table, values in former.items()
-    }
-    return text, {table: values for table, values in own.items() if values}
+    filled_in: dict[str, dict[str, Any]] = {}
+    for table, values in former.items():
+        for key, value in values.items():
+            if _is_set(value) and _mark(table, key, value) not in marks:
+                filled_in.setdefault(table, {})[key] = value
+    return text, filled_in
 
 
 def _values(table: dict[str, Any], name: str = "") -> dict[str, dict[str, Any]]:
-    """Values of all tables, by their dotted names and keys."""
-    found: dict[str, dict[str, Any]] = {name: {}}
+    """Values of a table and its subtables, by dotted table names and keys."""
+    tables: dict[str, dict[str, Any]] = {name: {}}
     for key, value in table.items():
         if isinstance(value, dict):
-            found |= _values(value, f"{name}.{key}".lstrip("."))
+            tables |= _values(value, f"{name}.{key}".lstrip("."))
         else:
-            found[name][key] = value
-    return found
+            tables[name][key] = value
+    return tables
 
 
 def _mark(table: str, key: str, value: Any) -> str:
+    """Checksum of a proposed value, which shows later that nobody changed it."""
     return f"{crc32(f'{table}.{key} = {toml_value(value)}'.encode()) & 0xFFFFF:05x}"
 
 
 def _is_set(value: Any) -> bool:
-    """Return True for texts and finite numbers, and lists of them."""
+    """Return True for texts, finite numbers and lists of them; NaN is a placeholder."""
     parts = value if isinstance(value, list) else [value]
-    return all(
-        isinstance(one, str | int) or (isinstance(one, float) and math.isfinite(one))
-        for one in parts
-    )
+    is_known = (isinstance(part, str | int | float) for part in parts)
+    return all(is_known) and all(math.isfinite(part) for part in parts if isinstance(part, float))
 
 
 def _tables(text: str) -> dict[str, list[str]]:
-    """Lines of each table of a TOML file, by its name, without trailing blank lines."""
-    found: dict[str, list[str]] = {}
+    """Lines of each table of a TOML file, by name, without marks and last blank lines."""
+    tables: dict[str, list[str]] = {}
     lines: list[str] = []
     for line in text.splitlines():
-        if name := TABLE.match(line):
-            lines = found.setdefault(name[1], [])
+        if header := TABLE.match(line):
+            lines = tables.setdefault(header[1], [])
         if not line.startswith((MARKS, MARK)):
             lines.append(line)
-    for lines in found.values():
+    for lines in tables.values():
         while lines and not lines[-1].strip():
             lines.pop()
-    return found
+    return tables

@@ -11,6 +11,7 @@ receiver that states 0.8 m, and whose fixes scatter by 2 cm, has slow errors of 
 Places are complex numbers x + i y. So turn and scale are one factor, and both axes have one likelihood.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -21,16 +22,12 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import pieces
 from icreckon.estimator.log.series import running_integral
 
-WINDOW = 120.0
-"""Length of a window [s]."""
-LEAST_WINDOWS = 2
-"""Least number of windows."""
+WINDOW = 120.0  # length of a window [s]
+LEAST_WINDOWS = 2  # least number of windows
 MOST_IN_WINDOW, FEWEST_IN_WINDOW = 100, 20
 """Fixes of a window that are used: no more than this, evenly thinned, and no fewer than that."""
-LARGEST_HOLE = 1.0
-"""Windows with a longer gap in the track speeds or the IMU are omitted [s]."""
-TIMES = (4.0, 8.0, 15.0, 30.0, 60.0, 120.0, 240.0)
-"""Candidate correlation times [s]."""
+LARGEST_HOLE = 1.0  # windows with a longer gap in the track speeds or the IMU are omitted [s]
+TIMES = (4.0, 8.0, 15.0, 30.0, 60.0, 120.0, 240.0)  # candidate correlation times [s]
 RATIOS = tuple(float(ratio) for ratio in np.logspace(-2.0, 2.0, 17))
 """Candidate ratios of the white noise to the wander, of their standard deviations [-]."""
 CLEAR = 25.0
@@ -42,8 +39,7 @@ STATED, STATED_AT_MOST = 3.0, 5.0
 wander over the stated one of which that is evidence [-]."""
 ODOMETRY_ERROR = 0.03
 """Error of odometry that looks like wander, as a share of the way driven in its time [-]."""
-SLOWEST_SLIP = 30.0
-"""Least time over which errors of odometry are counted [s]."""
+SLOWEST_SLIP = 30.0  # least time over which errors of odometry are counted [s]
 OUTLYING = 8.0
 """Distance from the median of five fixes, in median distances, beyond which a fix is left out [-]."""
 
@@ -61,14 +57,13 @@ class FixWanderEstimate(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Finding for people."""
+        """Finding on the error of the fixes, as a sentence for people."""
         white = f"white noise of {self.white:.2g} m"
         if not self.sigma:
             return f"{white}; {self.reason}, no wander is proposed"
         shortest, longest = self.times
-        slow = (
-            f"{self.sigma:.2g} m over {self.time:g} s ({shortest:g} to {longest:g} s fit as well)"
-        )
+        times = f"{self.time:g} s ({shortest:g} to {longest:g} s fit as well)"
+        slow = f"{self.sigma:.2g} m over {times}"
         if self.reason:
             return f"{white}, and a slow part of {slow}; {self.reason}: no wander is proposed"
         text = f"their error wanders, by {slow}, besides {white}"
@@ -81,19 +76,20 @@ class FixWanderEstimate(NamedTuple):
 
 
 class _Window(NamedTuple):
-    """Fixes of a window."""
+    """Fixes of a window, and the path by odometry at their times, as complex numbers."""
 
     seconds: Floats  # (n,) times [s]
-    places: Floats  # (n,) fixes [m]
-    design: Floats  # (n, k) orthonormal columns of the fit
-    path: Floats  # (n,) path by odometry, in units of the tracks
+    positions: Floats  # (n,) fixes [m]
+    path: Floats  # (n,) path by odometry, in the unit of the tracks
+    # (n, k) orthonormal columns that the fit combines: offset, path, its change by a gyro bias
+    design: Floats
 
 
 class _Fit(NamedTuple):
-    """Restricted likelihood of an error model."""
+    """Fit of an error model of the fixes to all windows."""
 
-    likelihood: float
-    variance: float
+    likelihood: float  # logarithm of the restricted likelihood, less a constant
+    variance: float  # variance of the wander along each axis [m²], of the white noise without one
 
 
 def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | str:
@@ -110,40 +106,41 @@ def estimate_wander(log: Log, vertical: Floats | None) -> FixWanderEstimate | st
         return "there are no fixes"
     if vertical is None or log.imu is None or len(log.tracks.stamps) < 2:
         return "there is no gyro, or no track speeds, to compare them with"
-    windows = _windows(log, log.imu.stamps, vertical)
+    windows = _cut_windows(log, log.imu.stamps, vertical)
     if len(windows) < LEAST_WINDOWS:
         return (
             f"it takes {LEAST_WINDOWS} spans of {WINDOW:.0f} s with {FEWEST_IN_WINDOW} fixes, tracks and "
             f"IMU, found {len(windows)}"
         )
-    white = _fit(windows, None)
-    found = {(time, ratio): _fit(windows, (time, ratio)) for time in TIMES for ratio in RATIOS}
-    best = max(found, key=lambda key: found[key].likelihood)
-    time, ratio = best
-    sigma = float(np.sqrt(found[best].variance))
-    by_time = {one: max(found[one, ratio].likelihood for ratio in RATIOS) for one in TIMES}
-    alike = [one for one in TIMES if 2.0 * (found[best].likelihood - by_time[one]) <= AS_GOOD]
-    gain = 2.0 * (found[best].likelihood - white.likelihood)
-    driven = _driven(windows, max(time, SLOWEST_SLIP))
-    reason, stated = "", float(np.sqrt(np.median(log.fixes.variances[:, 0])))
-    states_it = STATED * ratio * sigma < stated and sigma < STATED_AT_MOST * stated
-    shown_by_odometry = sigma >= ODOMETRY_ERROR * driven
-    if gain < CLEAR:
-        reason = "white noise alone explains them"
-    elif alike[0] > 0.5 * WINDOW:
+    white_fit = _fit(windows, None)
+    fits = {(time, ratio): _fit(windows, (time, ratio)) for time in TIMES for ratio in RATIOS}
+    time, ratio = max(fits, key=lambda model: fits[model].likelihood)
+    best_fit = fits[time, ratio]
+    best = best_fit.likelihood
+    losses = {span: best - max(fits[span, share].likelihood for share in RATIOS) for span in TIMES}
+    good_times = [span for span in TIMES if 2.0 * losses[span] <= AS_GOOD]
+    times = good_times[0], good_times[-1]
+    if 2.0 * (best - white_fit.likelihood) < CLEAR:
+        white, reason = float(np.sqrt(white_fit.variance)), "white noise alone explains them"
+        return FixWanderEstimate(white, 0.0, time, times, reason)
+    sigma = float(np.sqrt(best_fit.variance))
+    white, stated = ratio * sigma, float(np.sqrt(np.median(log.fixes.variances[:, 0])))
+    driven = _distance_driven(windows, max(time, SLOWEST_SLIP))
+    exceeds_odometry = sigma >= ODOMETRY_ERROR * driven
+    is_stated = STATED * white < stated and sigma < STATED_AT_MOST * stated
+    reason = ""
+    if times[0] > 0.5 * WINDOW:
         reason = f"it changes too slowly for spans of {WINDOW:.0f} s, as errors of odometry do"
-    elif not (shown_by_odometry or states_it):
+    elif not (exceeds_odometry or is_stated):
         reason = f"odometry may be off by as much over {driven:.0f} m of driving"
-    if gain < CLEAR:
-        sigma, white_sigma = 0.0, float(np.sqrt(white.variance))
-    else:
-        white_sigma = ratio * sigma
-    by_them = None if reason or shown_by_odometry else stated
-    return FixWanderEstimate(white_sigma, sigma, time, (alike[0], alike[-1]), reason, by_them)
+    evidence = None if reason or exceeds_odometry else stated
+    return FixWanderEstimate(white, sigma, time, times, reason, evidence)
 
 
-def _windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
+def _cut_windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
     """Cut the fixes into windows, with the path by odometry."""
+    # `vertical` (n,) is the yaw rate [rad/s] at the IMU's stamps (n,) [ns]. Windows with holes or too few
+    # fixes are left out.
     fixes = log.fixes
     if fixes is None or len(stamps) < 2:
         return []
@@ -154,47 +151,47 @@ def _windows(log: Log, stamps: Stamps, vertical: Floats) -> list[_Window]:
     velocity = speed * np.exp(1j * yaw)
     path = running_integral(stamps, velocity)
     # Change of the path by a bias of the gyro.
-    by_bias = running_integral(stamps, velocity * 1j * seconds)
+    bias_path = running_integral(stamps, velocity * 1j * seconds)
 
     inside = (fixes.stamps >= max(origin, log.tracks.stamps[0])) & (
         fixes.stamps <= min(stamps[-1], log.tracks.stamps[-1])
     )
     times = (fixes.stamps[inside] - origin) * NANOSECOND
-    places = fixes.poses[inside, 0] + 1j * fixes.poses[inside, 1]
-    found: list[_Window] = []
+    positions = fixes.poses[inside, 0] + 1j * fixes.poses[inside, 1]
+    windows: list[_Window] = []
     if not len(times):
-        return found
-    numbers = np.unique((times - times[0]) // WINDOW)
-    for number in numbers[:-1].tolist():
+        return windows
+    *numbers, _incomplete = np.unique((times - times[0]) // WINDOW).tolist()
+    for number in numbers:
         begin = times[0] + number * WINDOW
-        at = np.flatnonzero((times >= begin) & (times < begin + WINDOW))
-        at = at[~_outlying(places[at])]
-        at = at[:: max(1, -(-len(at) // MOST_IN_WINDOW))]
-        whole = all(
-            len(np.unique(pieces(series, LARGEST_HOLE)[_within(series, origin, begin)])) == 1
-            for series in (stamps, log.tracks.stamps)
-        )
-        if len(at) < FEWEST_IN_WINDOW or not whole:
+        rows = np.flatnonzero((times >= begin) & (times < begin + WINDOW))
+        rows = rows[~_are_outliers(positions[rows])]
+        rows = rows[:: max(1, math.ceil(len(rows) / MOST_IN_WINDOW))]
+        has_hole = any(_has_hole(one, origin, begin) for one in (stamps, log.tracks.stamps))
+        if len(rows) < FEWEST_IN_WINDOW or has_hole:
             continue
-        of_path, of_bias = (np.interp(times[at], seconds, one) for one in (path, by_bias))
-        columns = np.column_stack([np.ones(len(at)), of_path, of_bias])
-        found.append(_Window(times[at], places[at], _orthonormal(columns), of_path))
-    return found
+        at_fixes = np.interp(times[rows], seconds, path)
+        bias_at_fixes = np.interp(times[rows], seconds, bias_path)
+        design = _orthonormal(np.column_stack([np.ones(len(rows)), at_fixes, bias_at_fixes]))
+        windows.append(_Window(times[rows], positions[rows], at_fixes, design))
+    return windows
 
 
-def _within(stamps: Stamps, origin: int, begin: float) -> NDArray[np.bool_]:
+def _has_hole(stamps: Stamps, origin: int, begin: float) -> bool:
+    """Test for a gap in the samples of a window from `begin` [s] after `origin` [ns]."""
     seconds = (stamps - origin) * NANOSECOND
-    return (seconds >= begin) & (seconds < begin + WINDOW)
+    inside = (seconds >= begin) & (seconds < begin + WINDOW)
+    return len(np.unique(pieces(stamps, LARGEST_HOLE)[inside])) != 1
 
 
-def _outlying(places: Floats) -> NDArray[np.bool_]:
-    """Mask of the fixes (n,) that are far from their neighbours."""
+def _are_outliers(positions: Floats) -> NDArray[np.bool_]:
+    """Mask (n,) of the fixes that are far from the median of five, x and y alone."""
     from scipy.ndimage import median_filter
 
-    if len(places) < 5:
-        return np.zeros(len(places), dtype=bool)
-    x, y = (median_filter(one, 5, mode="mirror") for one in (places.real, places.imag))
-    distance = np.abs(places - (x + 1j * y))
+    if len(positions) < 5:
+        return np.zeros(len(positions), dtype=bool)
+    x, y = (median_filter(axis, 5, mode="mirror") for axis in (positions.real, positions.imag))
+    distance = np.abs(positions - (x + 1j * y))
     return np.asarray(distance > OUTLYING * np.median(distance) + 1e-6)
 
 
@@ -207,38 +204,35 @@ def _orthonormal(columns: Floats) -> Floats:
 
 
 def _fit(windows: list[_Window], model: tuple[float, float] | None) -> _Fit:
-    """Restricted likelihood of white noise, or of wander and white noise.
-
-    Args:
-        windows: the windows.
-        model: correlation time [s] and ratio of the white noise to the wander; None for white noise.
-    """
-    count, squares, logarithms = 0, 0.0, 0.0
+    """Fit the variance of an error model, by restricted maximum likelihood."""
+    # `model` is the correlation time [s] and the ratio of the white noise to the wander; None: no wander.
+    freedom, squares, logarithms = 0, 0.0, 0.0
     for window in windows:
         n, k = window.design.shape
         V = np.eye(n)
         if model is not None:
             time, ratio = model
-            apart = np.abs(window.seconds[:, None] - window.seconds)
-            V = np.exp(-apart / time) + ratio * ratio * V
+            lags = np.abs(window.seconds[:, None] - window.seconds)
+            V = np.exp(-lags / time) + ratio * ratio * V
         L = np.linalg.cholesky(V)
-        whitened = np.linalg.solve(L, np.column_stack([window.design, window.places]))
+        whitened = np.linalg.solve(L, np.column_stack([window.design, window.positions]))
         Q, R = np.linalg.qr(whitened[:, :k])
-        rest = whitened[:, k] - Q @ (Q.conj().T @ whitened[:, k])
-        squares += float(np.vdot(rest, rest).real)
+        residual = whitened[:, k] - Q @ (Q.conj().T @ whitened[:, k])
+        squares += float(np.vdot(residual, residual).real)
         logarithms += 2.0 * float(np.log(L.diagonal()).sum() + np.log(np.abs(R.diagonal())).sum())
-        count += n - k
+        freedom += n - k
     # Both axes: the variance of a complex number is twice that of each.
-    variance = squares / count
-    return _Fit(-count * float(np.log(variance)) - logarithms, 0.5 * variance)
+    variance = squares / freedom
+    return _Fit(-freedom * float(np.log(variance)) - logarithms, 0.5 * variance)
 
 
-def _driven(windows: list[_Window], time: float) -> float:
-    """Mean distance driven in a time [m], by odometry at the scale of the fixes."""
+def _distance_driven(windows: list[_Window], time: float) -> float:
+    """Mean distance driven in a time [s], by odometry at the scale of the fixes [m]."""
     speeds = []
     for window in windows:
         columns = np.column_stack([np.ones(len(window.path)), window.path])
-        scale = np.abs(np.linalg.lstsq(columns, window.places, rcond=None)[0][1])
+        (_offset, factor), *_ = np.linalg.lstsq(columns, window.positions, rcond=None)
+        scale = np.abs(factor)
         distance = scale * float(np.abs(np.diff(window.path)).sum())
         speeds.append(distance / float(window.seconds[-1] - window.seconds[0]))
     return float(np.mean(speeds)) * min(time, WINDOW)

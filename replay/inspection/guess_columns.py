@@ -45,6 +45,7 @@ LATITUDE, LONGITUDE, ALTITUDE = (
     re.compile(rf"(^|_){short}({long})?(_deg)?$")
     for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
 )
+POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
 UNIT = re.compile(r"_(?:dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
@@ -53,41 +54,48 @@ ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms"
 def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap | None:
     """Guess the columns of each stream; None if a table has no column of the time.
 
-    Columns belong to the truth if their name, or that of their table, satisfies `is_truth`. Columns of
-    commands are skipped. `time_column` is used where a table has it.
+    A stream is taken from the first table that has it. Columns belong to the truth if their name, or that
+    of their table, satisfies `is_truth`. Columns of commands are skipped. `time_column` is used where a
+    table has it.
     """
-    times = [_time_column(table, time_column) for table in tables]
-    if not times or None in times:
+    time_columns = [_time_column(table, time_column) for table in tables]
+    if not time_columns or None in time_columns:
         return None
-    time, unit = str(times[0]), _time_unit(tables[0], str(times[0]))
+    main_time = str(time_columns[0])
     tracks, imu, fixes, truth = None, None, None, None
-    for table, own in zip(tables, times, strict=True):
-        other = None if own == time else own
-        names = [one.name for one in table.columns if one.is_number and one.name != own]
-        of_truth = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
-        measured = [name for name in names if name not in of_truth and not is_command(name)]
-        tracks = tracks or _tracks(measured, other, table)
-        imu = imu or _imu(measured, other)
-        fixes = fixes or _fixes(measured, other)
-        truth = truth or _truth(of_truth, other)
-    return ColumnMap(time, unit, tracks, imu, fixes, truth)
+    for table, table_time in zip(tables, time_columns, strict=True):
+        # A stream names its time column only if that is not the main one.
+        time = None if table_time == main_time else table_time
+        names = [one.name for one in table.columns if one.is_number and one.name != table_time]
+        true_names = [name for name in names if is_truth(table.path.stem) or is_truth(name)]
+        measured = [name for name in names if name not in true_names and not is_command(name)]
+        tracks = tracks or _tracks(measured, time, table)
+        imu = imu or _imu(measured, time)
+        fixes = fixes or _fixes(measured, time)
+        truth = truth or _truth(true_names, time)
+    return ColumnMap(main_time, _time_unit(tables[0], main_time), tracks, imu, fixes, truth)
 
 
 def _plain(name: str) -> str:
     """Lower-case name without its unit: acc_x for `Acc x [m/s²]` and for `acc_x_g`."""
-    return UNIT.sub("", re.sub(r"\W+", "_", re.sub(r"[\[(].*", "", name.lower()).strip()))
+    without_brackets = re.sub(r"[\[(].*", "", name.lower()).strip()
+    return UNIT.sub("", re.sub(r"\W+", "_", without_brackets))
 
 
 def _time_column(table: Table, known: str) -> str | None:
+    """Column `known` if it is there, otherwise the likeliest by name or type."""
     names = [column.name for column in table.columns]
+    if known in names:
+        return known
     dates = [column.name for column in table.columns if column.kind.startswith("timestamp")]
     exact = [name for name in names if TIME.match(_plain(name))]
     likely = [name for name in names if TIME_WORDS.search(_plain(name))]
-    return known if known in names else next(iter([*exact, *dates, *likely]), None)
+    candidates = [*exact, *dates, *likely]
+    return candidates[0] if candidates else None
 
 
 def _time_unit(table: Table, name: str) -> TimeUnit:
-    """Unit by the ending of the name, else by the size of times since 1970; else "s"."""
+    """Unit by a word of the name, else by the size of times since 1970, else "s"."""
     for word in re.split(r"[^a-z]+", name.lower()):
         if word in ENDINGS:
             return ENDINGS[word]
@@ -100,20 +108,21 @@ def _time_unit(table: Table, name: str) -> TimeUnit:
 
 
 def _tracks(names: Sequence[str], time: str | None, table: Table) -> TrackColumns | None:
+    """Guess the columns of the track speeds; names with a word of speed are preferred."""
     likely = [name for name in names if not NO_SPEED.search(name.lower())]
     left, right = sides([name for name in likely if SPEED.search(name.lower())])
     if not (left and right):
-        left, right = sides([name for name in likely if _is_bare(name)])
+        left, right = sides([name for name in likely if _names_side_alone(name)])
     if not (left and right) or len(left) != len(right):
         return None
     keys = unit_of(left[0], unknown="m/s")
     if keys["unit"] == "counts":
-        numbers = table.numbers((*left, *right))
-        keys["wrap"] = counter_range(numbers)[0] if len(left) == 1 else None
+        counts = table.numbers((*left, *right))
+        keys["wrap"] = counter_range(counts)[0] if len(left) == 1 else None
     return TrackColumns(left=left, right=right, time=time, **keys)
 
 
-def _is_bare(name: str) -> bool:
+def _names_side_alone(name: str) -> bool:
     """Return True for a name with no other quantity than its side, as `left_m_s`."""
     words = re.split(r"[^a-z]+", re.sub("left|right", " ", name.lower()))
     return all(BARE.fullmatch(word) for word in words)
@@ -121,17 +130,25 @@ def _is_bare(name: str) -> bool:
 
 def _axes(names: Sequence[str], pattern: re.Pattern[str]) -> tuple[str, ...]:
     """Names of the axes x, y, z, of z alone if there is no x, or none."""
-    by_axis = {match.group(1): name for name in names if (match := pattern.match(_plain(name)))}
-    if set("xyz") <= set(by_axis):
-        return tuple(by_axis[axis] for axis in "xyz")
+    # The group of the pattern is the axis.
+    by_axis = {}
+    for name in names:
+        if match := pattern.match(_plain(name)):
+            by_axis[match.group(1)] = name
+    if by_axis.keys() >= set("xyz"):
+        return by_axis["x"], by_axis["y"], by_axis["z"]
     return (by_axis["z"],) if "z" in by_axis and "x" not in by_axis else ()
 
 
 def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
+    """Guess the columns of rates or of a yaw rate alone, and of three specific forces."""
     # Bare x, y and z are a position rather than rates.
     named = [name for name in names if len(_plain(name)) > 1]
     rates, forces = _axes(named, GYRO), _axes(named, ACCELEROMETER)
-    if not (rates := rates or tuple(filter(None, [_first(names, YAW_RATE)]))):
+    yaw_rate = _first(names, YAW_RATE)
+    if not rates and yaw_rate is not None:
+        rates = (yaw_rate,)
+    if not rates:
         return None
     unit: RateUnit = "deg/s" if any(map(_in_degrees, rates)) else "rad/s"
     forces = forces if len(forces) == 3 else ()
@@ -139,14 +156,17 @@ def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
 
 
 def _first(names: Sequence[str], pattern: re.Pattern[str]) -> str | None:
+    """First name that has the pattern, lower-case and without its unit."""
     return next((name for name in names if pattern.search(_plain(name))), None)
 
 
 def _in_degrees(name: str) -> bool:
+    """Test a name for a unit of degrees, or degrees per second."""
     return any(word in name.lower() for word in ("deg", "dps", "°"))
 
 
 def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
+    """Guess the columns of fixes on the globe; x and y could be odometry instead."""
     latitude, longitude = _first(names, LATITUDE), _first(names, LONGITUDE)
     if latitude is None or longitude is None:
         return None
@@ -160,9 +180,7 @@ def _fixes(names: Sequence[str], time: str | None) -> PoseColumns | None:
 
 
 def _truth(names: Sequence[str], time: str | None) -> PoseColumns | None:
-    x, y, yaw = (
-        _first(names, re.compile(rf"(?:^|[_.])(?:{ending})$"))
-        for ending in ("x", "y", "yaw|heading|theta")
-    )
+    """Guess the columns of a truth's x, y and yaw; None without a position."""
+    x, y, yaw = (_first(names, re.compile(rf"(?:^|[_.])(?:{name})$")) for name in POSE_NAMES)
     unit: AngleUnit = "deg" if yaw and _in_degrees(yaw) else "rad"
     return PoseColumns(x=x, y=y, yaw=yaw, yaw_unit=unit, time=time) if x and y else None

@@ -61,36 +61,31 @@ def guess_topics(surveys: Iterable[Survey]) -> TopicMap:
     Returns:
         The mapping; None for streams that were not found.
     """
-    found = {one.channel.topic: one for one in surveys if one.recorded}
-    found = dict(sorted(found.items()))
-    truths = {topic: sample for topic, sample in found.items() if is_truth(topic)}
-    own = {topic: sample for topic, sample in found.items() if not is_truth(topic)}
-    tracks = _tracks(own)
-    taken = tracks.topic if tracks else None
-    return TopicMap(
-        tracks=tracks,
-        imu=_imu(own),
-        fixes=_fixes({topic: sample for topic, sample in own.items() if topic != taken}),
-        truth=_truth(truths, tracks),
-        heading=_heading(own),
-    )
+    recorded = [survey for survey in surveys if survey.recorded]
+    recorded.sort(key=lambda survey: survey.channel.topic)
+    truths = {one.channel.topic: one for one in recorded if is_truth(one.channel.topic)}
+    sensors = {one.channel.topic: one for one in recorded if not is_truth(one.channel.topic)}
+    tracks, imu, heading = _tracks(sensors), _imu(sensors), _heading(sensors)
+    if tracks:
+        del sensors[tracks.topic]  # an odometry that gives track speeds is no fix, too
+    return TopicMap(tracks, imu, _fixes(sensors), _truth(truths, tracks), heading)
 
 
 def sides(names: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Select the driving joints of the left and the right side, by their names."""
+    """Select the joints of the left and the right side, by their names."""
+    # Of a side with names of wheels or tracks (`DRIVE_WORDS`), those alone, so not those of an arm.
 
-    def on(side: str, abbreviations: set[str]) -> list[str]:
-        return [
-            name
-            for name in names
-            if side in name.lower() or abbreviations & set(re.split(r"[^a-z]+", name.lower()))
-        ]
+    def on_side(side: str, abbreviations: set[str]) -> tuple[str, ...]:
+        joints, driving = [], []
+        for name in names:
+            lower = name.lower()
+            if side in lower or abbreviations & set(re.split(r"[^a-z]+", lower)):
+                joints.append(name)
+                if any(word in lower for word in DRIVE_WORDS):
+                    driving.append(name)
+        return tuple(driving or joints)
 
-    def driving(side: list[str]) -> tuple[str, ...]:
-        drives = [name for name in side if any(word in name.lower() for word in DRIVE_WORDS)]
-        return tuple(drives or side)
-
-    return driving(on("left", LEFT)), driving(on("right", RIGHT))
+    return on_side("left", LEFT), on_side("right", RIGHT)
 
 
 def is_truth(topic: str) -> bool:
@@ -103,42 +98,44 @@ def is_command(topic: str) -> bool:
     return COMMAND.search(topic.lower()) is not None
 
 
-def _tracks(samples: Mapping[str, Survey]) -> TrackTopic | None:
-    for topic, sample in samples.items():
-        if sample.channel.msgtype != ros.JOINT_STATE or is_command(topic):
+def _tracks(surveys: Mapping[str, Survey]) -> TrackTopic | None:
+    """Guess the track speeds: joints, two topics, fields, or else an odometry."""
+    for topic, survey in surveys.items():
+        if survey.channel.msgtype != ros.JOINT_STATE or is_command(topic):
             continue
-        named = [list(one.name) for one in sample.messages if len(one.velocity) == len(one.name)]
+        joints = [list(one.name) for one in survey.messages if len(one.velocity) == len(one.name)]
         # Some drivers publish each wheel in a message of its own.
-        together = list(dict.fromkeys(name for names in named for name in names))
-        for names in (*named, together):
+        all_joints = list(dict.fromkeys(name for names in joints for name in names))
+        for names in (*joints, all_joints):
             left, right = sides(names)
             if left and right:
                 return TrackTopic(topic, left=left, right=right)
-    if (numbers := _pair_of_topics(samples) or _fields_of_sides(samples)) is not None:
+    numbers = _topic_pair(surveys) or _wheel_fields(surveys)
+    if numbers is not None:
         return numbers
     candidates = [
         topic
-        for topic, sample in samples.items()
-        if sample.channel.msgtype in (ros.ODOMETRY, ros.TWIST) and not is_command(topic)
+        for topic, survey in surveys.items()
+        if survey.channel.msgtype in (ros.ODOMETRY, ros.TWIST) and not is_command(topic)
     ]
 
-    def unlikely(topic: str) -> tuple[bool, bool]:
-        wheels = any(word in topic.lower() for word in (*DRIVE_WORDS, "controller", "odom"))
-        return (samples[topic].channel.msgtype != ros.ODOMETRY, not wheels)
+    def likelihood(topic: str) -> tuple[bool, bool]:
+        words = (*DRIVE_WORDS, "controller", "odom")
+        is_named = any(word in topic.lower() for word in words)
+        return surveys[topic].channel.msgtype == ros.ODOMETRY, is_named
 
-    return TrackTopic(min(candidates, key=unlikely)) if candidates else None
+    return TrackTopic(max(candidates, key=likelihood)) if candidates else None
 
 
-def _pair_of_topics(samples: Mapping[str, Survey]) -> TrackTopic | None:
-    """Topics of both sides with a number each, as of many encoder boards."""
+def _topic_pair(surveys: Mapping[str, Survey]) -> TrackTopic | None:
+    """Guess topics of both sides with a number each, as of many encoder boards."""
     for kind, wrap in NUMBERS.items():
-        left, right = sides(
-            [
-                topic
-                for topic, sample in samples.items()
-                if sample.channel.msgtype == f"std_msgs/msg/{kind}" and may_be_a_side(sample)
-            ]
-        )
+        candidates = [
+            topic
+            for topic, survey in surveys.items()
+            if survey.channel.msgtype == f"std_msgs/msg/{kind}" and may_be_a_side(survey)
+        ]
+        left, right = sides(candidates)
         if len(left) == len(right) == 1 and left != right:
             pair = TrackTopic(left[0], right[0], left=("data",), right=("data",))
             if "Int" in kind:
@@ -147,12 +144,12 @@ def _pair_of_topics(samples: Mapping[str, Survey]) -> TrackTopic | None:
     return None
 
 
-def _fields_of_sides(samples: Mapping[str, Survey]) -> TrackTopic | None:
-    """Topic whose messages have numbers named like the speeds or counts of both sides."""
-    for topic, sample in samples.items():
-        if sample.channel.msgtype.split("/")[0] in STANDARD or not sample.messages:
+def _wheel_fields(surveys: Mapping[str, Survey]) -> TrackTopic | None:
+    """Guess a topic with fields that are named like speeds or counts of both sides."""
+    for topic, survey in surveys.items():
+        if survey.channel.msgtype.split("/")[0] in STANDARD or not survey.messages:
             continue
-        paths = number_paths(sample.messages[0])
+        paths = number_paths(survey.messages[0])
         left, right = sides([path for path in paths if is_of_wheel(f"{topic} {path}")])
         if left and len(left) == len(right) and not {*left} & {*right}:
             track = TrackTopic(topic, left=left, right=right)
@@ -161,18 +158,19 @@ def _fields_of_sides(samples: Mapping[str, Survey]) -> TrackTopic | None:
 
 
 def unit_of(name: str, unknown: TrackUnit) -> dict[str, Any]:
-    """Unit by a name, as keys of `TrackKeys`; a person fills in counts per turn."""
+    """Unit of track speeds by a word of a name, as keys of `TrackKeys`."""
+    # `unknown` is the unit without such a word. A person fills in the counts per turn.
     name = name.lower()
     if COUNTER.search(name):
         return {"unit": "counts", "counts_per_turn": ANY_COUNTS}
     return {"unit": next((unit for word, unit in UNIT_WORDS if word in name), unknown)}
 
 
-def may_be_a_side(sample: Survey) -> bool:
+def may_be_a_side(survey: Survey) -> bool:
     """Test for a number named like the speed or count of a wheel, on its own topic."""
-    kind = sample.channel.msgtype.split("/")
-    is_number = kind[0] == "std_msgs" and kind[-1] in NUMBERS
-    return is_number and is_of_wheel(sample.channel.topic)
+    parts = survey.channel.msgtype.split("/")
+    is_number = parts[0] == "std_msgs" and parts[-1] in NUMBERS
+    return is_number and is_of_wheel(survey.channel.topic)
 
 
 def is_of_wheel(name: str) -> bool:
@@ -182,62 +180,65 @@ def is_of_wheel(name: str) -> bool:
     return is_wheel and not NO_SPEED.search(name) and not is_command(name)
 
 
-def _measures_rates(sample: Survey) -> bool:
-    return any(
-        message.angular_velocity_covariance[0] != ABSENT
-        and (message.angular_velocity.x, message.angular_velocity.y, message.angular_velocity.z)
-        != (0.0, 0.0, 0.0)
-        for message in sample.messages
-    )
+def _measures_rates(survey: Survey) -> bool:
+    """Test the samples of an Imu topic for rates that are neither absent nor all zero."""
+    present = [one for one in survey.messages if one.angular_velocity_covariance[0] != ABSENT]
+    rates = [one.angular_velocity for one in present]
+    return any((rate.x, rate.y, rate.z) != (0.0, 0.0, 0.0) for rate in rates)
 
 
-def _heading(samples: Mapping[str, Survey]) -> HeadingTopic | None:
-    for topic, sample in samples.items():
-        if sample.channel.msgtype != ros.IMU or _measures_rates(sample):
+def _heading(surveys: Mapping[str, Survey]) -> HeadingTopic | None:
+    """Guess an Imu topic with an orientation but no rates, as of two antennas."""
+    for topic, survey in surveys.items():
+        if survey.channel.msgtype != ros.IMU or _measures_rates(survey):
             continue
-        turned = [one for one in sample.messages if one.orientation_covariance[0] != ABSENT]
-        if any(abs(one.orientation.z) > 0.0 for one in turned):
-            known = any(one.orientation_covariance[8] > 0.0 for one in turned)
-            return HeadingTopic(topic, sigma=None if known else PLACEHOLDER_SIGMA)
+        oriented = [one for one in survey.messages if one.orientation_covariance[0] != ABSENT]
+        if any(abs(one.orientation.z) > 0.0 for one in oriented):
+            has_sigma = any(one.orientation_covariance[8] > 0.0 for one in oriented)
+            return HeadingTopic(topic, sigma=None if has_sigma else PLACEHOLDER_SIGMA)
     return None
 
 
-def _imu(samples: Mapping[str, Survey]) -> ImuTopic | None:
-    rates = {
-        topic: len(sample.recorded)
-        for topic, sample in samples.items()
-        if sample.channel.msgtype == ros.IMU and _measures_rates(sample)
+def _imu(surveys: Mapping[str, Survey]) -> ImuTopic | None:
+    """Guess the Imu topic with most messages, of those that measure rates."""
+    counts = {
+        topic: len(survey.recorded)
+        for topic, survey in surveys.items()
+        if survey.channel.msgtype == ros.IMU and _measures_rates(survey)
     }
-    return ImuTopic(max(rates, key=lambda topic: rates[topic])) if rates else None
+    return ImuTopic(max(counts, key=lambda topic: counts[topic])) if counts else None
 
 
-def _fixes(samples: Mapping[str, Survey]) -> FixTopic | None:
-    measured = {topic: one for topic, one in samples.items() if not is_command(topic)}
-    topic = _first(measured, ros.POSE_WITH_COVARIANCE, ros.POSE)
+def _fixes(surveys: Mapping[str, Survey]) -> FixTopic | None:
+    """Guess the topic of fixes: measured poses, or else positions on the globe."""
+    measured = {topic: one for topic, one in surveys.items() if not is_command(topic)}
+    topic = _first_topic(measured, ros.POSE_WITH_COVARIANCE, ros.POSE)
     if topic is not None:
-        known = samples[topic].channel.msgtype == ros.POSE_WITH_COVARIANCE
-    elif (topic := _first(samples, ros.NAVSATFIX)) is not None:
-        known = any(one.position_covariance_type for one in samples[topic].messages)
+        has_sigma = surveys[topic].channel.msgtype == ros.POSE_WITH_COVARIANCE
+    elif (topic := _first_topic(surveys, ros.NAVSATFIX)) is not None:
+        has_sigma = any(one.position_covariance_type for one in surveys[topic].messages)
     else:
         return None
-    return FixTopic(topic, position_sigma=None if known else PLACEHOLDER_SIGMA)
+    return FixTopic(topic, position_sigma=None if has_sigma else PLACEHOLDER_SIGMA)
 
 
-def _truth(samples: Mapping[str, Survey], tracks: TrackTopic | None) -> TruthTopic | None:
-    topic = _first(samples, ros.POSE, ros.POSE_WITH_COVARIANCE, ros.ODOMETRY, ros.NAVSATFIX)
+def _truth(surveys: Mapping[str, Survey], tracks: TrackTopic | None) -> TruthTopic | None:
+    """Guess the topics of a truth among those named so; `tracks` are as measured."""
+    poses = (ros.POSE, ros.POSE_WITH_COVARIANCE, ros.ODOMETRY, ros.NAVSATFIX)
+    topic = _first_topic(surveys, *poses)
     if topic is None:
         return None
     # True track speeds are read with the names of the joints in [log.tracks].
     has_joint_names = tracks is not None and bool(tracks.left)
-    joints = _first(samples, ros.JOINT_STATE) if has_joint_names else None
-    twist, source = _first(samples, ros.TWIST), _first(samples, ros.STRING)
+    joints = _first_topic(surveys, ros.JOINT_STATE) if has_joint_names else None
+    twist, source = _first_topic(surveys, ros.TWIST), _first_topic(surveys, ros.STRING)
     return TruthTopic(topic, twist=twist, tracks=joints, source_topic=source)
 
 
-def _first(samples: Mapping[str, Survey], *types: str) -> str | None:
-    """First topic of the first of these types that is there."""
-    for kind in types:
-        for topic, one in samples.items():
-            if one.channel.msgtype == kind:
+def _first_topic(surveys: Mapping[str, Survey], *types: str) -> str | None:
+    """First topic of the first of these message types that there is, or None."""
+    for msgtype in types:
+        for topic, survey in surveys.items():
+            if survey.channel.msgtype == msgtype:
                 return topic
     return None

@@ -19,14 +19,10 @@ from icreckon.replay.inspection.imu_mounting import (
 )
 from icreckon.replay.inspection.wheels import jackknifed
 
-WINDOW = 5.0
-"""Time over which the turning by gyro and by truth or tracks is compared [s]."""
-LARGEST_HOLE = 1.0
-"""Windows with a longer gap between samples are left out [s]."""
-SURE = 3.0
-"""Standard errors beyond which a bias while driving is significant."""
-UNSEEN_BIAS_SIGMA = 0.1
-"""Standard error of a bias that a log does not show [rad/s]."""
+WINDOW = 5.0  # time over which the turning by gyro and by truth or tracks is compared [s]
+LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
+SURE = 3.0  # standard errors beyond which a bias while driving is significant
+UNSEEN_BIAS_SIGMA = 0.1  # standard error of a bias that a log does not show [rad/s]
 LEAST_BY_TRACKS = 0.005
 """Least bias that tracks show [rad/s]: on the sample logs, tracks of a healthy gyro show 0.001."""
 
@@ -39,7 +35,7 @@ class GyroBias(NamedTuple):
     source: str  # "standstill", "truth" or "tracks"
 
     def differs(self, expected: float, sigma: float = 0.0) -> bool:
-        """Return True if the bias is not the expected one with its sigma [rad/s]."""
+        """Return True if the bias is significantly not the expected one ± sigma [rad/s]."""
         least = LEAST_BY_TRACKS if self.source == "tracks" else 0.0
         return abs(self.value - expected) > max(least, SURE * float(np.hypot(sigma, self.sigma)))
 
@@ -47,7 +43,8 @@ class GyroBias(NamedTuple):
 def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBias | None:
     """Estimate the bias of the gyro; None if the log does not show it.
 
-    A standstill is preferred, then the headings of a truth, then the tracks.
+    A standstill is preferred, then the headings of a truth, then the tracks. While driving, turning by
+    the gyro in windows is fitted by a bias times the window, plus a factor times each reference.
 
     Args:
         log: the log; its track speeds may be rates.
@@ -57,39 +54,42 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     if log.imu is None or len(log.imu.stamps) < 2:
         return None
     tracks, imu = log.tracks, log.imu
-    still = standstill(tracks, imu.stamps)
-    seconds = float(still.sum()) * float(np.median(np.diff(imu.stamps))) * NANOSECOND
+    is_still = standstill(tracks, imu.stamps)
+    seconds = float(is_still.sum()) * float(np.median(np.diff(imu.stamps))) * NANOSECOND
     if seconds >= ENOUGH_STILL:
         sigma = noise_density / float(np.sqrt(seconds))
-        return GyroBias(float(vertical[still].mean()), sigma, "standstill")
+        return GyroBias(float(vertical[is_still].mean()), sigma, "standstill")
     if not are_usable(tracks):
         return None
-    source, stamps = "tracks", tracks.stamps
-    left, right = tracks.speeds.T
-    driven = [running_integral(stamps, speeds) for speeds in (right - left, right + left)]
-    others = np.column_stack(driven)
     if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         source, stamps = "truth", log.truth.poses.stamps
-        others = np.unwrap(log.truth.poses.poses[:, 2:], axis=0)
+        references = [np.unwrap(log.truth.poses.poses[:, 2])]
+    else:
+        source, stamps = "tracks", tracks.stamps
+        left, right = tracks.speeds.T
+        # Unequal radii turn the robot by a share of the distance.
+        references = [running_integral(stamps, speeds) for speeds in (right - left, right + left)]
     step = round(WINDOW / NANOSECOND)
     edges = even_grid(max(stamps[0], imu.stamps[0]), min(stamps[-1], imu.stamps[-1]), step, stamps)
     if len(edges) < 2 * BLOCKS:
         return None
-    whole = np.diff(edges) == step
+    is_whole = np.diff(edges) == step
     for samples in (stamps, imu.stamps):
         gaps = np.flatnonzero(np.diff(samples) * NANOSECOND > LARGEST_HOLE)
         for begin, end in zip(samples[gaps], samples[gaps + 1], strict=True):
-            whole &= (edges[1:] <= begin) | (edges[:-1] >= end)
-    if whole.sum() < 2 * BLOCKS:
+            is_whole &= (edges[1:] <= begin) | (edges[:-1] >= end)
+    if is_whole.sum() < 2 * BLOCKS:
         return None
-    turned = np.diff(np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical)))
-    moved = [np.diff(np.interp(edges, stamps, column)) for column in others.T]
-    design = np.column_stack([np.full(len(turned), WINDOW), *moved])[whole]
-    if source == "tracks" and abs(np.corrcoef(design[:, 1], turned[whole])[0, 1]) < CLEAR_TURNING:
+    by_gyro = np.interp(edges, imu.stamps, running_integral(imu.stamps, vertical))
+    turning = np.diff(by_gyro)[is_whole]
+    changes = [np.diff(np.interp(edges, stamps, column))[is_whole] for column in references]
+    if source == "tracks" and abs(np.corrcoef(changes[0], turning)[0, 1]) < CLEAR_TURNING:
         return None
+    design = np.column_stack([np.full(len(turning), WINDOW), *changes])
 
-    def fitted(rows: NDArray[np.int_]) -> float:
-        return float(np.linalg.lstsq(design[rows], turned[whole][rows], rcond=None)[0][0])
+    def fitted_bias(rows: NDArray[np.int_]) -> float:
+        (bias, *_factors), *_ = np.linalg.lstsq(design[rows], turning[rows], rcond=None)
+        return float(bias)
 
-    bias, sigma = jackknifed(fitted, len(design))
+    bias, sigma = jackknifed(fitted_bias, len(design))
     return GyroBias(bias, sigma, source) if sigma < UNSEEN_BIAS_SIGMA else None

@@ -15,20 +15,13 @@ from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 
-STILL_SPEED = 0.005
-"""Track speeds below this share of the fastest, spikes aside, count as zero [-]."""
-STILL_MARGIN = 0.5
-"""Time after a stop and before a start that does not count as standstill [s]."""
-ENOUGH_STILL = 2.0
-"""Shortest standstill, less the margins, from which a bias is estimated [s]."""
-ABSURD = 1e6
-"""Implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s."""
-SMOOTHING = 0.5
-"""Time over which accelerations are averaged before they are compared [s]."""
-CLEAR_TURNING = 0.7
-"""Smallest correlation of turning with V_r - V_l that is clear [-]."""
-CLEAR_SCORE = 0.4
-"""Smallest sum of two correlations at which a yaw of the mount is accepted [-]."""
+STILL_SPEED = 0.005  # track speeds below this share of the fastest, spikes aside, count as zero [-]
+STILL_MARGIN = 0.5  # time after a stop and before a start that does not count as standstill [s]
+ENOUGH_STILL = 2.0  # shortest standstill, less the margins, from which a bias is estimated [s]
+ABSURD = 1e6  # implausible reading of an IMU, in rad/s or m/s², or of track speeds, in rad/s
+SMOOTHING = 0.5  # time over which accelerations are averaged before they are compared [s]
+CLEAR_TURNING = 0.7  # smallest correlation of turning with V_r - V_l that is clear [-]
+CLEAR_SCORE = 0.4  # smallest sum of two correlations at which a yaw of the mount is accepted [-]
 
 
 @dataclass(frozen=True)
@@ -59,7 +52,7 @@ def estimate_mounting(log: Log) -> Mounting | None:
     """Estimate the mounting and noise of a log's IMU.
 
     Returns:
-        The estimate, or None if there is no IMU, or readings are absurd (1e200 m/s²).
+        The estimate, or None if there is no IMU, or readings are absurd (beyond `ABSURD`).
     """
     imu = log.imu
     if imu is None or len(imu.stamps) < 2:
@@ -68,42 +61,45 @@ def estimate_mounting(log: Log) -> Mounting | None:
     if any(table is not None and np.abs(table).max() > ABSURD for table in (rates, forces)):
         return None
     force = None if forces is None else forces.mean(axis=0)
+    # Upward direction in the IMU's axes.
     up, shown_by = force, "gravity"
     if up is None or not up.any():
-        up = turning_axis(log.tracks, imu)
-        up, shown_by = (np.array([0.0, 0.0, 1.0]), "") if up is None else (up, "turning")
+        up, shown_by = turning_axis(log.tracks, imu), "turning"
+    if up is None:
+        up, shown_by = np.array([0.0, 0.0, 1.0]), ""
     x, y, z = up
-    tilt = np.arctan2(y, z), np.arctan2(-x, np.hypot(y, z))
-    roll, pitch = (float(np.degrees(angle)) for angle in tilt)
-    levelled = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
+    roll = float(np.degrees(np.arctan2(y, z)))
+    pitch = float(np.degrees(np.arctan2(-x, np.hypot(y, z))))
+    levelling = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
     gyro_axes = "xyz" if rates[:, :2].any() else "z"
-    vertical = rate_about(levelled[2], rates, gyro_axes)
-    still = standstill(log.tracks, imu.stamps)
+    vertical = rate_about(levelling[2], rates, gyro_axes)
+    is_still = standstill(log.tracks, imu.stamps)
     step = float(np.median(np.diff(imu.stamps))) * NANOSECOND
     yaw = accelerometer_noise = None
     if forces is not None and shown_by == "gravity":
-        horizontal = forces @ levelled[:2].T
+        horizontal = forces @ levelling[:2].T
         yaw = forward_yaw(log.tracks, imu.stamps, horizontal, vertical)
         accelerometer_noise = _density_while_driving(
-            log.tracks, imu.stamps, horizontal, vertical, still, step
+            log.tracks, imu.stamps, horizontal, vertical, is_still, step
         )
-    stood = float(still.sum()) * step >= ENOUGH_STILL
+    still_seconds = float(is_still.sum()) * step
+    has_stood = still_seconds >= ENOUGH_STILL
     return Mounting(
         rotation_rpy_deg=(roll, pitch, 0.0 if yaw is None else yaw),
         up_shown_by=shown_by,
         yaw_shown=yaw is not None,
         specific_force=force,
-        still_seconds=float(still.sum()) * step,
+        still_seconds=still_seconds,
         gyro_axes=gyro_axes,
         turning_correlation=turning_correlation(log.tracks, imu, vertical),
-        gyro_bias=rates[still].mean(axis=0) if stood else None,
-        gyro_noise_density=density(vertical, still, step) if stood else None,
+        gyro_bias=rates[is_still].mean(axis=0) if has_stood else None,
+        gyro_noise_density=density(vertical, is_still, step) if has_stood else None,
         accelerometer_noise_density=accelerometer_noise,
     )
 
 
 def are_usable(tracks: TrackSpeedSeries) -> bool:
-    """Report whether there are at least two track speeds, and none is absurd."""
+    """Test for at least two track speeds, none of them beyond `ABSURD`."""
     return len(tracks.stamps) > 1 and bool(np.abs(tracks.speeds).max() <= ABSURD)
 
 
@@ -117,8 +113,9 @@ def turning_axis(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
     size = float(np.linalg.norm(covariance))
     if size == 0.0:
         return None
-    correlation = turning_correlation(tracks, imu, rates @ (covariance / size))
-    return covariance / size if correlation is not None and correlation > CLEAR_TURNING else None
+    axis = covariance / size
+    correlation = turning_correlation(tracks, imu, rates @ axis)
+    return axis if correlation is not None and correlation > CLEAR_TURNING else None
 
 
 def forward_yaw(
@@ -126,8 +123,8 @@ def forward_yaw(
 ) -> float | None:
     """Estimate the yaw of a levelled mount to the next 90 deg; None if not observable.
 
-    The result is the candidate of four whose forward axis follows the change of the tracks' mean speed
-    v, and whose left axis follows v w; both are averaged over half a second.
+    The result [deg] is the candidate of four whose forward axis follows the change of the tracks' mean
+    speed v, and whose left axis follows v w; both are averaged over half a second.
 
     `stamps` (n,) are those of the IMU [ns], `horizontal` (n, 2) the specific force in the levelled axes
     [m/s²], `vertical` (n,) the rate about the vertical [rad/s].
@@ -135,7 +132,7 @@ def forward_yaw(
     if not are_usable(tracks):
         return None
     seconds = (stamps - stamps[0]) * NANOSECOND
-    width = max(1, round(SMOOTHING / float(np.median(np.diff(seconds)))))
+    width = max(1, round(SMOOTHING / float(np.median(np.diff(seconds)))))  # samples of an average
     if len(stamps) < 20 * width:
         return None
 
@@ -148,8 +145,9 @@ def forward_yaw(
     x, y = smooth(horizontal[:, 0]), smooth(horizontal[:, 1])
     if min(map(np.ptp, (change, centripetal, x, y))) == 0.0:
         return None
-    table = np.corrcoef([x, y, change, centripetal])[:2, 2:]
-    along, across = table[0, 0] + table[1, 1], table[0, 1] - table[1, 0]
+    correlations = np.corrcoef([x, y, change, centripetal])
+    (x_change, x_centripetal), (y_change, y_centripetal) = correlations[:2, 2:]
+    along, across = x_change + y_centripetal, x_centripetal - y_change
     scores = {0.0: along, 90.0: across, 180.0: -along, -90.0: -across}
     best, second = sorted(scores, key=lambda yaw: scores[yaw], reverse=True)[:2]
     return best if scores[best] >= CLEAR_SCORE and scores[best] >= 2.0 * scores[second] else None
@@ -167,29 +165,29 @@ def rate_about(upward: Floats, rates: Floats, gyro_axes: str) -> Floats:
 
 
 def standstill(tracks: TrackSpeedSeries, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Mask (n,) of the stamps [ns] that lie well inside a standstill of both tracks.
-
-    A stop lasts from the first to the last of at least two consecutive track-speed samples of about
-    zero, less `STILL_MARGIN` at each end.
-    """
+    """Mask (n,) of the stamps [ns] that lie well inside a standstill of both tracks."""
+    # A stop lasts from the first to the last of at least two consecutive track-speed samples of about
+    # zero, less `STILL_MARGIN` at each end.
     result = np.zeros(len(stamps), dtype=bool)
     if not len(tracks.stamps):
         return result
     speed = np.abs(tracks.speeds).max(axis=1)
-    still = speed <= STILL_SPEED * np.percentile(speed, 99)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
     margin = round(STILL_MARGIN / NANOSECOND)
-    for first, end in edges.reshape(-1, 2):
-        start, stop = tracks.stamps[first] + margin, tracks.stamps[end - 1] - margin
+    for first, last in true_runs(speed <= STILL_SPEED * np.percentile(speed, 99)):
+        start, stop = tracks.stamps[first] + margin, tracks.stamps[last] - margin
         result |= (stamps >= start) & (stamps <= stop)
     return result
 
 
-def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
-    """Correlation of V_r - V_l with the vertical rate; None if one is constant.
+def true_runs(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """First and last rows (k, 2) of the runs of a mask (n,) in which it is set."""
+    ends = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))).reshape(-1, 2)
+    return ends - (0, 1)
 
-    `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
-    """
+
+def turning_correlation(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> float | None:
+    """Correlation of V_r - V_l with the vertical rate; None if one is constant."""
+    # `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
     difference = _turning(tracks, imu)
     if difference is None or np.ptp(difference) == 0.0 or np.ptp(vertical) == 0.0:
         return None
@@ -208,15 +206,16 @@ def _density_while_driving(
     stamps: NDArray[np.int64],
     horizontal: Floats,
     vertical: Floats,
-    still: NDArray[np.bool_],
+    is_still: NDArray[np.bool_],
     step: float,
 ) -> float | None:
     """Noise density of horizontal specific forces beyond the change of speed and v w.
 
-    It is the larger of two: of neighbouring samples (fast vibration), and of means over `SMOOTHING`
-    (with slopes and shocks).
+    It is the larger of two [m/s²/√Hz]: of neighbouring samples (fast vibration), and of means over
+    `SMOOTHING` (with slopes and shocks). None if it hardly drives. `step` is the interval of the IMU's
+    samples [s]; the other arguments are as for `forward_yaw`.
     """
-    driving = ~still
+    driving = ~is_still
     if driving.sum() <= 10:
         return None
     fast = max(density(axis, driving, step) for axis in horizontal.T)
@@ -226,6 +225,7 @@ def _density_while_driving(
         return fast
 
     def means(values: Floats) -> Floats:
+        """Means (count,) of successive `width` samples."""
         return np.asarray(values[: count * width].reshape(count, width).mean(axis=1))
 
     speed = np.interp(stamps, tracks.stamps, tracks.speeds.mean(axis=1))
@@ -243,6 +243,8 @@ def _density_while_driving(
 
 
 def density(values: Floats, where: NDArray[np.bool_], step: float) -> float:
-    """White noise density where a mask (n,) is set, by differences of neighbours."""
-    neighbours = where[1:] & where[:-1]
-    return float(np.diff(values)[neighbours].std() / np.sqrt(2.0) * np.sqrt(step))
+    """White noise density [unit/√Hz] of values (n,) where a mask (n,) is set."""
+    # `step` is the interval of the samples [s]. Differences of neighbours are free of slow changes.
+    are_neighbours = where[1:] & where[:-1]
+    # The variance of a difference is twice that of a sample.
+    return float(np.diff(values)[are_neighbours].std() / np.sqrt(2.0) * np.sqrt(step))

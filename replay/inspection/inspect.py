@@ -41,12 +41,10 @@ from icreckon.replay.reading.to_log import assemble, evidence_of
 
 UNUSED = ("latency", "gauge")
 """Keys of streams that a log is inspected without: it shows what they should be."""
-FAST_TURNING = 6.0
-"""Yaw rate that a ground robot hardly exceeds [rad/s]."""
+FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
 FAST_SPEED, FAST_RATE = 20.0, 120.0
 """Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
-MOST_STOPS = 8
-"""Highest number of standstills that are listed."""
+MOST_STOPS = 8  # highest number of standstills that are listed
 UNITS_OF_RADIUS = Robot(name="unknown", vehicle=Vehicle(1.0, 1.0, 1.0, max_track_speed=1e3))
 """Robot with a sprocket radius of 1 m, so that rates are read as speeds."""
 
@@ -100,23 +98,23 @@ def inspect(
             a person filled in.
     """
     paths = as_paths(path)
-    surveys, notes, tables = _look_through(paths, definitions)
-    reports = {survey.channel.topic: survey.report() for survey in surveys.values()}
+    surveys, notes, tables = _survey_files(paths, definitions)
     mapping = guess_topics(surveys.values())
     if tables:
         time_column = str(sizes.log.get("columns", {}).get("time", ""))
         mapping = replace(mapping, columns=guess_columns(tables, time_column))
         if mapping.columns is None:
             notes.append("not all tables have a column that looks like a time: none is proposed")
-    mapping = _with_own(mapping, sizes.log)
+    mapping = _with_keys(mapping, sizes.log)
     log: Log | None = None
     clocks: dict[str, Choice] = {}
     try:
         gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
         clocks = choose_clocks(evidence_of(gathered.streams))
         log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
-        if (changed := _other_units(mapping, log, notes)) is not mapping:
-            mapping = changed
+        in_units = _with_units(mapping, log, notes)
+        if in_units is not mapping:
+            mapping = in_units
             gathered = gather(paths, mapping, own_mapping=False, definitions=definitions)
             log = assemble(gathered, UNITS_OF_RADIUS, paths[0].stem)
     except EqualStampsError:
@@ -126,36 +124,45 @@ def inspect(
             raise ReplayError(f"the streams of the robot file: {problem}") from None
         if not tables or mapping.columns is not None:
             notes.append(f"the proposed topics cannot be read: {problem}")
-    for purpose, repeated in (_repeated_shares(log) if log is not None else {}).items():
-        entry = mapping.tracks if purpose == "tracks" else mapping.imu
-        if entry is not None and entry.topic in reports:
-            reports[entry.topic] = with_changed(reports[entry.topic], repeated_share=repeated)
-    seen = _estimates(mapping, clocks, log, sizes)
-    track = _track_by_rate(seen)
-    times = [survey.recorded for survey in surveys.values() if survey.recorded]
-    duration = (max(map(max, times)) - min(map(min, times))) * NANOSECOND if times else 0.0
+    estimates = _estimates(mapping, clocks, log, sizes)
+    track = _track_by_rate(estimates)
+    recorded = [survey.recorded for survey in surveys.values() if survey.recorded]
+    duration = (max(map(max, recorded)) - min(map(min, recorded))) * NANOSECOND if recorded else 0.0
     if log is not None and tables and (len(log.tracks.stamps) or log.imu is not None):
         duration = max(duration, log.duration)
-    listed = [reports[name] for name in sorted(reports)]
-    listed += [report for table in tables for report in _column_reports(table, mapping.columns)]
+    reports = _topic_reports(surveys.values(), mapping, log)
+    for table in tables:
+        reports += _column_reports(table, mapping.columns)
     return Inspection(
         path=paths[0],
         duration=duration,
-        topics=tuple(listed),
+        topics=tuple(reports),
         mapping=mapping,
-        mounting=seen.mounting,
+        mounting=estimates.mounting,
         findings=(
-            *(() if mapping.track_keys else (_no_tracks(surveys.values()),)),
-            *_findings(seen),
-            *_of_rates(track),
-            *_of_bias(seen.bias),
-            *_of_wander(seen.wander),
+            *(() if mapping.track_keys else (_missing_tracks(surveys.values()),)),
+            *_findings(estimates),
+            *_rate_finding(track),
+            *_bias_finding(estimates.bias),
+            *_wander_finding(estimates.wander),
         ),
         dropped=log.dropped if log is not None else {},
         notes=(*coarse_stamps(log.notes if log else ()), *notes),
-        proposed_robot_file=robot_file.robot_file_text(paths[0], seen),
+        proposed_robot_file=robot_file.robot_file_text(paths[0], estimates),
         track=track,
     )
+
+
+def _topic_reports(
+    surveys: Collection[topic_survey.Survey], mapping: TopicMap, log: Log | None
+) -> list[topic_survey.TopicReport]:
+    """Reports of the topics by name, with shares of repeated samples."""
+    reports = {survey.channel.topic: survey.report() for survey in surveys}
+    for purpose, repeated in (_repeated_shares(log) if log is not None else {}).items():
+        stream = mapping.tracks if purpose == "tracks" else mapping.imu
+        if stream is not None and stream.topic in reports:
+            reports[stream.topic] = with_changed(reports[stream.topic], repeated_share=repeated)
+    return [reports[topic] for topic in sorted(reports)]
 
 
 def _estimates(
@@ -164,12 +171,13 @@ def _estimates(
     """Estimate mounting, wheels, latencies, gyro bias and wander from a log."""
     if log is None:
         return robot_file.LogEstimates(mapping, clocks, log, sizes)
-    mounting, vertical = _mounted(log)
+    mounting, vertical = _mounting_and_vertical(log)
     latencies = _latencies(log, vertical)
-    in_time = _in_time(log, latencies)
-    if in_time is not log:
-        mounting, vertical = _mounted(in_time)
-    scaled = None if mapping.lacks_counts_per_turn else vertical
+    aligned = _without_latencies(log, latencies)
+    if aligned is not log:
+        mounting, vertical = _mounting_and_vertical(aligned)
+    # Counts have no scale yet, by which wheels could be estimated.
+    wheel_rate = None if mapping.lacks_counts_per_turn else vertical
     correlation = mounting.turning_correlation if mounting else None
     return robot_file.LogEstimates(
         mapping,
@@ -178,59 +186,62 @@ def _estimates(
         sizes,
         mounting,
         vertical,
-        wheels.wheel_estimates(in_time, scaled, correlation),
+        wheels.wheel_estimates(aligned, wheel_rate, correlation),
         latencies,
-        None if vertical is None else gyro_bias(in_time, vertical),
+        None if vertical is None else gyro_bias(aligned, vertical),
         estimate_wander(log, vertical) if log.fixes is not None else None,
     )
 
 
-def _mounted(log: Log) -> tuple[imu_mounting.Mounting | None, Floats | None]:
-    """Mounting of the IMU and its rate about the vertical (n,); None if unknown."""
+def _mounting_and_vertical(log: Log) -> tuple[imu_mounting.Mounting | None, Floats | None]:
+    """Mounting of the IMU and rate about the vertical (n,) [rad/s]; None if unknown."""
     mounting = imu_mounting.estimate_mounting(log)
     vertical = imu_mounting.vertical_rate(log.imu, mounting) if log.imu and mounting else None
     return mounting, vertical
 
 
-def _track_by_rate(seen: robot_file.LogEstimates) -> by_rate.TrackByRate | None:
+def _track_by_rate(estimates: robot_file.LogEstimates) -> by_rate.TrackByRate | None:
     """Effective track by the gyro, of the whole log and over the yaw rate."""
-    ratio, bias, log = seen.wheels.track_ratio, seen.bias, seen.log
-    if ratio is None or seen.vertical is None or log is None:
+    ratio, bias, log = estimates.wheels.track_ratio, estimates.bias, estimates.log
+    if ratio is None or estimates.vertical is None or log is None:
         return None
-    whole, unit = seen.effective_track, "m"
+    whole, unit = estimates.effective_track, "m"
     if whole is None:
-        unit = "the effective radius" if seen.mapping.in_rates else "the controller's gauge"
-        whole, unit = ratio, f"times {unit}"
+        whole, unit = ratio, "times the controller's gauge"
+        if estimates.mapping.in_rates:
+            unit = "times the effective radius"
     is_clear = bias is not None and (bias.source == "standstill" or bias.differs(0.0))
-    value = bias.value if bias is not None and is_clear else 0.0
-    windows = by_rate.track_windows(_in_time(log, seen.latencies), seen.vertical, value)
-    return by_rate.TrackByRate(
-        whole, unit, tuple(by_rate.track_by_rate(windows * (1.0, whole / ratio)))
-    )
+    clear_bias = bias.value if bias is not None and is_clear else 0.0
+    aligned = _without_latencies(log, estimates.latencies)
+    windows = by_rate.track_windows(aligned, estimates.vertical, clear_bias)
+    # The log's tracks are read with a radius or gauge of 1 m: V_r - V_l gets the unit of `whole`.
+    bins = by_rate.track_by_rate(windows * (1.0, whole / ratio))
+    return by_rate.TrackByRate(whole, unit, tuple(bins))
 
 
-def _with_own(guess: TopicMap, own: Mapping[str, Mapping[str, Any]]) -> TopicMap:
-    """Merge the keys that a person filled in into a guessed mapping, except `UNUSED`.
-
-    A guessed stream is dropped if a person uses its topic for another stream.
-    """
-    topics = {keys["topic"] for keys in own.values() if "topic" in keys}
-    merged = {
-        name: stream
-        for name, stream in to_builtins(guess).items()
-        if stream and stream.get("topic") not in topics - {own.get(name, {}).get("topic")}
-    }
-    for name, keys in own.items():
+def _with_keys(guess: TopicMap, filled_in: Mapping[str, Mapping[str, Any]]) -> TopicMap:
+    """Merge keys of [log] tables, by table, into a guessed mapping, except `UNUSED`."""
+    # A guessed stream is dropped if they use its topic for another stream.
+    if not filled_in:
+        return guess
+    topics = {keys["topic"] for keys in filled_in.values() if "topic" in keys}
+    merged = {}
+    for name, stream in to_builtins(guess).items():
+        own_topic = filled_in.get(name, {}).get("topic")
+        if stream and stream.get("topic") not in topics - {own_topic}:
+            merged[name] = stream
+    for name, keys in filled_in.items():
         table = merged
         for part in name.split("."):
             table[part] = table.get(part) or {}
             table = table[part]
         table |= {key: value for key, value in keys.items() if key not in UNUSED}
-    return convert(merged, TopicMap, "[log]", ReplayError) if own else guess
+    return convert(merged, TopicMap, "[log]", ReplayError)
 
 
-def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
-    """Mapping with the IMU in deg/s or g where its readings are, with a note on each."""
+def _with_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
+    """Mapping with the IMU in deg/s or g where its readings are; adds a note on each."""
+    # It is the same object if there is nothing to change.
     if log.imu is None:
         return mapping
     units, fast = {}, _fast_turning(log.imu)
@@ -244,7 +255,7 @@ def _other_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
         if wheels.unit_of_gravity(force) == "; in g?":
             units["acceleration_unit"] = "g"
             notes.append(f"the mean specific force is {force:.3g}: taken for g")
-    return _with_own(mapping, {"imu" if mapping.imu else "columns.imu": units} if units else {})
+    return _with_keys(mapping, {"imu" if mapping.imu else "columns.imu": units} if units else {})
 
 
 def guess_mapping(
@@ -255,14 +266,15 @@ def guess_mapping(
     Raises:
         ReplayError: no such file, or nothing of it is readable.
     """
-    surveys, _, tables = _look_through(as_paths(path), definitions)
+    surveys, _, tables = _survey_files(as_paths(path), definitions)
     if tables or any(topic == MAPPING_TOPIC for topic, _ in surveys):
         return None
     return guess_topics(surveys.values())
 
 
 def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
-    """Latencies of streams against the gyro, by purpose."""
+    """Latencies of tracks and truth against the gyro, by purpose."""
+    # Headings of a truth that do not fit its path are not used.
     if log.imu is None or vertical is None:
         return {}
     found: dict[str, Lag | NoLag] = {}
@@ -276,8 +288,8 @@ def _latencies(log: Log, vertical: Floats | None) -> dict[str, Lag | NoLag]:
     return found
 
 
-def _in_time(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
-    """Log whose track speeds and truth are as late as its gyro, where that is clear."""
+def _without_latencies(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
+    """Log with stamps of track speeds and truth corrected where the latency is clear."""
     tracks, truth = (latencies.get(purpose) for purpose in ("tracks", "truth"))
     if isinstance(tracks, Lag) and not objection(tracks):
         log = with_changed(log, tracks=without_lag(log.tracks, tracks))
@@ -287,10 +299,11 @@ def _in_time(log: Log, latencies: Mapping[str, Lag | NoLag]) -> Log:
     return log
 
 
-def _look_through(
+def _survey_files(
     paths: Sequence[Path], definitions: Definitions
 ) -> tuple[dict[tuple[str, str], topic_survey.Survey], list[str], list[Table]]:
     """Survey all files in one pass: topics by name and type, notes, tables."""
+    # A topic with messages in several bags has one survey.
     surveys: dict[tuple[str, str], topic_survey.Survey] = {}
     notes: list[str] = []
     tables = []
@@ -299,57 +312,64 @@ def _look_through(
             tables.append(Table(path))
             notes += [*tables[-1].notes, *tables[-1].stray_texts()]
             continue
-        read = partial(topic_survey.survey_bag, source=str(path), definitions=definitions)
-        found, remarks = over_bag(path, read)
-        notes += remarks
-        for survey in found:
-            one = surveys.setdefault((survey.channel.topic, survey.channel.msgtype), survey)
-            if one is not survey:
-                one.extend(survey)
+        survey_bag = partial(topic_survey.survey_bag, source=str(path), definitions=definitions)
+        bag_surveys, bag_notes = over_bag(path, survey_bag)
+        notes += bag_notes
+        for new in bag_surveys:
+            known = surveys.setdefault((new.channel.topic, new.channel.msgtype), new)
+            if known is not new:
+                known.extend(new)
     return surveys, notes, tables
 
 
 def _column_reports(table: Table, columns: ColumnMap | None) -> Iterator[topic_survey.TopicReport]:
     """Report each column; numbers with their spacing in time, if that is known."""
-    stamps = timed = None
+    # Texts, and times that cannot be read, have no spacing.
+    stamps = has_time = None
     if columns is not None and table.has([columns.time]):
         with suppress(ReplayError):
-            stamps, timed = table.stamps(columns.time, columns.time_unit)
+            stamps, has_time = table.stamps(columns.time, columns.time_unit)
     for column in table.columns:
-        spaced = topic_survey.Spacing()
+        spacing = topic_survey.Spacing()
         if columns is not None and stamps is not None:
             with suppress(ReplayError):
-                there = timed
+                has_value = has_time
                 if column.name != columns.time:
-                    there = timed & ~np.isnan(table.numbers([column.name])[:, 0])
-                spaced = topic_survey.spacing(stamps[there])
+                    has_value = has_time & ~np.isnan(table.numbers([column.name])[:, 0])
+                spacing = topic_survey.spacing(stamps[has_value])
         yield topic_survey.TopicReport(
             topic=column.name,
             msgtype=column.kind,
             frame_id=table.path.name,
             count=column.filled,
             clock_offset=None,
-            **spaced._asdict(),
+            **spacing._asdict(),
         )
 
 
-def _no_tracks(surveys: Collection[topic_survey.Survey]) -> str:
-    """Finding that no track speeds are proposed, with all that could be some."""
-    of_joints = [survey for survey in surveys if survey.channel.msgtype == JOINT_STATE]
-    states = [state for survey in of_joints for state in survey.messages]
-    joints = ", ".join(dict.fromkeys(name for one in states for name in one.name))
+def _missing_tracks(surveys: Collection[topic_survey.Survey]) -> str:
+    """Finding that there are no track speeds, with candidates for a person."""
+    joints: dict[str, None] = {}  # in the order of the messages
+    for survey in surveys:
+        if survey.channel.msgtype == JOINT_STATE:
+            joints |= dict.fromkeys(name for state in survey.messages for name in state.name)
     numbers = ", ".join(survey.channel.topic for survey in surveys if may_be_a_side(survey))
-    return (
+    text = (
         "no track speeds: nothing here looks like them, and without them nothing can be replayed; name "
         "joints, fields or columns in [log.tracks] or [log.columns.tracks] of the robot file, and "
-        f"inspect again with --overwrite{joints and f'; joints here are {joints}'}"
-        + (numbers and f"; topics with a number: {numbers} (one of each side: topic, right_topic)")
+        "inspect again with --overwrite"
     )
+    if joints:
+        text += f"; joints here are {', '.join(joints)}"
+    if numbers:
+        text += f"; topics with a number: {numbers} (one of each side: topic, right_topic)"
+    return text
 
 
-def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
-    log, mapping, mounting = seen.log, seen.mapping, seen.mounting
-    for purpose, choice in seen.clocks.items():
+def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
+    """Findings on clocks, headings, lags, tracks, standstills, bias at rest, units."""
+    log, mapping, mounting = estimates.log, estimates.mapping, estimates.mounting
+    for purpose, choice in estimates.clocks.items():
         clock = "header stamps" if choice.clock == "header" else "time of recording"
         if not mapping.columns or getattr(mapping, purpose, None) is not None:
             yield f"{purpose}: {clock}; {choice.reason}"
@@ -361,25 +381,15 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
         if fault is not None:
             yield f"truth: headings {fault}: a replay scores positions alone"
     yield from (note for note in log.notes if "out of order" in note or "repeated in" in note)
-    for purpose, latency in seen.latencies.items():
-        if isinstance(latency, NoLag):
-            yield (f"{purpose}: lag behind the gyro not observable: {latency.reason}")
-            continue
-        lags = "lag" if latency.seconds > 0.0 else "lead"
-        places = purpose == "truth" and fault is not None
-        against = "the tracks (by speed)" if places else "the gyro (by yaw rate)"
-        why = objection(latency)
-        yield (
-            f"{purpose}: stamps {lags} {against} by {abs(latency.seconds):.2f} s (± {latency.sigma:.1g})"
-            + (f"; {why}: no latency is proposed" if why else "")
-        )
+    for purpose, latency in estimates.latencies.items():
+        yield _lag_finding(purpose, latency, by_yaw_rate=purpose != "truth" or fault is None)
     if mapping.lacks_counts_per_turn:
         yield (
             "tracks: counters; fill in counts_per_turn, and inspect again with --overwrite for the "
             "effective track and radius"
         )
-    if seen.wheels.track_ratio is not None:
-        yield _of_track(seen)
+    if estimates.wheels.track_ratio is not None:
+        yield _track_finding(estimates)
     if mounting is not None and (mounting.turning_correlation or 0.0) < -robot_file.CLEAR_SIGN:
         yield (
             "tracks: they turn the other way than the gyro (correlation "
@@ -391,22 +401,32 @@ def _findings(seen: robot_file.LogEstimates) -> Iterator[str]:
         total = sum(end - begin for begin, end in stops)
         spans = ", ".join(f"{begin:.0f} to {end:.0f} s" for begin, end in stops[:MOST_STOPS])
         more = ", ..." if len(stops) > MOST_STOPS else ""
-        yield (
-            f"standstills: {len(stops)}, {total:.0f} s in all ({spans}{more})"
-            if stops
-            else "standstills: none of a second or more"
-        )
+        found = f"{len(stops)}, {total:.0f} s in all ({spans}{more})"
+        yield f"standstills: {found if stops else 'none of a second or more'}"
     if mounting is not None and mounting.gyro_bias is not None:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
         yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
-    yield from (f"suspicious: {text}" for text in unit_suspicions(seen, log))
+    yield from (f"suspicious: {text}" for text in unit_suspicions(estimates, log))
 
 
-def unit_suspicions(seen: robot_file.LogEstimates, log: Log) -> Iterator[str]:
+def _lag_finding(purpose: str, lag: Lag | NoLag, *, by_yaw_rate: bool) -> str:
+    """Finding on the lag of a stream behind the gyro, or the tracks."""
+    if isinstance(lag, NoLag):
+        return f"{purpose}: lag behind the gyro not observable: {lag.reason}"
+    lags = "lag" if lag.seconds > 0.0 else "lead"
+    against = "the gyro (by yaw rate)" if by_yaw_rate else "the tracks (by speed)"
+    reason = objection(lag)
+    refusal = f"; {reason}: no latency is proposed" if reason else ""
+    size = f"{abs(lag.seconds):.2f} s (± {lag.sigma:.1g})"
+    return f"{purpose}: stamps {lags} {against} by {size}{refusal}"
+
+
+def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[str]:
     """Report values of a log that seem to be in another unit."""
-    rates, estimates = seen.mapping.in_rates, seen.wheels
-    if seen.mounting is not None and seen.mounting.specific_force is not None:
-        force = float(np.linalg.norm(seen.mounting.specific_force))
+    in_rates, mounting = estimates.mapping.in_rates, estimates.mounting
+    ratio = estimates.wheels.way_ratio
+    if mounting is not None and mounting.specific_force is not None:
+        force = float(np.linalg.norm(mounting.specific_force))
         if abs(force - wheels.GRAVITY) > wheels.WRONG_GRAVITY * wheels.GRAVITY:
             guess = wheels.unit_of_gravity(force)
             yield f"mean specific force is {force:.3g}, not {wheels.GRAVITY} m/s²{guess}"
@@ -414,19 +434,18 @@ def unit_suspicions(seen: robot_file.LogEstimates, log: Log) -> Iterator[str]:
         fast = _fast_turning(log.imu)
         if fast > FAST_TURNING:
             yield f"the gyro reads {fast:.3g} and more for 1 % of the time; rad/s, or rather deg/s?"
-        if seen.from_twist and seen.vertical is not None and len(log.tracks.stamps) > 1:
-            yield from wheels.turning_suspicion(log, seen.vertical)
+        vertical = estimates.vertical
+        if estimates.from_twist and vertical is not None and len(log.tracks.stamps) > 1:
+            yield from wheels.turning_suspicion(log, vertical)
     if len(log.tracks.speeds):
         fast = float(np.percentile(np.abs(log.tracks.speeds), 99))
-        if rates and fast > FAST_RATE and not seen.mapping.lacks_counts_per_turn:
+        if in_rates and fast > FAST_RATE and not estimates.mapping.lacks_counts_per_turn:
             yield f"joint rates of {fast:.3g}; rad/s, or rather rpm, deg/s or counts?"
-        if not rates and fast > FAST_SPEED:
+        if not in_rates and fast > FAST_SPEED:
             yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
-    if not rates and estimates.way_ratio is not None and not 0.5 < estimates.way_ratio < 2.0:
-        yield (
-            f"the distance over ground is {estimates.way_ratio:.3g} times that of the track speeds, "
-            f"by the {estimates.way_source}"
-        )
+    if not in_rates and ratio is not None and not 0.5 < ratio < 2.0:
+        size = f"{ratio:.3g} times that of the track speeds"
+        yield f"the distance over ground is {size}, by the {estimates.wheels.way_source}"
 
 
 def _fast_turning(imu: ImuSeries) -> float:
@@ -434,47 +453,50 @@ def _fast_turning(imu: ImuSeries) -> float:
     return float(np.percentile(np.abs(imu.angular_velocity), 99))
 
 
-def _of_track(seen: robot_file.LogEstimates) -> str:
-    """Report the effective track by the gyro, as settings of a controller have it."""
-    ratio, sigma = seen.wheels.track_ratio, seen.wheels.track_sigma
+def _track_finding(estimates: robot_file.LogEstimates) -> str:
+    """Finding on the effective track by the gyro, as settings of a controller have it."""
+    ratio, sigma = estimates.wheels.track_ratio, estimates.wheels.track_sigma
     error = "" if sigma is None else f" (± {sigma:.1g})"
-    if seen.from_twist:
+    if estimates.from_twist:
         return (
             f"tracks: the odometry turns {ratio:.2f}{error} times as far as the gyro: multiply the "
             f"wheel_separation_multiplier of its controller by {ratio:.2f}"
         )
-    unit = "times the effective radius" if seen.mapping.in_rates else "m"
+    unit = "times the effective radius" if estimates.mapping.in_rates else "m"
     return (
         f"tracks: the effective track is {ratio:.3g}{error} {unit}, by the gyro; divided by the wheel "
         "separation it is a controller's wheel_separation_multiplier"
     )
 
 
-def _of_rates(track: by_rate.TrackByRate | None) -> Iterator[str]:
-    """Report whether the effective track depends on the yaw rate."""
+def _rate_finding(track: by_rate.TrackByRate | None) -> Iterator[str]:
+    """Finding on the effective track over the yaw rate, if the log has several."""
     rates = sorted(abs(one.rate) for one in track.bins) if track is not None else []
     if track is None or len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
         return
     text = f"tracks: from {rates[0]:.1f} to {rates[-1]:.1f} rad/s the effective track"
-    if (found := by_rate.extremes(track.bins)) is None:
+    extremes = by_rate.extremes(track.bins)
+    if extremes is None:
         yield f"{text} does not depend significantly on the yaw rate"
         return
-    low, high = (
+    narrower, wider = (
         f"{one.track:.3g} (± {one.sigma:.1g}) {track.unit} at {abs(one.rate):.2f} rad/s to the "
         f"{'left' if one.rate > 0.0 else 'right'}"
-        for one in found
+        for one in extremes
     )
-    yield f"{text} depends on the yaw rate: {low}, {high}; --picture FILE draws it"
+    yield f"{text} depends on the yaw rate: {narrower}, {wider}; --picture FILE draws it"
 
 
-def _of_bias(bias: GyroBias | None) -> Iterator[str]:
+def _bias_finding(bias: GyroBias | None) -> Iterator[str]:
+    """Finding on a gyro bias while driving; `_findings` has the one at standstill."""
     if bias is not None and bias.source != "standstill":
-        found = f"{bias.value:.4f} ± {bias.sigma:.4f} rad/s about the vertical while driving"
-        which = "" if bias.differs(0.0) else ": not significant, not written"
-        yield f"gyro bias: {found}, by the {bias.source}{which}"
+        size = f"{bias.value:.4f} ± {bias.sigma:.4f} rad/s about the vertical while driving"
+        refusal = "" if bias.differs(0.0) else ": not significant, not written"
+        yield f"gyro bias: {size}, by the {bias.source}{refusal}"
 
 
-def _of_wander(wander: FixWanderEstimate | str | None) -> Iterator[str]:
+def _wander_finding(wander: FixWanderEstimate | str | None) -> Iterator[str]:
+    """Finding on the error of the fixes, or the reason why it is unknown."""
     if isinstance(wander, FixWanderEstimate):
         yield f"fixes: {wander.text}"
     elif wander is not None:
@@ -482,10 +504,11 @@ def _of_wander(wander: FixWanderEstimate | str | None) -> Iterator[str]:
 
 
 def _repeated_shares(log: Log) -> dict[str, float]:
-    """Shares of repeated values of moving tracks and of repeated IMU samples."""
+    """Shares of repeated values of moving tracks and of IMU samples, by purpose."""
     speeds, shares = log.tracks.speeds, {}
-    if (moving := (speeds[:-1] != 0.0).any(axis=1)).any():
-        shares["tracks"] = float((speeds[1:] == speeds[:-1])[moving].mean())
+    is_moving = (speeds[:-1] != 0.0).any(axis=1)
+    if is_moving.any():
+        shares["tracks"] = float((speeds[1:] == speeds[:-1])[is_moving].mean())
     if log.imu is not None and len(log.imu.stamps) > 1:
         forces = log.imu.linear_acceleration
         rows = np.column_stack([log.imu.angular_velocity, *([] if forces is None else [forces])])

@@ -25,28 +25,25 @@ from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSerie
 
 _Series = TypeVar("_Series", TrackSpeedSeries, PoseSeries)
 
-LEAST = 0.03
-"""Smallest size of a latency that is proposed [s]."""
+LEAST_LATENCY = 0.03  # smallest size of a latency that is proposed [s]
 
 
 def objection(latency: Lag) -> str:
     """Reason not to correct a latency, empty if there is none."""
     if abs(latency.seconds) <= BEYOND * latency.sigma:
         return "within its error"
-    return "" if abs(latency.seconds) > LEAST else f"less than {LEAST:g} s"
+    return "" if abs(latency.seconds) > LEAST_LATENCY else f"less than {LEAST_LATENCY:g} s"
 
 
 def without_lag(series: _Series, lag: Lag) -> _Series:
-    """Copy of a series with a lag taken off its stamps."""
+    """Copy of a series with a lag subtracted from its stamps."""
     return replace(series, stamps=series.stamps - round(lag.seconds / NANOSECOND))
 
 
 def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) -> Lag | NoLag:
-    """Estimate the latency of track speeds against the gyro.
-
-    Each track speed, in any unit, is the mean since the one before. `vertical` (n,) is the rate of the
-    IMU about the vertical [rad/s].
-    """
+    """Estimate the latency of track speeds against the gyro."""
+    # Each track speed, in any unit, is the mean since the one before. `vertical` (n,) is the rate of the
+    # IMU about the vertical [rad/s].
     by_tracks = turned_in_steps(tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
     return find_lag(by_tracks, turned_in_steps(imu.stamps, vertical), least=LEAST_TURN)
 
@@ -54,11 +51,9 @@ def track_latency(tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats) ->
 def truth_lag(
     truth: Truth, tracks: TrackSpeedSeries, imu: ImuSeries, vertical: Floats
 ) -> Lag | NoLag:
-    """Estimate the lag of a truth, by its headings or its places.
-
-    Headings are compared with the gyro. A truth without them is compared with the path by the tracks,
-    whose speeds may have any unit. `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
-    """
+    """Estimate the lag of a truth, by its headings or its places."""
+    # Headings are compared with the gyro. A truth without them is compared with the path by the tracks,
+    # whose speeds may have any unit. `vertical` (n,) is the rate of the IMU about the vertical [rad/s].
     if truth.headings:
         return find_lag(heading_of(truth.poses), turned(imu.stamps, vertical), least=LEAST_TURN)
     if not len(tracks.stamps):

@@ -1,6 +1,6 @@
 """Proposed robot file: values estimated from a log, and placeholders for the rest."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,17 +33,16 @@ CHECKED = ("unit", "wrap", "rate_unit", "acceleration_unit", "yaw_unit")
 """Keys that are guessed from names and sizes."""
 CLEAR_SIGN = 0.3
 """Correlation of the tracks' turning with the gyro from which its sign is shown [-]."""
-MARGIN = 1.2
-"""Highest speed of a robot over the fastest in a log [-]."""
+MARGIN = 1.2  # highest speed of a robot over the fastest in a log [-]
 
 
 class Sizes(NamedTuple):
-    """Lengths [m] and streams of a robot that a person filled in; None if unknown."""
+    """Lengths [m] and streams of a robot that a person filled in; None if not."""
 
     gauge: float | None = None  # track gauge
     radius: float | None = None  # sprocket radius
     # gauge of the controller whose odometry gives the track speeds
-    of_controller: float | None = None
+    controller_gauge: float | None = None
     log: Mapping[str, Mapping[str, Any]] = {}  # keys of its [log] tables, by table
 
 
@@ -78,7 +77,7 @@ class LogEstimates:
         """Effective track by the gyro [m]; None without radius or gauge of a controller."""
         scale: float | None = 1.0
         if self.from_twist:
-            scale = self.sizes.of_controller
+            scale = self.sizes.controller_gauge
         elif self.mapping.in_rates:
             scale = self.sizes.radius or self.wheels.way_ratio
         if self.wheels.track_ratio is None or scale is None:
@@ -86,65 +85,68 @@ class LogEstimates:
         return self.wheels.track_ratio * scale
 
 
-def robot_file_text(path: Path, seen: LogEstimates) -> str:
+def robot_file_text(path: Path, estimates: LogEstimates) -> str:
     """Format a robot file for `load_robot` and `topic_map`, named after the bag."""
-    late, wandering = _latency_lines(seen.latencies.get("tracks")), _wander_lines(seen.wander)
-    columns = seen.mapping.columns
+    latency = _latency_lines(estimates.latencies.get("tracks"))
+    wander = _wander_lines(estimates.wander)
+    columns = estimates.mapping.columns
     lines = [
         f"{FIRST_WORDS} {toml_value(path.name)[1:-1]}: check every line.",
         f"name = {toml_value(path.stem)}",
         "format = 1",
         "",
-        *_vehicle(seen),
+        *_vehicle_lines(estimates),
         "",
-        *_imu(seen),
-        *_tracks(seen),
-        *_log(seen, late, wandering),
-        *(columns_text(columns, late, wandering) if columns else []),
+        *_imu_lines(estimates),
+        *_tracks_lines(estimates),
+        *_topic_lines(estimates, latency, wander),
+        *(_column_lines(columns, latency, wander) if columns else []),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _vehicle(seen: LogEstimates) -> list[str]:
-    fastest, log = None, seen.log
-    if log is not None and len(log.tracks.speeds) and not seen.mapping.lacks_counts_per_turn:
+def _vehicle_lines(estimates: LogEstimates) -> list[str]:
+    """Tables [vehicle] and [indices]; `load_robot` refuses the NaN of the unknown."""
+    fastest, log = None, estimates.log
+    if log is not None and len(log.tracks.speeds) and not estimates.mapping.lacks_counts_per_turn:
         fastest = float(np.abs(log.tracks.speeds).max())
-    # Not a number, so that an incomplete robot file is refused.
     lines = [
         "[vehicle]",
         f"mass = nan               {FILL_IN} (kg, with load)",
-        _gauge(seen.effective_track),
-        _radius(seen),
+        _gauge_line(estimates.effective_track),
+        _radius_line(estimates),
     ]
-    size = (seen.sizes.radius or seen.wheels.way_ratio) if seen.mapping.in_rates else 1.0
-    if fastest and size is not None and fastest < ABSURD:
-        top = MARGIN * fastest * size
-        lines.append(
-            f"max_track_speed = {top:.2g}    # m/s; the fastest in the log is {fastest * size:.2f}"
-        )
+    # Metres per unit of the log's track speeds, which were read with a radius of 1 m.
+    radius = estimates.sizes.radius or estimates.wheels.way_ratio
+    scale = radius if estimates.mapping.in_rates else 1.0
+    if fastest and scale is not None and fastest < ABSURD:
+        remark = f"m/s; the fastest in the log is {fastest * scale:.2f}"
+        lines.append(f"max_track_speed = {MARGIN * fastest * scale:.2g}    # {remark}")
     else:
         lines.append(f"max_track_speed = 2.0    {FILL_IN} (m/s)")
         if fastest:
             lines.append(f"# Fastest in the log: {fastest:.1f} rad/s, times sprocket_radius.")
-    if seen.mapping.track_keys is None:
+    if estimates.mapping.track_keys is None:
         lines.append("# Nothing in the log looks like track speeds: no track speeds, no replay.")
-    return lines + _indices(seen)
+    return lines + _index_lines(estimates)
 
 
-def _radius(seen: LogEstimates) -> str:
-    if seen.mapping.track_keys is not None and not seen.mapping.in_rates:
+def _radius_line(estimates: LogEstimates) -> str:
+    """Key sprocket_radius: the effective radius, if the track speeds are rates."""
+    if estimates.mapping.track_keys is not None and not estimates.mapping.in_rates:
         return "sprocket_radius = 0.1    # not used for this log"
-    radius, sigma = seen.wheels.way_ratio, seen.wheels.way_sigma
+    radius, sigma = estimates.wheels.way_ratio, estimates.wheels.way_sigma
     if radius is None:
         return f"sprocket_radius = nan    {FILL_IN} (m, effective)"
     error = "" if sigma is None else f" ± {sigma:.2g}"
     return (
-        f"sprocket_radius = {radius:.4g}    # m{error}, effective, by the {seen.wheels.way_source} "
+        f"sprocket_radius = {radius:.4g}    # m{error}, effective, by the {estimates.wheels.way_source} "
         "where it hardly turned"
     )
 
 
-def _gauge(track: float | None) -> str:
+def _gauge_line(track: float | None) -> str:
+    """Key track_gauge: the effective track [m] stands in until a person measures it."""
     if track is None:
         return f"track_gauge = nan        {FILL_IN} (m, between the track or wheel centrelines)"
     return (
@@ -153,29 +155,31 @@ def _gauge(track: float | None) -> str:
     )
 
 
-def _indices(seen: LogEstimates) -> list[str]:
-    """Steering efficiency of constant ICRs by the gyro."""
-    ratio, track = seen.wheels.track_ratio, seen.effective_track
-    if ratio is None and not seen.mapping.lacks_counts_per_turn:
+def _index_lines(estimates: LogEstimates) -> list[str]:
+    """Table [indices]: steering efficiency eta0 of constant ICRs, by the gyro."""
+    ratio, track = estimates.wheels.track_ratio, estimates.effective_track
+    if ratio is None and not estimates.mapping.lacks_counts_per_turn:
         return []
     if track is not None:
-        eta0 = max(1.0, track / (seen.sizes.gauge or track))
+        eta0 = max(1.0, track / (estimates.sizes.gauge or track))
         line = (
             f"eta0 = {eta0:.3g}    # effective track by the gyro, {track:.3g} m, over track_gauge"
         )
-    elif ratio is not None and seen.from_twist:
+    elif ratio is not None and estimates.from_twist:
         line = (
             f"eta0 = {max(1.0, ratio):.2f}    # effective track by the gyro: {ratio:.2f} times the "
             "controller's gauge ([log.tracks]), over track_gauge"
         )
     else:
-        shown = f"{ratio:.3g} sprocket_radius / track_gauge, by the gyro; " if ratio else ""
-        line = f"eta0 = nan    {FILL_IN} ({shown}or fill in the rest, and inspect again with --overwrite)"
+        formula = f"{ratio:.3g} sprocket_radius / track_gauge, by the gyro; " if ratio else ""
+        advice = "or fill in the rest, and inspect again with --overwrite"
+        line = f"eta0 = nan    {FILL_IN} ({formula}{advice})"
     return ["", "[indices]", line]
 
 
-def _imu(seen: LogEstimates) -> list[str]:
-    mounting, log, found = seen.mounting, seen.log, seen.bias
+def _imu_lines(estimates: LogEstimates) -> list[str]:
+    """Table [imu]: mounting, gyro bias and noise densities."""
+    mounting, log = estimates.mounting, estimates.log
     if mounting is None:
         if log is None or log.imu is None:
             return [
@@ -183,10 +187,9 @@ def _imu(seen: LogEstimates) -> list[str]:
                 "",
             ]
         return ["# The IMU's readings are absurd, and show nothing.", ""]
-    driven = log is not None and len(log.tracks.stamps)
-    lines = [*_mounting(mounting), "[imu]"]
-    roll, pitch, yaw = mounting.rotation_rpy_deg
-    lines.append(f"rotation_rpy_deg = [{_round(roll)}, {_round(pitch)}, {_round(yaw)}]")
+    has_tracks = log is not None and len(log.tracks.stamps) > 0
+    angles = ", ".join(str(_to_tenth(angle)) for angle in mounting.rotation_rpy_deg)
+    lines = [*_mounting_comments(mounting), "[imu]", f"rotation_rpy_deg = [{angles}]"]
     if mounting.up_shown_by == "gravity":
         lines.append(
             f"position = [0.0, 0.0, 0.0]    {FILL_IN} (m forward, left, up); "
@@ -195,46 +198,47 @@ def _imu(seen: LogEstimates) -> list[str]:
     if mounting.gyro_axes == "z":
         lines.append('gyro_axes = "z"    # the x and y gyros read zero all the time')
     if mounting.gyro_bias is not None:
-        bias = mounting.gyro_bias
+        x, y, z = mounting.gyro_bias
         lines.append(
             f"# Gyro bias at standstill ({mounting.still_seconds:.0f} s): "
-            f"({bias[0]:.5f}, {bias[1]:.5f}, {bias[2]:.5f}) rad/s in the IMU's axes."
+            f"({x:.5f}, {y:.5f}, {z:.5f}) rad/s in the IMU's axes."
         )
-    if found is not None and (found.source == "standstill" or found.differs(0.0)):
-        error = (
-            "" if found.source == "standstill" else f" ± {found.sigma:.2g}, by the {found.source}"
-        )
-        sigma = float(np.hypot(STANDING_BIAS_SIGMA, found.sigma))
-        lines += [
-            f"gyro_bias = {found.value:.5f}    # rad/s{error} about the vertical, of this log",
-            f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
-        ]
-    else:
-        none = "no standstill of three seconds, and driving cannot show it"
-        lines.append(
-            f"# Gyro bias: {none if driven else 'no track speeds to find a standstill by'}."
-        )
+    lines += _bias_lines(estimates.bias, has_tracks=has_tracks)
     if mounting.gyro_noise_density:
         lines.append(
             f"gyro_noise_density = {mounting.gyro_noise_density:.2g}"
             "    # rad/s/√Hz, at standstill; vibration while driving adds to it"
         )
     if mounting.accelerometer_noise_density:
-        seen_by = (
-            "while driving, over 0.5 s, what the tracks do not explain"
-            if driven
-            else "fast vibration; slow disturbances add to it"
-        )
+        remark = "fast vibration; slow disturbances add to it"
+        if has_tracks:
+            remark = "while driving, over 0.5 s, what the tracks do not explain"
         lines.append(
             f"accelerometer_noise_density = {mounting.accelerometer_noise_density:.2g}"
-            f"    # m/s²/√Hz, {seen_by}"
+            f"    # m/s²/√Hz, {remark}"
         )
     return [*lines, ""]
 
 
-def _mounting(mounting: Mounting) -> list[str]:
-    """Comments on what shows the mounting of an IMU."""
-    by_gravity, lines = mounting.up_shown_by == "gravity", ["# The IMU has no accelerometer."]
+def _bias_lines(bias: GyroBias | None, *, has_tracks: bool) -> list[str]:
+    """Keys gyro_bias and gyro_bias_sigma, or a comment why there are none."""
+    if bias is None or not (bias.source == "standstill" or bias.differs(0.0)):
+        reason = "no standstill of three seconds, and driving cannot show it"
+        return [
+            f"# Gyro bias: {reason if has_tracks else 'no track speeds to find a standstill by'}."
+        ]
+    error = "" if bias.source == "standstill" else f" ± {bias.sigma:.2g}, by the {bias.source}"
+    sigma = float(np.hypot(STANDING_BIAS_SIGMA, bias.sigma))
+    return [
+        f"gyro_bias = {bias.value:.5f}    # rad/s{error} about the vertical, of this log",
+        f"gyro_bias_sigma = {sigma:.2g}    # rad/s; a later log's may differ",
+    ]
+
+
+def _mounting_comments(mounting: Mounting) -> list[str]:
+    """Comments on the evidence of an IMU's mounting: gravity, turning, accelerations."""
+    by_gravity = mounting.up_shown_by == "gravity"
+    lines = ["# The IMU has no accelerometer."]
     if mounting.specific_force is not None:
         x, y, z = mounting.specific_force
         end = "; roll and pitch turn it upright." if by_gravity else "."
@@ -256,26 +260,22 @@ def _mounting(mounting: Mounting) -> list[str]:
     return [*lines, _turning_comment(mounting.turning_correlation)]
 
 
-def _tracks(seen: LogEstimates) -> list[str]:
-    """Uncertainty of the effective radius, or of speeds that need none."""
-    if seen.mapping.track_keys is None:
+def _tracks_lines(estimates: LogEstimates) -> list[str]:
+    """Table [tracks]: uncertainty of the effective radius, or of the speeds."""
+    if estimates.mapping.track_keys is None:
         return []
-    estimates, rates = seen.wheels, seen.mapping.in_rates
+    in_rates, wheels = estimates.mapping.in_rates, estimates.wheels
+    ratio, ratio_sigma = wheels.way_ratio, wheels.way_sigma
     sigma, remark = USUAL_SCALE_SIGMA, "what is usually not known of an effective radius"
-    if (
-        estimates.way_ratio is not None
-        and estimates.way_sigma is not None
-        and not seen.sizes.radius
-    ):
-        if rates:
-            shown, of = estimates.way_sigma / estimates.way_ratio, "the effective radius above"
-        else:
-            shown = float(np.hypot(estimates.way_ratio - 1.0, estimates.way_sigma))
-            of = "the speeds"
-        if shown < sigma:
-            sigma = max(shown, LEAST_SCALE_SIGMA)
-            remark = f"of {of}, by the {estimates.way_source}"
-            remark += f"; {USUAL_SCALE_SIGMA:g} for another" if rates else ""
+    if ratio is not None and ratio_sigma is not None and not estimates.sizes.radius:
+        measured, subject = ratio_sigma / ratio, "the effective radius above"
+        if not in_rates:
+            # Speeds are not corrected, so that their whole error counts.
+            measured, subject = float(np.hypot(ratio - 1.0, ratio_sigma)), "the speeds"
+        if measured < sigma:
+            sigma = max(measured, LEAST_SCALE_SIGMA)
+            remark = f"of {subject}, by the {wheels.way_source}"
+            remark += f"; {USUAL_SCALE_SIGMA:g} for another" if in_rates else ""
     return [
         "[tracks]",
         f"scale_sigma = {sigma:.2g}    # relative, {remark}",
@@ -285,6 +285,7 @@ def _tracks(seen: LogEstimates) -> list[str]:
 
 
 def _turning_comment(correlation: float | None) -> str:
+    """Comment on the sign of turning, by the correlation of tracks and gyro."""
     if correlation is None:
         return "# No track speeds to check the sign of turning with."
     text = f"# Track speeds and the rate about the vertical have a correlation of {correlation:.2f}"
@@ -296,68 +297,69 @@ def _turning_comment(correlation: float | None) -> str:
 
 
 def _latency_lines(latency: Lag | NoLag | None) -> list[str]:
+    """Key latency of the track speeds, or a comment why it is not written."""
     if not isinstance(latency, Lag):
         return []
-    if why := objection(latency):
-        return [
-            f"# Latency against the gyro: {latency.seconds:.3f} ± {latency.sigma:.1g} s, {why}: not "
-            "written."
-        ]
+    reason = objection(latency)
+    if reason:
+        size = f"{latency.seconds:.3f} ± {latency.sigma:.1g} s"
+        return [f"# Latency against the gyro: {size}, {reason}: not written."]
     lags = "lags" if latency.seconds > 0.0 else "leads"
     return [f"latency = {latency.seconds:.2f}    # s, ± {latency.sigma:.1g}: {lags} the gyro"]
 
 
-def _log(seen: LogEstimates, track_latency: list[str], wander: list[str]) -> list[str]:
-    mapping = seen.mapping
+def _topic_lines(estimates: LogEstimates, track_latency: list[str], wander: list[str]) -> list[str]:
+    """Tables [log.tracks], [log.imu], ...: topics, clocks, latency and errors."""
+    mapping, lines = estimates.mapping, list[str]()
 
-    def table(purpose: str, topic: str, *lines: str, late: Sequence[str] = ()) -> list[str]:
-        choice = seen.clocks.get(purpose)
-        time = []
+    def add_table(purpose: str, topic: str, *keys: str) -> None:
+        lines.extend(["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *keys])
+        choice = estimates.clocks.get(purpose)
         if choice is not None and choice.clock == "recording":
-            time = [f'time = "recording"    # {choice.reason}']
-        return ["", f"[log.{purpose}]", f"topic = {toml_value(topic)}", *lines, *time, *late]
+            lines.append(f'time = "recording"    # {choice.reason}')
 
-    lines: list[str] = []
     if tracks := mapping.tracks:
-        sides = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
+        keys = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
         if not tracks.left:
-            sides = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
+            keys = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
         if tracks.right_topic:
-            sides.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
+            keys.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
         if tracks.right_topic or tracks.unit != "rad/s":
-            sides.append(f"unit = {toml_value(tracks.unit)}    # check it")
+            keys.append(f"unit = {toml_value(tracks.unit)}    # check it")
         if tracks.counts_per_turn:
-            sides.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")
-            sides += [f"wrap = {tracks.wrap}"] if tracks.wrap else []
-        lines += table("tracks", tracks.topic, *sides, late=track_latency)
+            keys.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")
+            keys += [f"wrap = {tracks.wrap}"] if tracks.wrap else []
+        add_table("tracks", tracks.topic, *keys)
+        lines += track_latency
     if imu := mapping.imu:
-        units = ("rate_unit", "rad/s"), ("acceleration_unit", "m/s2")
-        own = [f'{key} = "{unit}"' for key, usual in units if (unit := getattr(imu, key)) != usual]
-        lines += table("imu", imu.topic, *own)
+        rate, force = imu.rate_unit, imu.acceleration_unit
+        keys = [f'rate_unit = "{rate}"'] if rate != "rad/s" else []
+        keys += [f'acceleration_unit = "{force}"'] if force != "m/s2" else []
+        add_table("imu", imu.topic, *keys)
     if fixes := mapping.fixes:
         errors = wander
         if fixes.position_sigma is not None and not wander:
             errors = [f"position_sigma = {fixes.position_sigma}    {FILL_IN} (m)"]
         hint = "# Where they are a truth, as of a lidar map: [log.truth], with the topic alone."
-        lines += table("fixes", fixes.topic, hint, *errors)
+        add_table("fixes", fixes.topic, hint, *errors)
     if heading := mapping.heading:
-        sigma = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
-        offset = f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)"
-        if seen.log is not None and (degrees := heading_offset(seen.log)) is not None:
-            offset = (
-                f"offset_deg = {_round(degrees)}    # course over ground less heading, if it "
-                "drives forward"
-            )
-        lines += table("heading", heading.topic, *sigma, offset)
+        keys = [] if heading.sigma is None else [f"sigma = {heading.sigma}    {FILL_IN} (rad)"]
+        offset = None if estimates.log is None else heading_offset(estimates.log)
+        if offset is None:
+            keys.append(f"offset_deg = 0.0    {FILL_IN} (to the direction of driving)")
+        else:
+            remark = "course over ground less heading, if it drives forward"
+            keys.append(f"offset_deg = {_to_tenth(offset)}    # {remark}")
+        add_table("heading", heading.topic, *keys)
     if truth := mapping.truth:
-        others = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
-        named = [f"{name} = {toml_value(topic)}" for name, topic in others.items() if topic]
-        lines += table("truth", truth.topic, *named)
+        topics = {name: getattr(truth, name) for name in ("twist", "tracks", "source_topic")}
+        keys = [f"{name} = {toml_value(topic)}" for name, topic in topics.items() if topic]
+        add_table("truth", truth.topic, *keys)
     return lines[1:]
 
 
 def _wander_lines(wander: FixWanderEstimate | str | None) -> list[str]:
-    """Error of the fixes: its white part, and that which wanders."""
+    """Keys of the error of the fixes: its white part, and that which wanders."""
     if not isinstance(wander, FixWanderEstimate) or wander.reason:
         return []
     shortest, longest = wander.times
@@ -370,32 +372,31 @@ def _wander_lines(wander: FixWanderEstimate | str | None) -> list[str]:
     ]
 
 
-def columns_text(
-    columns: ColumnMap, track_latency: Sequence[str] = (), wander: Sequence[str] = ()
-) -> list[str]:
-    """Format a column map, with lines on the tracks' latency and the fixes' error."""
+def _column_lines(columns: ColumnMap, track_latency: list[str], wander: list[str]) -> list[str]:
+    """Tables [log.columns], [log.columns.tracks], ...; empty keys are left out."""
     lines = ["[log.columns]", f"time = {toml_value(columns.time)}"]
     lines.append(f"time_unit = {toml_value(columns.time_unit)}    # check it")
     for purpose in ("tracks", "imu", "fixes", "truth"):
-        spec = getattr(columns, purpose)
-        if spec is None:
+        stream = getattr(columns, purpose)
+        if stream is None:
             continue
         lines += ["", f"[log.columns.{purpose}]"]
-        own = {"latency", "scale", "wander_sigma", "wander_time"}
-        own |= {"position_sigma"} if wander else set()
-        for name in spec.__struct_fields__:
-            value = getattr(spec, name)
-            if value in (None, (), "", (0.0, 0.0)) or name in own:
-                continue
-            if name == "yaw_unit" and not spec.yaw:
+        # Keys that the lines on latency and wander hold, or that nobody can guess.
+        omitted = {"latency", "scale", "wander_sigma", "wander_time"}
+        omitted |= {"position_sigma"} if wander else set()
+        omitted |= set() if getattr(stream, "yaw", "") else {"yaw_unit"}
+        for name in stream.__struct_fields__:
+            value = getattr(stream, name)
+            if name in omitted or value in (None, (), "", (0.0, 0.0)):
                 continue
             text = "nan" if name == "counts_per_turn" else toml_value(value)
-            filled = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""
-            lines.append(f"{name} = {text}{'    # check it' if name in CHECKED else filled}")
+            remark = f"    {FILL_IN}" if name in ("position_sigma", "counts_per_turn") else ""
+            lines.append(f"{name} = {text}{'    # check it' if name in CHECKED else remark}")
         lines += track_latency if purpose == "tracks" else []
         lines += wander if purpose == "fixes" else []
     return lines
 
 
-def _round(degrees: float) -> float:
+def _to_tenth(degrees: float) -> float:
+    """Angle to the tenth; the sum turns -0.0 into 0.0."""
     return round(degrees, 1) + 0.0

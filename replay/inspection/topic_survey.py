@@ -19,20 +19,16 @@ from icreckon.replay.bags.records import Channel
 from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.reading.message_rows import imu_row
 
-SAMPLES = 200
-"""Messages of a topic that are decoded to guess its stream."""
-SAMPLE_BYTES = 1_000_000
-"""Most bytes of these messages."""
-LONGEST_FRAME = 200
-"""Most characters of a frame's name that are kept."""
+SAMPLES = 200  # messages of a topic that are decoded to guess its stream
+SAMPLE_BYTES = 1_000_000  # most bytes of these messages
+LONGEST_FRAME = 200  # most characters of a frame's name that are kept
 SHAPE_CHECKS: dict[str, Callable[[Any], object]] = {
     JOINT_STATE: lambda message: (message.name, message.velocity),
     IMU: imu_row,
     NAVSATFIX: lambda message: (message.status.status, message.position_covariance_type),
 }
 """Checks of the decoded types; each raises if a definition is not the standard one of its name."""
-GAP = 5.0
-"""Smallest gap as a multiple of the usual interval between two messages [-]."""
+GAP = 5.0  # smallest gap as a multiple of the usual interval between two messages [-]
 
 
 @dataclass(frozen=True)
@@ -70,11 +66,9 @@ def spacing(times: Stamps) -> Spacing:
         return Spacing()
     # As floats: far-off times would overflow.
     steps = np.diff(times.astype(np.float64)) * NANOSECOND
-    return Spacing(
-        mean_rate=1.0 / float(np.median(steps) or steps.mean()),
-        largest_gap=float(steps.max()),
-        gaps=int((steps > GAP * np.median(steps)).sum()),
-    )
+    median = float(np.median(steps))
+    usual = median or float(steps.mean())  # the median is 0 if most times are equal
+    return Spacing(1.0 / usual, float(steps.max()), int((steps > GAP * median).sum()))
 
 
 @dataclass
@@ -115,16 +109,15 @@ class Survey:
 
 
 def survey_bag(bag: Bag, source: str, definitions: Definitions) -> tuple[list[Survey], list[str]]:
-    """Survey all messages of a bag.
+    """Survey all messages of a bag: a survey of each channel, and notes on the bag.
 
-    Returns:
-        A survey of each of its channels, and the notes of the bag.
+    A channel whose type cannot be decoded has no sample messages; a message with a damaged header counts,
+    but is not decoded. `source` names the bag in errors.
     """
     surveys = {channel: Survey(channel) for channel in bag.counts}
     headers = {channel: header_reader(channel) for channel in surveys}
     decoders = {}
     for channel in surveys:
-        # Types that cannot be decoded are still listed.
         with suppress(ReplayError):
             decoders[channel] = decoder(channel, source, definitions)
     for record in bag.messages({channel.topic for channel in surveys}):

@@ -11,23 +11,20 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection.imu_mounting import are_usable
 
-WINDOW = 0.5
-"""Time over which the turning by the gyro and by the tracks is compared [s]."""
+WINDOW = 0.5  # time over which the turning by the gyro and by the tracks is compared [s]
 EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)
 """Bounds of the bins of the yaw rate, to either side [rad/s]."""
 STEADY = 0.15
-"""Change of the yaw rate to the windows next to one that counts, over its own rate [-]."""
-FEWEST = 8
-"""Windows that make a bin."""
-SURE = 4.0
-"""Standard errors between two of all bins that are a difference."""
+"""Largest change of the yaw rate to the windows before and after, over the window's own rate [-]."""
+FEWEST = 8  # windows that make a bin
+SURE = 4.0  # standard errors between two of all bins that are a difference
 
 
 class RateBin(NamedTuple):
     """Effective track at some yaw rates, to one side."""
 
     rate: float  # mean yaw rate by the gyro, positive to the left [rad/s]
-    track: float  # V_r - V_l over the yaw rate
+    track: float  # effective track, V_r - V_l over the yaw rate, in the unit of `TrackByRate`
     sigma: float  # its standard error
     seconds: float  # time in the bin [s]
 
@@ -41,54 +38,56 @@ class TrackByRate(NamedTuple):
 
 
 def track_windows(log: Log, vertical: Floats, bias: float = 0.0) -> Floats:
-    """Mean yaw rates and V_r - V_l (n, 2) of windows without hole or changing rate.
-
-    Track speeds may be rates. `vertical` (n,) is the rate about the vertical at the IMU's stamps, with
-    this bias [rad/s].
-    """
+    """Mean yaw rates and V_r - V_l (n, 2) of windows without hole or changing rate."""
+    # Track speeds may be rates. `vertical` (n,) is the rate about the vertical at the IMU's stamps, with
+    # this bias [rad/s].
     if log.imu is None or not are_usable(log.tracks):
         return np.zeros((0, 2))
     tracks, imu, step = log.tracks.stamps, log.imu.stamps, round(WINDOW / NANOSECOND)
     edges = np.arange(max(tracks[0], imu[0]), min(tracks[-1], imu[-1]) + 1, step)
-    turning = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
-    series = ((imu, vertical - bias), (tracks, turning))
-    whole = np.ones(max(0, len(edges) - 1), bool)
-    for stamps, _ in series:
-        interval = np.diff(stamps, prepend=stamps[0])[np.searchsorted(stamps, edges[1:])]
-        whole &= interval < step
-    columns = [np.diff(np.interp(edges, at, running_integral(at, rate))) for at, rate in series]
-    means = np.column_stack(columns) / WINDOW
+    difference = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
+    counts = np.ones(max(0, len(edges) - 1), bool)
+    means = np.zeros((len(counts), 2))
+    for column, (stamps, values) in enumerate(((imu, vertical - bias), (tracks, difference))):
+        interval_at_end = np.diff(stamps, prepend=stamps[0])[np.searchsorted(stamps, edges[1:])]
+        counts &= interval_at_end < step
+        integral = np.interp(edges, stamps, running_integral(stamps, values))
+        means[:, column] = np.diff(integral) / WINDOW
     # Where the rate changes, what remains of a latency would count as a narrower track.
-    steps = np.abs(np.diff(means[:, 0]))
-    whole[1:] &= steps < STEADY * np.abs(means[1:, 0])
-    whole[:-1] &= steps < STEADY * np.abs(means[:-1, 0])
-    return means[whole]
+    rates = means[:, 0]
+    changes = np.abs(np.diff(rates))
+    counts[1:] &= changes < STEADY * np.abs(rates[1:])
+    counts[:-1] &= changes < STEADY * np.abs(rates[:-1])
+    return means[counts]
 
 
 def track_by_rate(windows: Floats) -> list[RateBin]:
     """Effective track in bins of the yaw rate, right to left, by windows (n, 2)."""
-    found = []
+    # The windows are those of `track_windows`.
+    bins = []
     for side in (-1.0, 1.0):
-        rates, turning = side * windows.T
+        rates, differences = side * windows.T
         for low, high in pairwise(EDGES):
             inside = (rates >= low) & (rates < high)
             if inside.sum() >= FEWEST:
-                rate, mean = float(rates[inside].mean()), float(turning[inside].mean())
-                residuals = turning[inside] - mean / rate * rates[inside]
+                rate = float(rates[inside].mean())
+                track = float(differences[inside].mean()) / rate
+                residuals = differences[inside] - track * rates[inside]
                 sigma = float(residuals.std(ddof=1) / np.sqrt(inside.sum()) / rate)
-                found.append(RateBin(side * rate, mean / rate, sigma, WINDOW * int(inside.sum())))
-    return sorted(found)
+                bins.append(RateBin(side * rate, track, sigma, WINDOW * int(inside.sum())))
+    return sorted(bins)
 
 
 def extremes(bins: Sequence[RateBin]) -> tuple[RateBin, RateBin] | None:
     """Bins whose tracks differ most significantly, narrower first; None if none do."""
 
     def significance(pair: tuple[RateBin, RateBin]) -> float:
+        """Difference in standard errors; these are zero if all windows of a bin are equal."""
         one, other = pair
         return abs(one.track - other.track) / max(1e-9, float(np.hypot(one.sigma, other.sigma)))
 
     pair = max(combinations(bins, 2), key=significance, default=None)
     if pair is None or significance(pair) < SURE:
         return None
-    low, high = sorted(pair, key=lambda one: one.track)
-    return low, high
+    narrower, wider = sorted(pair, key=lambda one: one.track)
+    return narrower, wider

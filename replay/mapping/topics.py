@@ -23,6 +23,7 @@ Clock = Literal["auto", "header", "recording"]
 
 
 def _check_frames(frames: tuple[str, str] | None) -> None:
+    """Raise a ValueError unless a transform's frames are two names, or None."""
     if frames is not None and (not all(frames) or frames[0] == frames[1]):
         raise ValueError(
             f'frames must name two frames, as ["map", "base_link"], found {list(frames)!r}'
@@ -212,41 +213,40 @@ def writable_topics(own: TopicMap) -> TopicMap:
         joint names, which are written as JointState; `DEFAULT_TOPICS` alone if two streams would
         share a topic.
     """
-    tracks, fixes = own.tracks, own.fixes
+    tracks, fixes, truth = own.tracks, own.fixes, DEFAULT_TRUTH
+    # Track speeds are written as rates of joints on one topic, poses not as transforms.
     if tracks is None or not tracks.left or tracks.right_topic or tracks.unit != "rad/s":
         tracks = DEFAULT_TRACKS
     if fixes is None or fixes.frames is not None:
         fixes = DEFAULT_TOPICS.fixes
-    by_topic = own.truth is not None and own.truth.frames is None
-    given = msgspec.structs.asdict(own.truth) if own.truth is not None and by_topic else {}
-    truth = msgspec.structs.replace(
-        DEFAULT_TRUTH,
-        **{key: value for key, value in given.items() if value is not None and key != "latency"},
-    )
-    # Written stamps have no latency, and written speeds are as they are.
+    if own.truth is not None and own.truth.frames is None:
+        keys = msgspec.structs.asdict(own.truth) | {"latency": None}
+        stated = {key: value for key, value in keys.items() if value is not None}
+        truth = msgspec.structs.replace(DEFAULT_TRUTH, **stated)
+    # Written stamps have no latency, and written speeds are as they are. A minus before a name is gone.
     left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
-    full = TopicMap(
+    complete = TopicMap(
         msgspec.structs.replace(tracks, latency=0.0, scale=1.0, left=left, right=right),
         ImuTopic(own.imu.topic, time=own.imu.time) if own.imu else DEFAULT_TOPICS.imu,
         fixes and msgspec.structs.replace(fixes, latency=0.0),
         truth,
     )
-    names = [stream.topic for stream in (full.tracks, full.imu, full.fixes, truth) if stream]
+    streams = (complete.tracks, complete.imu, complete.fixes, truth)
+    names = [stream.topic for stream in streams if stream]
     names += [name for name in (truth.twist, truth.tracks, truth.source_topic) if name]
-    return full if len(set(names)) == len(names) else DEFAULT_TOPICS
+    return complete if len(set(names)) == len(names) else DEFAULT_TOPICS
 
 
 def with_column_keys(text: str, robot: Robot) -> str:
-    """Message with the keys of tables for those of bags, if the robot file has them."""
-    streams = robot.log.get("columns")
-    if not isinstance(streams, dict):
+    """Message with keys of tables in place of those of bags, if the robot has them."""
+    if not isinstance(robot.log.get("columns"), dict):
         return text
     text = LOG_KEY.sub(r"[log.columns.\1]", text)
     return text.replace(" its topic in [log.col", " its columns in [log.col")
 
 
 def topic_map(robot: Robot, source: str) -> TopicMap:
-    """Convert and check the `[log]` table of a robot file; `source` is its name.
+    """Convert and check the `[log]` table of a robot; `source` names it in errors.
 
     Raises:
         ReplayError: a misspelt key, a wrong type or a bad value.
