@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -112,38 +113,38 @@ def assembled(
     common = [name for name in COMMON if name in main.problem.names]
     # What one model takes for a latency another explains by inertia: a value of the file is kept unless
     # all models that may be right contradict it.
-    kept = frozenset[str]().union(*(one.not_contradicted(common) for one in supported))
+    kept = frozenset[str]().union(*(fit.not_contradicted(common) for fit in supported))
     new = with_common(robot, main, radii, supported, speeds_by_radius, kept)
     if not speeds_by_radius and not robot.log:
         notes.append(
             f"track speeds are not by sprocket_radius: scale_sigma covers {main.value('scale'):.4f}"
         )
     written = main.with_start_of(kept)
-    given = {name: written.value(name) for name in {"scale", *kept}}
-    given["difference"] = new.tracks.difference
-    kept_rows = {COMMON[name] for name in kept}
+    common_values = {name: written.value(name) for name in {"scale", *kept}}
+    common_values["difference"] = new.tracks.difference
+    kept_names = {COMMON[name] for name in kept}
     # Each model is fitted again with the common values that the new file has, and once more with the
     # file's values of its own parameters, where the logs do not contradict these.
-    usable = dict(shared)
+    refitted = dict(shared)
     for name in ("constant", "inertia"):
         if name not in fits:
             continue
-        usable[name] = model_fit = _refitted(shared[name], name, robot, given, again)
+        refitted[name] = model_fit = _refitted(shared[name], name, robot, common_values, again)
         problem = model_fit.problem
         own = model_fit.not_contradicted(parameter.name for parameter in problem.model.parameters)
-        of_file = {one: float(problem.start[problem.place(one)]) for one in own}
-        final = _refitted(model_fit, name, robot, given | of_file, again, always=bool(own))
-        new = _put(final, new)
-        kept_rows |= _rows_of(name, own)
+        own_values = {key: float(problem.start[problem.place(key)]) for key in own}
+        given = common_values | own_values
+        new = _put(_refitted(model_fit, name, robot, given, again, always=bool(own)), new)
+        kept_names |= _result_names(name, own)
     if not speeds_by_radius:
-        kept_rows -= {"sprocket_radius"}
+        kept_names -= {"sprocket_radius"}
     rows = []
-    for row in _parameters(robot, new, fits, usable, main, radii, speeds_by_radius):
-        of_kept = _note_of_kept(row, new) if row.sigma and row.name in kept_rows else ""
-        note = "; ".join(filter(None, [row.note, of_kept]))
+    for row in _parameters(robot, new, fits, refitted, main, radii, speeds_by_radius):
+        kept_note = _note_of_kept(row, new) if row.sigma and row.name in kept_names else ""
+        note = "; ".join(filter(None, [row.note, kept_note]))
         is_default = row.before is not None and _is_default(robot, row.name)
-        whole = _with_other_logs(row, len(main.problem.recording.motions))
-        rows.append(replace(whole, note=note, is_default=is_default))
+        complete = _with_other_logs(row, len(main.problem.recording.motions))
+        rows.append(replace(complete, note=note, is_default=is_default))
     names, correlations = _correlations(fits.get("inertia", fits["constant"]))
     return Calibration(
         robot=new,
@@ -161,8 +162,8 @@ def assembled(
 def _note_of_kept(row: FoundParameter, new: Robot) -> str:
     """Note on a parameter that the logs do not contradict, by what the new file has."""
     key = row.name.removeprefix("indices.")
-    of_friction = key != row.name and getattr(new.indices, key) != row.before
-    return OF_FRICTION if of_friction else KEPT
+    is_index = key != row.name
+    return OF_FRICTION if is_index and getattr(new.indices, key) != row.before else KEPT
 
 
 def _with_other_logs(row: FoundParameter, logs: int) -> FoundParameter:
@@ -188,15 +189,16 @@ def _is_default(robot: Robot, name: str) -> bool:
     )
 
 
-def _rows_of(model: str, names: frozenset[str]) -> set[str]:
-    """Names in the results of parameters of a model that stay as in the robot file."""
+def _result_names(model: str, names: frozenset[str]) -> set[str]:
+    """Names in the results of a model's parameters `names` that stay as in the file.
+
+    Results of the constant model are ICRs: one stays if all indices that it depends on stay.
+    """
     if model == "inertia":
         return {f"indices.{name}" for name in names}
-    rows = {"constant_icr.y_ICR"} if "zeta0" in names else set()
-    rows |= {"effective_track"} if "eta0" in names else set()
-    if {"epsilon0", "eta0"} <= names:
-        rows |= {"constant_icr.x_ICRl", "constant_icr.x_ICRr"}
-    return rows
+    icrs = {key: {"epsilon0", "eta0"} for key in ("constant_icr.x_ICRl", "constant_icr.x_ICRr")}
+    indices = {"constant_icr.y_ICR": {"zeta0"}, "effective_track": {"eta0"}} | icrs
+    return {name for name, needed in indices.items() if needed <= names}
 
 
 def with_difference(
@@ -216,7 +218,7 @@ def as_found(robot: Robot, found: Fit) -> Robot:
 def _refitted(
     found: Fit, name: str, robot: Robot, given: dict[str, float], again: Again, always: bool = False
 ) -> Fit:
-    """Refit with given parameters; not if the fit nearly has them, unless `always`."""
+    """Refit the model `name` with given parameters, unless `found` nearly has them."""
     if not always and all(abs(found.value(key) - value) <= MOVED for key, value in given.items()):
         return found
     start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | given
@@ -224,6 +226,7 @@ def _refitted(
 
 
 def _put(found: Fit, robot: Robot) -> Robot:
+    """Robot with the parameters of a fit's motion model."""
     return found.problem.model.put_into(robot, found.problem.own(found.values))
 
 
@@ -235,7 +238,7 @@ def _supported_fits(fits: Mapping[str, Fit], comparison: ModelComparison) -> lis
         pair = comparison.difference(chosen, name)
         return pair.drift_low <= 0.0 <= pair.drift_high
 
-    return [one for name, one in fits.items() if name == chosen or may_be_right(name)]
+    return [fit for name, fit in fits.items() if name == chosen or may_be_right(name)]
 
 
 def _parameters(
@@ -289,6 +292,7 @@ def _bias(robot: Robot, main: Fit) -> FoundParameter:
 
 
 def _status(found: Fit, name: str) -> Status:
+    """Status: held, shown by the logs, or shown on condition that held ones are right."""
     if not found.is_free(name):
         return "held"
     return "shown" if found.shown[found.problem.place(name)] else "conditional"
@@ -330,7 +334,9 @@ def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
     # With epsilon0 held, the ICRs still follow from eta0.
     if worst == "held" and sigmas.is_free("eta0"):
         worst = "conditional"
+    note = "" if sigmas.is_free("epsilon0") else "spacing estimated, midpoint from the file"
     rows = []
+    # x_ICR = epsilon0 + side * gauge * eta0.
     for name, side in (("x_ICRl", -0.5), ("x_ICRr", 0.5)):
         gradient = np.zeros(len(sigmas.values))
         gradient[epsilon], gradient[eta] = 1.0, side * gauge
@@ -350,34 +356,22 @@ def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
                 sigma=None if worst == "held" else sigma,
                 status=worst,
                 before=before.epsilon0 + side * gauge * before.eta0,
-                note=""
-                if sigmas.is_free("epsilon0")
-                else "spacing estimated, midpoint from the file",
+                note=note,
             )
         )
     y_ICR = _row(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=sigmas)
-    effective_track = _row(
-        found,
-        "eta0",
-        "effective_track",
-        "m",
-        factor=gauge,
-        before=gauge * before.eta0,
-        sigmas=sigmas,
-    )
     note = "eta0 of constant ICRs times the gauge"
-    return [*rows, y_ICR, replace(effective_track, note=note)]
+    scaled: Any = {"factor": gauge, "before": gauge * before.eta0, "note": note}
+    return [*rows, y_ICR, _row(found, "eta0", "effective_track", "m", sigmas=sigmas, **scaled)]
 
 
 def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
     """Indices of the inertia-based model; standard errors are of `sigmas`."""
-    indices = robot.indices
-    x_CM = sigmas.problem.model.vehicle.x_CM
-    gauge = robot.vehicle.track_gauge
-    half = 0.5 * gauge * found.value("eta0")
+    indices, x_CM = robot.indices, sigmas.problem.model.vehicle.x_CM
+    half_track = 0.5 * robot.vehicle.track_gauge * found.value("eta0")
     epsilon = found.value("epsilon0")
     # H is the ratio of the track speeds as the robot turns about its centre of mass.
-    implied = (half - epsilon + x_CM) / (half + epsilon - x_CM)
+    implied = (half_track - epsilon + x_CM) / (half_track + epsilon - x_CM)
     note = f"acts in the literal form only; the ICRs found imply {implied:.3f}"
     rows = [FoundParameter("indices.H", "-", indices.H, None, "held", indices.H, note)]
     for name, unit, *_ in sigmas.problem.model.parameters:
@@ -398,11 +392,12 @@ def _correlations(found: Fit) -> tuple[tuple[str, ...], Floats]:
 def _logs(main: Fit) -> tuple[OfLog, ...]:
     """Parameters and segments of each log, by the supported model."""
     recording = main.problem.recording
+    # Way of each segment without the fitted scale of the track speeds [m].
     ways = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
-    result = []
-    for log, motion in enumerate(recording.motions):
-        own, bias, lag = recording.log == log, f"gyro_bias[{log}]", f"lag[{log}]"
-        result.append(
+    logs = []
+    for number, motion in enumerate(recording.motions):
+        own, bias, lag = recording.log == number, f"gyro_bias[{number}]", f"lag[{number}]"
+        logs.append(
             OfLog(
                 name=motion.log.name,
                 gyro_bias=(main.value(bias), finite(main.sigma(bias))),
@@ -412,27 +407,27 @@ def _logs(main: Fit) -> tuple[OfLog, ...]:
                 distance=float(main.value("scale") * ways[own & recording.moving].sum()),
             )
         )
-    return tuple(result)
+    return tuple(logs)
 
 
 def _residuals(constant: Fit, main: Fit) -> Residuals:
     """Residuals by the robot file's ICRs and radius, and by the supported model."""
     problem, recording = constant.problem, constant.problem.recording
-    values = constant.values.copy()
+    file_values = constant.values.copy()
     for parameter in problem.parameters:
         # Parameters of truth and IMU are kept: only the robot's are reset to its file.
         if not parameter.name.startswith(("lever", "lag", "gyro", "offset", "mounting", "imu")):
-            values[problem.place(parameter.name)] = parameter.start
-    rows = [ALONG, ACROSS, SLIP]
-    moving = recording.moving
-    middle = recording.edges.mean(axis=1)
-    begin = np.zeros(len(recording.motions))
-    begin[1:] = np.cumsum([one.log.duration for one in recording.motions])[:-1]
+            file_values[problem.place(parameter.name)] = parameter.start
+    columns, moving = [ALONG, ACROSS, SLIP], recording.moving
+    middles = recording.edges.mean(axis=1)
+    # Times of the logs one behind the other [s].
+    begins = np.zeros(len(recording.motions))
+    begins[1:] = np.cumsum([motion.log.duration for motion in recording.motions])[:-1]
     return Residuals(
-        seconds=(middle + begin[recording.log])[moving],
+        seconds=(middles + begins[recording.log])[moving],
         turning=(recording.turned[:, -1] - recording.turned[:, 0])[moving],
-        before=problem.rows(values)[moving][:, rows],
-        after=main.residuals[moving][:, rows],
+        before=problem.rows(file_values)[moving][:, columns],
+        after=main.residuals[moving][:, columns],
     )
 
 
@@ -444,7 +439,7 @@ def _verdict(comparison: ModelComparison) -> str:
         f"The data support {CALLED[chosen]}. Held-out drift of dead reckoning by the tracks alone is "
         f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})."
     )
-    parts = []
+    parts, is_unclear = [], False
     for other in comparison.scores:
         name = other.model
         if name == chosen:
@@ -456,13 +451,13 @@ def _verdict(comparison: ModelComparison) -> str:
             low, high = -high, -low
         tendency = "worse" if other.drift_percent > score.drift_percent else "better"
         word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {tendency}"
+        is_unclear |= word == "not clearly better"
         parts.append(
             f"{CALLED[name]} {'are' if name in PLURAL else 'is'} {word} "
             f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"
         )
     if not parts:
         return verdict
-    others, more = ", ".join(parts), ""
-    if " not clearly better " in others:
-        more = " These logs cannot separate the models."
+    others = ", ".join(parts)
+    more = " These logs cannot separate the models." if is_unclear else ""
     return f"{verdict} {others[0].upper()}{others[1:]}.{more}"

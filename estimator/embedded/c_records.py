@@ -29,13 +29,13 @@ class Records:
 
     def add(self, memory: Any) -> Type:
         """Add a type of record and those in it, by the memory that Python and numba share."""
-        kind = memory.kind
-        if kind in self.types:
-            return self.types[kind]
-        name, hints = f"icr_{kind.__name__}", field_types(kind)
+        record_type = memory.kind
+        if record_type in self.types:
+            return self.types[record_type]
+        name, hints = f"icr_{record_type.__name__}", field_types(record_type)
         fields, lines = [], []
         for field, memory_type in self._fields(memory):
-            if hasattr(memory_type, "kind"):
+            if hasattr(memory_type, "kind"):  # a record in the record
                 c_type = self.add(memory_type)
                 lines.append(f"    {c_type.name} {field};")
             elif issubclass(memory_type, ctypes.Array):
@@ -45,17 +45,17 @@ class Records:
                 c_type = REAL
                 lines.append(f"    icr_real {field};")
             else:
-                c_type, integer = INT, "int64_t"
+                c_type, integer = INT, "int64_t"  # for stamps; counts and flags need 32 bits
                 if CLOCK not in getattr(hints[field], "__metadata__", ()):
                     integer = self.integers[name, field] = "int32_t"
                 lines.append(f"    {integer} {field};")
             fields.append((field, c_type))
-        self.types[kind] = Type("record", name, tuple(fields))
+        self.types[record_type] = Type("record", name, tuple(fields))
         self.text.append("\n".join(["typedef struct {", *lines, f"}} {name};", ""]))
-        return self.types[kind]
+        return self.types[record_type]
 
     def initial(self, record: Any, path: str) -> list[str]:
-        """Assignments in C of the values of a record that are not zero."""
+        """Assignments in C, at `path`, of the numbers of a record that are not zero."""
         lines: list[str] = []
         for field, memory_type in self._fields(record):
             value, place = getattr(record, field), f"{path}.{field}"
@@ -68,5 +68,6 @@ class Records:
         return lines
 
     def _fields(self, memory: Any) -> list[tuple[str, Any]]:
+        """Name and type of the fields of a record's memory that its structure has."""
         without = self._without.get(memory.kind, frozenset())
-        return [(field, of) for field, of in memory._fields_ if field not in without]
+        return [(name, memory_type) for name, memory_type in memory._fields_ if name not in without]

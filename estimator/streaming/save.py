@@ -102,7 +102,9 @@ class SavedEstimator(Bounded, frozen=True):
             )
         before, now = _leaves(self.robot), _leaves(robot_constants(robot))
         for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
-            matters = to_continue or any(f"{key}.".startswith(f"{k}.") for k in LEARNT_FROM)
+            matters = to_continue or any(
+                f"{key}.".startswith(f"{learnt}.") for learnt in LEARNT_FROM
+            )
             if matters and before.get(key) != now.get(key):
                 advice = "start again" if not to_continue else "make a warm start, or start again"
                 raise EstimatorError(
@@ -132,15 +134,13 @@ def write_saved(path: Path, saved: SavedEstimator, *, overwrite: bool) -> None:
         numbers = [*checkpoint["state"], *np.ravel(checkpoint["covariance"]), *checkpoint["model"]]
         if not np.isfinite(numbers).all():
             raise EstimatorError(f"{path}: not written, the estimate is not finite")
+        # The wander of the fixes is after the states of the variant, if it is estimated.
         wander = s.WANDER_NAMES[: len(checkpoint["state"]) - len(names)]
         values = zip((*names, *wander), checkpoint["state"], strict=True)
+        # States that the variant lacks have no name, and are zero.
         checkpoint["state"] = {name: value for name, value in values if name}
-    document = {
-        "format": FORMAT,
-        "version": VERSION,
-        "checksum": _checksum(content),
-        "content": content,
-    }
+    document = {"format": FORMAT, "version": VERSION}
+    document |= {"checksum": _checksum(content), "content": content}
     try:
         write_whole(path, f"{_readable(document)}\n".encode())
     except OSError as problem:
@@ -184,12 +184,14 @@ def read_saved(path: Path) -> SavedEstimator:
 
 
 def _to_plain(thing: Any) -> Any:
+    """Convert arrays and numbers of numpy, which JSON does not have."""
     if isinstance(thing, np.ndarray | np.generic):
         return thing.tolist()
     raise NotImplementedError(f"no JSON for {type(thing).__name__}")
 
 
 def _from_plain(_kind: type, value: Any) -> Any:
+    """Convert lists of numbers to arrays, the only type that JSON does not have."""
     array = np.array(value, dtype=float)
     if not np.isfinite(array).all():
         raise ValueError("all numbers must be finite")
@@ -249,35 +251,37 @@ def require_sound(checkpoint: FilterCheckpoint, ekf: Ekf, *, to_continue: bool =
     Raises:
         ValueError: it has no place in the filter, or holds what no filter estimates.
     """
-    state, P, clones = checkpoint.state, checkpoint.covariance, checkpoint.clones
+    state, memory, P = checkpoint.state, checkpoint.model, checkpoint.covariance
     if to_continue and state.shape != ekf.x.shape:
         raise ValueError(f"the filter has {len(ekf.x)} states, found {len(state)}")
-    if to_continue and checkpoint.model.shape != ekf.model.memory.shape:
-        size, found = ekf.model.memory.shape, checkpoint.model.shape
-        raise ValueError(f"the motion model remembers {size} numbers, found {found}")
-    of_model = checkpoint.model, checkpoint.regressors
-    for name, values in (
-        ("state", state),
-        ("motion model", np.hstack([v.ravel() for v in of_model])),
-    ):
-        if not np.abs(values).max(initial=0.0) <= LARGEST_STATE:
-            raise ValueError(f"a value of the {name} is beyond {LARGEST_STATE:g}")
+    if to_continue and memory.shape != ekf.model.memory.shape:
+        size = ekf.model.memory.shape
+        raise ValueError(f"the motion model remembers {size} numbers, found {memory.shape}")
+    _require_size(state, "a value of the state")
+    for values in (memory, checkpoint.regressors):
+        _require_size(values, "a value of the motion model")
+    # Each bound is a row (a, b) of the condition a . parameters >= b.
     for bound in ekf.model.bounds:
-        value = float(bound[:-1] @ state[s.PARAMETERS])
-        if value < bound[-1] - BEYOND_BOUNDS:
-            raise ValueError(f"parameters out of bounds: {value:g} is less than {bound[-1]:g}")
+        value, least = float(bound[:-1] @ state[s.PARAMETERS]), bound[-1]
+        if value < least - BEYOND_BOUNDS:
+            raise ValueError(f"parameters out of bounds: {value:g} is less than {least:g}")
+    clones = checkpoint.clones
     if clones is None:
         require_covariance(P)
         return
     if len(set(clones.stamps)) != len(clones.stamps) or not 1 <= len(clones.stamps) <= MOST_MARKS:
         raise ValueError(f"there must be 1 to {MOST_MARKS} different marks")
-    if clones.cross.shape[1] != len(P):
-        raise ValueError(
-            f"marks need covariances with {len(P)} states, found {clones.cross.shape[1]}"
-        )
-    if not np.abs(clones.poses).max() <= LARGEST_STATE:
-        raise ValueError(f"the motion since a mark is beyond {LARGEST_STATE:g}")
+    width = clones.cross.shape[1]
+    if width != len(P):
+        raise ValueError(f"marks need covariances with {len(P)} states, found {width}")
+    _require_size(clones.poses, "the motion since a mark")
     require_covariance(np.block([[P, clones.cross.T], [clones.cross, clones.covariance]]))
+
+
+def _require_size(values: Floats, name: str) -> None:
+    """Require values of at most `LARGEST_STATE`; NaN is none of them."""
+    if not np.abs(values).max(initial=0.0) <= LARGEST_STATE:
+        raise ValueError(f"{name} is beyond {LARGEST_STATE:g}")
 
 
 def require_covariance(P: Floats) -> None:

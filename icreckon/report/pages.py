@@ -73,11 +73,9 @@ def _breakable(name: str) -> Markup:
 
 
 _PAGES.globals |= {"verbatim": _verbatim, "policy": POLICY, "terms": TERMS}
-# What not every page has.
+# Defaults for templates: a name that is not set is an error (StrictUndefined).
 _PAGES.globals |= {"subtitle": "", "failures": (), "remarks": ()}
-_PAGES.filters["term_of"] = term_of
-_PAGES.filters["breakable"] = _breakable
-_PAGES.filters["embedded"] = _embedded
+_PAGES.filters |= {"term_of": term_of, "breakable": _breakable, "embedded": _embedded}
 _PAGES.filters["as_text"] = lambda data: json.dumps(data, indent=1, ensure_ascii=False)
 _PAGES.filters["base64"] = lambda data: base64.b64encode(data).decode()
 

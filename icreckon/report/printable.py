@@ -19,11 +19,15 @@ def change(ratio: float) -> str:
 
 
 def change_range(interval: Sequence[float] | None, remark: str = "") -> str:
-    """Format the 95 % interval of a ratio as changes in brackets; nothing for none."""
+    """Format the 95 % interval of a ratio as changes in brackets; nothing for none.
+
+    Both ends less: " (95 %: 5 to 13 % less)"; otherwise " (95 %: 5 % less to 3 % more)".
+    """
     if interval is None:
         return ""
     low, high = interval
-    ends = [change(high), change(low)] if high < 1.0 else [change(low), change(high)]
+    start, end = (change(high), change(low)) if high < 1.0 else (change(low), change(high))
     if high < 1.0 or low > 1.0:
-        ends[0] = ends[0].rpartition(" ")[0].removesuffix(" %")
-    return f" (95 %: {ends[0]} to {ends[1]}{remark})"
+        # Both ends have the same words, which are written once: without " % less" or " % more".
+        start = start.rpartition(" ")[0].removesuffix(" %")
+    return f" (95 %: {start} to {end}{remark})"

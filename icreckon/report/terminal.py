@@ -8,8 +8,8 @@ from rich.table import Table as RichTable
 
 from icreckon.report.pages import Table
 
-# What follows the first words of a cell, which a narrow table has below it.
-_MORE = re.compile(r"[,;:] ")
+# Separator between the first words of a cell, which a narrow table keeps, and the rest.
+_SEPARATOR = re.compile(r"[,;:] ")
 
 
 def rich_table(page_table: Table, *, narrow: bool = False) -> RichTable:
@@ -20,29 +20,34 @@ def rich_table(page_table: Table, *, narrow: bool = False) -> RichTable:
     """
     table = RichTable(title=page_table.title, title_justify="left", caption_justify="left")
     table.add_column(page_table.head[0], no_wrap=not narrow, overflow="fold")
-    cells = page_table.rows[0][1] if page_table.rows else ()
-    for place, heading in enumerate(page_table.head[1:]):
-        is_text = place < len(cells) and cells[place].kind == "wrap"
+    # The first row shows which columns are text: all cells of a column have one kind.
+    first_cells = page_table.rows[0][1] if page_table.rows else ()
+    for column, heading in enumerate(page_table.head[1:]):
+        is_text = column < len(first_cells) and first_cells[column].kind == "wrap"
         justify: Any = "left" if is_text else "right"
         table.add_column(heading, justify=justify, no_wrap=narrow, overflow="fold")
     letters: dict[str, str] = {}
-    for name, row in page_table.rows:
-        shortened = (
+    for name, cells in page_table.rows:
+        texts = (
             _with_letter(cell.text, letters) if narrow and cell.kind == "wrap" else cell.text
-            for cell in row
+            for cell in cells
         )
-        table.add_row(name, *shortened)
-    table.caption = "\n".join(f"{letter}: {more}" for more, letter in letters.items())
+        table.add_row(name, *texts)
+    table.caption = "\n".join(f"{letter}: {rest}" for rest, letter in letters.items())
     return table
 
 
 def _with_letter(text: str, letters: dict[str, str]) -> str:
-    """Replace all but the first words by a letter; the whole text if letters run out."""
-    first, *more = _MORE.split(text, maxsplit=1)
-    if not more:
+    """Replace all but the first words by a letter, added to `letters` by its text.
+
+    A text stays whole if all letters are used.
+    """
+    first_words, *rests = _SEPARATOR.split(text, maxsplit=1)
+    if not rests:
         return text
-    if more[0] not in letters:
+    (rest,) = rests
+    if rest not in letters:
         if len(letters) == len(ascii_lowercase):
             return text
-        letters[more[0]] = ascii_lowercase[len(letters)]
-    return f"{first} {letters[more[0]]}"
+        letters[rest] = ascii_lowercase[len(letters)]
+    return f"{first_words} {letters[rest]}"

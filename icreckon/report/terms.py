@@ -90,7 +90,7 @@ TERMS = (
 
 def term_of(heading: str) -> Term | None:
     """Return the first term that a heading uses; None for none."""
-    for one in TERMS:
-        if re.search(one.pattern or rf"\b{one.key}\b", heading, re.IGNORECASE):
-            return one
+    for term in TERMS:
+        if re.search(term.pattern or rf"\b{term.key}\b", heading, re.IGNORECASE):
+            return term
     return None

@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from icreckon.estimator.calibration import Calibration
+from icreckon.estimator.calibration.result import OfLog
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.robot_check import far_centre
@@ -16,7 +17,7 @@ from icreckon.replay.checking.worth import HORIZONS, VARIANT, mean_drift
 from icreckon.replay.comparison.known_bias import GYRO
 from icreckon.replay.comparison.results import FORMAT, Results, digest, versions
 
-Read = tuple[Sequence[Log], Robot]
+Read = tuple[Sequence[Log], Robot]  # logs, and the robot file that they were read with
 
 
 def summarise_calibration(
@@ -27,7 +28,9 @@ def summarise_calibration(
     configuration: dict[str, Any],
     inputs: dict[str, Path],
 ) -> Results:
-    """Summarise a calibration for tables and figure."""
+    """Summarise a calibration as the content of results.json, for tables and figure."""
+    comparison, residuals = found.comparison, found.residuals
+    correlations = np.round(found.correlations, 4).tolist()
     return {
         "format": FORMAT,
         "command": "calibrate",
@@ -38,98 +41,96 @@ def summarise_calibration(
         "headline": headline,
         "verdict": found.verdict,
         "notes": [*found.notes, *far_centre(found.robot)],
-        "supported_model": found.comparison.supported,
+        "supported_model": comparison.supported,
         "parameters": {
-            one.name: {
-                "value": one.value,
-                "sigma": one.sigma,
-                "sigma_other_logs": one.sigma_other_logs,
-                "interval_95": None if one.interval is None else list(one.interval),
-                "unit": one.unit,
-                "status": one.status,
-                "before": one.before,
-                "before_is_default": one.is_default,
-                "note": one.note,
+            parameter.name: {
+                "value": parameter.value,
+                "sigma": parameter.sigma,
+                "sigma_other_logs": parameter.sigma_other_logs,
+                "interval_95": None if parameter.interval is None else list(parameter.interval),
+                "unit": parameter.unit,
+                "status": parameter.status,
+                "before": parameter.before,
+                "before_is_default": parameter.is_default,
+                "note": parameter.note,
             }
-            for one in found.parameters
+            for parameter in found.parameters
         },
-        "correlations": {
-            "names": list(found.correlation_names),
-            "matrix": np.round(found.correlations, 4).tolist(),
-        },
+        "correlations": {"names": list(found.correlation_names), "matrix": correlations},
         "models": {
-            one.model: {
-                "parameters_found": one.parameters,
-                "held_out_drift_percent": one.drift_percent,
-                "held_out_drift_percent_interval_95": [one.drift_low, one.drift_high],
-                "held_out_drift_with_gyro_percent": one.drift_with_gyro_percent,
-                "held_out_log_likelihood_per_segment": one.log_likelihood,
+            scores.model: {
+                "parameters_found": scores.parameters,
+                "held_out_drift_percent": scores.drift_percent,
+                "held_out_drift_percent_interval_95": [scores.drift_low, scores.drift_high],
+                "held_out_drift_with_gyro_percent": scores.drift_with_gyro_percent,
+                "held_out_log_likelihood_per_segment": scores.log_likelihood,
             }
-            for one in found.comparison.scores
+            for scores in comparison.scores
         },
         "differences": [
             {
-                "model": one.model,
-                "than": one.than,
-                "held_out_drift_percent": one.drift,
-                "held_out_drift_percent_interval_95": [one.drift_low, one.drift_high],
-                "held_out_log_likelihood_per_segment": one.log_likelihood,
+                "model": pair.model,
+                "than": pair.than,
+                "held_out_drift_percent": pair.drift,
+                "held_out_drift_percent_interval_95": [pair.drift_low, pair.drift_high],
+                "held_out_log_likelihood_per_segment": pair.log_likelihood,
                 "held_out_log_likelihood_per_segment_interval_95": [
-                    one.log_likelihood_low,
-                    one.log_likelihood_high,
+                    pair.log_likelihood_low,
+                    pair.log_likelihood_high,
                 ],
             }
-            for one in found.comparison.differences
+            for pair in comparison.differences
         ],
         "validation": {
-            "blocks": found.comparison.blocks,
-            "folds": found.comparison.folds,
-            "longest_window_s": found.comparison.window,
-            "distance_m": found.comparison.distance,
+            "blocks": comparison.blocks,
+            "folds": comparison.folds,
+            "longest_window_s": comparison.window,
+            "distance_m": comparison.distance,
         },
-        "logs": [_of_log(one, log) for one, log in zip(found.logs, logs, strict=True)],
+        "logs": [_log_summary(*pair) for pair in zip(found.logs, logs, strict=True)],
         "robot": msgspec.to_builtins(found.robot),
         "series": {
-            "t_s": found.residuals.seconds.round(3).tolist(),
-            "turned_rad": found.residuals.turning.round(5).tolist(),
-            "before": found.residuals.before.round(6).tolist(),
-            "after": found.residuals.after.round(6).tolist(),
+            "t_s": residuals.seconds.round(3).tolist(),
+            "turned_rad": residuals.turning.round(5).tolist(),
+            "before": residuals.before.round(6).tolist(),
+            "after": residuals.after.round(6).tolist(),
         },
     }
 
 
 def headline(before: Read, after: Read, progress: Callable[[float], None]) -> str:
     """Drift of filters with the robot file before and after the calibration."""
-    logs, found = len(after[0]), []
-    for read, variant in ((before, VARIANT), (after, VARIANT), (after, GYRO)):
-        found.append(mean_drift(*read, variant, HORIZONS[0]))
-        progress(len(found) / 3)
-    if not math.isfinite(found[1]):
+    drifts = []
+    for (logs, robot), variant in ((before, VARIANT), (after, VARIANT), (after, GYRO)):
+        drifts.append(mean_drift(logs, robot, variant, HORIZONS[0]))
+        progress(len(drifts) / 3)
+    drift_before, drift_after, gyro_drift = drifts
+    if not math.isfinite(drift_after):
         return "The filters have no drift to score on these logs."
-    of_logs = "the log" if logs == 1 else f"the {logs} logs"
-    start = f" ({found[0]:.2f} % with the file before)" if math.isfinite(found[0]) else ""
+    logs_text = "the log" if len(after[0]) == 1 else f"the {len(after[0])} logs"
+    start = f" ({drift_before:.2f} % with the file before)" if math.isfinite(drift_before) else ""
+    is_more = drift_after > drift_before
+    warning = " That is more than before: compare both files on other logs." if is_more else ""
     return (
-        f"{VARIANT} drifts {found[1]:.2f} % of the distance after {HORIZONS[0]:g} s with these values"
-        f"{start}, wheels + gyro {found[2]:.2f} %, on {of_logs} of this calibration."
-        + (
-            " That is more than before: compare both files on other logs."
-            if found[1] > found[0]
-            else ""
-        )
+        f"{VARIANT} drifts {drift_after:.2f} % of the distance after {HORIZONS[0]:g} s with these values"
+        f"{start}, wheels + gyro {gyro_drift:.2f} %, on {logs_text} of this calibration.{warning}"
     )
 
 
-def _of_log(one: Any, log: Log) -> Results:
+def _log_summary(found: OfLog, log: Log) -> Results:
+    """Results of a log: what the calibration found, and what was dropped in reading."""
+    bias, bias_sigma = found.gyro_bias
+    lag, lag_sigma = found.lag or (None, None)
     return {
-        "name": one.name,
+        "name": found.name,
         "duration_s": log.duration,
-        "gyro_bias_rad_s": one.gyro_bias[0],
-        "gyro_bias_sigma_rad_s": one.gyro_bias[1],
-        "truth_lag_s": None if one.lag is None else one.lag[0],
-        "truth_lag_sigma_s": None if one.lag is None else one.lag[1],
-        "moving_segments": one.segments,
-        "still_segments": one.still,
-        "distance_m": one.distance,
+        "gyro_bias_rad_s": bias,
+        "gyro_bias_sigma_rad_s": bias_sigma,
+        "truth_lag_s": lag,
+        "truth_lag_sigma_s": lag_sigma,
+        "moving_segments": found.segments,
+        "still_segments": found.still,
+        "distance_m": found.distance,
         "dropped": log.dropped,
         "notes": list(log.notes),
     }

@@ -16,6 +16,7 @@ there are too few: it does not cover other logs.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -81,24 +82,26 @@ class PairedDrift:
         rng = np.random.default_rng(SEED)
         count = len(numerators)
         starts = rng.integers(0, count, (REPLICATES, max(1, round(self.blocks))))
-        drawn = [self._sums(terms, starts) for terms in (numerators, denominators)]
         with np.errstate(divide="ignore", invalid="ignore"):
-            replicates = drawn[0] / drawn[1]
+            replicates = self._sums(numerators, starts) / self._sums(denominators, starts)
         replicates = replicates[np.isfinite(replicates)]
         tail = expanded_tail(self.blocks)
         low, high = np.quantile(replicates, (tail, 1.0 - tail)).tolist()
         return Estimate(value, (min(low, value), max(high, value)))
 
     def _sums(self, values: Floats, starts: NDArray[np.int64]) -> Floats:
-        """Sums (replicates,) over the blocks with these starts, circular in each log."""
-        sums = []
-        for part in np.split(values, np.cumsum(self.counts)[:-1]) if self.counts else [values]:
-            if len(part):
-                repeated = np.tile(part, 1 + math.ceil(self.block / len(part)))
+        """Sums (replicates,) of values (n,) over drawn blocks, circular in each log.
+
+        `starts` (replicates, blocks) are the first segments of the blocks.
+        """
+        block_sums = []  # of the block that starts at each segment
+        for log in np.split(values, np.cumsum(self.counts)[:-1]) if self.counts else [values]:
+            if len(log):
+                repeated = np.tile(log, 1 + math.ceil(self.block / len(log)))
                 summed = np.concatenate([[0.0], np.cumsum(repeated)])
-                first = np.arange(len(part))
-                sums.append(summed[first + self.block] - summed[first])
-        return np.asarray(np.concatenate(sums)[starts].sum(axis=1))
+                first = np.arange(len(log))
+                block_sums.append(summed[first + self.block] - summed[first])
+        return np.asarray(np.concatenate(block_sums)[starts].sum(axis=1))
 
 
 def expanded_tail(blocks: float) -> float:
@@ -111,23 +114,23 @@ def expanded_tail(blocks: float) -> float:
 
 def paired_drift(drifts: Mapping[str, Drift]) -> PairedDrift:
     """Pair the drifts of one horizon on the common segments in which the robot moved."""
-    common = None
-    for one in drifts.values():
-        starts = one.starts[one.moved]
-        common = starts if common is None else np.intersect1d(common, starts)
-    if common is None:
+    if not drifts:
         raise ValueError("there is no drift to pair")
-    rows = {name: np.searchsorted(one.starts, common) for name, one in drifts.items()}
-    errors = np.array([one.position_errors[rows[name]] for name, one in drifts.items()])
-    name, first = next(iter(drifts.items()))
+    moving = [drift.starts[drift.moved] for drift in drifts.values()]
+    common = reduce(np.intersect1d, moving)
+    rows = [np.searchsorted(drift.starts, common) for drift in drifts.values()]
+    errors = [drift.position_errors[own] for drift, own in zip(drifts.values(), rows, strict=True)]
+    # The segments of all variants are those of the first.
+    first = next(iter(drifts.values()))
     duration = first.horizon
     if first.unit == "m":
-        duration = float(first.durations[rows[name]].mean()) if len(common) else 1.0
-    step = float(np.median(np.diff(common))) * 1e-9 if len(common) > 1 else 1.0
+        duration = float(first.durations[rows[0]].mean()) if len(common) else 1.0
+    step = float(np.median(np.diff(common))) * NANOSECOND if len(common) > 1 else 1.0
+    # Length of a segment and of a block, in segments that start one step apart.
     length = max(1.0, duration / step)
     block = min(BLOCK_SEGMENTS * length, max(length, len(common) / WANTED_BLOCKS))
-    distances = first.distances[rows[name]]
-    return PairedDrift(tuple(drifts), errors, distances, max(1, math.ceil(block)))
+    distances = first.distances[rows[0]]
+    return PairedDrift(tuple(drifts), np.array(errors), distances, max(1, math.ceil(block)))
 
 
 def pooled_drift(logs: Sequence[PairedDrift]) -> PairedDrift:
@@ -157,31 +160,23 @@ def _usual_block(logs: Sequence[PairedDrift]) -> int:
 def matched_drifts(one: Drift, other: Drift, *, later: float = 0.0) -> tuple[Drift, Drift]:
     """Keep the segments of two drifts that start at the same time of one log.
 
-    Lags of the truth that were removed by two runs may differ, and so may the stamps of the same segment.
-
-    Args:
-        one: drift by one run.
-        other: drift by another, of the same horizon.
-        later: time by which a pose of the truth is stamped later in `other` than in `one` [s].
-
-    Returns:
-        Both drifts, with the stamps of the first.
+    Two runs may remove different lags of the truth: `later` is the time by which a pose is stamped later
+    in `other` than in `one` [s]. Both drifts get the stamps of the first.
     """
     if not len(one.starts) or not len(other.starts):
         nothing = np.zeros(0, dtype=np.int64)
-        return _rows(one, nothing, nothing), _rows(other, nothing, nothing)
+        return _select(one, nothing, nothing), _select(other, nothing, nothing)
     starts = other.starts - round(later / NANOSECOND)
-    after = np.clip(np.searchsorted(starts, one.starts), 1, max(1, len(starts) - 1))
-    after = np.minimum(after, len(starts) - 1)
+    after = np.minimum(np.searchsorted(starts, one.starts), len(starts) - 1)
     before = np.maximum(after - 1, 0)
     closer = abs(starts[before] - one.starts) <= abs(starts[after] - one.starts)
     nearest = np.where(closer, before, after)
     same = abs(starts[nearest] - one.starts) < 0.5 * SEGMENT_STEP / NANOSECOND
     stamps = one.starts[same]
-    return _rows(one, np.flatnonzero(same), stamps), _rows(other, nearest[same], stamps)
+    return _select(one, np.flatnonzero(same), stamps), _select(other, nearest[same], stamps)
 
 
-def _rows(of: Drift, rows: NDArray[np.int64], stamps: NDArray[np.int64]) -> Drift:
-    """Rows of a drift, with other stamps of their starts."""
-    columns = ("durations", "position_errors", "yaw_errors", "distances")
-    return replace(of, starts=stamps, **{name: getattr(of, name)[rows] for name in columns})
+def _select(drift: Drift, rows: NDArray[np.int64], stamps: NDArray[np.int64]) -> Drift:
+    """Select segments of a drift, and set the stamps of their starts."""
+    names = ("durations", "position_errors", "yaw_errors", "distances")
+    return replace(drift, starts=stamps, **{name: getattr(drift, name)[rows] for name in names})

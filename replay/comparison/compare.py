@@ -208,6 +208,7 @@ def _from_own_start(unaided: Run, log: Log, common: TruthAlignment, start: Place
     if log.truth is None or log.truth.source == OF_FIXES:
         return unaided
     own = own_alignment(common, unaided.trajectory)
+    # Positions alone: the yaw does not depend on the lever arm.
     shift = np.subtract(_pose_at(own.truth, log.start), start) * (1.0, 1.0, 0.0)
     states = unaided.states.copy()
     states[:, s.POSE] += shift
@@ -231,12 +232,15 @@ def _first_found(variants: Sequence[str], attempt: Callable[[str], Found]) -> Fo
 
 
 def _pose_at(truth: Truth, stamp: int) -> Place:
-    x, y, yaw = interpolate_poses(truth.poses, truth.poses.stamps[:1] * 0 + stamp)[0].tolist()
+    """Pose (x, y, yaw) of a truth at a stamp [m, m, rad]."""
+    x, y, yaw = interpolate_poses(truth.poses, np.array([stamp]))[0].tolist()
     return x, y, yaw
 
 
 @dataclass(frozen=True)
 class _Task:
+    """Runs of variants over a log: what does not depend on the variant."""
+
     log: Log
     robot: Robot
     settings: Settings | None
@@ -245,12 +249,12 @@ class _Task:
     smooth: bool = False
 
     def run(self, variant: str, progress: Progress) -> Outcome:
+        """Run a variant; a lost filter or an unexpected exception is its outcome."""
         begin, length = self.log.start, max(1, self.log.end - self.log.start)
         runner = smooth_run if self.smooth else run
-        # Hide the truth from the filter.
         try:
             found = runner(
-                replace(self.log, truth=None),
+                replace(self.log, truth=None),  # the filter must not see it
                 self.robot,
                 variant,
                 settings=self.settings,
@@ -265,14 +269,11 @@ class _Task:
         except Exception as problem:
             return (LostFilter(variant, described(problem)),)
         runs = (found,) if isinstance(found, Run) else found
+        # A run that ended in numbers that are not finite is a failure, too.
         return tuple(loss_of(result, begin) or result for result in runs)
 
     def only_run(self, variant: str) -> Run:
-        """Run a variant that is not smoothed.
-
-        Raises:
-            LostFilter: it has no result.
-        """
+        """Run a variant without smoothing; raise its LostFilter if it has no result."""
         ((found,),) = _outcomes(self, (variant,), 1, lambda _: None)
         if isinstance(found, LostFilter):
             raise found
@@ -283,14 +284,15 @@ def _outcomes(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
     """Run the variants, in processes if that pays off, or one by one."""
+    # Worker processes do not know faults that a user registered here.
     in_processes = workers > 1 and len(variants) > 1 and not OWN_FAULTS
     if in_processes and _processes_pay_off(task, len(variants)):
         return _in_processes(task, variants, workers, progress)
 
-    def share_of(index: int) -> Progress:
+    def progress_of(index: int) -> Progress:
         return lambda done: progress((index + done) / len(variants))
 
-    return [task.run(variant, share_of(index)) for index, variant in enumerate(variants)]
+    return [task.run(variant, progress_of(index)) for index, variant in enumerate(variants)]
 
 
 def _processes_pay_off(task: _Task, variants: int) -> bool:
@@ -302,10 +304,10 @@ def _processes_pay_off(task: _Task, variants: int) -> bool:
 
 
 class _Worker:
-    """State of a worker process, set by its initialiser."""
+    """State of a worker process, set by its initialiser `begin`."""
 
     task: ClassVar[_Task]
-    slots: ClassVar[Any]
+    slots: ClassVar[Any]  # shared array: share that is done of each variant
 
     @classmethod
     def begin(cls, task: Path, slots: Any) -> None:
@@ -323,30 +325,29 @@ class _Worker:
 def _in_processes(
     task: _Task, variants: Sequence[str], workers: int, progress: Progress
 ) -> list[Outcome]:
+    """Run the variants in processes, which report progress in a shared array."""
     context = multiprocessing.get_context("spawn")
     slots: Synchronized[Any] = context.Array("d", len(variants))  # type: ignore[assignment]
     count = min(workers, len(variants))
-    with ExitStack() as held:
+    with ExitStack() as stack:
         # Passed in a file: with a large argument, this process would wait forever for a dead worker.
-        path = Path(held.enter_context(TemporaryDirectory())) / "task"
+        path = Path(stack.enter_context(TemporaryDirectory())) / "task"
         path.write_bytes(pickle.dumps(task))
-        pool = held.enter_context(worker_processes(count, _Worker.begin, (path, slots)))
-        return _all_done(pool, variants, slots, progress)
+        pool = stack.enter_context(worker_processes(count, _Worker.begin, (path, slots)))
+        return _wait_for_all(pool, variants, slots, progress)
 
 
-def _all_done(
+def _wait_for_all(
     pool: Executor, variants: Sequence[str], slots: Any, progress: Progress
 ) -> list[Outcome]:
+    """Outcomes of all variants, in their order; reports the mean progress meanwhile."""
     try:
         futures = [pool.submit(_Worker.work, *job) for job in enumerate(variants)]
         waiting = set(futures)
         while waiting:
             _, waiting = wait(waiting, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
-            done = [
-                1.0 if future.done() else float(slots[index])
-                for index, future in enumerate(futures)
-            ]
-            progress(sum(done) / len(done))
+            shares = (1.0 if future.done() else slots[i] for i, future in enumerate(futures))
+            progress(sum(shares) / len(futures))
         return [future.result() for future in futures]
     except BrokenProcessPool:
         raise ReplayError(

@@ -19,10 +19,10 @@ Drifts = dict[str, dict[str, Drift]]
 
 
 def horizon_labels() -> dict[str, tuple[float, Unit]]:
-    """Horizons with their units, by their labels in the keys of results."""
-    every: list[tuple[float, Unit]] = [(seconds, "s") for seconds in HORIZONS]
-    every += [(metres, "m") for metres in DISTANCES]
-    return {f"{horizon:g}{unit}": (horizon, unit) for horizon, unit in every}
+    """Horizons with their units, by their labels in the keys of results, as "30s"."""
+    horizons: list[tuple[float, Unit]] = [(seconds, "s") for seconds in HORIZONS]
+    horizons += [(metres, "m") for metres in DISTANCES]
+    return {f"{horizon:g}{unit}": (horizon, unit) for horizon, unit in horizons}
 
 
 def paired_drifts(drifts: Drifts) -> dict[str, PairedDrift]:
@@ -57,13 +57,17 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
     labels = [label for label in VERDICT_HORIZONS if len(drifts[label].distances)]
     if not labels:
         return None
-    with_interval = [label for label in labels if _has_interval(drifts[label])]
-    label = (with_interval or labels)[0]
+    # All variants have an interval, or none has: it depends on the number of blocks.
+    first = drifts[labels[0]].names[0]
+    with_interval = [label for label in labels if drifts[label].percent(first).interval is not None]
+    label = with_interval[0] if with_interval else labels[0]
     paired = drifts[label]
     names = [name for name in paired.names if not name.endswith(SMOOTHED)]
     percents = {name: paired.percent(name) for name in names}
     best = min(names, key=lambda name: percents[name].value)
     others = {name: paired.ratio(name, best) for name in names if name != best}
+    # Lower end of the ratio to the best: above 1 the variant is worse.
+    lows = {name: one.interval[0] if one.interval else 0.0 for name, one in others.items()}
     ratio = paired.ratio(best, baseline)
     return {
         "horizon": label,
@@ -77,14 +81,8 @@ def verdict(drifts: Mapping[str, PairedDrift], baseline: str) -> Results | None:
         "blocks": paired.blocks,
         "ratios_to_best": {name: one.value for name, one in others.items()},
         "ratios_to_best_95": {name: listed(one) for name, one in others.items()},
-        "not_shown_worse": [
-            name for name, one in others.items() if one.interval is None or one.interval[0] <= 1.0
-        ],
+        "not_shown_worse": [name for name, low in lows.items() if low <= 1.0],
     }
-
-
-def _has_interval(paired: PairedDrift) -> bool:
-    return paired.percent(paired.names[0]).interval is not None
 
 
 def listed(estimate: Estimate) -> list[float] | None:

@@ -61,6 +61,7 @@ def parse_part(text: str) -> LogPart:
 
 
 def _bound(word: str) -> Bound:
+    """Time of a text such as "12" or "40%"; a ValueError if it is none."""
     is_share = word.endswith("%")
     value = float(word[:-1]) / 100.0 if is_share else float(word)
     if not 0.0 <= value < float("inf"):
@@ -92,25 +93,19 @@ def with_fixes_within(log: Log, part: LogPart) -> Log:
     fixes = log.fixes if log.fixes is not None else _fixes_from_truth(log)
     inside = (fixes.stamps >= start) & (fixes.stamps <= end)
     if not inside.any():
-        first, last = ((int(fixes.stamps[k]) - log.start) * NANOSECOND for k in (0, -1))
+        first, last = ((fixes.stamps[[0, -1]] - log.start) * NANOSECOND).tolist()
         raise ReplayError(
             f"the part of the log that fixes are to be used in holds none of its {len(inside)} fixes, "
             f"which come from {first:.0f} to {last:.0f} s of {log.duration:.0f} s"
         )
-    return replace(
-        log,
-        fixes=FixSeries(
-            fixes.stamps[inside],
-            fixes.poses[inside],
-            fixes.variances[inside],
-            fixes.antennas if fixes.antennas is None else fixes.antennas[inside],
-        ),
-        others=tuple(
-            other
-            for other in log.others
-            if not isinstance(other, HeadingFix | PoseFix) or start <= other.stamp <= end
-        ),
-    )
+    antennas = None if fixes.antennas is None else fixes.antennas[inside]
+    used = FixSeries(fixes.stamps[inside], fixes.poses[inside], fixes.variances[inside], antennas)
+    others = [
+        measurement
+        for measurement in log.others
+        if not isinstance(measurement, HeadingFix | PoseFix) or start <= measurement.stamp <= end
+    ]
+    return replace(log, fixes=used, others=tuple(others))
 
 
 def scored_intervals(log: Log) -> list[tuple[int, int]]:
@@ -121,6 +116,7 @@ def scored_intervals(log: Log) -> list[tuple[int, int]]:
 
 
 def _fixes_from_truth(log: Log) -> FixSeries:
+    """Make fixes of the truth, one each `TRUTH_FIX_PERIOD`, without added noise."""
     if log.truth is None:
         raise ReplayError(
             f"{log.name}: neither fixes nor a truth to take them from; if the log has some, [log.fixes] "
@@ -128,8 +124,9 @@ def _fixes_from_truth(log: Log) -> FixSeries:
         )
     poses = log.truth.poses
     period = int(TRUTH_FIX_PERIOD / NANOSECOND)
+    # The first pose of each period.
     _, rows = np.unique((poses.stamps - poses.stamps[0]) // period, return_index=True)
-    variances, fixed = np.tile(np.square(TRUTH_FIX_SIGMA), (len(rows), 1)), poses.poses[rows]
+    variances, fix_poses = np.tile(np.square(TRUTH_FIX_SIGMA), (len(rows), 1)), poses.poses[rows]
     if not log.truth.headings:
-        fixed[:, 2] = np.nan
-    return FixSeries(poses.stamps[rows], fixed, variances)
+        fix_poses[:, 2] = np.nan
+    return FixSeries(poses.stamps[rows], fix_poses, variances)

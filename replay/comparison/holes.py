@@ -14,13 +14,12 @@ HOLE = 1.0
 
 def holes_of(log: Log) -> list[Interval]:
     """Intervals [ns] without track speeds or without IMU samples, merged."""
-    streams = [log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps])]
-    gaps = [
-        stamps[np.flatnonzero(np.diff(stamps) * NANOSECOND > HOLE)[:, None] + (0, 1)]
-        for stamps in streams
-    ]
+    gaps: list[Interval] = []
+    for stamps in (log.tracks.stamps, *([] if log.imu is None else [log.imu.stamps])):
+        before = np.flatnonzero(np.diff(stamps) * NANOSECOND > HOLE)
+        gaps += zip(stamps[before].tolist(), stamps[before + 1].tolist(), strict=True)
     merged: list[Interval] = []
-    for begin, end in sorted(map(tuple, np.concatenate(gaps).tolist())):
+    for begin, end in sorted(gaps):
         if merged and begin <= merged[-1][1]:
             begin, end = merged[-1][0], max(end, merged.pop()[1])
         merged.append((begin, end))

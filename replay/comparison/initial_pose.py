@@ -36,38 +36,41 @@ def start_from_fixes(log: Log, robot: Robot, variant: str, settings: Settings | 
     fixes = log.fixes
     if fixes is None or not len(fixes.stamps) or not len(log.tracks.stamps):
         return EXACT_ORIGIN
-    white = math.sqrt(float(np.median(fixes.variances[:, 0])))
+    white_sigma = math.sqrt(float(np.median(fixes.variances[:, 0])))
     settings = settings or Settings()
     wander = wander_of(robot, settings)
     # Errors that wander do not average out along the path.
-    until = _stamp_after(log, max(BEGINNING, SIGMAS * math.hypot(white, wander.sigma)))
+    until = _stamp_after(log, max(BEGINNING, SIGMAS * math.hypot(white_sigma, wander.sigma)))
     without_wander = replace_setting(settings, wander=FixWander())
-    path = run(
-        _beginning(log, until), robot, variant, settings=without_wander
-    ).trajectory.pose_series
-    used = (fixes.stamps <= until) & (fixes.stamps >= path.stamps[0])
-    used &= fixes.stamps <= path.stamps[-1]
+    beginning = run(_beginning(log, until), robot, variant, settings=without_wander)
+    path = beginning.trajectory.pose_series
+    used = (fixes.stamps >= path.stamps[0]) & (fixes.stamps <= min(until, path.stamps[-1]))
     if not used.any():
         return EXACT_ORIGIN
     poses = interpolate_poses(path, fixes.stamps[used])
+    # Positions (n, 2) of the antenna by dead reckoning from the origin, and by the fixes.
     reckoned = poses[:, :2] + rotate(fixes.lever_arms[used], poses[:, 2])
-    places = fixes.poses[used, :2]
-    sigma = wander.at_start(white)
-    start = laid_over(reckoned, places, math.hypot(white, math.sqrt(len(places)) * wander.sigma))
+    measured = fixes.poses[used, :2]
+    sigma = wander.at_start(white_sigma)
+    # The wander is common to all fixes: the mean over them does not reduce it.
+    fix_sigma = math.hypot(white_sigma, math.sqrt(len(measured)) * wander.sigma)
+    start = laid_over(reckoned, measured, fix_sigma)
+    # An error of the yaw moves the start by its distance from the fixes.
     if start is not None and wander.sigma:
-        wide = sigma + start.sigma[2] * float(np.hypot(*reckoned.mean(axis=0)))
-        start = start._replace(sigma=(wide, wide, start.sigma[2]))
+        place_sigma = sigma + start.sigma[2] * float(np.hypot(*reckoned.mean(axis=0)))
+        start = start._replace(sigma=(place_sigma, place_sigma, start.sigma[2]))
     heading = _first_heading(log)
     if heading is not None and (start is None or heading[1] < start.sigma[2]):
-        first = places[0] - rotate(reckoned[0], heading[0])
-        wide = sigma + heading[1] * float(np.hypot(*reckoned[0]))
-        start = Start((float(first[0]), float(first[1]), heading[0]), (wide, wide, heading[1]))
+        yaw, yaw_sigma = heading
+        x, y = (measured[0] - rotate(reckoned[0], yaw)).tolist()
+        place_sigma = sigma + yaw_sigma * float(np.hypot(*reckoned[0]))
+        start = Start((x, y, yaw), (place_sigma, place_sigma, yaw_sigma))
     if start is None:
-        wide = sigma + float(np.hypot(*reckoned[0]))
-        x, y = places[0].tolist()
-        if not wander.sigma and math.hypot(x, y) <= CLEAR * wide:
+        place_sigma = sigma + float(np.hypot(*reckoned[0]))
+        x, y = measured[0].tolist()
+        if not wander.sigma and math.hypot(x, y) <= CLEAR * place_sigma:
             return EXACT_ORIGIN
-        return Start((x, y, 0.0), (wide, wide, ANY_HEADING))
+        return Start((x, y, 0.0), (place_sigma, place_sigma, ANY_HEADING))
     if wander.sigma:
         # Fixes that wander are of a map, not of odom.
         return start
@@ -91,20 +94,16 @@ def _beginning(log: Log, until: int) -> Log:
 
 def _first_heading(log: Log) -> tuple[float, float] | None:
     """Initial yaw and its sigma [rad] by the first heading; None if missing or late."""
-    found = [
-        (other.stamp, other.yaw, other.variance)
-        for other in log.others
-        if isinstance(other, HeadingFix)
-    ][:1]
-    if log.fixes is not None:
-        first = np.flatnonzero(np.isfinite(log.fixes.poses[:, 2]))[:1]
-        found += [
-            (int(log.fixes.stamps[at]), float(log.fixes.poses[at, 2]), float(variance))
-            for at, variance in zip(first, log.fixes.variances[first, 1], strict=True)
-        ]
-    if not found:
+    others = [other for other in log.others if isinstance(other, HeadingFix)]
+    headings = [(other.stamp, other.yaw, other.variance) for other in others[:1]]
+    fixes = log.fixes
+    if fixes is not None:
+        for row in np.flatnonzero(np.isfinite(fixes.poses[:, 2]))[:1]:
+            yaw, variance = float(fixes.poses[row, 2]), float(fixes.variances[row, 1])
+            headings.append((int(fixes.stamps[row]), yaw, variance))
+    if not headings:
         return None
-    stamp, yaw, variance = min(found)
+    stamp, yaw, variance = min(headings)
     wait = max(0.0, (stamp - log.start) * NANOSECOND)
     if wait > SOON:
         return None

@@ -33,6 +33,8 @@ from icreckon.replay.reading.read_log import read_log
 # Longest time between the end of a log and the start of another that may be one recording [s].
 NEXT_PART = 5.0
 NO_RATIO = bootstrap.Estimate(math.nan, None)
+# Drift of the variants of a log, over the same segments, by the label of the horizon.
+LogDrifts = Mapping[str, PairedDrift]
 
 
 class Case(NamedTuple):
@@ -89,21 +91,15 @@ def compare_many(
     if not logs or not named:
         raise ReplayError("no log or no robot: give at least one of each")
     labels = unique([one.name if isinstance(one, Log) else label_of(Path(one)) for one in logs])
+    options: Any = {"settings": settings, "fixes": fixes, "smooth": smooth, "workers": workers}
     scored: list[CaseScores] = []
     failed: list[Results] = []
     for label, one in zip(labels, logs, strict=True):
         for name, robot in named.items():
             case = Case(label, name)
             try:
-                comparison = compare(
-                    one if isinstance(one, Log) else read_log(one, robot),
-                    robot,
-                    variants,
-                    settings=settings,
-                    fixes=fixes,
-                    smooth=smooth,
-                    workers=workers,
-                )
+                log = one if isinstance(one, Log) else read_log(one, robot)
+                comparison = compare(log, robot, variants, **options)
                 drifts = comparison_drifts(comparison)
                 summary = summarise(
                     comparison, robot, command="compare_many", drifts=drifts, series=False
@@ -172,10 +168,8 @@ def summarise_many(
         reasons = "; ".join(f"{one['log']}: {one['reason']}" for one in failed)
         raise ReplayError(f"no log has a result: {reasons}")
     robots = list(dict.fromkeys(one.case.robot for one in scored))
-    names = [
-        name for one in scored for name in one.results["variants"] if not name.endswith(SMOOTHED)
-    ]
-    baseline = drift_table.baseline_of(list(dict.fromkeys(names)))
+    names = dict.fromkeys(name for one in scored for name in one.results["variants"])
+    baseline = drift_table.baseline_of([name for name in names if not name.endswith(SMOOTHED)])
     found: Results = {
         "format": FORMAT,
         "command": command,
@@ -185,7 +179,7 @@ def summarise_many(
         "robots": {one.case.robot: one.results["robot"] for one in scored},
         "horizons": list(drift_table.horizon_labels()),
         "baseline_variant": baseline,
-        "logs": [_of_log(one) for one in scored],
+        "logs": [_log_row(one) for one in scored],
         "failed": list(failed),
         "notes": list(_consecutive(scored)),
         "pooled": {
@@ -198,10 +192,11 @@ def summarise_many(
     return cleaned
 
 
-def _of_log(one: CaseScores) -> Results:
-    results = one.results
-    shown = ("log", "truth", "verdict", "gyro_bias", "failed", "reference_variant", "variants")
-    return {"label": one.case.log, "robot": one.case.robot} | {key: results[key] for key in shown}
+def _log_row(scored: CaseScores) -> Results:
+    """Row of "logs": labels, and the scores of the case."""
+    kept = ("log", "truth", "verdict", "gyro_bias", "failed", "reference_variant", "variants")
+    scores = {key: scored.results[key] for key in kept}
+    return {"label": scored.case.log, "robot": scored.case.robot} | scores
 
 
 def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
@@ -210,102 +205,108 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
     for one in scored:
         log = one.results["log"]
         spans[one.case.log] = (log["start_ns"], log["start_ns"] + log["duration_s"] / NANOSECOND)
-    ordered = sorted(spans.items(), key=lambda item: item[1])
-    for (before, (_, end)), (after, (start, _)) in pairwise(ordered):
-        later = (start - end) * NANOSECOND
-        if abs(later) < NEXT_PART:
-            place = f"{abs(later):.1f} s {'before' if later < 0.0 else 'after'} the end of {before}"
-            yield (
-                f"{after} begins {place}: --one-log reads them as one, if they are parts of one "
-                "recording"
+    by_start = sorted(spans.items(), key=lambda item: item[1])
+    for (earlier, (_, end)), (later, (start, _)) in pairwise(by_start):
+        pause = (start - end) * NANOSECOND
+        if abs(pause) < NEXT_PART:
+            place = (
+                f"{abs(pause):.1f} s {'before' if pause < 0.0 else 'after'} the end of {earlier}"
             )
+            advice = "--one-log reads them as one, if they are parts of one recording"
+            yield f"{later} begins {place}: {advice}"
 
 
 # --- scores of all logs together --------------------------------------------------------------------
 
 
 def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
-    """Scores of a robot over all logs with a truth, and the verdict."""
+    """Scores of a robot file over all logs with a truth, and the verdict."""
     # A log without a stretch of dead reckoning has nothing to pool.
     pairs = [(one, drift_table.paired_drifts(one.drifts)) for one in scored]
-    pairs = [(one, of) for one, of in pairs if any(len(pair.distances) for pair in of.values())]
-    of_logs = [of for _, of in pairs]
-    names = dict.fromkeys(name for one in scored for name in one.results["variants"])
+    pairs = [
+        (one, paired) for one, paired in pairs if any(len(p.distances) for p in paired.values())
+    ]
+    logs = [paired for _, paired in pairs]
+    names = list(dict.fromkeys(name for one in scored for name in one.results["variants"]))
     variants: dict[str, Results] = {}
     for name in names:
-        logs = [one for one in of_logs if all(name in pair.names for pair in one.values())]
-        variants[name] = {"logs": len(logs)} | _nees(scored, name)
-        if logs:
-            variants[name] |= drift_table.drift_scores(_joined(logs, [name]), name, name)
-        both = [one for one in logs if all(baseline in pair.names for pair in one.values())]
-        joined = _joined(both, [name, baseline]) if both else {}
+        with_variant = [log for log in logs if all(name in drift.names for drift in log.values())]
+        variants[name] = {"logs": len(with_variant)} | _nees(scored, name)
+        if with_variant:
+            joined = _joined(with_variant, [name])
+            variants[name] |= drift_table.drift_scores(joined, name, name)
+        with_both = [log for log in with_variant if all(baseline in d.names for d in log.values())]
+        joined = _joined(with_both, [name, baseline]) if with_both else {}
         for label in drift_table.horizon_labels():
             ratio = joined[label].ratio(name, baseline) if joined else NO_RATIO
             variants[name][f"drift_ratio_{label}"] = ratio.value
             variants[name][f"drift_ratio_{label}_95"] = drift_table.listed(ratio)
-    found = None
-    if of_logs:
-        joined = _joined(of_logs, list(names))
-        kept = next(iter(joined.values())).names
-        filters = [name for name in kept if not name.endswith(SMOOTHED)]
-        if filters:
-            found = drift_table.verdict(
-                joined, baseline if baseline in kept else drift_table.baseline_of(filters)
-            )
-        if found is not None:
-            found |= _logs_with_less(of_logs, found)
     return {
-        "logs": len(of_logs),
+        "logs": len(logs),
         "distance_m": sum(one.results["truth"]["distance_m"] for one, _ in pairs),
         "duration_s": sum(one.results["log"]["duration_s"] for one, _ in pairs),
-        "verdict": found,
+        "verdict": _pooled_verdict(logs, names, baseline) if logs else None,
         "variants": variants,
     }
 
 
-def _logs_with_less(of_logs: Sequence[Mapping[str, PairedDrift]], found: Results) -> Results:
-    """Count the logs in which the best drifts less than the baseline, and all scored."""
-    scored = [of[found["horizon"]] for of in of_logs]
-    ratios = [one.ratio(found["best"], found["baseline"]).value for one in scored]
+def _pooled_verdict(
+    logs: Sequence[LogDrifts], names: Sequence[str], baseline: str
+) -> Results | None:
+    """Verdict over the variants that all logs have; None without a filter among them."""
+    joined = _joined(logs, names)
+    common = next(iter(joined.values())).names
+    filters = [name for name in common if not name.endswith(SMOOTHED)]
+    if not filters:
+        return None
+    if baseline not in common:
+        baseline = drift_table.baseline_of(filters)
+    verdict = drift_table.verdict(joined, baseline)
+    if verdict is None:
+        return None
+    drifts = [log[verdict["horizon"]] for log in logs]
+    ratios = [paired.ratio(verdict["best"], verdict["baseline"]).value for paired in drifts]
     known = [ratio for ratio in ratios if math.isfinite(ratio)]
-    return {"logs_with_less": sum(ratio < 1.0 for ratio in known), "logs_scored": len(known)}
+    return verdict | {"logs_with_less": sum(r < 1.0 for r in known), "logs_scored": len(known)}
 
 
-def _joined(
-    logs: Sequence[Mapping[str, PairedDrift]], names: Sequence[str]
-) -> dict[str, PairedDrift]:
+def _joined(logs: Sequence[LogDrifts], names: Sequence[str]) -> dict[str, PairedDrift]:
     """Drift of some variants in all logs, by the label of the horizon."""
     return {
-        label: bootstrap.pooled_drift([one[label].only(names) for one in logs])
+        label: bootstrap.pooled_drift([log[label].only(names) for log in logs])
         for label in drift_table.horizon_labels()
     }
 
 
 def _nees(scored: Sequence[CaseScores], name: str) -> Results:
-    """Mean NEES over all logs, of poses and of positions alone."""
+    """Mean NEES of a variant over all logs, and number of poses and positions."""
     found: Results = {}
-    for key in ("nees_pose_mean", "nees_position_mean"):
-        rows = [one.results["variants"].get(name, {}) for one in scored]
-        known = [(row[key], row["nees_poses"]) for row in rows if row.get(key) is not None]
-        poses = sum(count for _, count in known)
-        found[key] = sum(mean * count for mean, count in known) / poses if poses else math.nan
-        found[key.replace("_mean", "_poses")] = poses
+    for kind in ("nees_pose", "nees_position"):
+        logs = [one.results["variants"].get(name, {}) for one in scored]
+        known = [log for log in logs if log.get(f"{kind}_mean") is not None]
+        poses = sum(log["nees_poses"] for log in known)
+        # Each log counts by its number of poses.
+        total = sum(log[f"{kind}_mean"] * log["nees_poses"] for log in known)
+        found[f"{kind}_mean"] = total / poses if poses else math.nan
+        found[f"{kind}_poses"] = poses
     return found
 
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
     """Ratio of drift with each robot file to that with the first, same segments."""
     by_case = {one.case: one for one in scored if one.drifts}
+    first_robot, *other_robots = robots
     found: Results = {}
-    for robot in robots[1:]:
+    for robot in other_robots:
         both = [
-            (by_case[Case(log, robots[0])], by_case[Case(log, robot)])
+            (by_case[Case(log, first_robot)], by_case[Case(log, robot)])
             for log in dict.fromkeys(case.log for case in by_case)
-            if Case(log, robots[0]) in by_case and Case(log, robot) in by_case
+            if Case(log, first_robot) in by_case and Case(log, robot) in by_case
         ]
         names = dict.fromkeys(name for _, other in both for name in other.results["variants"])
-        variants = {name: ratio for name in names if (ratio := _ratio(both, name))}
-        found[robot] = {"to": robots[0], "variants": variants}
+        ratios = {name: _ratio(both, name) for name in names}
+        common = {name: ratio for name, ratio in ratios.items() if ratio}
+        found[robot] = {"to": first_robot, "variants": common}
     return found
 
 
@@ -315,13 +316,15 @@ def _ratio(both: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
     for label in drift_table.horizon_labels():
         pairs = []
         for first, other in both:
-            if name in first.drifts[label] and name in other.drifts[label]:
+            first_drifts, other_drifts = first.drifts[label], other.drifts[label]
+            if name in first_drifts and name in other_drifts:
                 # A larger lag moves the stamps of the truth further back.
                 later = first.lag - other.lag
-                one, two = bootstrap.matched_drifts(
-                    first.drifts[label][name], other.drifts[label][name], later=later
+                drifts = bootstrap.matched_drifts(
+                    first_drifts[name], other_drifts[name], later=later
                 )
-                pairs.append(bootstrap.paired_drift({"first": one, "other": two}))
+                named = dict(zip(("first", "other"), drifts, strict=True))
+                pairs.append(bootstrap.paired_drift(named))
         if not pairs:
             return {}
         joined = bootstrap.pooled_drift(pairs)

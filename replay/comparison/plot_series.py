@@ -45,58 +45,67 @@ def series_of(comparison: Comparison, robot: Robot, headline: str) -> Results:
     against the truth by each run's own lever arm.
     """
     log = comparison.log
-    first = next(iter(comparison.runs.values()))
+    first_run = next(iter(comparison.runs.values()))
     most = series_points((log.end - log.start) * NANOSECOND)
-    stamps = first.stamps[picks(len(first.stamps), most)]
+    stamps = first_run.stamps[picks(len(first_run.stamps), most)]
     truths = {} if log.truth is None else truths_of(comparison)
     shown = truths[headline] if truths else None
-    truth = None if shown is None else shown.truth.poses
     series: Results = {"t_s": _rounded((stamps - log.start) * NANOSECOND), "variants": {}}
     series["inputs"] = _inputs(log, robot, stamps)
-    if log.truth is not None and truth is not None and shown is not None:
-        series["truth"] = _columns(POSE, true_poses_at(shown.truth, stamps), DECIMALS)
-        if truth.spatial is not None:
-            spatial = interpolate(truth.stamps, truth.spatial, stamps)
-            series["truth"] |= _columns(SPATIAL, spatial)
-        if log.truth.twists is not None:
-            twists = log.truth.twists
-            series["truth"] |= _columns(TWIST, _nearest(twists.stamps, twists.twists, stamps))
-        series["truth"] |= _true_indices(log.truth, stamps)
-    driven = first.trajectory.pose_series if truth is None else truth
-    travelled = np.interp(stamps, driven.stamps, path_length(driven))
-    series["distance_m"] = _rounded(travelled, DECIMALS)
+    if log.truth is not None and shown is not None:
+        series["truth"] = _true_columns(log.truth, shown.truth, stamps)
+    path = first_run.trajectory.pose_series if shown is None else shown.truth.poses
+    series["distance_m"] = _rounded(np.interp(stamps, path.stamps, path_length(path)), DECIMALS)
     if log.fixes is not None:
         rows = picks(len(log.fixes.stamps), most)
         times = (log.fixes.stamps[rows] - log.start) * NANOSECOND
         places = _columns(POSE[:2], log.fixes.poses[rows, :2], DECIMALS)
         series["fixes"] = {"t_s": _rounded(times), **places}
-    for name, one in comparison.runs.items():
-        rows = np.minimum(np.searchsorted(one.stamps, stamps), len(one.stamps) - 1)
-        poses, covariances = one.trajectory.poses[rows], one.trajectory.pose_covariances[rows]
-        away = np.zeros(2)
+    for name, run in comparison.runs.items():
+        point = np.zeros(2)
         if shown is not None:
-            away = np.subtract(truths[name].lever_arm, shown.lever_arm)
-        columns = {
-            **_columns(POSE, _at_point(poses, away), DECIMALS),
-            **_columns(TWIST, one.trajectory.twists[rows]),
-            "nis_per_dof": _rounded(_nis(one, rows)),
-            "position_sigma_m": _rounded(largest_sigma(covariances)),
-            "yaw_sigma_rad": _rounded(np.sqrt(covariances[:, 2, 2])),
-            **_columns(INDICES, one.indices[rows]),
-            "ellipses": _ellipses(one, away),
+            point = np.subtract(truths[name].lever_arm, shown.lever_arm)
+        truth = truths[name].truth if truths else None
+        series["variants"][name] = _run_columns(run, stamps, point, truth) | {
+            "parameters": _parameters(run, log.start),
+            "innovations": _innovations(run, log.start),
         }
-        path = one.trajectory
-        if path.spatial is not None and path.spatial_sigmas is not None:
-            columns |= _columns(SPATIAL, path.spatial[rows])
-            columns |= _columns(SPATIAL_SIGMA, path.spatial_sigmas[rows])
-        if truths:
-            apart = poses - true_poses_at(truths[name].truth, stamps)
-            columns["position_error_m"] = _rounded(np.hypot(apart[:, 0], apart[:, 1]))
-            columns["yaw_error_rad"] = _rounded(np.asarray(wrap_angle(apart[:, 2])))
-        columns["parameters"] = _parameters(one, log.start)
-        columns["innovations"] = _innovations(one, log.start)
-        series["variants"][name] = columns
     return series
+
+
+def _true_columns(logged: Truth, shown: Truth, stamps: Stamps) -> Results:
+    """Truth at the stamps: poses of the shown, aligned one; twists, indices as logged."""
+    columns = _columns(POSE, true_poses_at(shown, stamps), DECIMALS)
+    if shown.poses.spatial is not None:
+        spatial = interpolate(shown.poses.stamps, shown.poses.spatial, stamps)
+        columns |= _columns(SPATIAL, spatial)
+    if logged.twists is not None:
+        columns |= _columns(TWIST, _nearest(logged.twists.stamps, logged.twists.twists, stamps))
+    return columns | _true_indices(logged, stamps)
+
+
+def _run_columns(run: Run, stamps: Stamps, point: Floats, truth: Truth | None) -> Results:
+    """Estimates of a run at stamps, poses of a point (2,) [m], and true errors."""
+    rows = np.minimum(np.searchsorted(run.stamps, stamps), len(run.stamps) - 1)
+    path = run.trajectory
+    poses, covariances = path.poses[rows], path.pose_covariances[rows]
+    columns = {
+        **_columns(POSE, _at_point(poses, point), DECIMALS),
+        **_columns(TWIST, path.twists[rows]),
+        "nis_per_dof": _rounded(_nis(run, rows)),
+        "position_sigma_m": _rounded(largest_sigma(covariances)),
+        "yaw_sigma_rad": _rounded(np.sqrt(covariances[:, 2, 2])),
+        **_columns(INDICES, run.indices[rows]),
+        "ellipses": _ellipses(run, point),
+    }
+    if path.spatial is not None and path.spatial_sigmas is not None:
+        columns |= _columns(SPATIAL, path.spatial[rows])
+        columns |= _columns(SPATIAL_SIGMA, path.spatial_sigmas[rows])
+    if truth is not None:
+        errors = poses - true_poses_at(truth, stamps)
+        columns["position_error_m"] = _rounded(np.hypot(errors[:, 0], errors[:, 1]))
+        columns["yaw_error_rad"] = _rounded(np.asarray(wrap_angle(errors[:, 2])))
+    return columns
 
 
 def series_points(seconds: float) -> int:
@@ -106,17 +115,17 @@ def series_points(seconds: float) -> int:
 
 def _inputs(log: Log, robot: Robot, stamps: Stamps) -> Results:
     """Track speeds and yaw rate as measured, nearest to the stamps; None in holes."""
-    found = {}
-    for side, speeds in zip(("left", "right"), log.tracks.speeds.T, strict=True):
-        found[f"{side}_m_s"] = _rounded(_measured(log.tracks.stamps, speeds, stamps))
-    if log.imu is not None and len(log.imu.stamps):
-        rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
-        found["gyro_rad_s"] = _rounded(_measured(log.imu.stamps, rates, stamps))
-    return found
+    tracks, imu = log.tracks, log.imu
+    left, right = (_measured(tracks.stamps, speeds, stamps) for speeds in tracks.speeds.T)
+    columns = {"left_m_s": _rounded(left), "right_m_s": _rounded(right)}
+    if imu is not None and len(imu.stamps):
+        rates = SensorModels(robot).yaw_rates(imu.angular_velocity)
+        columns["gyro_rad_s"] = _rounded(_measured(imu.stamps, rates, stamps))
+    return columns
 
 
 def _measured(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
-    """Values nearest to the stamps, NaN in a hole."""
+    """Values (n,) of `known` stamps, nearest to the `wanted` ones; NaN in a hole."""
     if len(known) < 2:
         return np.full(len(wanted), math.nan)
     return np.where(_bridged(known, wanted), _nearest(known, values, wanted), math.nan)
@@ -129,29 +138,29 @@ def _at_point(poses: Floats, point: Floats) -> Floats:
     return moved
 
 
-def _ellipses(one: Run, point: Floats) -> list[list[float | None]]:
-    """Ellipses of one sigma: x, y, half axes [m], direction of the larger one [rad]."""
-    rows = picks(len(one.stamps), ELLIPSES)
-    variances, axes = np.linalg.eigh(one.trajectory.pose_covariances[rows, :2, :2])
+def _ellipses(run: Run, point: Floats) -> list[list[float | None]]:
+    """Ellipses of 1σ about a point (2,): x, y, half axes [m], direction [rad]."""
+    rows = picks(len(run.stamps), ELLIPSES)
+    # Eigenvalues ascend: the last eigenvector has the direction of the larger axis.
+    variances, axes = np.linalg.eigh(run.trajectory.pose_covariances[rows, :2, :2])
     minor, major = np.sqrt(np.maximum(variances, 0.0)).T
-    turn = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
-    places = _at_point(one.trajectory.poses[rows], point)[:, :2]
-    table = np.column_stack([places, major, minor, turn])
-    return [_rounded(row) for row in table]
+    direction = np.arctan2(axes[:, 1, 1], axes[:, 0, 1])
+    centres = _at_point(run.trajectory.poses[rows], point)[:, :2]
+    return [_rounded(row) for row in np.column_stack([centres, major, minor, direction])]
 
 
-def _nis(one: Run, rows: NDArray[np.int64]) -> Floats:
+def _nis(run: Run, rows: NDArray[np.int64]) -> Floats:
     """Mean squared normalised innovation since the previous row; NaN without any."""
-    squares = np.zeros((len(one.stamps), 1)) * math.nan
-    if one.innovations.size:
-        squares = one.innovations.astype(float) ** 2
+    squares = np.full((len(run.stamps), 1), math.nan)
+    if run.innovations.size:
+        squares = run.innovations.astype(float) ** 2
     known = np.isfinite(squares)
     # Sums up to each row, so that a difference is the sum of the rows between two.
     sums = np.concatenate([[0.0], np.cumsum(np.where(known, squares, 0.0).sum(axis=1))])
     counts = np.concatenate([[0], np.cumsum(known.sum(axis=1))])
-    starts = np.concatenate([[0], rows[:-1] + 1])
-    used = counts[rows + 1] - counts[starts]
-    mean = (sums[rows + 1] - sums[starts]) / np.maximum(used, 1)
+    ends, starts = rows + 1, np.concatenate([[0], rows[:-1] + 1])
+    used = counts[ends] - counts[starts]
+    mean = (sums[ends] - sums[starts]) / np.maximum(used, 1)
     return np.where(used > 0, mean, math.nan)
 
 
@@ -171,43 +180,42 @@ def true_poses_at(truth: Truth, stamps: Stamps) -> Floats:
 
 
 def _bridged(known: Stamps, wanted: Stamps) -> NDArray[np.bool_]:
-    """Mask (n,) of the stamps between close known stamps, or next to one."""
-    after = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
+    """Mask (n,) of the wanted stamps between close known stamps, or next to one."""
+    following = np.clip(np.searchsorted(known, wanted), 1, max(1, len(known) - 1))
     usual = int(np.median(np.diff(known))) if len(known) > 1 else 0
-    bridge = max(int(LONGEST_BRIDGE / NANOSECOND), 2 * usual)
-    before, after = known[after - 1], known[np.minimum(after, len(known) - 1)]
-    between = (before <= wanted) & (wanted <= after) & (after - before <= bridge)
-    beside = np.minimum(abs(wanted - before), abs(wanted - after)) <= bridge // 2
-    return np.asarray(between | beside)
+    longest = max(int(LONGEST_BRIDGE / NANOSECOND), 2 * usual)
+    before, after = known[following - 1], known[np.minimum(following, len(known) - 1)]
+    is_between = (before <= wanted) & (wanted <= after) & (after - before <= longest)
+    is_near = np.minimum(abs(wanted - before), abs(wanted - after)) <= longest // 2
+    return np.asarray(is_between | is_near)
 
 
-def _parameters(one: Run, start: int) -> Results:
+def _parameters(run: Run, start: int) -> Results:
     """Value and sigma over time of each uncertain parameter, bias, scale and gravity."""
-    rows = picks(len(one.stamps), PARAMETER_POINTS)
-    found: Results = {"t_s": _rounded((one.stamps[rows] - start) * NANOSECOND)}
+    rows = picks(len(run.stamps), PARAMETER_POINTS)
+    columns: Results = {"t_s": _rounded((run.stamps[rows] - start) * NANOSECOND)}
     for index in range(s.LEARNT.start, s.GRAVITY.stop):
-        name, sigma = one.state_names[index], one.state_sigmas[rows, index]
+        name, sigma = run.state_names[index], run.state_sigmas[rows, index]
+        # States that the variant lacks have no name, known ones no uncertainty.
         if name and sigma.any():
-            found[name] = {"value": _rounded(one.states[rows, index]), "sigma": _rounded(sigma)}
-    return found
+            columns[name] = {"value": _rounded(run.states[rows, index]), "sigma": _rounded(sigma)}
+    return columns
 
 
-def _innovations(one: Run, start: int) -> Results:
+def _innovations(run: Run, start: int) -> Results:
     """Normalised innovations of each component of a sensor, on its own times."""
     found = {}
-    for name, column in zip(one.innovation_names, one.innovations.T, strict=True):
-        there = np.flatnonzero(np.isfinite(column))
-        if len(there):
-            rows = there[picks(len(there), INNOVATION_POINTS)]
-            found[name] = {
-                "t_s": _rounded((one.stamps[rows] - start) * NANOSECOND, 2),
-                "normalised": _rounded(column[rows], 2),
-            }
+    for name, column in zip(run.innovation_names, run.innovations.T, strict=True):
+        known = np.flatnonzero(np.isfinite(column))
+        if len(known):
+            rows = known[picks(len(known), INNOVATION_POINTS)]
+            times = _rounded((run.stamps[rows] - start) * NANOSECOND, 2)
+            found[name] = {"t_s": times, "normalised": _rounded(column[rows], 2)}
     return found
 
 
 def _true_indices(truth: Truth, stamps: Stamps) -> Results:
-    """Indices of the true motion by (1) to (3), (17) to (19), up to the gauge of eta."""
+    """Indices of the true motion by (1) to (3), (17) to (19); None if it hardly turns."""
     if truth.twists is None or truth.tracks is None:
         return {}
     v_x, v_y, w = _nearest(truth.twists.stamps, truth.twists.twists, stamps).T
@@ -215,15 +223,17 @@ def _true_indices(truth: Truth, stamps: Stamps) -> Results:
     with np.errstate(divide="ignore", invalid="ignore"):
         icrs = icrs_from_twist(V_l, V_r, PaperTwist(-v_y, v_x, w))
     turning = np.abs(w) >= LEAST_YAW_RATE
-    shown = Icrs(*(np.where(turning, value, np.nan) for value in icrs))
-    indices = np.column_stack(indices_from_icrs(shown, 1.0))
+    known_icrs = Icrs(*(np.where(turning, coordinate, np.nan) for coordinate in icrs))
+    # With a gauge of 1 m, eta is the distance of the ICRs.
+    indices = np.column_stack(indices_from_icrs(known_icrs, 1.0))
     return _columns(("zeta_m", "epsilon_m", "icr_distance_m"), indices)
 
 
 def _nearest(known: Stamps, values: Floats, wanted: Stamps) -> Floats:
+    """Values (n, ...) at the known stamp that is nearest to each wanted one."""
     after = np.clip(np.searchsorted(known, wanted), 1, len(known) - 1)
-    closer = np.where(known[after] - wanted < wanted - known[after - 1], after, after - 1)
-    return np.asarray(values[closer])
+    closest = np.where(known[after] - wanted < wanted - known[after - 1], after, after - 1)
+    return np.asarray(values[closest])
 
 
 def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) -> Results:
@@ -233,11 +243,7 @@ def _columns(names: Sequence[str], values: Floats, decimals: int | None = None) 
 
 def _rounded(values: ArrayLike, decimals: int | None = None) -> list[float | None]:
     """Round to five significant digits or to `decimals`, with None for NaN."""
-    return [
-        None
-        if not math.isfinite(value)
-        else float(f"{value:.5g}")
-        if decimals is None
-        else round(value, decimals)
-        for value in np.asarray(values, dtype=float).tolist()
-    ]
+    numbers: list[float] = np.asarray(values, dtype=float).tolist()
+    if decimals is None:
+        return [float(f"{value:.5g}") if math.isfinite(value) else None for value in numbers]
+    return [round(value, decimals) if math.isfinite(value) else None for value in numbers]

@@ -69,21 +69,20 @@ def summarise(
     scored, holes = scored_intervals(log), holes_of(log)
     filters = [name for name in comparison.runs if not name.endswith(SMOOTHED)]
     reference, baseline = filters[-1], drift_table.baseline_of(filters)
-    variants, verdict, arm = {}, None, (0.0, 0.0)
-    headline = reference
+    variants, verdict, lever_arm, headline = {}, None, (0.0, 0.0), reference
     if log.truth is not None:
         truths = truths_of(comparison)
         drifts = comparison_drifts(comparison) if drifts is None else drifts
         paired = drift_table.paired_drifts(drifts)
         verdict = drift_table.verdict(paired, baseline)
         headline = reference if verdict is None else verdict["best"]
-        arm = truths[headline].lever_arm
-        for name, one in comparison.runs.items():
-            variants[name] = scores(one, truths[name], scored, holes)
+        lever_arm = truths[headline].lever_arm
+        for name, run in comparison.runs.items():
+            variants[name] = scores(run, truths[name], scored, holes)
             variants[name] |= drift_table.drift_scores(paired, name, baseline)
     else:
-        for name, one in comparison.runs.items():
-            variants[name] = differences(one, comparison.runs[reference])
+        for name, run in comparison.runs.items():
+            variants[name] = differences(run, comparison.runs[reference])
     results: Results = {
         "format": FORMAT,
         "command": command,
@@ -100,13 +99,14 @@ def summarise(
             "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
             "dropped": log.dropped,
             "holes_s": [
-                [(a - log.start) * NANOSECOND, (b - log.start) * NANOSECOND] for a, b in holes
+                [(begin - log.start) * NANOSECOND, (end - log.start) * NANOSECOND]
+                for begin, end in holes
             ],
             "notes": [*log.notes, *_findings(comparison)],
             "start_ns": log.start,
             "origin": log.origin,
         },
-        "truth": _truth_summary(comparison, robot, scored, arm),
+        "truth": _truth_summary(comparison, robot, scored, lever_arm),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
         "horizons": list(drift_table.horizon_labels()),
@@ -145,22 +145,19 @@ def write_results(path: Path, results: Results) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _times(count: int) -> str:
+def _times_text(count: int) -> str:
     return "once" if count == 1 else f"{count} times"
 
 
 def _findings(comparison: Comparison) -> list[str]:
     """Notes on the sensors by the filters: fixes, IMU tilt, gyro failures, carrying."""
-    healths = {
-        name: one.health for name, one in comparison.runs.items() if not name.endswith(SMOOTHED)
-    }
-    notes = []
+    runs, notes = comparison.runs, []
+    healths = {name: runs[name].health for name in runs if not name.endswith(SMOOTHED)}
     wanders = [(name, one.wander) for name, one in healths.items() if one.wander is not None]
     if wanders:
         name, wander = wanders[-1]
-        notes.append(
-            f"the last fix was off by {wander.text}, by {name}: its estimate of the wander of the fixes"
-        )
+        estimate = f"by {name}: its estimate of the wander of the fixes"
+        notes.append(f"the last fix was off by {wander.text}, {estimate}")
     notes += _scatter_note(list(healths.values()))
     tilts = [one.tilt for one in healths.values() if one.tilt is not None and one.tilt.is_wrong]
     if tilts:
@@ -168,35 +165,40 @@ def _findings(comparison: Comparison) -> list[str]:
             f"the gyros show the IMU tilted by {tilts[0].text} beyond rotation_rpy_deg of "
             "[imu]: correct it, as its gyro turns with it"
         )
-    correlated = [one for one in map(fix_correlation, comparison.runs.values()) if one]
+    correlations = filter(None, map(fix_correlation, comparison.runs.values()))
+    least = min(correlations, default=0.0)
     # A filter that estimates the wander leaves a correlation if the stated sigma exceeds the white noise.
-    if correlated and min(correlated) > CORRELATED and not wanders:
+    if least > CORRELATED and not wanders:
         notes.append(
-            f"successive innovations of the position fixes have a correlation of {min(correlated):.2f}, "
+            f"successive innovations of the position fixes have a correlation of {least:.2f}, "
             "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
             "wander_time where icreckon inspect proposes them, else least_sigma: 2.0 for plain GPS"
         )
+    # The gyro is the same for all filters: the first one's count.
     failures = next(iter(healths.values())).times.get("failing") if healths else None
     if failures:
         notes.append(
-            f"the gyro failed {_times(failures)} (it jumped, repeated itself or was beyond its range) "
-            "and was not used meanwhile"
+            f"the gyro failed {_times_text(failures)} (it jumped, repeated itself or was beyond its "
+            "range) and was not used meanwhile"
         )
     carries = max((one.times.get("carried", 0) for one in healths.values()), default=0)
     if carries:
-        notes.append(f"shaken {_times(carries)} with the tracks at rest: was the robot carried?")
+        notes.append(
+            f"shaken {_times_text(carries)} with the tracks at rest: was the robot carried?"
+        )
     return notes
 
 
 def _scatter_note(healths: list[Health]) -> list[str]:
-    used = max((one.times.get("scattering", 0) for one in healths), default=0)
-    if not used:
+    """Note on fixes that scatter more than stated, by the filter with most of them."""
+    count = max((health.times.get("scattering", 0) for health in healths), default=0)
+    if not count:
         return []
-    lasting = (finding for one in healths for finding in one.findings)
+    lasting = (finding for health in healths for finding in health.findings)
     sigmas = sorted(finding.size or 0.0 for finding in lasting if finding.fault == "scattering")
-    at_end = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
+    median = f", at the end {sigmas[len(sigmas) // 2]:.2g} m" if sigmas else ""
     return [
-        f"position fixes scatter more than stated: {used} were used with a larger sigma{at_end}; set "
+        f"position fixes scatter more than stated: {count} were used with a larger sigma{median}; set "
         "least_sigma in [log.fixes], or wander_sigma and wander_time where inspect proposes them"
     ]
 

@@ -46,7 +46,7 @@ def truths_of(comparison: Comparison) -> dict[str, TruthAlignment]:
     if alignment is None:
         return dict.fromkeys(comparison.runs, TruthAlignment(0.0, (0.0, 0.0), truth))
     runs = comparison.runs.items()
-    return {name: own_alignment(alignment, one.trajectory) for name, one in runs}
+    return {name: own_alignment(alignment, run.trajectory) for name, run in runs}
 
 
 def scores(
@@ -54,18 +54,13 @@ def scores(
 ) -> Results:
     """Score a run against the truth; intervals of drift are in `drift_table`.
 
-    Args:
-        run: the run.
-        aligned: the truth, aligned to this run.
-        scored: intervals of stamps [ns] in which drift is scored.
-        holes: holes of the log; NEES is computed before the first in each interval.
+    `scored` are intervals of stamps [ns]; NEES is computed before the first hole in each.
     """
     truth, estimate = aligned.truth, run.trajectory
     found: Results = {"lever_arm_m": list(aligned.lever_arm)}
     for horizon in HORIZONS:
         segments = drift(estimate.pose_series, truth.poses, horizon, within=scored)
-        label = f"{horizon:.0f}s"
-        found[f"drift_percent_{label}_median"] = segments.percent_median
+        found[f"drift_percent_{horizon:.0f}s_median"] = segments.percent_median
         if horizon == 30.0:
             found["yaw_drift_deg_per_m"] = segments.yaw_deg_per_m if truth.headings else math.nan
     # Without headings displacements have no axes.
@@ -76,17 +71,19 @@ def scores(
         found[f"rmse_{name}"] = value
     within = before_holes(scored, holes)
     nees = pose_nees(estimate, truth.poses, within=within, position_only=not truth.headings)
-    name = "nees_pose_mean" if truth.headings else "nees_position_mean"
     found["nees_pose_mean"] = math.nan
     # The filter's covariance does not include the errors of fixes that serve as truth.
     has_nees = len(nees) > 0 and truth.source != OF_FIXES
-    found[name] = float(nees.mean()) if has_nees else math.nan
+    nees_key = "nees_pose_mean" if truth.headings else "nees_position_mean"
+    found[nees_key] = float(nees.mean()) if has_nees else math.nan
     found["nees_poses"] = len(nees) if has_nees else 0
-    at = np.array([min(truth.poses.stamps[-1], estimate.stamps[-1])])
-    last = interpolate_poses(estimate.pose_series, at) - interpolate_poses(truth.poses, at)
-    found["final_position_error_m"] = float(np.hypot(*last[0, :2]))
-    turned = float(np.degrees(wrap_angle(last[0, 2])))
-    found["final_yaw_error_deg"] = turned if truth.headings else math.nan
+    end = np.array([min(truth.poses.stamps[-1], estimate.stamps[-1])])
+    x, y, yaw = (
+        interpolate_poses(estimate.pose_series, end) - interpolate_poses(truth.poses, end)
+    )[0]
+    found["final_position_error_m"] = float(np.hypot(x, y))
+    yaw_error = float(np.degrees(wrap_angle(yaw)))
+    found["final_yaw_error_deg"] = yaw_error if truth.headings else math.nan
     found |= spatial_scores(estimate, truth.poses, scored)
     return found | _consistency(run)
 
@@ -106,7 +103,7 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
     stamps, wander = shared_stamps(path, log.truth.poses), FixWander.of(robot)
     wander_sigma = wander.sigma if log.truth.source == OF_FIXES else 0.0
     step = float(np.median(np.diff(stamps))) * NANOSECOND
-    # The wander is a first-order Gauss-Markov process.
+    # The wander is a first-order Gauss-Markov process: correlation of successive poses.
     correlation = math.exp(-step / wander.time) if wander_sigma else 0.0
     poses, generator = interpolate_poses(path, stamps), np.random.default_rng(0)
     found: dict[str, list[float]] = {}
@@ -116,7 +113,8 @@ def noise_drifts(comparison: Comparison, robot: Robot) -> dict[str, float]:
         noisy = poses.copy()
         noisy[:, :2] += alignment.headings.noise * white
         noisy[:, :2] += wander_sigma * lfilter([1.0], [1.0, -correlation], pushes, axis=0)
-        if (truth := headings_by_path(PoseSeries(stamps, noisy), path)) is None:
+        truth = headings_by_path(PoseSeries(stamps, noisy), path)
+        if truth is None:
             return {}
         for horizon in HORIZONS:
             segments = drift(path, truth.poses, horizon, within=scored_intervals(log))
@@ -149,7 +147,8 @@ def _consistency(run: Run) -> Results:
     health, names = run.health, run.state_names
     final = dict(zip(names, run.states[-1].tolist(), strict=True))
     sigmas = dict(zip(names, run.state_sigmas[-1].tolist(), strict=True))
-    estimated = [*filter(None, names[s.LEARNT.start : s.GRAVITY.stop])]
+    # States that the variant lacks have no name.
+    estimated = [name for name in names[s.LEARNT.start : s.GRAVITY.stop] if name]
     return {
         "nis": {name: sensor.nis_per_degree for name, sensor in health.sensors.items()},
         "used": {name: sensor.used for name, sensor in health.sensors.items()},

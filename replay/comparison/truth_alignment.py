@@ -46,8 +46,7 @@ class TruthAlignment:
     """Lag and lever arm removed from a truth.
 
     Attributes:
-        lag: delay of its stamps against the gyro, or of positions against the path [s]; None if it could
-            not be found, and the truth is used as stamped.
+        lag: delay of its stamps against gyro or path [s]; None if not found, and it is used as stamped.
         lever_arm: position of the tracked point in base_link: x forward, y left [m].
         truth: the corrected truth of `base_link`.
         lag_sigma: standard error of the lag [s]; None if it was not found, or not searched.
@@ -175,16 +174,17 @@ def _lever_arm(truth: PoseSeries, reckoned: PoseSeries) -> Floats:
     starts, ends = _windows(truth, reckoned)
     if len(starts) < 10:
         return np.zeros(2)
-    steps = [
+    true_steps, reckoned_steps = (
         relative(interpolate_poses(series, starts), interpolate_poses(series, ends))
         for series in (truth, reckoned)
-    ]
-    angle = steps[0][:, 2]
+    )
+    angle = true_steps[:, 2]
     if np.sqrt(np.mean(angle**2)) < LEAST_TURNING:
         return np.zeros(2)
     cos, sin = np.cos(angle) - 1.0, np.sin(angle)
+    # Matrices R - I (n, 2, 2) of the windows.
     design = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
-    motion_difference = (steps[0] - steps[1])[:, :2]
+    motion_difference = (true_steps - reckoned_steps)[:, :2]
     keep, lever = np.ones(len(motion_difference), dtype=bool), np.zeros(2)
     for _ in range(3):
         wanted = motion_difference[keep].ravel()

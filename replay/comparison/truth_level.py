@@ -31,14 +31,17 @@ def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float
         return truth, 0.0
     from scipy.spatial.transform import Rotation
 
-    inside = np.isin(truth.stamps, stamps)
+    is_shared = np.isin(truth.stamps, stamps)
     roll, pitch = interpolate(reckoned.stamps, reckoned.spatial, stamps)[:, 1:].T
     turns = Rotation.from_quat(truth.quaternions)
-    by_run = Rotation.from_euler("xyz", np.column_stack([roll, pitch, np.zeros(len(stamps))]))
-    ups, mount = by_run.inv().apply([0.0, 0.0, 1.0]), Rotation.identity()
+    attitudes = Rotation.from_euler("xyz", np.column_stack([roll, pitch, np.zeros(len(stamps))]))
+    # Vertical (n, 3) in the robot by the run; tilt of the truth's axes in the robot.
+    verticals, mount = attitudes.inv().apply([0.0, 0.0, 1.0]), Rotation.identity()
     for _ in range(ROUNDS):
-        up = np.median((turns[inside] * mount).apply(ups), axis=0)
-        x, y, _ = np.median(turns[inside].inv().apply(up / np.linalg.norm(up)) - ups, axis=0)
+        # Vertical in the map, then its direction in the truth's axes less that in the robot.
+        up = np.median((turns[is_shared] * mount).apply(verticals), axis=0)
+        in_truth = turns[is_shared].inv().apply(up / np.linalg.norm(up))
+        x, y, _ = np.median(in_truth - verticals, axis=0)
         mount = Rotation.from_rotvec([-y, x, 0.0])
     axis = np.cross(up, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
@@ -53,22 +56,19 @@ def levelled(truth: PoseSeries, reckoned: Trajectory) -> tuple[PoseSeries, float
 def spatial_scores(
     estimate: Trajectory, truth: PoseSeries, scored: list[tuple[int, int]]
 ) -> dict[str, float]:
-    """Scores of height, roll and pitch; empty if either is planar.
+    """Scores of height, roll and pitch, of a levelled truth; empty if planar.
 
-    Args:
-        estimate: the run.
-        truth: true poses, level as the run is.
-        scored: intervals of stamps [ns] in which drift is scored.
+    `scored` are the intervals of stamps [ns] in which drift is scored.
     """
     stamps = shared_stamps(estimate, truth)
     series, sigmas = estimate.pose_series, estimate.spatial_sigmas
-    mine, true = series.spatial, truth.spatial
-    if mine is None or true is None or sigmas is None or len(stamps) < 2:
+    own, true = series.spatial, truth.spatial
+    if own is None or true is None or sigmas is None or len(stamps) < 2:
         return {}
 
     def errors(at: Stamps) -> Floats:
         """Height [m], roll and pitch [rad] (n, 3), less those of the truth."""
-        return interpolate(series.stamps, mine, at) - interpolate(truth.stamps, true, at)
+        return interpolate(series.stamps, own, at) - interpolate(truth.stamps, true, at)
 
     offsets = errors(stamps)
     segments = drift(series, truth, HORIZON, within=scored)

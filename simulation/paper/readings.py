@@ -65,13 +65,14 @@ def read_means(mapped: DynamicMap, reading: Reading) -> ConstantIcr:
         SimulationError: nothing turns, or the means are not those of a skid-steer vehicle.
     """
     chosen = _chosen(mapped, reading)
-    values = [part[chosen] for part in mapped.icrs]
+    coordinates = [coordinate[chosen] for coordinate in mapped.icrs]
     if reading.means == "plain":
-        means = [float(np.mean(of_part)) for of_part in values]
+        means = [float(np.mean(values)) for values in coordinates]
     elif reading.means == "median":
-        means = np.median(values, axis=1).tolist()
+        means = np.median(coordinates, axis=1).tolist()
     else:
-        means = np.average(values, axis=1, weights=mapped.motion.twist.w[chosen] ** 2).tolist()
+        weights = mapped.motion.twist.w[chosen] ** 2
+        means = np.average(coordinates, axis=1, weights=weights).tolist()
     try:
         return ConstantIcr(*means)
     except ValueError as error:
@@ -113,7 +114,7 @@ def read_parameters(mapped: DynamicMap, reading: Reading, H: float | None = None
 def read_errors(
     mapped: DynamicMap, parameters: Indices, icrs: ConstantIcr, reading: Reading
 ) -> VelocityErrors:
-    """Table II of a map.
+    """Table II of a map: velocity errors (RMSE) of both models.
 
     Args:
         mapped: the map, the truth.
@@ -121,12 +122,11 @@ def read_errors(
         icrs: ICRs of the constant model.
         reading: force of inertia, and motions that count.
     """
+    # Index of the motions that count: all (...), or the mask of those that turn.
     counted = ... if reading.straight else mapped.turning
-    truth = mapped.motion.twist
-    return VelocityErrors(
-        rmse(inertia_based_twist(mapped, parameters, reading.inertia), truth, counted),
-        rmse(constant_twist(mapped, icrs), truth, counted),
-    )
+    by_inertia = inertia_based_twist(mapped, parameters, reading.inertia)
+    by_constant, truth = constant_twist(mapped, icrs), mapped.motion.twist
+    return VelocityErrors(rmse(by_inertia, truth, counted), rmse(by_constant, truth, counted))
 
 
 def _chosen(mapped: DynamicMap, reading: Reading) -> NDArray[np.bool_]:
@@ -152,7 +152,8 @@ def _weighted(columns: Floats, target: Floats, weight: Floats) -> Floats:
 def _absolute(columns: Floats, target: Floats, weight: Floats) -> Floats:
     """Fit by least absolute deviations; `weight` is only that of the first guess."""
     solution = _weighted(columns, target, weight)
-    least = SMALLEST_DEVIATION * float(np.abs(target - columns @ solution).max()) + 1e-300
+    largest = float(np.abs(target - columns @ solution).max())
+    least = SMALLEST_DEVIATION * largest + 1e-300  # not zero, where the first guess is exact
     for _ in range(REWEIGHTINGS):
         deviation = np.abs(target - columns @ solution)
         solution = _weighted(columns, target, 1.0 / np.maximum(deviation, least))

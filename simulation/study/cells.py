@@ -89,7 +89,7 @@ class Plan:
         return tuple(one.label for one in self.study.filters())
 
 
-# Point of an axis or a Latin hypercube: its values, and changes by dotted key.
+# Point of an axis or a Latin hypercube: its values by axis, and changes by dotted key.
 _Point = tuple[dict[str, Value], dict[str, Any]]
 
 
@@ -110,8 +110,8 @@ def expand(study: Study) -> Plan:
         )
     cells = []
     for index, points in enumerate(itertools.product(*dimensions)):
-        values = {name: value for shown, _ in points for name, value in shown.items()}
-        changes = {key: value for _, changed in points for key, value in changed.items()}
+        values = {axis: value for by_axis, _ in points for axis, value in by_axis.items()}
+        changes = {key: value for _, by_key in points for key, value in by_key.items()}
         cells.append(_cell(study, robot, index, values, changes))
     terrain, default = study.scenario.terrain, Terrain()
     set_keys = [key for key in NEEDS if getattr(terrain, key) != getattr(default, key)]
@@ -120,7 +120,10 @@ def expand(study: Study) -> Plan:
 
 
 def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
-    """Axes, and the points of each dimension of the sweep."""
+    """Axes, and the points of each dimension of the sweep.
+
+    An axis of the grid and one of cases is a dimension; a Latin hypercube is one with all its axes.
+    """
     sweep = study.sweep
     axes: list[Axis] = []
     dimensions: list[list[_Point]] = []
@@ -130,10 +133,10 @@ def _dimensions(study: Study) -> tuple[tuple[Axis, ...], list[list[_Point]]]:
         values = tuple(_shown(value) for value in raw_values)
         axes.append(Axis(key, _scale_of(values), values))
         pairs = zip(values, raw_values, strict=True)
-        dimensions.append([({key: shown}, {key: raw}) for shown, raw in pairs])
-    for axis, named in sweep.cases.items():
-        axes.append(Axis(axis, "names", tuple(named)))
-        dimensions.append([({axis: name}, changes) for name, changes in named.items()])
+        dimensions.append([({key: value}, {key: raw}) for value, raw in pairs])
+    for axis, changes_by_case in sweep.cases.items():
+        axes.append(Axis(axis, "names", tuple(changes_by_case)))
+        dimensions.append([({axis: case}, changes) for case, changes in changes_by_case.items()])
     if sweep.latin is not None:
         points = latin_points(sweep.latin, study.seed)
         for key, (_, _, *scales) in sweep.latin.ranges.items():
@@ -155,6 +158,7 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 
     ranges = latin.ranges
     sampler = qmc.LatinHypercube(len(ranges), seed=np.random.default_rng([seed, len(ranges)]))
+    # From 0 to 1, a row for each point and a column for each key.
     shares = sampler.random(latin.points)
     columns = {}
     for (key, (lowest, highest, *scale)), share in zip(ranges.items(), shares.T, strict=True):
@@ -182,20 +186,20 @@ def _cell(
 ) -> Cell:
     """Cell of a study from its changes (dotted key -> value) of scenario and robots."""
     roots = {key: _root(key) for key in changes}
-    parts = {
+    robot_changes = {
         root: nest({key.partition(".")[2]: changes[key] for key in changes if roots[key] == root})
         for root in ROBOTS
     }
-    of_scenario = {key: value for key, value in changes.items() if roots[key] not in ROBOTS}
-    outage = of_scenario.pop(OUTAGE, None)
-    of_scenario = nest(of_scenario) | {"seed": study.seed}
-    scenario = change_scenario(study.scenario, of_scenario, f"sweep of {study.name}")
+    scenario_changes = {key: changes[key] for key in changes if roots[key] not in ROBOTS}
+    outage = scenario_changes.pop(OUTAGE, None)
+    nested = nest(scenario_changes) | {"seed": study.seed}
+    scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
     if outage is not None:
         scenario = _with_outage(scenario, outage)
-    robot = _changed_robot(robot, parts[ROBOT], ROBOT)
-    true_robot = _changed_robot(robot, parts[TRUE_ROBOT], TRUE_ROBOT)
+    robot = _changed_robot(robot, robot_changes[ROBOT], ROBOT)
+    true_robot = _changed_robot(robot, robot_changes[TRUE_ROBOT], TRUE_ROBOT)
     modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
-    modelled = _changed_robot(modelled, parts[FILTER], FILTER)
+    modelled = _changed_robot(modelled, robot_changes[FILTER], FILTER)
     filters = []
     for spec in study.filters():
         own_robot = _changed_robot(modelled, spec.robot, f"robot of {spec.label}")
@@ -220,18 +224,19 @@ def _with_noise_of(robot: Robot, true_robot: Robot, scenario: Scenario) -> Robot
     imu = {
         "gyro_noise_density": max(gyro.noise_density, LEAST_NOISE),
         "gyro_bias_sigma": gyro.bias_sigma,
-        "gyro_bias_walk": _walk_of(gyro),
+        "gyro_bias_walk": _total_walk(gyro),
         "gyro_scale_sigma": gyro.scale_sigma,
         "accelerometer_noise_density": accelerometer_noise,
         "accelerometer_bias_sigma": force.bias_sigma,
-        "accelerometer_bias_walk": _walk_of(force),
+        "accelerometer_bias_walk": _total_walk(force),
     }
     speeds = {name: getattr(encoders, name) for name in ("speed_noise_density", "scale_sigma")}
     return _changed_robot(robot, {"imu": imu, "tracks": speeds}, "noise of the scenario")
 
 
-def _walk_of(errors: InertialErrors) -> float:
-    """Random walk that is as large as a bias' walk and its instability together."""
+def _total_walk(errors: InertialErrors) -> float:
+    """Density of a random walk as large as a bias' walk and its instability together."""
+    # The instability is a Gauss-Markov process: over short times it grows like a walk.
     instability = errors.bias_instability * math.sqrt(2.0 / errors.bias_instability_time)
     return math.hypot(errors.bias_walk, instability)
 
@@ -251,6 +256,7 @@ def _root(key: str) -> str:
 
 
 def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
+    """Robot file with changed keys of nested tables; `source` names them in messages."""
     if not changes:
         return robot
     data = merged(msgspec.to_builtins(robot), changes)
@@ -270,13 +276,14 @@ def _with_outage(scenario: Scenario, length: Any) -> Scenario:
 
 
 def _shown(value: Any) -> Value:
-    """Format a value of a grid for tables: lists become text."""
+    """Value of a grid for tables and figures: lists become text."""
     return value if isinstance(value, str | int | float | bool) else str(value)
 
 
 def _scale_of(values: tuple[Value, ...]) -> Scale:
-    numbers = [value for value in values if is_finite(value)]
+    """Scale of an axis of the grid: "names" unless all values are numbers."""
+    numbers = [float(value) for value in values if is_finite(value)]
     if len(numbers) < len(values):
         return "names"
-    low, high = min(map(float, numbers)), max(map(float, numbers))
+    low, high = min(numbers), max(numbers)
     return "log" if low > 0.0 and high / low >= LOG_SPAN else "linear"

@@ -96,33 +96,25 @@ def failures_of(reasons: Any, labels: Sequence[str]) -> list[dict[str, Any]]:
     """
     failures = []
     for cell in range(reasons.shape[1]):
-        for label, of_cell in zip(labels, reasons[:, cell], strict=True):
-            failed = [(str(of_cell[run]), int(run)) for run in np.flatnonzero(of_cell != "")]
-            if failed:
-                counts = Counter(reason for reason, _ in failed)
-                # Of equal keys, a dictionary keeps the last value: here the first run.
-                first_run = dict(reversed(failed))
-                failures.append(
-                    {
-                        "cell": cell,
-                        "variant": label,
-                        "runs": len(failed),
-                        "of": len(of_cell),
-                        "reasons": [
-                            {"reason": reason, "runs": count, "first_run": first_run[reason]}
-                            for reason, count in counts.most_common()
-                        ],
-                    }
-                )
+        for label, run_reasons in zip(labels, reasons[:, cell].tolist(), strict=True):
+            failed = [reason for reason in run_reasons if reason]
+            if not failed:
+                continue
+            found = [
+                {"reason": reason, "runs": count, "first_run": run_reasons.index(reason)}
+                for reason, count in Counter(failed).most_common()
+            ]
+            failure = {"cell": cell, "variant": label, "runs": len(failed)}
+            failures.append(failure | {"of": len(run_reasons), "reasons": found})
     return failures
 
 
 def _why_impossible(values: Floats, kinds: Sequence[Statistic]) -> str:
     """Reason why the statistics (n,) of a run are impossible; empty if they are valid."""
-    names = [one.name for one in kinds]
-    required = range(names.index(REQUIRED_FROM), names.index(REQUIRED_TO) + 1)
-    for place, (kind, value) in enumerate(zip(kinds, values.tolist(), strict=True)):
-        if math.isinf(value) or (math.isnan(value) and place in required):
+    names = [kind.name for kind in kinds]
+    required = names[names.index(REQUIRED_FROM) : names.index(REQUIRED_TO) + 1]
+    for kind, value in zip(kinds, values.tolist(), strict=True):
+        if math.isinf(value) or (math.isnan(value) and kind.name in required):
             return f"{kind.name} is not finite"
         if value < 0.0:
             return f"{kind.name} is negative ({value:.3g})"

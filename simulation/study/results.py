@@ -75,22 +75,19 @@ def cell_summaries(runs: Runs) -> list[list[list[Summary]]]:
 def groups_of(plan: Plan, axis: Axis) -> list[Group]:
     """Cells by their value of an axis; of a Latin hypercube, `GROUPS` of neighbours."""
     if not axis.sampled:
-        return [
-            Group(
-                shown(value),
-                value,
-                tuple(cell.index for cell in plan.cells if cell.values[axis.name] == value),
-            )
-            for value in axis.values
-        ]
+        groups = []
+        for value in axis.values:
+            cells = tuple(cell.index for cell in plan.cells if cell.values[axis.name] == value)
+            groups.append(Group(shown(value), value, cells))
+        return groups
     groups = []
     for part in np.array_split(np.array(axis.values, dtype=float), min(GROUPS, len(axis.values))):
         low, high = float(part[0]), float(part[-1])
         middle = float(np.sqrt(low * high) if axis.scale == "log" else 0.5 * (low + high))
-        inside = tuple(
+        cells = tuple(
             cell.index for cell in plan.cells if low <= float(cell.values[axis.name]) <= high
         )
-        groups.append(Group(f"{low:.3g} to {high:.3g}", middle, inside))
+        groups.append(Group(f"{low:.3g} to {high:.3g}", middle, cells))
     return groups
 
 
@@ -118,11 +115,11 @@ def study_results(
         "true_motions": plan.study.true_motions,
         "baseline": plan.study.compared_with,
         "variants": list(plan.labels),
-        "statistics": [one._asdict() for one in runs.statistics],
+        "statistics": [statistic._asdict() for statistic in runs.statistics],
         "failed": _failed(runs),
         "alike": {
             "variants": [
-                [plan.labels[place] for place in group] for group in alike(runs.values, 0)
+                [plan.labels[index] for index in group] for group in alike(runs.values, 0)
             ],
             "cells": alike(runs.values, 1),
         },
@@ -131,8 +128,8 @@ def study_results(
         "overall": _by_variant(runs, _summaries(runs, everything)),
         "typical": _typical(runs),
         "cells": [
-            {"cell": cell.index, "values": cell.values, "variants": _by_variant(runs, found)}
-            for cell, found in zip(plan.cells, cells, strict=True)
+            {"cell": cell.index, "values": cell.values, "variants": _by_variant(runs, summaries)}
+            for cell, summaries in zip(plan.cells, cells, strict=True)
         ],
         "effects": [
             {
@@ -157,19 +154,20 @@ def _summaries(runs: Runs, cells: Sequence[int]) -> list[list[Summary]]:
     """Summaries by filter and statistic of the means over some cells, run by run."""
     picked = runs.values[:, list(cells)]
     baseline = picked[list(runs.plan.labels).index(runs.plan.study.compared_with)]
-    motions, of_filters = runs.motions, []
+    motions, by_filter = runs.motions, []
     for values in picked:
-        # Only cells where neither failed: otherwise easy cells are compared with hard ones.
-        both = np.isfinite(values) & np.isfinite(baseline)
         means = over_cells(values)
-        paired, others = (over_cells(np.where(both, of, np.nan)) for of in (values, baseline))
-        of_filters.append(
+        # Only cells where neither failed: otherwise easy cells are compared with hard ones.
+        in_both = np.isfinite(values) & np.isfinite(baseline)
+        paired = over_cells(np.where(in_both, values, np.nan))
+        paired_baseline = over_cells(np.where(in_both, baseline, np.nan))
+        by_filter.append(
             [
-                summarise(means[:, k], others[:, k], motions, paired[:, k])
+                summarise(means[:, k], paired_baseline[:, k], motions, paired[:, k])
                 for k in range(len(runs.statistics))
             ]
         )
-    return of_filters
+    return by_filter
 
 
 def _failed(runs: Runs) -> dict[str, Any]:
@@ -185,12 +183,11 @@ def _failed(runs: Runs) -> dict[str, Any]:
 
 
 def _by_variant(runs: Runs, summaries: list[list[Summary]]) -> dict[str, Any]:
-    """Label of the filter -> name of the statistic -> plain data of its summary."""
+    """Summaries as plain data: label of the filter -> name of the statistic -> data."""
     names = [statistic.name for statistic in runs.statistics]
-    return {
-        label: {name: asdict(summary) for name, summary in zip(names, of_filter, strict=True)}
-        for label, of_filter in zip(runs.plan.labels, summaries, strict=True)
-    }
+    rows = [[asdict(summary) for summary in of_filter] for of_filter in summaries]
+    by_name = [dict(zip(names, row, strict=True)) for row in rows]
+    return dict(zip(runs.plan.labels, by_name, strict=True))
 
 
 def _reported_drift(runs: Runs) -> str:
@@ -198,12 +195,13 @@ def _reported_drift(runs: Runs) -> str:
 
     Of several such horizons it is the one nearest to `USUAL_HORIZON`.
     """
-    names = [one.name for one in runs.statistics]
+    names = [statistic.name for statistic in runs.statistics]
     horizons = sorted(runs.plan.study.horizons, key=lambda s: (abs(s - USUAL_HORIZON), s))
     columns = [names.index(DRIFT.format(horizon)) for horizon in horizons]
-    known = (np.isfinite(runs.values[..., column]).any(axis=(0, 2)) for column in columns)
-    cells_with = [int(of_cells.sum()) for of_cells in known]
-    return names[columns[int(np.argmax(cells_with))]]
+    # Cells in which any run of any filter has the drift.
+    has_drift = (np.isfinite(runs.values[..., column]).any(axis=(0, 2)) for column in columns)
+    cell_counts = [int(cells.sum()) for cells in has_drift]
+    return names[columns[int(np.argmax(cell_counts))]]
 
 
 def _typical(runs: Runs) -> dict[str, Any]:
@@ -212,18 +210,18 @@ def _typical(runs: Runs) -> dict[str, Any]:
     `median_percent` is the median over cells of mean drifts; `ratio` the geometric mean over cells of the
     ratios to the baseline, with its 95 % interval by leaving out true motions one by one.
     """
-    column = [one.name for one in runs.statistics].index(_reported_drift(runs))
+    column = [statistic.name for statistic in runs.statistics].index(_reported_drift(runs))
     drifts, motions = runs.values[..., column], runs.motions
     baseline = drifts[list(runs.plan.labels).index(runs.plan.study.compared_with)]
 
     def log_ratio(drift: Floats, counted: Any) -> float:
-        """Mean over cells of the logarithm of the ratio to the baseline."""
-        both = np.isfinite(drift) & np.isfinite(baseline) & counted
-        own, other = (np.where(both, values, 0.0).sum(axis=1) for values in (drift, baseline))
+        """Mean over cells of the log of the ratio, over `counted` runs (mask, or True)."""
+        in_both = np.isfinite(drift) & np.isfinite(baseline) & counted
+        own, other = (np.where(in_both, values, 0.0).sum(axis=1) for values in (drift, baseline))
         has_ratio = np.asarray((own > 0.0) & (other > 0.0))
-        return (
-            float(np.log(own[has_ratio] / other[has_ratio]).mean()) if has_ratio.any() else np.nan
-        )
+        if not has_ratio.any():
+            return math.nan
+        return float(np.log(own[has_ratio] / other[has_ratio]).mean())
 
     by_label = {}
     for label, drift in zip(runs.plan.labels, drifts, strict=True):
@@ -243,25 +241,21 @@ def _typical(runs: Runs) -> dict[str, Any]:
 def _final_errors(runs: Runs) -> list[dict[str, Any]]:
     """Percentiles of the final position error, for distant groups of the first axis."""
     plan = runs.plan
-    column = [one.name for one in runs.statistics].index(FINAL_ERROR)
-    groups = [Group("all runs", "", tuple(cell.index for cell in plan.cells))]
+    column = [statistic.name for statistic in runs.statistics].index(FINAL_ERROR)
+    groups, axis = [Group("all runs", "", tuple(cell.index for cell in plan.cells))], ""
     if plan.axes:
-        groups = groups_of(plan, plan.axes[0])
+        axis, groups = plan.axes[0].name, groups_of(plan, plan.axes[0])
         picks = np.linspace(0, len(groups) - 1, min(MOST_DISTRIBUTIONS, len(groups)))
         groups = [groups[round(pick)] for pick in picks.tolist()]
     distributions = []
-    errors = runs.values[..., column]
     for group in groups:
-        values = errors[:, list(group.cells)].reshape(len(plan.labels), -1)
-        percentiles = {
-            label: [
-                float(f"{value:.{SHOWN_DIGITS}g}")
-                for value in np.percentile(of_filter[np.isfinite(of_filter)], PERCENTILES).tolist()
-            ]
-            for label, of_filter in zip(plan.labels, values, strict=True)
-            if np.isfinite(of_filter).any()
-        }
-        axis = plan.axes[0].name if plan.axes else ""
+        percentiles = {}
+        for label, values in zip(plan.labels, runs.values[..., column], strict=True):
+            errors = values[list(group.cells)].ravel()
+            errors = errors[np.isfinite(errors)]
+            if len(errors):
+                exact = np.percentile(errors, PERCENTILES).tolist()
+                percentiles[label] = [float(f"{value:.{SHOWN_DIGITS}g}") for value in exact]
         distributions.append({"axis": axis, "group": group.name, "percentiles": percentiles})
     return distributions
 
@@ -275,24 +269,25 @@ def alike(values: Floats, axis: int) -> list[list[int]]:
         values: (filters, cells, runs, statistics); NaN for missing values.
         axis: 0 for filters, 1 for cells.
     """
-    places = np.moveaxis(values, axis, 0)
-    known = np.isfinite(places)
-    sums = np.where(known, places, 0.0).reshape(len(places), -1).sum(axis=1)
+    items = np.moveaxis(values, axis, 0)
+    known = np.isfinite(items)
+    # Equal items have equal sums: only neighbours in their order need to be compared.
+    sums = np.where(known, items, 0.0).reshape(len(items), -1).sum(axis=1)
     groups: list[list[int]] = []
-    previous = None
-    for place in np.argsort(sums, kind="stable").tolist():
-        if not known[place].any():
+    for index in np.argsort(sums, kind="stable").tolist():
+        if not known[index].any():
             continue
-        if previous is not None and _same(places[previous], places[place]):
-            groups[-1].append(place)
+        if groups and _same(items[groups[-1][0]], items[index]):
+            groups[-1].append(index)
         else:
-            groups.append([place])
-            previous = place
+            groups.append([index])
     return sorted(sorted(group) for group in groups if len(group) > 1)
 
 
 def _same(first: Any, other: Any) -> bool:
     """Return True if values are equal to `ROUNDING`, and missing in the same places."""
+    if not np.array_equal(np.isfinite(first), np.isfinite(other)):
+        return False
     larger = np.maximum(np.abs(first), np.abs(other))
-    apart = np.abs(first - other) > ROUNDING * larger
-    return bool(np.array_equal(np.isfinite(first), np.isfinite(other)) and not apart.any())
+    # Comparisons with NaN are False: missing values do not differ.
+    return not (np.abs(first - other) > ROUNDING * larger).any()

@@ -113,7 +113,7 @@ class Segments(NamedTuple):
 def scored_segments(
     stamps: Stamps, horizons: Sequence[float], fixes: Stamps, start: int, end: int
 ) -> list[Segments]:
-    """Segments of each horizon, and of the yaw drift.
+    """Segments of each horizon, and of the yaw drift, which come last.
 
     They lie in the spans without fixes that are at least as long as a segment; in the whole run if it
     has no fixes.
@@ -150,16 +150,17 @@ def run_statistics(run: Run, log: Log, horizons: Sequence[float]) -> Floats:
         raise ValueError("there is no truth to score against")
     path, poses, twists = run.trajectory, log.truth.poses, log.truth.twists
     stamps = shared_stamps(path, poses)
-    in_path, in_truth = (np.searchsorted(of.stamps, stamps) for of in (path, twists))
+    path_rows, twist_rows = (np.searchsorted(one.stamps, stamps) for one in (path, twists))
     estimate = Trajectory(
         stamps,
         interpolate_poses(path.pose_series, stamps),
-        path.pose_covariances[in_path],
+        path.pose_covariances[path_rows],
         interpolate(path.stamps, path.twists, stamps),
-        path.twist_covariances[in_path],
+        path.twist_covariances[path_rows],
     )
-    true = interpolate_poses(poses, stamps)
-    truth = TrueTicks(true, twists.twists[in_truth], path_length(PoseSeries(stamps, true)))
+    true_poses = interpolate_poses(poses, stamps)
+    lengths = path_length(PoseSeries(stamps, true_poses))
+    truth = TrueTicks(true_poses, twists.twists[twist_rows], lengths)
     fixes = np.zeros(0, np.int64) if log.fixes is None else log.fixes.stamps
     segments = scored_segments(stamps, horizons, fixes, log.start, log.end)
     return np.array([*path_statistics(estimate, truth, segments), *_consistency(run.health)])
@@ -176,14 +177,15 @@ def path_statistics(
         truth: truth at their stamps.
         segments: see `scored_segments`.
     """
-    ratios = [_drift(estimate, truth, horizon) for horizon in segments]
+    *horizons, yaw_horizon = segments
     errors = estimate.poses - truth.poses
     errors[..., 2] = wrap_angle(errors[..., 2])
     velocities = estimate.twists - truth.twists
     nees_mean, nees_end = _nees(errors, estimate.pose_covariances)
+    velocity_nees_mean, _ = _nees(velocities, estimate.twist_covariances)
     return [
-        *(100.0 * position for position, _ in ratios[:-1]),
-        np.degrees(ratios[-1][1]),
+        *(100.0 * _drift(estimate, truth, horizon)[0] for horizon in horizons),
+        np.degrees(_drift(estimate, truth, yaw_horizon)[1]),
         np.hypot(errors[-1, ..., 0], errors[-1, ..., 1]),
         np.abs(errors[-1, ..., 2]),
         _rms(np.hypot(errors[..., 0], errors[..., 1])),
@@ -191,7 +193,7 @@ def path_statistics(
         *(_rms(velocities[..., axis]) for axis in range(3)),
         nees_mean,
         nees_end,
-        _nees(velocities, estimate.twist_covariances)[0],
+        velocity_nees_mean,
     ]
 
 
@@ -205,19 +207,20 @@ def _drift(estimate: Trajectory, truth: TrueTicks, segments: Segments) -> tuple[
 
 def _nees(errors: Floats, covariances: Floats) -> tuple[Floats, Floats]:
     """Mean (...) and last (...) NEES of errors (n, ..., 3) with a regular covariance."""
-    counted, values = regular(covariances), nees(errors, covariances)
-    last = len(counted) - 1 - np.argmax(counted[::-1], axis=0)
+    is_regular, values = regular(covariances), nees(errors, covariances)
+    # The last regular row is the first one in reverse order.
+    last = len(is_regular) - 1 - np.argmax(is_regular[::-1], axis=0)
     end = np.take_along_axis(values, last[None], axis=0)[0]
-    mean = np.sum(values, axis=0, where=counted) / counted.sum(axis=0)
-    return mean, np.where(counted.any(axis=0), end, np.nan)
+    mean = np.sum(values, axis=0, where=is_regular) / is_regular.sum(axis=0)
+    return mean, np.where(is_regular.any(axis=0), end, np.nan)
 
 
 def _consistency(health: Health) -> list[float]:
-    """NIS and rejections of each sensor, and all rejections."""
+    """NIS and rejections by the gate of each of `SENSORS`, and all rejections."""
     sensors = [health.sensors.get(name) for name in SENSORS]
-    nis = [math.nan if one is None else one.nis_per_degree for one in sensors]
-    gated = [0.0 if one is None else float(one.rejected.get("gate", 0)) for one in sensors]
-    return [*nis, *gated, float(sum(health.rejections().values()))]
+    nis = [math.nan if sensor is None else sensor.nis_per_degree for sensor in sensors]
+    gated = [0 if sensor is None else sensor.rejected.get("gate", 0) for sensor in sensors]
+    return [*nis, *map(float, gated), float(sum(health.rejections().values()))]
 
 
 def _rms(values: Floats) -> Floats:

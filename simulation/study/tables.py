@@ -18,12 +18,12 @@ AXIS = "axis:{}"
 def results_parquet(runs: Runs, cells: Sequence[list[list[Summary]]]) -> bytes:
     """Table of `results.cell_summaries`: one row for each cell, variant and statistic."""
     plan, kinds = runs.plan, runs.statistics
-    rows = np.array([astuple(one) for cell in cells for of_filter in cell for one in of_filter])
+    rows = [astuple(summary) for filters in cells for summaries in filters for summary in summaries]
     columns = _key_columns(plan, len(kinds))
-    names, units = ([getattr(kind, key) for kind in kinds] for key in ("name", "unit"))
-    for key, texts in (("statistic", names), ("unit", units)):
-        columns[key] = np.tile(np.array(texts, dtype=object), len(plan.cells) * len(plan.labels))
-    for name, values in zip(COLUMNS, rows.T, strict=True):
+    for key, attribute in (("statistic", "name"), ("unit", "unit")):
+        texts = np.array([getattr(kind, attribute) for kind in kinds], dtype=object)
+        columns[key] = np.tile(texts, len(plan.cells) * len(plan.labels))
+    for name, values in zip(COLUMNS, np.array(rows).T, strict=True):
         is_whole = Summary.__dataclass_fields__[name].type is int
         columns[name] = values.astype(np.int64) if is_whole else values.astype(np.float64)
     return _parquet(columns)
@@ -35,12 +35,13 @@ def runs_parquet(runs: Runs) -> bytes:
     filters, cells, count, _ = runs.values.shape
     columns = _key_columns(plan, count)
     columns["run"] = np.tile(np.arange(count, dtype=np.int64), cells * filters)
+    # The arrays of the runs begin with filters, the rows of the table with cells.
     if runs.reasons is not None:
-        ordered = runs.reasons.transpose(1, 0, 2).reshape(-1)
-        columns["failed"] = np.where(ordered == "", None, ordered)
+        reasons = runs.reasons.swapaxes(0, 1).reshape(-1)
+        columns["failed"] = np.where(reasons == "", None, reasons)
     columns["true_motion"] = np.tile(runs.motions.astype(np.int64), cells * filters)
-    ordered = runs.values.transpose(1, 0, 2, 3).reshape(cells * filters * count, -1)
-    for kind, values in zip(runs.statistics, ordered.T, strict=True):
+    rows = runs.values.swapaxes(0, 1).reshape(cells * filters * count, -1)
+    for kind, values in zip(runs.statistics, rows.T, strict=True):
         columns[kind.name] = values
     return _parquet(columns)
 

@@ -1,12 +1,11 @@
 """Figure of a calibration, and its parts for the page, made from its results only."""
 
-from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from icreckon.replay.comparison.results import Results
 from icreckon.report.drawing import SIZE, drawing, png
@@ -14,9 +13,11 @@ from icreckon.report.pages import Picture
 from icreckon.report.printable import printable
 
 BEFORE, AFTER = "#999999", "#0072B2"
-ROWS = ("along [cm]", "across [cm]", "turning [deg]")
-UNITS = (100.0, 100.0, 180.0 / np.pi)
-LINE = 110
+# Components of a segment's error, and factors from m, m and rad to their units.
+ERROR_LABELS = ("along [cm]", "across [cm]", "turning [deg]")
+ERROR_FACTORS = (100.0, 100.0, 180.0 / np.pi)
+# Length of a line of the verdict [characters].
+LINE_LENGTH = 110
 STYLE = {"font.size": 10, "text.parse_math": False}
 # Ticks of an axis in standard errors.
 TICKS = [2.0, 4.0, 10.0, 30.0, 100.0, 300.0, 1000.0]
@@ -26,19 +27,24 @@ def write_calibration_figure(path: Path, results: Results) -> None:
     """Draw segment errors before and after, certainties and held-out scores as PNG."""
     with drawing((15, 9), STYLE) as figure:
         grid = figure.add_gridspec(3, 2, width_ratios=(1.4, 1.0))
-        left = [figure.add_subplot(grid[0, 0])]
-        left += [figure.add_subplot(grid[row, 0], sharex=left[0]) for row in (1, 2)]
-        _draw_errors(left, results)
+        error_axes = [figure.add_subplot(grid[0, 0])]
+        error_axes += [figure.add_subplot(grid[row, 0], sharex=error_axes[0]) for row in (1, 2)]
+        _draw_errors(error_axes, results)
         _draw_scores(figure.add_subplot(grid[0, 1]), results)
         _draw_errors_by_turning(figure.add_subplot(grid[1, 1]), results)
         _draw_certainty(figure.add_subplot(grid[2, 1]), results)
-        verdict = fill(results["verdict"], LINE, break_long_words=False, break_on_hyphens=False)
+        whole_words: Any = {"break_long_words": False, "break_on_hyphens": False}
+        verdict = fill(results["verdict"], LINE_LENGTH, **whole_words)
         figure.suptitle(printable(verdict), fontsize=11)
         figure.savefig(path, dpi=110)
 
 
 def calibration_pictures(results: Results) -> list[Picture]:
     """Draw the parts of the figure one by one, the models first."""
+    models = (
+        "Position error by the tracks alone, in % of the way, on parts of the logs that were left "
+        "out of the fit, with 95 % intervals. Blue: the model that the logs support."
+    )
     errors = (
         "Each dot is a segment of the logs: where it ends by the truth less where it ends by the tracks, "
         "ahead (along) and to the left (across), and its turning by the gyro less that by the tracks. "
@@ -49,89 +55,73 @@ def calibration_pictures(results: Results) -> list[Picture]:
         "a wrong effective track, an offset a bias, a curve what the model lacks. Grey: by the robot "
         "file as it was; blue: calibrated."
     )
-    parts: list[tuple[str, str, tuple[float, float], Callable[[Figure], None]]] = [
-        (
-            "models",
-            "Position error by the tracks alone, in % of the way, on parts of the logs that were left "
-            "out of the fit, with 95 % intervals. Blue: the model that the logs support.",
-            SIZE,
-            lambda figure: _draw_scores(figure.add_subplot(), results),
-        ),
-        (
-            "errors",
-            errors,
-            (SIZE[0], 1.6 * SIZE[1]),
-            lambda figure: _draw_errors(list(figure.subplots(3, 1, sharex=True)), results),
-        ),
-        (
-            "turning",
-            turning,
-            SIZE,
-            lambda figure: _draw_errors_by_turning(figure.add_subplot(), results),
-        ),
-        (
-            "certainty",
-            "Each dot is a parameter: the value found less that of the robot file, over its standard "
-            "error. Grey, up to 1.96: chance explains it. Beyond 4 the axis is logarithmic.",
-            (SIZE[0], 1.3 * SIZE[1]),
-            lambda figure: _draw_certainty(figure.add_subplot(), results),
-        ),
-    ]
+    certainty = (
+        "Each dot is a parameter: the value found less that of the robot file, over its standard "
+        "error. Grey, up to 1.96: chance explains it. Beyond 4 the axis is logarithmic."
+    )
     pictures = []
-    for name, caption, size, draw in parts:
-        with drawing(size, STYLE) as figure:
-            draw(figure)
+    # Each with its number of axes and its height over the usual one.
+    for name, caption, count, height, draw in (
+        ("models", models, 1, 1.0, _draw_scores),
+        ("errors", errors, 3, 1.6, _draw_errors),
+        ("turning", turning, 1, 1.0, _draw_errors_by_turning),
+        ("certainty", certainty, 1, 1.3, _draw_certainty),
+    ):
+        with drawing((SIZE[0], height * SIZE[1]), STYLE) as figure:
+            axes = figure.subplots(count, 1, sharex=True)
+            draw(axes, results)
             pictures.append(Picture(name, caption, png(figure)))
     return pictures
 
 
-def _draw_errors(axes: list[Axes], results: Results) -> None:
+def _draw_errors(component_axes: Any, results: Results) -> None:
+    """Draw along, across and turning errors of the segments over time, one axes each."""
     series = results["series"]
     seconds = np.array(series["t_s"])
-    for row, (one, name, unit) in enumerate(zip(axes, ROWS, UNITS, strict=True)):
-        for key, colour, label in (
-            ("before", BEFORE, "as the robot file was"),
-            ("after", AFTER, f"calibrated, {results['supported_model']}"),
-        ):
-            values = unit * np.array(series[key])[:, row]
-            size = np.sqrt(np.mean(values**2))
-            one.plot(seconds, values, ".", ms=4, color=colour, label=f"{label}, RMS {size:.2g}")
-        one.set_ylabel(name)
+    calibrated = f"calibrated, {results['supported_model']}"
+    stages = (("before", BEFORE, "as the robot file was"), ("after", AFTER, calibrated))
+    for component, axes in enumerate(component_axes):
+        for key, colour, label in stages:
+            errors = ERROR_FACTORS[component] * np.array(series[key])[:, component]
+            rms = np.sqrt(np.mean(errors**2))
+            axes.plot(seconds, errors, ".", ms=4, color=colour, label=f"{label}, RMS {rms:.2g}")
+        axes.set_ylabel(ERROR_LABELS[component])
         # Above the axes: there are dots everywhere in them.
-        one.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False)
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8, frameon=False
+        )
     # Above the legend.
-    axes[0].set_title("error of each segment by the tracks", fontsize=10, loc="left", pad=20)
-    for one in axes[:-1]:
-        one.tick_params(labelbottom=False)
-    axes[-1].set_xlabel("time, one log behind the other [s]")
+    component_axes[0].set_title(
+        "error of each segment by the tracks", fontsize=10, loc="left", pad=20
+    )
+    for axes in component_axes[:-1]:
+        axes.tick_params(labelbottom=False)
+    component_axes[-1].set_xlabel("time, one log behind the other [s]")
 
 
 def _draw_errors_by_turning(axes: Axes, results: Results) -> None:
+    """Draw the turning error of each segment over its turning by the gyro."""
     series = results["series"]
     turned = np.degrees(series["turned_rad"])
     for key, colour in (("before", BEFORE), ("after", AFTER)):
-        axes.plot(turned, UNITS[2] * np.array(series[key])[:, 2], ".", ms=4, color=colour)
+        turning_errors = np.degrees(np.array(series[key])[:, 2])
+        axes.plot(turned, turning_errors, ".", ms=4, color=colour)
     axes.set_xlabel("turned in a segment, by the gyro [deg]")
     axes.set_ylabel("by gyro minus by tracks [deg]")
     axes.set_title("slope: effective track; offset: bias; curve: what the model lacks", fontsize=10)
 
 
 def _draw_scores(axes: Axes, results: Results) -> None:
-    names = list(results["models"])
-    scores = [results["models"][name]["held_out_drift_percent"] for name in names]
-    ends = np.array(
-        [results["models"][name]["held_out_drift_percent_interval_95"] for name in names]
-    ).T
-    spans = np.abs(ends - np.array(scores))
-    places = np.arange(len(names))
-    axes.barh(
-        places,
-        scores,
-        xerr=spans,
-        color=[AFTER if name == results["supported_model"] else BEFORE for name in names],
-        capsize=3,
-    )
-    axes.set_yticks(places, names)
+    """Draw the held-out drift of each model, with its 95 % interval."""
+    models = results["models"]
+    drifts = [scores["held_out_drift_percent"] for scores in models.values()]
+    intervals = [scores["held_out_drift_percent_interval_95"] for scores in models.values()]
+    # (2, models): lengths of the whiskers to either side.
+    whiskers = np.abs(np.array(intervals).T - np.array(drifts))
+    places = np.arange(len(models))
+    colours = [AFTER if name == results["supported_model"] else BEFORE for name in models]
+    axes.barh(places, drifts, xerr=whiskers, color=colours, capsize=3)
+    axes.set_yticks(places, list(models))
     axes.invert_yaxis()
     axes.set_xlabel("error by the tracks alone [% of distance], with 95 % interval")
     axes.set_title("on parts of the logs that were left out of the fit", fontsize=10)
@@ -139,22 +129,23 @@ def _draw_scores(axes: Axes, results: Results) -> None:
 
 def _draw_certainty(axes: Axes, results: Results) -> None:
     """Draw the change of each estimate from the file's value, in standard errors."""
-    moved = {
-        name: (one["value"] - one["before"]) / one["sigma"]
-        for name, one in results["parameters"].items()
-        if one["sigma"] and one["before"] is not None
+    changes = {
+        name: (parameter["value"] - parameter["before"]) / parameter["sigma"]
+        for name, parameter in results["parameters"].items()
+        if parameter["sigma"] and parameter["before"] is not None
     }
-    places = np.arange(len(moved))
+    places = np.arange(len(changes))
     axes.axvspan(-1.96, 1.96, color=BEFORE, alpha=0.25)
-    axes.plot(list(moved.values()), places, "o", ms=4, color=AFTER)
-    axes.set_yticks(places, list(moved), fontsize=7)
+    axes.plot(list(changes.values()), places, "o", ms=4, color=AFTER)
+    axes.set_yticks(places, list(changes), fontsize=7)
     axes.invert_yaxis()
     axes.set_xscale("symlog", linthresh=4.0)
-    largest = max(map(abs, moved.values()), default=0.0)
-    ticks = [tick for tick in TICKS if tick <= max(1.5 * largest, TICKS[1])]
+    # The axis reaches beyond the second tick, also if no parameter changed.
+    reach = 1.5 * max([TICKS[1], *map(abs, changes.values())])
+    ticks = [tick for tick in TICKS if tick <= reach]
     ticks = [-tick for tick in reversed(ticks)] + [0.0] + ticks
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
-    axes.set_xlim(-1.5 * max(largest, TICKS[1]), 1.5 * max(largest, TICKS[1]))
+    axes.set_xlim(-reach, reach)
     axes.set_xlabel("found minus robot file, in standard errors (logarithmic beyond 4)")
     axes.set_title("grey: chance explains it", fontsize=10)

@@ -36,14 +36,14 @@ def calibration_tables(results: Results, *, narrow: bool) -> Group:
 def parameter_table(results: Results, *, narrow: bool = False) -> Table:
     """Value, standard error and status of each parameter."""
     rows = []
-    for name, one in results["parameters"].items():
-        status = STATUS[one["status"]] + (f"; {one['note']}" if one["note"] else "")
+    for name, parameter in results["parameters"].items():
+        note = f"; {parameter['note']}" if parameter["note"] else ""
         cells = [
-            Cell(_to_error(one["value"], one["sigma"])),
-            *_errors(one, narrow=narrow),
-            Cell(one["unit"]),
-            Cell(_in_file(one, narrow=narrow)),
-            Cell(status, "wrap"),
+            Cell(_rounded_to_error(parameter["value"], parameter["sigma"])),
+            *_error_cells(parameter, narrow=narrow),
+            Cell(parameter["unit"]),
+            Cell(_value_in_file(parameter, narrow=narrow)),
+            Cell(STATUS[parameter["status"]] + note, "wrap"),
         ]
         rows.append((name, cells))
     file = "robot\nfile" if narrow else "robot file"
@@ -52,25 +52,26 @@ def parameter_table(results: Results, *, narrow: bool = False) -> Table:
     return Table(f"parameters of {results['robot']['name']}", head, rows)
 
 
-def _errors(one: Results, *, narrow: bool) -> list[Cell]:
+def _error_cells(parameter: Results, *, narrow: bool) -> list[Cell]:
     """Standard errors for the given logs and for others; in one cell if narrow."""
-    if one["sigma"] is None:
+    if parameter["sigma"] is None:
         return [Cell("")] if narrow else [Cell(""), Cell("")]
-    own, other = (f"{one[key]:#.2g}" for key in ("sigma", "sigma_other_logs"))
+    own, other = (f"{parameter[key]:#.2g}" for key in ("sigma", "sigma_other_logs"))
     if narrow:
         return [Cell(own if own == other else f"{own}/{other}")]
     return [Cell(own), Cell(other)]
 
 
-def _in_file(one: Results, *, narrow: bool) -> str:
-    """Value in the robot file, and whether it is a default."""
-    if one["before"] is None:
+def _value_in_file(parameter: Results, *, narrow: bool) -> str:
+    """Value before the calibration, and whether it is a default; empty for none."""
+    if parameter["before"] is None:
         return ""
-    mark = " (= default)" if one["before_is_default"] and not narrow else ""
-    return _number(one["before"]) + mark
+    mark = " (= default)" if parameter["before_is_default"] and not narrow else ""
+    return _number(parameter["before"]) + mark
 
 
-def _lag(log: Results) -> str:
+def _lag_text(log: Results) -> str:
+    """Lag of the truth with its standard error [s]."""
     if log["truth_lag_s"] is None:
         return "not found"
     return f"{log['truth_lag_s']:.3f} ± {log['truth_lag_sigma_s']:.3f}"
@@ -79,40 +80,39 @@ def _lag(log: Results) -> str:
 def log_table(results: Results, *, narrow: bool = False) -> Table:
     """Gyro bias, lag of the truth and size of each log."""
     rows = []
-    for one in results["logs"]:
-        cells = [
-            f"{one['gyro_bias_rad_s']:.5f} ± {one['gyro_bias_sigma_rad_s']:.5f}",
-            _lag(one),
-            f"{one['distance_m']:.0f}",
-            f"{one['moving_segments']}, {one['still_segments']}",
+    for log in results["logs"]:
+        texts = [
+            f"{log['gyro_bias_rad_s']:.5f} ± {log['gyro_bias_sigma_rad_s']:.5f}",
+            _lag_text(log),
+            f"{log['distance_m']:.0f}",
+            f"{log['moving_segments']}, {log['still_segments']}",
         ]
-        rows.append((one["name"], cells))
+        rows.append((log["name"], texts))
     head = ["log", "gyro bias\nrad/s", "truth late\ns", "distance\nm", "segments\nmoving, still"]
-    return _table("logs", head, rows, left_out=1 if narrow else 0)
+    return _text_table("logs", head, rows, left_out=1 if narrow else 0)
 
 
-def _table(
+def _text_table(
     title: str, head: list[str], rows: list[tuple[str, list[str]]], *, left_out: int
 ) -> Table:
-    """Table of plain texts, without its last `left_out` columns."""
+    """Table of names and texts, without its last `left_out` columns."""
     columns = len(head) - left_out
-    cells = [(name, list(map(Cell, row[: columns - 1]))) for name, row in rows]
+    cells = [(name, list(map(Cell, texts[: columns - 1]))) for name, texts in rows]
     return Table(title, head[:columns], cells)
 
 
 def model_table(results: Results, *, narrow: bool = False) -> Table:
     """Held-out scores of each model; the supported one has a star."""
     rows = []
-    for name, one in results["models"].items():
-        low, high = one["held_out_drift_percent_interval_95"]
-        cells = [
-            str(one["parameters_found"]),
-            f"{one['held_out_drift_percent']:.2f} ({low:.2f} to {high:.2f})",
-            f"{one['held_out_drift_with_gyro_percent']:.2f}",
-            f"{one['held_out_log_likelihood_per_segment']:.2f}",
+    for name, scores in results["models"].items():
+        low, high = scores["held_out_drift_percent_interval_95"]
+        texts = [
+            str(scores["parameters_found"]),
+            f"{scores['held_out_drift_percent']:.2f} ({low:.2f} to {high:.2f})",
+            f"{scores['held_out_drift_with_gyro_percent']:.2f}",
+            f"{scores['held_out_log_likelihood_per_segment']:.2f}",
         ]
-        star = f"{name} *" if name == results["supported_model"] else name
-        rows.append((star, cells))
+        rows.append((f"{name} *" if name == results["supported_model"] else name, texts))
     head = [
         "model",
         "parameters\nfound",
@@ -121,11 +121,11 @@ def model_table(results: Results, *, narrow: bool = False) -> Table:
         "log likelihood\nof a segment",
     ]
     title = "models, predicting what they were not fitted to"
-    return _table(title, head, rows, left_out=1 if narrow else 0)
+    return _text_table(title, head, rows, left_out=1 if narrow else 0)
 
 
 def footnotes(results: Results) -> list[str]:
-    """Validation, correlated parameters, notes on the logs."""
+    """Verdict, validation, correlated parameters, and notes on calibration and logs."""
     validation = results["validation"]
     lines = [
         results["verdict"],
@@ -133,26 +133,23 @@ def footnotes(results: Results) -> list[str]:
         f"windows of up to {validation['longest_window_s']:.0f} s, {validation['distance_m']:.0f} m.",
     ]
     names, matrix = results["correlations"]["names"], np.array(results["correlations"]["matrix"])
-    pairs = [
-        f"{names[row]} and {names[column]} ({matrix[row, column]:+.2f})"
-        for row in range(len(names))
-        for column in range(row)
-        if abs(matrix[row, column]) >= STRONG_CORRELATION
-    ]
-    if pairs:
-        lines.append(f"Hardly separable, by their correlation: {', '.join(pairs)}.")
+    # Each pair once: below the diagonal.
+    strong_pairs = np.argwhere(np.tril(np.abs(matrix) >= STRONG_CORRELATION, k=-1))
+    if len(strong_pairs):
+        texts = [f"{names[i]} and {names[j]} ({matrix[i, j]:+.2f})" for i, j in strong_pairs]
+        lines.append(f"Hardly separable, by their correlation: {', '.join(texts)}.")
     lines += [f"Note: {note}" for note in results["notes"]]
-    lines += [f"{one['name']}: {note}" for one in results["logs"] for note in one["notes"]]
+    lines += [f"{log['name']}: {note}" for log in results["logs"] for note in log["notes"]]
     return lines
 
 
-def _to_error(value: float, sigma: float | None) -> str:
+def _rounded_to_error(value: float, sigma: float | None) -> str:
     """Value, rounded to the second digit of its standard error."""
     if not value or not sigma or not math.isfinite(value * sigma):
         return _number(value)
-    # Powers of ten of the first digits.
-    of_value, of_sigma = (math.floor(math.log10(abs(number))) for number in (value, sigma))
-    digits = max(of_value - of_sigma + 2, of_value + 1, 1)
+    value_power, sigma_power = (math.floor(math.log10(abs(x))) for x in (value, sigma))
+    # At least all digits before the decimal point, so that "#g" writes no exponent.
+    digits = max(value_power - sigma_power + 2, value_power + 1, 1)
     return f"{value:#.{digits}g}".removesuffix(".")
 
 

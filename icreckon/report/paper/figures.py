@@ -38,6 +38,7 @@ def write_figures(folder: Path, reproduced: Reproduction, overview: str) -> None
 
 @contextmanager
 def _figure(path: Path, width: float, height: float, title: str) -> Iterator[Figure]:
+    """Figure of a size [in] with a title, written as PNG when the block ends."""
     with drawing((width, height), {"font.size": 10}) as figure:
         figure.suptitle(title, fontsize=12)
         yield figure
@@ -45,27 +46,24 @@ def _figure(path: Path, width: float, height: float, title: str) -> Iterator[Fig
 
 
 def _draw_differences(path: Path, rows: tuple[Row, ...]) -> None:
+    """Draw the difference of each published number [% of it], one number a line."""
     title = "Published numbers and ours: difference as a share of the published"
     with _figure(path, 9.0, 7.0, title) as figure:
         axes = figure.add_subplot()
         axes.axvspan(-20.0, 20.0, color=BLUE, alpha=0.08, label="within 20 %")
         axes.axvspan(-10.0, 10.0, color=BLUE, alpha=0.12, label="within 10 %")
         axes.axvline(0.0, color=GREY, linewidth=1.0)
-        for place, row in enumerate(rows):
-            shown = float(np.clip(row.difference_percent, -FARTHEST, FARTHEST))
-            beyond = shown != row.difference_percent
-            marker = (">" if shown > 0.0 else "<") if beyond else "o"
-            axes.plot(shown, place, marker, color=RED if abs(shown) > 10.0 else BLUE)
-            right = shown <= 0.0 or (not beyond and shown < 0.75 * FARTHEST)
-            axes.annotate(
-                f"{row.difference_percent:+.1f} %",
-                (shown, place),
-                xytext=(8 if right else -8, 0),
-                textcoords="offset points",
-                ha="left" if right else "right",
-                va="center",
-                fontsize=8.5,
-            )
+        for line, row in enumerate(rows):
+            x = float(np.clip(row.difference_percent, -FARTHEST, FARTHEST))
+            is_off_axis = x != row.difference_percent
+            marker = (">" if x > 0.0 else "<") if is_off_axis else "o"
+            axes.plot(x, line, marker, color=RED if abs(x) > 10.0 else BLUE)
+            # Next to the right edge there is no room for a label on the right.
+            label_is_right = x <= 0.0 or (not is_off_axis and x < 0.75 * FARTHEST)
+            offset, side = (8, "left") if label_is_right else (-8, "right")
+            style: Any = {"textcoords": "offset points", "va": "center", "fontsize": 8.5}
+            label = f"{row.difference_percent:+.1f} %"
+            axes.annotate(label, (x, line), xytext=(offset, 0), ha=side, **style)
         labels = [f"{row.name} = {row.printed} {row.unit}".strip() for row in rows]
         axes.set_yticks(range(len(rows)), labels)
         axes.set_ylim(len(rows) - 0.4, -0.6)
@@ -79,38 +77,36 @@ def _draw_icrs(path: Path, reproduced: Reproduction) -> None:
     title = "Figure 3, redrawn: track ICRs of the stationary motions"
     with _figure(path, 9.0, 5.5, title) as figure:
         axes = figure.add_subplot()
-        shown = reproduced.mapped.icrs
-        _scatter_icrs(axes, shown, reproduced)
+        _scatter_icrs(axes, reproduced.mapped.icrs, reproduced)
         _mark_constant(axes, reproduced.icrs, RED, "*", "constant ICRs, ours")
         _mark_constant(axes, published_mean_icrs(), "black", "x", "constant ICRs, published")
         figure.legend(loc="outside lower center", ncols=3)
 
 
 def _draw_modelled_icrs(path: Path, reproduced: Reproduction) -> None:
+    """Draw the ICRs by our parameters (left) and by the published ones (right)."""
     title = (
         "Figure 8, redrawn: track ICRs by the inertia-based model, |F| of the stationary motions"
     )
+    panels = (
+        ("our parameters", reproduced.parameters, reproduced.icrs),
+        ("the published parameters", published_parameters(), published_mean_icrs()),
+    )
     with _figure(path, 14.0, 5.5, title) as figure:
-        first = None
-        for place, (label, parameters, icrs) in enumerate(
-            (
-                ("our parameters", reproduced.parameters, reproduced.icrs),
-                ("the published parameters", published_parameters(), published_mean_icrs()),
-            )
-        ):
-            axes = figure.add_subplot(1, 2, place + 1, sharex=first, sharey=first)
-            first = axes
+        left = figure.add_subplot(1, 2, 1)
+        right = figure.add_subplot(1, 2, 2, sharex=left, sharey=left)
+        for axes, (label, parameters, constant_icrs) in zip((left, right), panels, strict=True):
             _scatter_icrs(axes, _modelled(reproduced, parameters), reproduced)
-            _mark_constant(axes, icrs, RED, "*", "constant ICRs")
+            _mark_constant(axes, constant_icrs, RED, "*", "constant ICRs")
             axes.set_title(label)
-        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        figure.legend(*right.get_legend_handles_labels(), loc="outside lower center", ncols=4)
 
 
 def _draw_inertia(path: Path, reproduced: Reproduction) -> None:
     title = "Figure 5, redrawn: magnitude of the force of inertia"
     with _figure(path, 7.0, 5.8, title) as figure:
         axes = figure.add_subplot()
-        _draw_map(figure, axes, reproduced, reproduced.mapped.magnitude, "|F| [N]")
+        _draw_map(axes, reproduced, reproduced.mapped.magnitude, "|F| [N]")
         ends = np.array([-1.0, 1.0])
         axes.plot(ends, ends, color=RED, label="$V_l = V_r$ (12)")
         for H, colour, line, name in (
@@ -126,84 +122,70 @@ def _draw_inertia(path: Path, reproduced: Reproduction) -> None:
 def _draw_indices(path: Path, reproduced: Reproduction) -> None:
     title = "Figure 6, redrawn: the indices over the track speeds"
     with _figure(path, 16.0, 4.8, title) as figure:
-        for place, (values, label) in enumerate(
-            zip(reproduced.mapped.indices, INDEX_LABELS, strict=True)
-        ):
+        for place, label in enumerate(INDEX_LABELS):
             axes = figure.add_subplot(1, 3, place + 1)
-            _draw_map(figure, axes, reproduced, values, label)
+            _draw_map(axes, reproduced, reproduced.mapped.indices[place], label)
             axes.set_title(f"({'abc'[place]})")
 
 
 def _draw_fits(path: Path, reproduced: Reproduction) -> None:
+    """Draw each index and its polynomials, (25) to (27), over the force it depends on."""
     title = "Figure 7, redrawn: the indices and their polynomials over the signed force of inertia"
-    mapped, ours = reproduced.mapped, reproduced.parameters
-    at, theirs = mapped.turning, published_parameters()
-    x_1, x_2 = icr.symmetry_coordinates(mapped.motion.V_l[at], mapped.motion.V_r[at], ours.H)
-    force = mapped.magnitude[at]
+    mapped, ours, theirs = reproduced.mapped, reproduced.parameters, published_parameters()
+    motion, turning = mapped.motion, mapped.turning
+    x_1, x_2 = icr.symmetry_coordinates(motion.V_l[turning], motion.V_r[turning], ours.H)
+    force = mapped.magnitude[turning]
     signs = (np.sign(x_2), np.sign(x_1) * np.sign(x_2), np.sign(x_1) * np.sign(x_2))
-    labels = ("|F| sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]")
+    force_labels = ("|F| sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]", "|F| sign(x₁) sign(x₂) [N]")
     with _figure(path, 16.0, 5.0, title) as figure:
         for place, (values, sign) in enumerate(zip(mapped.indices, signs, strict=True)):
             axes = figure.add_subplot(1, 3, place + 1)
-            axes.plot(force * sign, values[at], ".", color=BLUE, label="stationary motions")
-            line = np.linspace((force * sign).min(), (force * sign).max(), 200)
+            axes.plot(force * sign, values[turning], ".", color=BLUE, label="stationary motions")
+            abscissa = np.linspace((force * sign).min(), (force * sign).max(), 200)
             for parameters, colour, style, name in (
                 (ours, RED, "-", "our fit"),
                 (theirs, "black", "--", "published fit"),
             ):
                 # |F| and signs that give the abscissa: x_1 > 0 and x_2 with its sign.
                 modelled = icr.indices_at_inertia(
-                    np.abs(line), np.ones_like(line), line, parameters.as_array()
+                    np.abs(abscissa), np.ones_like(abscissa), abscissa, parameters.as_array()
                 )
-                axes.plot(line, modelled[place], style, color=colour, linewidth=2.0, label=name)
+                axes.plot(abscissa, modelled[place], style, color=colour, lw=2.0, label=name)
             axes.set_title(f"({'abc'[place]})")
-            axes.set_xlabel(labels[place])
+            axes.set_xlabel(force_labels[place])
             axes.set_ylabel(INDEX_LABELS[place])
             axes.legend(loc="upper left")
 
 
-def _draw_map(
-    figure: Figure, axes: Axes, reproduced: Reproduction, values: Any, label: str
-) -> None:
+def _draw_map(axes: Axes, reproduced: Reproduction, values: Any, label: str) -> None:
     """Draw a quantity over V_r (to the right) and V_l (up); NaN stays white."""
     motion = reproduced.mapped.motion
     axes.grid(visible=False)
     mesh = axes.pcolormesh(motion.V_r, motion.V_l, values, shading="nearest", cmap="viridis")
-    figure.colorbar(mesh, ax=axes, label=label)
+    axes.figure.colorbar(mesh, ax=axes, label=label)
     axes.set_aspect("equal")
     axes.set_xlabel("right track speed $V_r$ [m/s]")
     axes.set_ylabel("left track speed $V_l$ [m/s]")
 
 
 def _scatter_icrs(axes: Axes, icrs: icr.Icrs, reproduced: Reproduction) -> None:
-    for x, label in ((icrs.x_ICRl, "ICRs of the tracks"), (icrs.x_ICRr, None)):
-        axes.plot(x, icrs.y_ICR, ".", color=BLUE, markersize=4, label=None)
-        axes.plot([], [], ".", color=BLUE, label=label)
-    half = 0.5 * reproduced.mapped.vehicle.gauge
-    for place, x in enumerate((-half, half)):
-        axes.axvline(x, color=GREY, linewidth=1.0, label=None if place else "track centrelines")
-    axes.plot(
-        reproduced.mapped.vehicle.x_CM,
-        reproduced.mapped.vehicle.y_CM,
-        "+",
-        color=GREEN,
-        markersize=11,
-        markeredgewidth=2.0,
-        label="centre of mass",
-    )
+    """Draw ICRs of both tracks, the tracks' centrelines and the centre of mass."""
+    axes.plot(icrs.x_ICRl, icrs.y_ICR, ".", color=BLUE, markersize=4)
+    axes.plot(icrs.x_ICRr, icrs.y_ICR, ".", color=BLUE, markersize=4)
+    # Larger dot in the legend, once for both tracks.
+    axes.plot([], [], ".", color=BLUE, label="ICRs of the tracks")
+    vehicle = reproduced.mapped.vehicle
+    axes.axvline(-0.5 * vehicle.gauge, color=GREY, linewidth=1.0, label="track centrelines")
+    axes.axvline(0.5 * vehicle.gauge, color=GREY, linewidth=1.0)
+    x, y = vehicle.x_CM, vehicle.y_CM
+    axes.plot(x, y, "+", color=GREEN, ms=11, mew=2.0, label="centre of mass")
     axes.set_xlabel("x, to the right [m]")
     axes.set_ylabel("y, forward [m]")
 
 
 def _mark_constant(axes: Axes, icrs: ConstantIcr, colour: str, marker: str, label: str) -> None:
-    axes.plot(
-        [icrs.x_ICRl, icrs.x_ICRr],
-        [icrs.y_ICR, icrs.y_ICR],
-        marker,
-        color=colour,
-        markersize=11,
-        label=label,
-    )
+    x, y = [icrs.x_ICRl, icrs.x_ICRr], [icrs.y_ICR, icrs.y_ICR]
+    axes.plot(x, y, marker, color=colour, ms=11, label=label)
 
 
 def _modelled(reproduced: Reproduction, parameters: Indices) -> icr.Icrs:

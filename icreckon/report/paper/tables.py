@@ -52,14 +52,13 @@ def counts_text(results: Results) -> str:
 
 def origin_text(results: Results) -> str:
     """Sentences on what is measured, simulated and fitted."""
-    of, largest = results["map"], results["configuration"]["reading"]["largest_inertia"]
-    left_out = (
-        ""
-        if largest is None
-        else f" Means and fits leave out motions above {largest:g} N of inertia."
-    )
+    pairs = results["map"]["pairs"]
+    largest_inertia = results["configuration"]["reading"]["largest_inertia"]
+    left_out = ""
+    if largest_inertia is not None:
+        left_out = f" Means and fits leave out motions above {largest_inertia:g} N of inertia."
     return (
-        f"Nothing here is measured: all {of['pairs']} motions are simulated, by friction at contact "
+        f"Nothing here is measured: all {pairs} motions are simulated, by friction at contact "
         "points. The paper states neither contact nor friction nor the height of the centre of mass; "
         "they were fitted to these numbers. So agreement shows that one ground explains them "
         f"together, and no more.{left_out}"
@@ -79,15 +78,14 @@ def contradiction_text(results: Results) -> str:
 
 
 def _numbers(results: Results, *, narrow: bool) -> Table:
+    """Each published number next to the reproduced one."""
     rows = []
     for row in results["published"]:
-        cells = [
-            Cell(row["printed"]),
-            Cell(f"{row['reproduced']:.5g}"),
-            Cell(f"{row['difference_percent']:+.1f}"),
-            Cell(row["unit"]),
-            Cell("yes" if row["rounds_to_published"] else ""),
-        ]
+        reproduced = f"{row['reproduced']:.5g}"
+        difference = f"{row['difference_percent']:+.1f}"
+        is_equal = "yes" if row["rounds_to_published"] else ""
+        texts = (row["printed"], reproduced, difference, row["unit"], is_equal)
+        cells = list(map(Cell, texts))
         if not narrow:
             cells.append(Cell(row["where"], "wrap"))
         rows.append((row["name"], cells))
@@ -96,11 +94,13 @@ def _numbers(results: Results, *, narrow: bool) -> Table:
 
 
 def _table_2(results: Results, *, narrow: bool) -> Table:
-    of, inertias = results["table_2"], results["table_2"]["published_parameters"]
-    errors = [of["published"], of["our_parameters"], *inertias.values()]
+    """Velocity errors: a row for each truth and parameters, or a column if narrow."""
+    table, by_inertia = results["table_2"], results["table_2"]["published_parameters"]
+    # RMSE by model (inertia, constant) and component (v_x, v_y, w) [m/s, m/s, rad/s].
+    errors = [table["published"], table["our_parameters"], *by_inertia.values()]
     values = [
-        [f"{1e3 * value:.1f}" for model in one.values() for value in model.values()]
-        for one in errors
+        [f"{1e3 * rmse:.1f}" for components in by_model.values() for rmse in components.values()]
+        for by_model in errors
     ]
     parts = [(model, part) for model in ("inertia", "constant") for part in ("v_x", "v_y", "w")]
     title = (
@@ -109,15 +109,14 @@ def _table_2(results: Results, *, narrow: bool) -> Table:
     )
     if narrow:
         head = ["model", "as pub-\nlished", "our motions,\nour fits"]
-        head += [f"published\nfits,\n|F| {inertia}" for inertia in inertias]
+        head += [f"published\nfits,\n|F| {inertia}" for inertia in by_inertia]
         labels = [f"{model} {part}" for model, part in parts]
-        columns = [list(column) for column in zip(*values, strict=True)]
+        values = [list(column) for column in zip(*values, strict=True)]
     else:
         head = ["truth and parameters", *(f"{model}\n{part}" for model, part in parts)]
         labels = ["as published", "our motions, our fits"]
-        labels += [f"our motions, published parameters, |F| {inertia}" for inertia in inertias]
-        columns = values
-    rows = [(label, list(map(Cell, row))) for label, row in zip(labels, columns, strict=True)]
+        labels += [f"our motions, published parameters, |F| {inertia}" for inertia in by_inertia]
+    rows = [(label, list(map(Cell, row))) for label, row in zip(labels, values, strict=True)]
     return Table(title, head, rows)
 
 

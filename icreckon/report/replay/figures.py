@@ -32,20 +32,20 @@ LARGEST_YAW_ERROR = 190.0
 TIME_TICKS = 5
 # Size [in] and dots per inch: letters are about 12 px high where a page shows it 800 px wide.
 SIZE, DOTS = (10.0, 8.6), 160
-# Labels of shades in the legend.
-SHADES, BOUNDS = ("no fixes",), "3σ of a filter"
+# Legend labels of the shaded areas: times without fixes, 3-sigma bounds.
+NO_FIXES, BOUNDS = "no fixes", "3σ of a filter"
 
 
 def write_figure(path: Path, results: Results) -> None:
-    """Draw paths, errors with 3-sigma bounds, and the indices over time, as PNG."""
+    """Draw paths, errors (without a truth bounds and yaws), and indices, as PNG."""
     results = _with_breaks(results)
     with drawing(SIZE, {"font.size": 11, "text.parse_math": False}) as figure:
-        grid = figure.add_gridspec(2, 1, height_ratios=(2.2, 1.0))
-        of_errors = grid[0].subgridspec(2, 2, width_ratios=(1.0, 1.1), height_ratios=(1.7, 1.0))
-        paths = figure.add_subplot(of_errors[:, 0])
+        rows = figure.add_gridspec(2, 1, height_ratios=(2.2, 1.0))
+        upper = rows[0].subgridspec(2, 2, width_ratios=(1.0, 1.1), height_ratios=(1.7, 1.0))
+        paths = figure.add_subplot(upper[:, 0])
         _draw_paths(paths, results)
-        errors = figure.add_subplot(of_errors[0, 1])
-        yaw = figure.add_subplot(of_errors[1, 1], sharex=errors)
+        errors = figure.add_subplot(upper[0, 1])
+        yaw = figure.add_subplot(upper[1, 1], sharex=errors)
         if results["truth"]:
             _draw_position_errors(errors, results)
         else:
@@ -58,47 +58,55 @@ def write_figure(path: Path, results: Results) -> None:
         # All axes of time share these, the narrow ones of the indices, too.
         errors.xaxis.set_major_locator(MaxNLocator(TIME_TICKS, steps=[1, 2, 5, 10]))
         yaw.set_xlabel("time [s]")
-        indices = grid[1].subgridspec(1, 3)
+        lower = rows[1].subgridspec(1, 3)
         for place, key in enumerate(INDEX_TITLES):
-            axes = figure.add_subplot(indices[place], sharex=errors)
+            axes = figure.add_subplot(lower[place], sharex=errors)
             _draw_index(axes, results, key)
             axes.set_xlabel("time [s]")
-        handles = [*paths.get_legend_handles_labels()[0], *_shades(errors)]
+        handles = [*paths.get_legend_handles_labels()[0], *_shade_handles(errors)]
         figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=10)
         title = "\n".join([_title(results), *failures(results)])
         figure.suptitle(printable(title), fontsize=12)
         figure.savefig(path, dpi=DOTS, metadata={"Title": title})
 
 
-def _shades(axes: Axes) -> list[Any]:
-    """Legend handles of the shaded areas: times without fixes, 3-sigma bounds."""
+def _shade_handles(axes: Axes) -> list[Any]:
+    """Legend handles of the shaded areas of an axes: times without fixes, bounds."""
     handles, labels = axes.get_legend_handles_labels()
-    shades = [one for one, label in zip(handles, labels, strict=True) if label in SHADES]
-    # One for all: each band has the colour of its filter.
-    return shades + [Patch(color="0.5", alpha=0.3, lw=0, label=BOUNDS)] * (BOUNDS in labels)
+    shades = [one for one, label in zip(handles, labels, strict=True) if label == NO_FIXES]
+    if BOUNDS in labels:
+        # One grey patch for all bounds: each has the colour of its filter.
+        shades.append(Patch(color="0.5", alpha=0.3, lw=0, label=BOUNDS))
+    return shades
 
 
 def _with_breaks(results: Results) -> Results:
-    """Insert a row of None in each hole of the series, so that no line crosses it."""
+    """Insert a row of None in each hole of the series, so that no line crosses it.
+
+    The stamp of such a row is that of the row after it: times have no None.
+    """
     series = results["series"]
     rows, count = breaks_of(series["t_s"]), len(series["t_s"])
     if not rows:
         return results
 
-    def inserted(values: Any) -> Any:
+    def with_breaks(values: Any) -> Any:
         if isinstance(values, dict):
-            return {key: inserted(one) for key, one in values.items()}
+            return {key: with_breaks(nested) for key, nested in values.items()}
+        # Columns with times of their own, as the fixes, have another number of rows.
         if not isinstance(values, list) or len(values) != count:
             return values
-        found = np.insert(floats(values), rows, np.nan).tolist()
-        return [None if math.isnan(value) else value for value in found]
+        with_nan = np.insert(floats(values), rows, np.nan).tolist()
+        return [None if math.isnan(value) else value for value in with_nan]
 
-    broken = {key: inserted(values) for key, values in series.items()}
-    broken["t_s"] = np.insert(floats(series["t_s"]), rows, floats(series["t_s"])[rows]).tolist()
+    broken = {key: with_breaks(values) for key, values in series.items()}
+    times = floats(series["t_s"])
+    broken["t_s"] = np.insert(times, rows, times[rows]).tolist()
     return results | {"series": broken}
 
 
 def _title(results: Results) -> str:
+    """Robot, log, truth, and the drift after 30 s of the variants `IN_TITLE`."""
     log, truth = results["log"], results["truth"]
     title = f"{page_title(results)}, {log['duration_s']:.0f} s"
     if truth is None:
@@ -108,10 +116,10 @@ def _title(results: Results) -> str:
         for name in IN_TITLE
         if name in results["variants"]
     }
-    text = ", ".join(f"{name} {value:.2f} %" for name, value in drifts.items() if value is not None)
-    drift = f"\ndrift after 30 s without fixes: {text}" if text else ""
+    text = ", ".join(f"{name} {drift:.2f} %" for name, drift in drifts.items() if drift is not None)
+    drift_line = f"\ndrift after 30 s without fixes: {text}" if text else ""
     simulated = "simulated: " if results["command"] == "demo" else ""
-    return f"{simulated}{title}, truth: {truth['source']}{drift}"
+    return f"{simulated}{title}, truth: {truth['source']}{drift_line}"
 
 
 def _detailed(results: Results) -> list[str]:
@@ -121,40 +129,33 @@ def _detailed(results: Results) -> list[str]:
     return shown or list(variants)[-2:]
 
 
-def _style(name: str, *, bold: bool) -> str:
+def _style(name: str, *, is_bold: bool) -> str:
+    """Line style of a variant: dotted if smoothed, solid if bold, dashed otherwise."""
     if name.endswith(SMOOTHED):
         return ":"
-    return "-" if bold else "--"
+    return "-" if is_bold else "--"
 
 
 def _draw_paths(axes: Axes, results: Results) -> None:
+    """Draw the paths of truth and variants, the fixes used, start and ends."""
     series = results["series"]
     if "truth" in series:
-        truth = series["truth"]
-        axes.plot(
-            truth["x_m"], truth["y_m"], color=TRUTH_COLOUR, lw=2.5, alpha=0.8, label="ground truth"
-        )
+        x, y = series["truth"]["x_m"], series["truth"]["y_m"]
+        axes.plot(x, y, color=TRUTH_COLOUR, lw=2.5, alpha=0.8, label="ground truth")
         # A truth may begin after the log.
-        known = [
-            place for place in zip(truth["x_m"], truth["y_m"], strict=True) if None not in place
-        ]
+        known = [position for position in zip(x, y, strict=True) if None not in position]
         if known:
             axes.plot(*known[0], "o", color=TRUTH_COLOUR, ms=8, label="start")
     if "fixes" in series and series["fixes"]["x_m"]:
         fixes = series["fixes"]
         axes.plot(fixes["x_m"], fixes["y_m"], "+", color=FIX_COLOUR, ms=7, label="fixes used")
     detailed = _detailed(results)
-    for name, one in series["variants"].items():
-        bold = name in detailed
-        axes.plot(
-            one["x_m"],
-            one["y_m"],
-            color=colour_of(name),
-            lw=1.6 if bold else 0.9,
-            ls=_style(name, bold=bold),
-            label=name,
-        )
-        axes.plot(one["x_m"][-1], one["y_m"][-1], "s", color=colour_of(name), ms=6)
+    for name, columns in series["variants"].items():
+        is_bold, colour = name in detailed, colour_of(name)
+        x, y = columns["x_m"], columns["y_m"]
+        style, width = _style(name, is_bold=is_bold), 1.6 if is_bold else 0.9
+        axes.plot(x, y, color=colour, lw=width, ls=style, label=name)
+        axes.plot(x[-1], y[-1], "s", color=colour, ms=6)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
@@ -162,33 +163,31 @@ def _draw_paths(axes: Axes, results: Results) -> None:
 
 
 def _shade_outages(axes: Axes, results: Results) -> None:
+    """Shade the spans in which drift is scored, if the log has fixes outside of them."""
     truth = results["truth"]
     if truth is None or not results["log"]["fixes"]:
         return
-    for index, (start, end) in enumerate(truth["scored_s"]):
-        axes.axvspan(start, end, color="#F0E442", alpha=0.25, label=None if index else SHADES[0])
+    for number, (start, end) in enumerate(truth["scored_s"]):
+        # The first one alone is in the legend.
+        label = NO_FIXES if number == 0 else None
+        axes.axvspan(start, end, color="#F0E442", alpha=0.25, label=label)
 
 
 def _draw_position_errors(axes: Axes, results: Results) -> None:
+    """Draw position errors of all variants, with 3-sigma bounds of the detailed ones."""
     series = results["series"]
     time, detailed = series["t_s"], _detailed(results)
     _shade_outages(axes, results)
-    for name, one in series["variants"].items():
-        bold = name in detailed
-        axes.plot(
-            time,
-            one["position_error_m"],
-            color=colour_of(name),
-            lw=1.6 if bold else 0.8,
-            ls=_style(name, bold=True),
-            label=name,
-        )
+    for name, columns in series["variants"].items():
+        style, width = _style(name, is_bold=True), 1.6 if name in detailed else 0.8
+        errors, colour = columns["position_error_m"], colour_of(name)
+        axes.plot(time, errors, color=colour, lw=width, ls=style, label=name)
     shown = [series["variants"][name] for name in detailed]
-    top = max(float(np.nanmax(floats(one["position_error_m"]))) for one in shown)
-    bounds = [3.0 * floats(one["position_sigma_m"]) for one in shown]
-    limit = max(1.15 * max(top, _widest(bounds, 2.5 * top)), LEAST_POSITION_ERROR)
+    largest = max(float(np.nanmax(floats(columns["position_error_m"]))) for columns in shown)
+    bounds = [3.0 * floats(columns["position_sigma_m"]) for columns in shown]
+    limit = max(1.15 * max(largest, _widest(bounds, 2.5 * largest)), LEAST_POSITION_ERROR)
     for number, (name, bound) in enumerate(zip(detailed, bounds, strict=True)):
-        reached, label = _in_reach(bound, limit), None if number else BOUNDS
+        reached, label = _in_reach(bound, limit), BOUNDS if number == 0 else None
         axes.fill_between(time, 0.0, reached, color=colour_of(name), alpha=0.13, lw=0, label=label)
     axes.set_ylim(0.0, limit)
     axes.set_title("position error [m]", fontsize=11)
@@ -205,16 +204,17 @@ def _in_reach(bounds: Any, limit: float) -> Any:
 
 
 def _draw_yaw_errors(axes: Axes, results: Results) -> None:
-    series = results["series"]
+    """Draw yaw errors of the detailed variants with their 3-sigma bounds."""
+    series, detailed = results["series"], _detailed(results)
     time = series["t_s"]
     _shade_outages(axes, results)
-    shown = [series["variants"][name] for name in _detailed(results)]
-    errors = [np.degrees(floats(one["yaw_error_rad"])) for one in shown]
-    bounds = [3.0 * np.degrees(floats(one["yaw_sigma_rad"])) for one in shown]
-    top = max(float(np.nanmax(np.abs(values))) for values in errors)
-    limit = max(1.15 * max(top, _widest(bounds, 5.0 * top)), LEAST_YAW_ERROR)
+    shown = [series["variants"][name] for name in detailed]
+    errors = [np.degrees(floats(columns["yaw_error_rad"])) for columns in shown]
+    bounds = [3.0 * np.degrees(floats(columns["yaw_sigma_rad"])) for columns in shown]
+    largest = max(float(np.nanmax(np.abs(values))) for values in errors)
+    limit = max(1.15 * max(largest, _widest(bounds, 5.0 * largest)), LEAST_YAW_ERROR)
     limit = min(limit, LARGEST_YAW_ERROR)
-    for name, error, bound in zip(_detailed(results), errors, bounds, strict=True):
+    for name, error, bound in zip(detailed, errors, bounds, strict=True):
         axes.plot(time, error, color=colour_of(name), lw=1.3)
         reached = _in_reach(bound, limit)
         axes.fill_between(time, -reached, reached, color=colour_of(name), alpha=0.13, lw=0)
@@ -223,10 +223,11 @@ def _draw_yaw_errors(axes: Axes, results: Results) -> None:
 
 
 def _draw_lines(axes: Axes, results: Results, title: str, key: str, scale: float) -> None:
-    """Draw a series of all variants over time, in another unit by `scale`."""
+    """Draw column `key` of all variants, times `scale`, over time."""
     series = results["series"]
-    for name, one in series["variants"].items():
-        axes.plot(series["t_s"], scale * floats(one[key]), color=colour_of(name), label=name)
+    for name, columns in series["variants"].items():
+        values = scale * floats(columns[key])
+        axes.plot(series["t_s"], values, color=colour_of(name), label=name)
     axes.set_title(title, fontsize=11)
 
 
@@ -238,6 +239,7 @@ INDEX_TITLES = {
 
 
 def _draw_index(axes: Axes, results: Results, key: str) -> None:
+    """Draw an index (a key of `INDEX_TITLES`) over time, with the truth."""
     series = results["series"]
     time = series["t_s"]
     _shade_outages(axes, results)

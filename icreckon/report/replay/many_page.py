@@ -11,20 +11,20 @@ from icreckon.report.pages import Cell, Table, render
 from icreckon.report.replay import many_text, page_text
 from icreckon.report.replay.many_text import horizon_of, left_out, pooled_over
 from icreckon.report.replay.page import drift_tables, interval_cell
-from icreckon.report.replay.page_text import number
+from icreckon.report.replay.page_text import interval_text, number
 
 HORIZONS = ("10s", "30s", "60s")
-# Heights of a row's label, of a variant in it, and of what lies between rows [px].
-LABEL, LINE, BETWEEN = 20, 11, 10
+# Heights of a row's label, of a variant's mark in it, and of the space between rows [px].
+LABEL_HEIGHT, MARK_HEIGHT, ROW_SPACE = 20, 11, 10
 
 
 def many_page(results: Results) -> str:
     """Render the page as HTML, from `summarise_many` with the folder of each log."""
-    robots, logs = list(results["pooled"]), {one["label"] for one in results["logs"]}
-    some = next(iter(logs)) if len(logs) == 1 else f"{len(logs)} logs"
+    robots, logs = list(results["pooled"]), {log["label"] for log in results["logs"]}
+    logs_text = next(iter(logs)) if len(logs) == 1 else f"{len(logs)} logs"
     return render(
         "many.html",
-        title=f"{' and '.join(robots)} on {some}",
+        title=f"{' and '.join(robots)} on {logs_text}",
         subtitle=f"icreckon {results['command']}",
         failures=many_text.many_failures(results),
         doubts=many_text.many_doubts(results),
@@ -32,98 +32,92 @@ def many_page(results: Results) -> str:
         headline=many_text.many_headline(results),
         remarks=many_text.many_remarks(results),
         drifts=drift_picture(results),
-        ratios=_ratios(results),
-        parts=[_part(results, robot) for robot in robots],
-        head=_head(results),
-        logs=[_row(results, one) for one in results["logs"]],
-        horizon=page_text.horizon_text(many_text.horizon_of(results)),
+        ratios=_ratio_tables(results),
+        parts=[_robot_section(results, robot) for robot in robots],
+        head=_log_head(results),
+        logs=[_log_row(results, log) for log in results["logs"]],
+        horizon=page_text.horizon_text(horizon_of(results)),
         configuration=results["configuration"],
         robots=results["robots"],
         origin={key: results[key] for key in ("versions", "inputs", "format")},
     )
 
 
-def _part(results: Results, robot: str) -> Named:
-    """Scores of a robot file over all logs."""
-    found = results["pooled"][robot]
+def _robot_section(results: Results, robot: str) -> Named:
+    """Section of a robot file: title, notes and tables of its scores over all logs."""
+    pooled = results["pooled"][robot]
     title = "All logs together" + (f", {robot}" if len(results["pooled"]) > 1 else "")
-    if not found["logs"]:
+    if not pooled["logs"]:
         nothing = "No log has a ground truth: there is nothing to score."
         return Named(title=title, notes=[nothing], tables=[])
-    of = {key: results[key] for key in ("horizons", "baseline_variant")} | {
-        "variants": found["variants"]
-    }
     notes = [
-        f"Position error over {pooled_over(found)}, aligned at each segment's start: summed errors over "
+        f"Position error over {pooled_over(pooled)}, aligned at each segment's start: summed errors over "
         "summed distances, with 95 % intervals over blocks of all logs.",
-        *left_out(found),
+        *left_out(pooled),
     ]
-    tables = [*drift_tables(of), _consistency(found["variants"])]
-    return Named(title=title, notes=notes, tables=tables)
+    tables = drift_tables(results | {"variants": pooled["variants"]})
+    return Named(title=title, notes=notes, tables=[*tables, _nees_table(pooled["variants"])])
 
 
-def _consistency(variants: dict[str, Any]) -> Table:
-    """NEES and numbers of segments."""
-    kinds = [
-        (heading, key)
-        for heading, key in (
-            ("pose NEES, ideal 3", "nees_pose"),
-            ("position NEES, ideal 2", "nees_position"),
-        )
-        if any(one[f"{key}_poses"] for one in variants.values())
-    ]
-    head = ["variant", *(heading for heading, _ in kinds), "logs"]
+def _nees_table(variants: dict[str, Any]) -> Table:
+    """NEES of poses and positions, if there is any, and numbers of logs and segments."""
+    headings = {"nees_pose": "pose NEES, ideal 3", "nees_position": "position NEES, ideal 2"}
+    keys = [key for key in headings if any(one[f"{key}_poses"] for one in variants.values())]
+    head = ["variant", *(headings[key] for key in keys), "logs"]
     head += [f"segments of {label[:-1]} s" for label in HORIZONS]
     rows = []
-    for name, one in variants.items():
-        cells = [Cell(number(one[f"{key}_mean"])) for _, key in kinds]
-        counts = [one["logs"], *(one.get(f"drift_segments_{label}", 0) for label in HORIZONS)]
-        rows.append((name, [*cells, *(Cell(str(count)) for count in counts)]))
+    for name, scores in variants.items():
+        cells = [Cell(number(scores[f"{key}_mean"])) for key in keys]
+        segments = [scores.get(f"drift_segments_{label}", 0) for label in HORIZONS]
+        rows.append((name, [*cells, *(Cell(str(count)) for count in (scores["logs"], *segments))]))
     return Table("NEES over all poses, and what the figures rest on", head, rows)
 
 
-def _ratios(results: Results) -> list[Table]:
-    """Drift with each robot file over that with the first."""
+def _ratio_tables(results: Results) -> list[Table]:
+    """Drift with each robot file over that with the first, at horizons with any ratio."""
     tables = []
-    for robot, found in results["ratios"].items():
+    for robot, ratios in results["ratios"].items():
+        variants = ratios["variants"]
         labels = [
             label
             for label in results["horizons"]
-            if any(one[f"ratio_{label}"] is not None for one in found["variants"].values())
+            if any(scores[f"ratio_{label}"] is not None for scores in variants.values())
         ]
         rows = []
-        for name, one in found["variants"].items():
-            cells = [
-                interval_cell(one[f"ratio_{label}"], one[f"ratio_{label}_95"]) for label in labels
-            ]
-            rows.append((name, cells))
-        head = ["variant", *(page_text.horizon_text(label) for label in labels)]
-        title = f"Drift with {robot} over that with {found['to']}, on the same segments"
+        for name, scores in variants.items():
+            keys = [f"ratio_{label}" for label in labels]
+            rows.append((name, [interval_cell(scores[key], scores[f"{key}_95"]) for key in keys]))
+        head = ["variant", *map(page_text.horizon_text, labels)]
+        title = f"Drift with {robot} over that with {ratios['to']}, on the same segments"
         tables.append(Table(title, head, rows))
     return tables
 
 
-def _names(results: Results) -> list[str]:
-    return list(dict.fromkeys(name for one in results["logs"] for name in one["variants"]))
+def _variant_names(results: Results) -> list[str]:
+    """Names of the variants of any log, in their order, each once."""
+    return list(dict.fromkeys(name for log in results["logs"] for name in log["variants"]))
 
 
-def _head(results: Results) -> list[str]:
+def _log_head(results: Results) -> list[str]:
+    """Headings of the table of logs."""
     robot = ["robot"] if len(results["pooled"]) > 1 else []
-    return ["log", *robot, "duration, s", "distance, m", *_names(results)]
+    return ["log", *robot, "duration, s", "distance, m", *_variant_names(results)]
 
 
-def _row(results: Results, one: Results) -> Named:
-    """Length of a log, and the drift of all variants in it."""
-    key = f"drift_percent_{many_text.horizon_of(results)}_mean"
-    best = page_text.lowest(one["variants"], key) if one["truth"] else None
-    robot = [Cell(one["robot"], "text")] if len(results["pooled"]) > 1 else []
-    distance = Cell(number(one["truth"]["distance_m"]) if one["truth"] else "no truth")
-    cells = [
-        Cell(number(one["variants"].get(name, {}).get(key)), "best" if name == best else "")
-        for name in _names(results)
+def _log_row(results: Results, log: Results) -> Named:
+    """Length of a log, and the drift of all variants in it, under `_log_head`."""
+    key = f"drift_percent_{horizon_of(results)}_mean"
+    truth = log["truth"]
+    best = page_text.lowest(log["variants"], key) if truth else None
+    robot = [Cell(log["robot"], "text")] if len(results["pooled"]) > 1 else []
+    duration = Cell(f"{log['log']['duration_s']:.0f}")
+    distance = Cell(number(truth["distance_m"]) if truth else "no truth")
+    drifts = [
+        Cell(number(log["variants"].get(name, {}).get(key)), "best" if name == best else "")
+        for name in _variant_names(results)
     ]
-    cells = [*robot, Cell(f"{one['log']['duration_s']:.0f}"), distance, *cells]
-    return Named(folder=one["folder"], label=one["label"], cells=cells)
+    cells = [*robot, duration, distance, *drifts]
+    return Named(folder=log["folder"], label=log["label"], cells=cells)
 
 
 def drift_picture(results: Results) -> Named | None:
@@ -131,73 +125,76 @@ def drift_picture(results: Results) -> Named | None:
 
     Places along the axis are in %, heights in px; ticks are places and texts.
     """
-    label = horizon_of(results)
-    drifts = {
-        (heading, is_pooled): found
-        for heading, is_pooled, of in _rows(results)
-        if (found := _drifts(of, label))
-    }
-    if not drifts:
+    horizon = horizon_of(results)
+    row_drifts = [
+        (heading, is_pooled, _drifts(variants, horizon))
+        for heading, is_pooled, variants in _picture_rows(results)
+    ]
+    row_drifts = [row for row in row_drifts if row[2]]
+    if not row_drifts:
         return None
     edges = [
         edge
-        for of in drifts.values()
-        for value, interval in of.values()
-        for edge in (value, *(interval or ()))
+        for _, _, drifts in row_drifts
+        for drift, interval in drifts.values()
+        for edge in (drift, *(interval or ()))
         if edge > 0.0
     ]
     ticks = _ticks(min(edges), max(edges))
-    low, whole = ticks[0], math.log(ticks[-1] / ticks[0])
+    low, log_range = ticks[0], math.log(ticks[-1] / ticks[0])
 
-    def place(value: float) -> float:
-        return round(100.0 * math.log(max(value, low) / low) / whole, 2)
+    def place(drift: float) -> float:
+        return round(100.0 * math.log(max(drift, low) / low) / log_range, 2)
 
-    names = list(dict.fromkeys(name for of in drifts.values() for name in of))
-    variants = {
-        name: Named(name=name, light=colour_of(name), dark=on_dark(colour_of(name)))
-        for name in names
-    }
+    variants: dict[str, Named] = {}
     rows, top = [], 0
-    for (heading, is_pooled), of in drifts.items():
+    for heading, is_pooled, drifts in row_drifts:
         marks = []
-        for at, (name, (value, interval)) in enumerate(of.items()):
-            y = top + LABEL + LINE * at + LINE // 2
+        for line, (name, (drift, interval)) in enumerate(drifts.items()):
+            light = colour_of(name)
+            variants.setdefault(name, Named(name=name, light=light, dark=on_dark(light)))
+            y = top + LABEL_HEIGHT + MARK_HEIGHT * line + MARK_HEIGHT // 2
             ends = None if interval is None else (place(interval[0]), place(interval[1]))
-            said = f"{name}: {number(value)} %{page_text.interval_text(interval, '95 % interval ')}"
-            mark = Named(at=place(value), interval=ends, y=y, variant=variants[name], text=said)
+            text = f"{name}: {number(drift)} %{interval_text(interval, '95 % interval ')}"
+            mark = Named(at=place(drift), interval=ends, y=y, variant=variants[name], text=text)
             marks.append(mark)
-        rows.append(Named(label=heading, y=top + LABEL - 6, is_pooled=is_pooled, marks=marks))
-        top += LABEL + LINE * len(of) + BETWEEN
-    title = f"Drift {page_text.horizon_text(label)}, % of the distance, with 95 % intervals"
+        y = top + LABEL_HEIGHT - 6
+        rows.append(Named(label=heading, y=y, is_pooled=is_pooled, marks=marks))
+        top += LABEL_HEIGHT + MARK_HEIGHT * len(drifts) + ROW_SPACE
+    title = f"Drift {page_text.horizon_text(horizon)}, % of the distance, with 95 % intervals"
     labelled = [(place(tick), f"{tick:g} %") for tick in ticks]
-    every = list(variants.values())
-    return Named(title=title, height=top, ticks=labelled, rows=rows, variants=every)
+    shown = list(variants.values())
+    return Named(title=title, height=top, ticks=labelled, rows=rows, variants=shown)
 
 
-def _rows(results: Results) -> Iterator[tuple[str, bool, Mapping[str, Any]]]:
-    """Heading of each row, True for all logs together, and its variants."""
+def _picture_rows(results: Results) -> Iterator[tuple[str, bool, Mapping[str, Any]]]:
+    """Heading of each row, whether it is of all logs together, and its variants."""
     logs, several = results["logs"], len(results["pooled"]) > 1
-    if len({one["label"] for one in logs}) > 1:
-        for robot, found in results["pooled"].items():
-            yield f"all logs, {robot}" if several else "all logs", True, found["variants"]
-    for one in logs:
-        yield f"{one['label']}, {one['robot']}" if several else one["label"], False, one["variants"]
+    if len({log["label"] for log in logs}) > 1:
+        for robot, pooled in results["pooled"].items():
+            yield f"all logs, {robot}" if several else "all logs", True, pooled["variants"]
+    for log in logs:
+        heading = f"{log['label']}, {log['robot']}" if several else log["label"]
+        yield heading, False, log["variants"]
 
 
-def _drifts(variants: Mapping[str, Any], label: str) -> dict[str, tuple[float, list[float] | None]]:
+def _drifts(
+    variants: Mapping[str, Any], horizon: str
+) -> dict[str, tuple[float, list[float] | None]]:
     """Drift of each filter that has one, with its interval [%]."""
-    key = f"drift_percent_{label}"
+    key = f"drift_percent_{horizon}"
     return {
-        name: (one[f"{key}_mean"], one[f"{key}_95"])
-        for name, one in page_text.filtered({"variants": variants}).items()
-        if one.get(f"{key}_mean")
+        name: (scores[f"{key}_mean"], scores[f"{key}_95"])
+        for name, scores in page_text.filtered({"variants": variants}).items()
+        if scores.get(f"{key}_mean")
     }
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Round numbers 1, 2, 5, 10, ... around a range."""
+    """Round numbers 1, 2, 5, 10, ... around a range; the first is at most `low`."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-    every = [round_ * 10.0**power for power in powers for round_ in (1.0, 2.0, 5.0)]
-    first = max(place for place, tick in enumerate(every) if tick <= low * (1.0 + 1e-9))
-    last = min(place for place, tick in enumerate(every) if tick > high)
-    return every[first : last + 1]
+    ticks = [digit * 10.0**power for power in powers for digit in (1.0, 2.0, 5.0)]
+    # A tick that equals `low` but for rounding counts as reached.
+    first = max(index for index, tick in enumerate(ticks) if tick <= low * (1.0 + 1e-9))
+    last = min(index for index, tick in enumerate(ticks) if tick > high)
+    return ticks[first : last + 1]

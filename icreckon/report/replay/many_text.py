@@ -9,7 +9,7 @@ UNSCORED = (
     "No log has a ground truth, so nothing is scored. The page of each log compares its variants."
 )
 # Variant that the ROS 2 node runs unless another one is set.
-LEARNS = "inertia-online"
+DEFAULT_VARIANT = "inertia-online"
 # Horizon that stands for all where only one is shown.
 USUAL_HORIZON = "30s"
 
@@ -18,37 +18,36 @@ def many_headline(results: Results) -> str:
     """Verdict over all logs: of the robot file, or of each against the first."""
     robots = list(results["pooled"])
     if len(robots) > 1:
-        lines = [_ratio_text(results, robot) for robot in results["ratios"]]
-        return " ".join(lines)
+        return " ".join(_ratio_text(results, robot) for robot in results["ratios"])
     return _robot_text(results["pooled"][robots[0]])
 
 
 def many_remarks(results: Results) -> list[str]:
     """Verdicts by robot file if there are several, and caveats."""
-    pooled = results["pooled"]
+    robots = results["pooled"]
     lines = []
-    if len(pooled) > 1:
-        lines = [f"{robot}: {_robot_text(found)}" for robot, found in pooled.items()]
-    if any(found["verdict"] for found in pooled.values()):
+    if len(robots) > 1:
+        lines = [f"{robot}: {_robot_text(pooled)}" for robot, pooled in robots.items()]
+    if any(pooled["verdict"] for pooled in robots.values()):
         lines.append(
             "Of all logs together: summed errors over summed distances. Intervals are over blocks of "
             "time of these logs. They do not cover other logs, days, grounds or robots, and the best was "
             "picked on the logs that it is scored on."
         )
-    helped = [one["label"] for one in results["logs"] if one["gyro_bias"]]
-    if helped:
+    with_known_bias = [log["label"] for log in results["logs"] if log["gyro_bias"]]
+    if with_known_bias:
         lines.append(
-            f"{GYRO} ran with the gyro bias that the truth shows, in {', '.join(helped)}: neither "
-            "standstill nor fixes showed it there."
+            f"{GYRO} ran with the gyro bias that the truth shows, in {', '.join(with_known_bias)}: "
+            "neither standstill nor fixes showed it there."
         )
     return lines + list(results["notes"])
 
 
-def _robot_text(found: Results) -> str:
+def _robot_text(pooled: Results) -> str:
     """Verdict of a robot file over all logs."""
-    if found["verdict"] is not None:
-        return page_text.verdict_text(found["verdict"], found["logs"])
-    if found["logs"]:
+    if pooled["verdict"] is not None:
+        return page_text.verdict_text(pooled["verdict"], pooled["logs"])
+    if pooled["logs"]:
         return (
             "Nowhere in these logs is there a stretch of dead reckoning long enough to score drift."
         )
@@ -57,79 +56,83 @@ def _robot_text(found: Results) -> str:
 
 def _ratio_text(results: Results, robot: str) -> str:
     """Drift of a robot file over that of the first, of the variant that drifts least."""
-    ratios, label = results["ratios"][robot], horizon_of(results)
-    verdicts = [results["pooled"][one]["verdict"] for one in (robot, ratios["to"])]
-    known = [one for one in verdicts if one and one["best"] in ratios["variants"]]
+    ratios, horizon = results["ratios"][robot], horizon_of(results)
+    first = ratios["to"]
+    verdicts = [results["pooled"][name]["verdict"] for name in (robot, first)]
+    known = [verdict for verdict in verdicts if verdict and verdict["best"] in ratios["variants"]]
     if not known:
-        return f"{robot} cannot be compared with {ratios['to']}: no segment is scored with both."
-    best = min(known, key=lambda one: float(one["drift_percent"]))["best"]
-    ratio, interval = (ratios["variants"][best][f"ratio_{label}{end}"] for end in ("", "_95"))
-    than = (
-        "as far as" if page_text.number(ratio) == page_text.number(1.0) else f"{change(ratio)} than"
-    )
-    said = (
-        f"With {robot}, {best} drifts {than} with {ratios['to']}{change_range(interval)}, "
-        f"{page_text.horizon_text(label)} of dead reckoning."
+        return f"{robot} cannot be compared with {first}: no segment is scored with both."
+    best = min(known, key=lambda verdict: float(verdict["drift_percent"]))["best"]
+    ratio, interval = (ratios["variants"][best][f"ratio_{horizon}{end}"] for end in ("", "_95"))
+    is_equal = page_text.number(ratio) == page_text.number(1.0)
+    than = "as far as" if is_equal else f"{change(ratio)} than"
+    text = (
+        f"With {robot}, {best} drifts {than} with {first}{change_range(interval)}, "
+        f"{page_text.horizon_text(horizon)} of dead reckoning."
     )
     if interval is None:
-        return f"{said} The logs are too short to say whether that is more than chance."
-    if interval[0] <= 1.0 <= interval[1]:
-        said += " That may be chance."
-    return said + _learning_text(results, robot, best)
+        return f"{text} The logs are too short to say whether that is more than chance."
+    low, high = interval
+    if low <= 1.0 <= high:
+        text += " That may be chance."
+    return text + _default_variant_text(results, robot, best)
 
 
-def _learning_text(results: Results, robot: str, best: str) -> str:
-    """Ratio of the default variant, where another one is the best."""
-    ratios, label = results["ratios"][robot], horizon_of(results)
-    learns = ratios["variants"].get(LEARNS)
-    if best == LEARNS or learns is None or learns[f"ratio_{label}"] is None:
+def _default_variant_text(results: Results, robot: str, best: str) -> str:
+    """Ratio of the default variant, where another one is the best; empty otherwise."""
+    scores = results["ratios"][robot]["variants"].get(DEFAULT_VARIANT)
+    key = f"ratio_{horizon_of(results)}"
+    if best == DEFAULT_VARIANT or scores is None or scores[key] is None:
         return ""
-    ratio, interval = (learns[f"ratio_{label}{end}"] for end in ("", "_95"))
-    return f" {LEARNS}, which learns as it drives, drifts {change(ratio)}{change_range(interval)}."
+    drifts = f"drifts {change(scores[key])}{change_range(scores[f'{key}_95'])}"
+    return f" {DEFAULT_VARIANT}, which learns as it drives, {drifts}."
 
 
 def horizon_of(results: Results) -> str:
-    """Horizon of the verdicts, for figures of one horizon."""
-    verdicts = [found["verdict"] for found in results["pooled"].values()]
-    return next((str(one["horizon"]) for one in verdicts if one), USUAL_HORIZON)
+    """Horizon of the first verdict, as "30s", for figures of one horizon."""
+    verdicts = [pooled["verdict"] for pooled in results["pooled"].values()]
+    horizons = [str(verdict["horizon"]) for verdict in verdicts if verdict]
+    return horizons[0] if horizons else USUAL_HORIZON
 
 
 def many_failures(results: Results) -> list[str]:
     """Logs and variants without a result, each with its reason."""
     lines = [
-        f"ERROR: {_name(one['log'], one['robot'], results)} has no result: {one['reason']}"
-        for one in results["failed"]
+        f"ERROR: {_log_name(case['log'], case['robot'], results)} has no result: {case['reason']}"
+        for case in results["failed"]
     ]
-    for one in results["logs"]:
-        name = _name(one["label"], one["robot"], results)
-        lines += [f"{name}: {line}" for line in page_text.failures(one)]
+    for log in results["logs"]:
+        name = _log_name(log["label"], log["robot"], results)
+        lines += [f"{name}: {line}" for line in page_text.failures(log)]
     return lines
 
 
 def many_doubts(results: Results) -> list[str]:
     """Contradictions of each log to the robot file that it was replayed with."""
     return [
-        f"{_name(one['label'], one['robot'], results)}: {line}"
-        for one in results["logs"]
-        for line in page_text.doubts(one)
+        f"{_log_name(log['label'], log['robot'], results)}: {doubt}"
+        for log in results["logs"]
+        for doubt in page_text.doubts(log)
     ]
 
 
-def _name(log: str, robot: str, results: Results) -> str:
-    robots = {one["robot"] for part in ("logs", "failed") for one in results[part]}
+def _log_name(log: str, robot: str, results: Results) -> str:
+    """Label of a log; with that of the robot file if there are several."""
+    robots = {case["robot"] for part in ("logs", "failed") for case in results[part]}
     return f"{log} with {robot}" if len(robots) > 1 else log
 
 
-def pooled_over(found: Results) -> str:
+def pooled_over(pooled: Results) -> str:
     """Logs, time and distance that scores of a robot file are from."""
-    logs = f"{found['logs']} logs" if found["logs"] != 1 else "1 log"
-    return f"{logs}, {page_text.number(found['duration_s'])} s, {page_text.number(found['distance_m'])} m"
+    logs = f"{pooled['logs']} logs" if pooled["logs"] != 1 else "1 log"
+    seconds, metres = page_text.number(pooled["duration_s"]), page_text.number(pooled["distance_m"])
+    return f"{logs}, {seconds} s, {metres} m"
 
 
-def left_out(found: Results) -> list[str]:
+def left_out(pooled: Results) -> list[str]:
     """Variants that lack a log which others have."""
     return [
-        f"{name} is scored in {one['logs']} of {found['logs']} logs."
-        for name, one in found["variants"].items()
-        if one["logs"] < found["logs"]
+        f"{name} is scored in {scores['logs']} of {pooled['logs']} logs."
+        for name, scores in pooled["variants"].items()
+        if scores["logs"] < pooled["logs"]
     ]

@@ -21,8 +21,6 @@ from icreckon.report.replay.tables import (
 )
 
 DEFAULT_HALF_LENGTH = Vehicle(mass=1.0, track_gauge=1.0, sprocket_radius=1.0).half_contact_length
-
-
 # Section of the page: its title, a note, tables.
 Section = tuple[str, str, list[Table]]
 
@@ -60,26 +58,27 @@ def replay_page(results: Results) -> str:
 
 
 def _scored(results: Results) -> list[Section]:
-    """Drift or differences, and other scores."""
+    """Sections of drift and other scores; without a truth, distances of variants."""
     variants = results["variants"]
     if not results["truth"]:
-        labels = _filled(results, "apart_percent_{}_mean")
-        head = ["variant", *(horizon_text(label) for label in labels)]
-        keys = [f"apart_percent_{label}_mean" for label in labels]
-        rows = [
-            (name, [Cell(number(one.get(key))) for key in keys]) for name, one in variants.items()
-        ]
+        labels = _horizons_with(results, "apart_percent_{}_mean")
+        head = ["variant", *map(horizon_text, labels)]
+        rows = []
+        for name, scores in variants.items():
+            distances = [scores.get(f"apart_percent_{label}_mean") for label in labels]
+            rows.append((name, [Cell(number(distance)) for distance in distances]))
         caption = f"Distance from {results['reference_variant']}, % of the distance driven"
         note = f"{caption}, aligned at each segment's start."
         return [
             ("How far apart per horizon", note, [Table("", head, rows)]),
             ("Ends", "", [_score_table(results, DIFFERENCE_COLUMNS)]),
         ]
+    # The first three columns are drifts, which have tables of their own.
     has_yaw = page_text.has_yaw_errors(results)
-    of_truth = (*SCORE_COLUMNS[3:], *END_COLUMNS) if has_yaw else POSITION_COLUMNS[3:]
+    columns = (*SCORE_COLUMNS[3:], *END_COLUMNS) if has_yaw else POSITION_COLUMNS[3:]
     sections: list[Section] = [
         ("Drift per horizon", page_text.scored_text(results), drift_tables(results)),
-        ("Other scores", "", [_score_table(results, of_truth)]),
+        ("Other scores", "", [_score_table(results, columns)]),
     ]
     if page_text.is_spatial(results):
         table = _score_table(results, SPATIAL_COLUMNS)
@@ -88,32 +87,27 @@ def _scored(results: Results) -> list[Section]:
 
 
 def drift_tables(results: Results) -> list[Table]:
-    """Drift per horizon and ratio to the baseline, with intervals."""
-    labels = _filled(results, "drift_percent_{}_mean")
-    head = ["variant", *(horizon_text(label) for label in labels)]
-    baseline = results["baseline_variant"]
-    variants, tables = results["variants"], []
-    for title, key in (
-        (
-            "% of the distance, with 95 % intervals; bold: the lowest of the filters",
-            "drift_percent_{}_mean",
-        ),
-        (f"Ratio to {baseline}, over the same segments", "drift_ratio_{}"),
-    ):
-        rows = []
-        best = {place: lowest(variants, place) for place in (key.format(label) for label in labels)}
-        for name, one in variants.items():
-            cells = []
-            for label in labels:
-                place = key.format(label)
-                interval = one.get(f"{place.removesuffix('_mean')}_95")
-                if name == baseline and "ratio" in key:
-                    interval = None
-                is_best = best.get(place) == name and "ratio" not in key
-                cells.append(interval_cell(one.get(place), interval, is_best=is_best))
-            rows.append((name, cells))
-        tables.append(Table(title, head, rows))
-    return tables
+    """Drift per horizon, and its ratio to the baseline's, with 95 % intervals beneath."""
+    variants, baseline = results["variants"], results["baseline_variant"]
+    labels = _horizons_with(results, "drift_percent_{}_mean")
+    head = ["variant", *map(horizon_text, labels)]
+    best = {label: lowest(variants, f"drift_percent_{label}_mean") for label in labels}
+    drift_rows, ratio_rows = [], []
+    for name, scores in variants.items():
+        drifts, ratios = [], []
+        for label in labels:
+            key = f"drift_percent_{label}"
+            is_best = best[label] == name
+            drift, interval = scores.get(f"{key}_mean"), scores.get(f"{key}_95")
+            drifts.append(interval_cell(drift, interval, is_best=is_best))
+            key = f"drift_ratio_{label}"
+            interval = None if name == baseline else scores.get(f"{key}_95")
+            ratios.append(interval_cell(scores.get(key), interval))
+        drift_rows.append((name, drifts))
+        ratio_rows.append((name, ratios))
+    title = "% of the distance, with 95 % intervals; bold: the lowest of the filters"
+    ratio_title = f"Ratio to {baseline}, over the same segments"
+    return [Table(title, head, drift_rows), Table(ratio_title, head, ratio_rows)]
 
 
 def interval_cell(
@@ -124,41 +118,45 @@ def interval_cell(
     return Cell(number(value), "best" if is_best else "", beneath)
 
 
-def _filled(results: Results, key: str) -> list[str]:
-    """Horizons that have figures, or all if none has."""
-    filled = [
-        label
-        for label in results["horizons"]
-        if any(one.get(key.format(label)) is not None for one in results["variants"].values())
-    ]
-    return filled or list(results["horizons"])
+def _horizons_with(results: Results, key: str) -> list[str]:
+    """Labels of horizons, as "30s", with a score by any variant; all if there is none.
+
+    `key` is the name of the score with {} for the label.
+    """
+    labels, variants = list(results["horizons"]), results["variants"].values()
+    known = {name for scores in variants for name, value in scores.items() if value is not None}
+    return [label for label in labels if key.format(label) in known] or labels
 
 
 def _score_table(results: Results, columns: Sequence[Column]) -> Table:
+    """Table of scores; those of `THOUSANDTHS` in mm/s and mrad/s."""
+
     def text(value: float | None, key: str) -> str:
         return number(1e3 * value if value is not None and key.startswith(THOUSANDTHS) else value)
 
     rows = [
-        (name, [Cell(text(one.get(key), key)) for _, key, _ in columns])
-        for name, one in results["variants"].items()
+        (name, [Cell(text(scores.get(key), key)) for _, key, _ in columns])
+        for name, scores in results["variants"].items()
     ]
-    return Table("", ["variant", *(head.replace("\n", ", ") for head, _, _ in columns)], rows)
+    headings = [heading.replace("\n", ", ") for heading, _, _ in columns]
+    return Table("", ["variant", *headings], rows)
 
 
 def _drive_note(results: Results) -> str:
+    """Explain the drawing of the robot on its path: sizes, ICRs, interval of the rows."""
     vehicle = results["robot"]["vehicle"]
-    half = vehicle["half_contact_length"]
-    # Only a file that gives another length has it from somewhere.
-    assumed = " (assumed: the default)" if half == DEFAULT_HALF_LENGTH else " (not measured here)"
+    half_length = vehicle["half_contact_length"]
+    # A length other than the default was set in the file.
+    origin = "assumed: the default" if half_length == DEFAULT_HALF_LENGTH else "not measured here"
+    name = "wheelbase" if has_wheels(vehicle) else "contact length"
+    length = f"{name} {number(2.0 * half_length)} m ({origin})"
     rings = ""
     if "icr_distance_m" in results["series"].get("truth", {}):
         rings = " Rings: where the ICRs truly are, while the robot turns."
     times = results["series"]["t_s"]
     step = (times[-1] - times[0]) / max(1, len(times) - 1)
-    size = f"{number(2.0 * half)} m{assumed}"
-    along = f"wheelbase {size}" if has_wheels(vehicle) else f"contact length {size}"
     return (
-        f"Drawn to scale, by the robot file: track gauge {number(vehicle['track_gauge'])} m, {along}; "
+        f"Drawn to scale, by the robot file: track gauge {number(vehicle['track_gauge'])} m, {length}; "
         f"the width of the {'wheels' if has_wheels(vehicle) else 'tracks'} is not. The ICR of a track is "
         "the point where its tread would not slide over the ground. Without slip it lies on the "
         "track; the farther out both lie, the more turning is lost. Dots: their last 6 s. Line: the last "
@@ -187,6 +185,7 @@ def _icrs_note(results: Results) -> str:
 
 
 def _parameters_note(results: Results) -> str:
+    # Each variant has the times, under "t_s", also without parameters.
     if not any(len(one["parameters"]) > 1 for one in results["series"]["variants"].values()):
         return "No variant that was run learns any."
     return (
@@ -197,19 +196,23 @@ def _parameters_note(results: Results) -> str:
 
 
 def _constant_table(results: Results) -> Table | None:
-    """Table of the parameters that no variant moves, instead of charts of level lines."""
-    rows: dict[tuple[str, str], list[str]] = {}
-    for parameter, of in constant_parameters(results).items():
-        for name, (value, sigma) in of.items():
+    """Table of the parameters that no variant moves, instead of charts of level lines.
+
+    Variants with the same value share a row. None if there is no such parameter.
+    """
+    variants_of: dict[tuple[str, str], list[str]] = {}
+    for parameter, estimates in constant_parameters(results).items():
+        for variant, (value, sigma) in estimates.items():
             text = f"{_digits(value)} ± {_digits(2.0 * sigma)} {unit(parameter)}".removesuffix(" -")
-            rows.setdefault((parameter, text), []).append(name)
-    if not rows:
+            variants_of.setdefault((parameter, text), []).append(variant)
+    if not variants_of:
         return None
     title = "Constant, and in no chart: these variants move them by less than a tenth of their σ."
-    cells = [
-        (name, [Cell(text), Cell(", ".join(names), "wrap")]) for (name, text), names in rows.items()
+    rows = [
+        (parameter, [Cell(text), Cell(", ".join(variants), "wrap")])
+        for (parameter, text), variants in variants_of.items()
     ]
-    return Table(title, ["parameter", "value ± 2σ", "variants"], cells)
+    return Table(title, ["parameter", "value ± 2σ", "variants"], rows)
 
 
 def _digits(value: float) -> str:
@@ -228,47 +231,41 @@ def _innovations_note(results: Results) -> str:
 
 
 def _innovation_table(results: Results) -> Table | None:
-    names = list(
-        dict.fromkeys(
-            component
-            for one in results["series"]["variants"].values()
-            for component in one["innovations"]
-        )
-    )
-    if not names:
+    """Share of large innovations by variant and component; None if there are none."""
+    variants = results["series"]["variants"]
+    innovations = {name: variants[name]["innovations"] for name in variants}
+    components = list(dict.fromkeys(key for one in innovations.values() for key in one))
+    if not components:
         return None
     rows = []
-    for name, one in results["series"]["variants"].items():
-        if not one["innovations"]:
+    for name, by_component in innovations.items():
+        if not by_component:
             continue
         cells: list[Cell] = []
-        for component in names:
-            values = one["innovations"].get(component, {}).get("normalised", [])
-            known = [abs(value) for value in values if value is not None]
-            if not known:
+        for component in components:
+            values = by_component.get(component, {}).get("normalised", [])
+            sizes = [abs(value) for value in values if value is not None]
+            if not sizes:
                 cells.append(Cell("–"))
                 continue
-            beyond = [100.0 * sum(size > edge for size in known) / len(known) for edge in (2, 3)]
-            cells.append(Cell(f"{beyond[0]:.1f} %", beneath=f"{beyond[1]:.1f} %"))
+            beyond_2, beyond_3 = (sum(size > bound for size in sizes) for bound in (2, 3))
+            percent = 100.0 / len(sizes)
+            cells.append(Cell(f"{percent * beyond_2:.1f} %", beneath=f"{percent * beyond_3:.1f} %"))
         rows.append((name, cells))
     title = "Share beyond ±2, and beneath it beyond ±3, of the innovations shown (ideal: 4.6 % and 0.3 %)"
-    return Table(title, ["variant", *(one.replace("_", " ") for one in names)], rows)
+    return Table(title, ["variant", *(key.replace("_", " ") for key in components)], rows)
 
 
 def _dropped_by_filter(results: Results) -> Table:
+    """Measurements used and rejected, NIS and standstill updates of each variant."""
     rows = []
-    for name, one in page_text.filtered(results).items():
-        used = ", ".join(f"{count} × {what}" for what, count in one["used"].items() if count)
-        rejected = page_text.rejections_text(one) or "none"
-        nis = ", ".join(f"{what} {number(value)}" for what, value in one["nis"].items() if value)
+    for name, scores in page_text.filtered(results).items():
+        used = ", ".join(f"{count} × {sensor}" for sensor, count in scores["used"].items() if count)
+        rejected = page_text.rejections_text(scores) or "none"
+        nis = ", ".join(f"{name} {number(mean)}" for name, mean in scores["nis"].items() if mean)
         cells = [Cell(text, "wrap") for text in (used, rejected, nis)]
-        cells.append(Cell(str(one["standstill_updates"])))
+        cells.append(Cell(str(scores["standstill_updates"])))
         rows.append((name, cells))
-    head = [
-        "variant",
-        "used",
-        "rejected",
-        "mean NIS per degree of freedom, ideal 1",
-        "standstill updates",
-    ]
+    nis_heading = "mean NIS per degree of freedom, ideal 1"
+    head = ["variant", "used", "rejected", nis_heading, "standstill updates"]
     return Table("By each filter:", head, rows)

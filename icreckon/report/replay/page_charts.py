@@ -30,8 +30,8 @@ TRUTH, FIXES = "ground truth", "fixes used"
 FIRST_SHOWN = ("differential", "constant-online", "inertia-online")
 # Number of variants up to which all are shown.
 FEW = 4
-# Its ICRs lie on its tracks by definition, and would widen the axes.
-BY_DEFINITION = "differential"
+# The variant whose ICRs lie on its tracks by definition, and would widen the axes.
+ON_TRACKS = "differential"
 # Innovations beyond are not drawn.
 LARGEST_INNOVATION = 10.0
 DEGREES = 180.0 / math.pi
@@ -83,14 +83,14 @@ INNOVATION_TITLES = {
 def page_data(results: Results) -> Results:
     """Input of the page's scripts: series with styles, columns, charts, the drive."""
     columns = _columns(results)
-    charts = [*_errors(results, columns), *_motion(results, columns), *_inputs(results, columns)]
-    charts += [*_icrs(results, columns), *_parameters(results, columns)]
-    charts += _innovations(results, columns)
+    charts = [*_error_charts(results, columns), *_motion_charts(results, columns)]
+    charts += [*_input_charts(results, columns), *_icr_charts(results, columns)]
+    charts += [*_parameter_charts(results, columns), *_innovation_charts(results, columns)]
     drive = drive_data(results, columns)
     return {
         "series": switches(results),
         "columns": columns,
-        "breaks": {name: breaks_of(columns[name]) for name in _times_in(charts)},
+        "breaks": {name: breaks_of(columns[name]) for name in _time_columns(charts)},
         "charts": charts,
         "drive": drive,
     }
@@ -99,15 +99,13 @@ def page_data(results: Results) -> Results:
 def switches(results: Results) -> list[Results]:
     """Series that can be hidden: name, colours, dash, and whether shown at first."""
     names, verdict = list(results["variants"]), results["verdict"] or {}
-    first = {*FIRST_SHOWN, verdict.get("best"), verdict.get("baseline")}
-    few = len(names) <= FEW
-    shown = {name: few or name in first for name in names}
-    if not any(shown.values()):
-        shown = dict.fromkeys(names, True)
-    found = [
-        _switch(name, colour_of(name), "2 3" if name.endswith(SMOOTHED) else "", shown=shown[name])
-        for name in names
-    ]
+    first_shown = {*FIRST_SHOWN, verdict.get("best"), verdict.get("baseline")}
+    are_few = len(names) <= FEW or first_shown.isdisjoint(names)
+    found = []
+    for name in names:
+        dash = "2 3" if name.endswith(SMOOTHED) else ""
+        is_shown = are_few or name in first_shown
+        found.append(_switch(name, colour_of(name), dash, is_shown=is_shown))
     if "truth" in results["series"]:
         found.append(_switch(TRUTH, TRUTH_COLOUR, ""))
     if results["series"].get("fixes", {}).get("x_m"):
@@ -115,30 +113,33 @@ def switches(results: Results) -> list[Results]:
     return found
 
 
-def _switch(name: str, colour: str, dash: str, *, shown: bool = True) -> Results:
-    return {"name": name, "colour": colour, "dark": on_dark(colour), "dash": dash, "shown": shown}
+def _switch(name: str, colour: str, dash: str, *, is_shown: bool = True) -> Results:
+    dark = on_dark(colour)
+    return {"name": name, "colour": colour, "dark": dark, "dash": dash, "shown": is_shown}
 
 
 def _columns(results: Results) -> dict[str, Numbers]:
     """Columns that charts share; those of a variant begin with its name."""
     series = results["series"]
     columns = {"t": series["t_s"], "distance": series["distance_m"]}
-    for name, one in series["variants"].items():
-        for key, values in one.items():
+    for name, variant in series["variants"].items():
+        for key, values in variant.items():
+            # Indices are drawn as ICRs, ellipses and all that is no list elsewhere.
             if isinstance(values, list) and key not in ("ellipses", "zeta_m", "epsilon_m", "eta"):
                 columns[f"{name}/{key}"] = values
-    for part, title in (("truth", TRUTH), ("fixes", FIXES), ("inputs", "inputs")):
+    for part, prefix in (("truth", TRUTH), ("fixes", FIXES), ("inputs", "inputs")):
         for key, values in series.get(part, {}).items():
             if key not in ("zeta_m", "epsilon_m", "icr_distance_m"):
-                columns[f"{title}/{key}"] = values
+                columns[f"{prefix}/{key}"] = values
     return columns
 
 
-def _times_in(charts: list[Chart]) -> list[str]:
-    """Names of all columns of times."""
-    parts = ("lines", "bands")
-    found = [item["x"] for chart in charts for part in parts for item in chart.get(part, [])]
-    return list(dict.fromkeys(["t", *found]))
+def _time_columns(charts: list[Chart]) -> list[str]:
+    """Names of the columns of times that charts have lines or bands over."""
+    names = ["t"]
+    for chart in charts:
+        names += [item["x"] for part in ("lines", "bands") for item in chart.get(part, [])]
+    return list(dict.fromkeys(names))
 
 
 def breaks_of(times: Numbers) -> list[int]:
@@ -150,58 +151,53 @@ def breaks_of(times: Numbers) -> list[int]:
     return (np.flatnonzero(steps > longest) + 1).tolist()
 
 
-def _errors(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Errors against the truth, or else differences from the reference variant."""
-    truth, names = results["truth"], results["series"]["variants"]
-    headings = has_yaw_errors(results)
-    if truth:
-        titles = ["Position error", "Yaw error" if headings else "Yaw"]
-        keys = ["position_error_m", "yaw_error_rad" if headings else "yaw_rad"]
-    else:
+def _error_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """Charts of errors in position and yaw; of differences if there is no truth.
+
+    Differences are those from the reference variant; their columns are added to `columns`.
+    """
+    names = results["series"]["variants"]
+    has_yaw = has_yaw_errors(results)
+    position_title, position_key = "Position error", "position_error_m"
+    yaw_title, yaw_key = ("Yaw error", "yaw_error_rad") if has_yaw else ("Yaw", "yaw_rad")
+    if not results["truth"]:
         reference = results["reference_variant"]
-        titles = [f"Distance from {reference}", f"Yaw less that of {reference}"]
-        keys = ["apart_m", "yaw_apart_rad"]
+        position_title, position_key = f"Distance from {reference}", "apart_m"
+        yaw_title, yaw_key = f"Yaw less that of {reference}", "yaw_apart_rad"
         for name in names:
             columns[f"{name}/apart_m"], columns[f"{name}/yaw_apart_rad"] = _apart(results, name)
     spans = _scored_spans(results)
     scored = " Yellow: without fixes, where drift is scored." if spans else ""
-    common = {
-        "place": "errors",
-        "spans": spans,
-        "note": f"Bands: the filter's own 3σ; bar at the edge: 3σ is off scale.{scored}",
-    }
+    note = f"Bands: the filter's own 3σ; bar at the edge: 3σ is off scale.{scored}"
+    common = {"place": "errors", "spans": spans, "note": note}
     position: Chart = {
-        "title": titles[0],
+        "title": position_title,
         "y_label": "position [m]",
         "floor": 0.0,
         "least": 1e-3,
-        "lines": [_line(name, keys[0]) for name in names],
-        "bands": [
-            _band(name, f"{name}/position_sigma_m", 3.0)
-            for name in names
-            if known(columns[f"{name}/position_sigma_m"])
-        ],
     }
-    yaw: Chart = {
-        "title": titles[1],
-        "y_label": "yaw [deg]",
-        "least": 0.01,
-        "lines": [_line(name, keys[1], scale=DEGREES) for name in names],
-        "bands": [
-            _band(name, f"{name}/yaw_sigma_rad", 3.0, scale=DEGREES)
-            | {"middle": f"{name}/yaw_rad" if keys[1] == "yaw_rad" else None}
-            for name in names
-            if known(columns[f"{name}/yaw_sigma_rad"])
-        ],
-    }
+    position["lines"] = [_line(name, position_key) for name in names]
+    sigmas = {name: f"{name}/position_sigma_m" for name in names}
+    position["bands"] = [
+        _band(name, sigmas[name], 3.0) for name in names if known(columns[sigmas[name]])
+    ]
+    yaw: Chart = {"title": yaw_title, "y_label": "yaw [deg]", "least": 0.01}
+    yaw["lines"] = [_line(name, yaw_key, scale=DEGREES) for name in names]
+    yaw["bands"] = []
+    for name in names:
+        if known(columns[f"{name}/yaw_sigma_rad"]):
+            band = _band(name, f"{name}/yaw_sigma_rad", 3.0, scale=DEGREES)
+            # About zero for an error, about the yaw itself otherwise.
+            middle = f"{name}/yaw_rad" if yaw_key == "yaw_rad" else None
+            yaw["bands"].append(band | {"middle": middle})
     return [common | position, common | yaw]
 
 
 def _apart(results: Results, name: str) -> tuple[Numbers, Numbers]:
-    """Distance and yaw from the reference variant, row by row."""
-    series = results["series"]["variants"]
-    one, other = series[name], series[results["reference_variant"]]
-    x, y, yaw = (floats(one[key]) - floats(other[key]) for key in ("x_m", "y_m", "yaw_rad"))
+    """Distance [m] and yaw [rad] of a variant from the reference one, row by row."""
+    variants = results["series"]["variants"]
+    own, reference = variants[name], variants[results["reference_variant"]]
+    x, y, yaw = (floats(own[key]) - floats(reference[key]) for key in ("x_m", "y_m", "yaw_rad"))
     return listed(np.hypot(x, y)), listed(yaw)
 
 
@@ -211,10 +207,10 @@ def _scored_spans(results: Results) -> list[list[float]]:
     return list(truth["scored_s"]) if truth and results["log"]["fixes"] else []
 
 
-def _motion(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Pose, speed and yaw rate over time, with the truth where it is known."""
-    series = results["series"]
-    yaw = _one_turn(results, columns)
+def _motion_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """Charts of pose, speed and yaw rate, with the truth where it is known."""
+    series, variants = results["series"], results["series"]["variants"]
+    moved_yaws = _move_by_turns(results, columns)
     charts = []
     for title, key, label, scale in (
         ("x in odom", "x_m", "x [m]", 1.0),
@@ -227,77 +223,69 @@ def _motion(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
         ("Roll", "roll_rad", "roll [deg]", DEGREES),
         ("Pitch, nose down", "pitch_rad", "pitch [deg]", DEGREES),
     ):
-        lines = [
-            _line(name, key, scale=scale) for name, one in series["variants"].items() if key in one
-        ]
+        lines = [_line(name, key, scale=scale) for name in variants if key in variants[name]]
+        if key == "yaw_rad":
+            lines = [line | {"y": moved_yaws.get(line["series"], line["y"])} for line in lines]
+        if key in series.get("truth", {}):
+            lines.insert(0, _line(TRUTH, key, scale=scale) | {"width": 3})
+        if not lines:
+            continue
+        chart: Chart = {"place": "motion", "title": title, "y_label": label, "least": 1e-3}
+        # Height, roll and pitch have a sigma, as "z_sigma_m". The yaw's is in the chart of its errors.
         sigma = key.replace("_", "_sigma_")
         bands = [
             _band(name, f"{name}/{sigma}", 2.0, scale=scale) | {"middle": f"{name}/{key}"}
-            for name, one in series["variants"].items()
-            if sigma in one and key != "yaw_rad"
+            for name in variants
+            if sigma in variants[name] and key != "yaw_rad"
         ]
-        if key in series.get("truth", {}):
-            lines.insert(0, _line(TRUTH, key, scale=scale) | {"width": 3})
-        if key == "yaw_rad":
-            lines = [line | {"y": yaw.get(line["series"], line["y"])} for line in lines]
-        chart: Chart = {"place": "motion", "title": title, "y_label": label, "least": 1e-3}
         if bands:
             chart |= {"bands": bands, "note": "Bands: ±2σ of the filter."}
         charts.append(chart | {"lines": lines})
-    return [chart for chart in charts if chart["lines"]]
+    return charts
 
 
-def _one_turn(results: Results, columns: dict[str, Numbers]) -> dict[str, str]:
-    """Columns of yaws, by variant, moved by full turns to that of the truth.
+def _move_by_turns(results: Results, columns: dict[str, Numbers]) -> dict[str, str]:
+    """Move yaws by full turns to that of the truth, or else of the reference variant.
 
-    In a hole of the log, a filter may turn more or less often than the robot did.
+    In a hole of the log, a filter may turn more or less often than the robot did. Adds a column for each
+    variant that moves; returns their names by variant.
     """
-    series, reference = results["series"], results["reference_variant"]
-    target = floats(
-        series["truth"]["yaw_rad"]
-        if "truth" in series
-        else series["variants"][reference]["yaw_rad"]
-    )
-    found = {}
-    for name, one in series["variants"].items():
-        own = floats(one["yaw_rad"])
+    series = results["series"]
+    variants = series["variants"]
+    has_truth = "truth" in series
+    reference = series["truth"] if has_truth else variants[results["reference_variant"]]
+    target = floats(reference["yaw_rad"])
+    column_names = {}
+    for name, variant in variants.items():
+        own = floats(variant["yaw_rad"])
         turns = np.round((target - own) / (2.0 * math.pi))
         # Where the target is not known, the newest number of turns holds.
-        rows = np.maximum.accumulate(np.where(np.isfinite(turns), np.arange(len(turns)), 0))
-        turns = np.nan_to_num(turns[rows]) if len(turns) else turns
+        newest = np.maximum.accumulate(np.where(np.isfinite(turns), np.arange(len(turns)), 0))
+        turns = np.nan_to_num(turns[newest]) if len(turns) else turns
         if turns.any():
-            found[name] = f"{name}/yaw_of_truth_rad"
-            columns[found[name]] = listed(own + 2.0 * math.pi * turns)
-    return found
+            column_names[name] = f"{name}/yaw_of_truth_rad"
+            columns[column_names[name]] = listed(own + 2.0 * math.pi * turns)
+    return column_names
 
 
-def _inputs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Measured track speeds, and the yaw rate by them and that of the gyro."""
-    inputs, place = results["series"]["inputs"], "inputs"
-    tracks: Chart = {
-        "place": place,
-        "title": "Track speeds, as measured",
-        "y_label": "speed [m/s]",
-        "least": 1e-3,
-        "lines": [
-            _labelled("left track", "inputs/left_m_s", LEFT_COLOUR),
-            _labelled("right track", "inputs/right_m_s", RIGHT_COLOUR),
-        ],
-    }
-    commanded = turning_by_tracks(results)
-    columns["inputs/tracks_rad_s"] = listed(commanded)
+def _input_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """Charts of measured track speeds, and of the yaw rates by them and by the gyro.
+
+    Adds the column "inputs/tracks_rad_s".
+    """
+    common: Chart = {"place": "inputs", "least": 1e-3}
+    speeds = common | {"title": "Track speeds, as measured", "y_label": "speed [m/s]"}
+    speeds["lines"] = [
+        _labelled("left track", "inputs/left_m_s", LEFT_COLOUR),
+        _labelled("right track", "inputs/right_m_s", RIGHT_COLOUR),
+    ]
+    columns["inputs/tracks_rad_s"] = listed(turning_by_tracks(results))
     label = "by the tracks, (right − left) / gauge"
     lines = [_labelled(label, "inputs/tracks_rad_s", RIGHT_COLOUR)]
-    if "gyro_rad_s" in inputs:
+    if "gyro_rad_s" in results["series"]["inputs"]:
         lines.append(_labelled("by the gyro", "inputs/gyro_rad_s", GYRO_COLOUR))
-    turning: Chart = {
-        "place": place,
-        "title": "Yaw rate: tracks against gyro",
-        "y_label": "yaw rate [rad/s]",
-        "least": 1e-3,
-        "lines": lines,
-    }
-    return [tracks, turning]
+    turning = common | {"title": "Yaw rate: tracks against gyro", "y_label": "yaw rate [rad/s]"}
+    return [speeds, turning | {"lines": lines}]
 
 
 def turning_by_tracks(results: Results) -> Any:
@@ -306,29 +294,29 @@ def turning_by_tracks(results: Results) -> Any:
     return (floats(inputs["right_m_s"]) - floats(inputs["left_m_s"])) / gauge
 
 
-def _icrs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """Coordinates of the tracks' ICRs in base_link over time."""
+def _icr_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """Charts of the coordinates of the tracks' ICRs in base_link; adds their columns."""
     gauge, series = results["robot"]["vehicle"]["track_gauge"], results["series"]
     indices = {
-        name: [floats(one[key]) for key in ("zeta_m", "epsilon_m", "eta")]
-        for name, one in series["variants"].items()
+        name: [floats(variant[key]) for key in ("zeta_m", "epsilon_m", "eta")]
+        for name, variant in series["variants"].items()
     }
     truth = series.get("truth", {})
     if "icr_distance_m" in truth:
-        indices[TRUTH] = [floats(truth[key]) for key in ("zeta_m", "epsilon_m")]
-        indices[TRUTH].append(floats(truth["icr_distance_m"]) / gauge)
-    for name, one in indices.items():
-        left, right = icr_points(IndexValues(*one), gauge)
-        columns[f"{name}/icr_x_m"] = listed(left[0])
-        columns[f"{name}/left_icr_y_m"] = listed(left[1])
-        columns[f"{name}/right_icr_y_m"] = listed(right[1])
+        eta = floats(truth["icr_distance_m"]) / gauge
+        indices[TRUTH] = [floats(truth["zeta_m"]), floats(truth["epsilon_m"]), eta]
+    for name, values in indices.items():
+        (x, left_y), (_, right_y) = icr_points(IndexValues(*values), gauge)
+        columns[f"{name}/icr_x_m"] = listed(x)
+        columns[f"{name}/left_icr_y_m"] = listed(left_y)
+        columns[f"{name}/right_icr_y_m"] = listed(right_y)
+    drawn = [name for name in indices if name.removesuffix(SMOOTHED) != ON_TRACKS]
     charts = []
     for title, key, label in (
         ("ICR of the left track, to the left", "left_icr_y_m", "y of the left ICR [m]"),
         ("ICR of the right track, to the left", "right_icr_y_m", "y of the right ICR [m]"),
         ("Both ICRs, forward", "icr_x_m", "x of the ICRs [m]"),
     ):
-        drawn = [name for name in indices if name.removesuffix(SMOOTHED) != BY_DEFINITION]
         lines = [_line(name, key) for name in drawn if name != TRUTH]
         points = [_line(name, key) for name in drawn if name == TRUTH]
         if not lines:
@@ -338,40 +326,34 @@ def _icrs(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
     return charts
 
 
-def _parameters(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """One chart for each parameter that a variant moves."""
+def _parameter_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """One chart for each parameter that a variant moves; adds columns of all."""
     constant = constant_parameters(results)
-    learnt: dict[str, list[str]] = {}
-    for name, one in results["series"]["variants"].items():
-        for parameter, values in one["parameters"].items():
+    variants_of: dict[str, list[str]] = {}
+    for name, variant in results["series"]["variants"].items():
+        for parameter, values in variant["parameters"].items():
             if parameter == "t_s":
                 columns[f"{name}/parameters/t_s"] = values
                 continue
             columns[f"{name}/{parameter}"] = values["value"]
             columns[f"{name}/{parameter}/sigma"] = values["sigma"]
-            learnt.setdefault(parameter, []).append(name)
+            variants_of.setdefault(parameter, []).append(name)
     charts = []
-    for parameter, names in learnt.items():
-        names = [name for name in names if name not in constant.get(parameter, {})]
+    for parameter, variants in variants_of.items():
+        names = [name for name in variants if name not in constant.get(parameter, {})]
         if not names:
             continue
-        usual = max(_median(columns[f"{name}/{parameter}/sigma"]) for name in names)
-        times = {name: {"x": f"{name}/parameters/t_s"} for name in names}
-        charts.append(
-            {
-                "place": "parameters",
-                "title": PARAMETER_TITLES.get(parameter, parameter),
-                "y_label": f"{parameter} [{unit(parameter)}]",
-                "lines": [_line(name, parameter) | times[name] for name in names],
-                "bands": [
-                    _band(name, f"{name}/{parameter}/sigma", 2.0)
-                    | times[name]
-                    | {"middle": f"{name}/{parameter}"}
-                    for name in names
-                ],
-                "least": max(0.2 * usual, 1e-12),
-            }
-        )
+        usual_sigma = max(_median(columns[f"{name}/{parameter}/sigma"]) for name in names)
+        lines, bands = [], []
+        for name in names:
+            times = {"x": f"{name}/parameters/t_s"}
+            lines.append(_line(name, parameter) | times)
+            band = _band(name, f"{name}/{parameter}/sigma", 2.0)
+            bands.append(band | times | {"middle": f"{name}/{parameter}"})
+        title = PARAMETER_TITLES.get(parameter, parameter)
+        chart: Chart = {"place": "parameters", "title": title, "lines": lines, "bands": bands}
+        chart["y_label"] = f"{parameter} [{unit(parameter)}]"
+        charts.append(chart | {"least": max(0.2 * usual_sigma, 1e-12)})
     return charts
 
 
@@ -382,11 +364,11 @@ def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, fl
     are the names of parameters and variants.
     """
     found: dict[str, dict[str, tuple[float, float]]] = {}
-    for name, one in results["series"]["variants"].items():
-        for parameter, columns in one["parameters"].items():
+    for name, variant in results["series"]["variants"].items():
+        for parameter, columns in variant["parameters"].items():
             if parameter == "t_s":
                 continue
-            value, sigma = (floats(columns[key]) for key in ("value", "sigma"))
+            value, sigma = floats(columns["value"]), floats(columns["sigma"])
             moves = np.ptp(value) >= FLAT * sigma[0] or sigma[-1] < (1.0 - FLAT) * sigma[0]
             if np.isfinite(value).all() and not moves:
                 found.setdefault(parameter, {})[name] = (float(value[-1]), float(sigma[-1]))
@@ -394,19 +376,21 @@ def constant_parameters(results: Results) -> dict[str, dict[str, tuple[float, fl
 
 
 def _median(values: Numbers) -> float:
-    found = floats(values)
-    return float(np.nanmedian(found)) if np.isfinite(found).any() else 0.0
+    """Median of the known values; 0 without any."""
+    numbers = floats(values)
+    return float(np.nanmedian(numbers)) if np.isfinite(numbers).any() else 0.0
 
 
-def _innovations(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
-    """One chart for each component of a sensor."""
+def _innovation_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
+    """One chart for each component of a sensor, in units of σ; adds their columns."""
     points: dict[str, list[Results]] = {}
-    for name, one in results["series"]["variants"].items():
-        for component, values in one["innovations"].items():
+    for name, variant in results["series"]["variants"].items():
+        for component, values in variant["innovations"].items():
             key = f"{name}/innovation_{component}"
             columns[f"{key}/t_s"], columns[key] = values["t_s"], values["normalised"]
             dots = {"series": name, "x": f"{key}/t_s", "y": key, "size": 1.1}
             points.setdefault(component, []).append(dots)
+    # Dashed at two sigma, solid at three.
     levels = [{"y": y, "dash": "4 3"} for y in (-2.0, 2.0)]
     levels += [{"y": y} for y in (-3.0, 3.0)]
     return [
@@ -414,24 +398,27 @@ def _innovations(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
             "place": "innovations",
             "title": INNOVATION_TITLES.get(component, component.replace("_", " ")),
             "y_label": "innovation / σ [-]",
-            "points": found,
+            "points": component_points,
             "levels": levels,
             "limit": LARGEST_INNOVATION,
             "least": 0.1,
         }
-        for component, found in points.items()
+        for component, component_points in points.items()
     ]
 
 
 def _line(name: str, key: str, *, scale: float = 1.0) -> Results:
+    """Line of a variant's column over the common time, times `scale`."""
     return {"series": name, "x": "t", "y": f"{name}/{key}", "scale": scale}
 
 
 def _band(name: str, sigma: str, times: float, *, scale: float = 1.0) -> Results:
-    own: Results = {"series": name, "x": "t", "middle": None, "sigma": sigma}
-    return own | {"times": times, "scale": scale}
+    """Band of a variant about zero, to plus and minus `times` the column `sigma`."""
+    band: Results = {"series": name, "x": "t", "middle": None, "sigma": sigma}
+    return band | {"times": times, "scale": scale}
 
 
 def _labelled(label: str, column: str, colour: str) -> Results:
+    """Line of a column over the common time that no switch hides."""
     style = {"label": label, "colour": colour, "dark": on_dark(colour)}
     return style | {"x": "t", "y": column, "scale": 1.0}

@@ -13,8 +13,10 @@ from icreckon.replay.comparison.results import Results
 
 # Least speed at which a slip angle is computed [m/s].
 LEAST_SPEED = 0.1
-# Contact points of a side with wheels, and the largest diameter that is drawn, over the wheelbase [-].
-WHEELS, LARGEST_WHEEL = 2, 0.9
+# Number of contact points on a side that are wheels; more of them are a track.
+WHEELS = 2
+# Largest diameter of a drawn wheel, over the wheelbase [-].
+LARGEST_WHEEL = 0.9
 # Columns of a variant's motion, by their names in the script.
 MOTION = {
     "x": "x_m",
@@ -31,17 +33,17 @@ Numbers = list[float | None]
 
 
 def drive_data(results: Results, columns: dict[str, Numbers]) -> Results:
-    """Input of `drive.js`; adds its columns."""
+    """Input of `drive.js`; adds the columns that it needs to `columns`."""
     series, vehicle = results["series"], results["robot"]["vehicle"]
     contacts = _contacts(vehicle)
-    for name, one in series["variants"].items():
-        v_x, v_y, w = (floats(one[key]) for key in ("v_x_m_s", "v_y_m_s", "w_rad_s"))
-        commanded = floats(columns["inputs/tracks_rad_s"])
-        columns[f"{name}/lost_rad_s"] = listed((commanded - w) * np.sign(commanded))
+    by_tracks = floats(columns["inputs/tracks_rad_s"])
+    for name, motion in series["variants"].items():
+        v_x, v_y, w = (floats(motion[key]) for key in ("v_x_m_s", "v_y_m_s", "w_rad_s"))
+        columns[f"{name}/lost_rad_s"] = listed((by_tracks - w) * np.sign(by_tracks))
         columns[f"{name}/slip_angle_deg"] = listed(_slip_angle(v_x, v_y))
     return {
         "gauge": vehicle["track_gauge"],
-        "length": max(2.0 * centre + size for centre, size in contacts),
+        "length": max(2.0 * centre + length for centre, length in contacts),
         "base": 2.0 * vehicle["half_contact_length"],
         "contacts": contacts,
         "variants": {
@@ -67,8 +69,8 @@ def _contacts(vehicle: Results) -> list[list[float]]:
     length = 2.0 * vehicle["half_contact_length"]
     if not has_wheels(vehicle):
         return [[0.0, length]]
-    wheel = min(2.0 * vehicle["sprocket_radius"], LARGEST_WHEEL * length)
-    return [[0.5 * length, wheel], [-0.5 * length, wheel]]
+    diameter = min(2.0 * vehicle["sprocket_radius"], LARGEST_WHEEL * length)
+    return [[0.5 * length, diameter], [-0.5 * length, diameter]]
 
 
 def _shown_first(results: Results) -> str:
@@ -89,26 +91,24 @@ def _slip_angle(v_x: Any, v_y: Any) -> Any:
 
 
 def _colourings(results: Results, columns: dict[str, Numbers]) -> list[Results]:
-    """Choices of what colours the path, those with values only."""
+    """Choices of what colours the path: title, meaning, unit, sign, column by variant.
+
+    Only those with values; a variant without values has no column.
+    """
     choices = []
-    for title, meaning, key, unit, signed in (
+    nis = "mean NIS of all sensors per degree of freedom, ideal 1"
+    for title, meaning, key, unit, is_signed in (
         ("slip in turning", "yaw rate by the tracks less estimated", "lost_rad_s", "rad/s", False),
         ("slip angle", "angle from heading to travel, to the left", "slip_angle_deg", "deg", True),
         ("position error", "distance from the truth", "position_error_m", "m", False),
-        (
-            "NIS",
-            "mean NIS of all sensors per degree of freedom, ideal 1",
-            "nis_per_dof",
-            "-",
-            False,
-        ),
+        ("NIS", nis, "nis_per_dof", "-", False),
         ("speed", "forward speed", "v_x_m_s", "m/s", True),
     ):
-        named = {name: f"{name}/{key}" for name in results["series"]["variants"]}
-        drawn = {name: column for name, column in named.items() if known(columns.get(column, []))}
+        names = results["series"]["variants"]
+        drawn = {name: f"{name}/{key}" for name in names if known(columns.get(f"{name}/{key}", []))}
         if drawn:
             words = {"title": title, "meaning": meaning, "unit": unit}
-            choices.append(words | {"signed": signed, "columns": drawn})
+            choices.append(words | {"signed": is_signed, "columns": drawn})
     return choices
 
 

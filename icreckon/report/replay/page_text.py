@@ -38,11 +38,12 @@ def imu_text(results: Results) -> str:
 
 
 def holes_text(results: Results) -> str:
-    """Holes of the log, and the part of it that NEES is of."""
+    """Holes of the log, and the part of it over which NEES is computed."""
     holes = results["log"]["holes_s"]
     if not holes:
         return ""
-    longest, whole = (number(which(b - a for a, b in holes)) for which in (max, sum))
+    lengths = [end - start for start, end in holes]
+    longest, whole = number(max(lengths)), number(sum(lengths))
     several = f" in {len(holes)} holes, the longest of {longest} s" if len(holes) > 1 else ""
     nees = f"; NEES is that before {number(holes[0][0])} s" if results["truth"] else ""
     return f"The log has no track speeds or IMU samples for {whole} s{several}{nees}."
@@ -50,10 +51,11 @@ def holes_text(results: Results) -> str:
 
 def noise_text(results: Results) -> str:
     """Drift by the noise of the truth, if much of the best variant's is that."""
-    found = results["verdict"]
-    known = (results["truth"] or {}).get("noise_drift_percent") or {}
-    noise = known.get(found["horizon"]) if found else None
-    if noise is None or noise < MUCH_NOISE * found["drift_percent"]:
+    verdict, truth = results["verdict"], results["truth"]
+    if not verdict or not truth:
+        return ""
+    noise = (truth.get("noise_drift_percent") or {}).get(verdict["horizon"])
+    if noise is None or noise < MUCH_NOISE * verdict["drift_percent"]:
         return ""
     perfect = f"against positions as noisy, a perfect path drifts {number(noise)} %"
     return f"Much of it is noise of the truth: {perfect}."
@@ -61,117 +63,113 @@ def noise_text(results: Results) -> str:
 
 def ends_text(results: Results) -> str:
     """Errors at the end, if those of the variants differ tenfold."""
-    ends = {name: one.get("final_position_error_m") for name, one in filtered(results).items()}
-    known = sorted((float(end), name) for name, end in ends.items() if end is not None)
-    if not known or known[-1][0] < max(1.0, TENFOLD * known[0][0]):
+    ends = _known(results["variants"], "final_position_error_m")
+    if not ends or max(ends.values()) < max(1.0, TENFOLD * min(ends.values())):
         return ""
-    least, most = (f"{name} is {number(end)} m off" for end, name in (known[0], known[-1]))
+    ordered = sorted((end, name) for name, end in ends.items())
+    least, most = (f"{name} is {number(end)} m off" for end, name in (ordered[0], ordered[-1]))
     return f"At the end the variants differ more: {least}, {most}."
 
 
 def bias_text(results: Results) -> str:
-    """Bias of the gyro that `gyro` could not learn."""
+    """Advice to set the gyro bias that the truth shows, since the log did not show it.
+
+    Empty if the variant `gyro` found its bias at standstill or from fixes.
+    """
     bias = results.get("gyro_bias")
     if bias is None:
         return ""
-    error = bias["shown_sigma_rad_s"]
-    # Two digits of the error.
-    digits = min(6, max(4, 1 - math.floor(math.log10(error)))) if error > 0.0 else 6
-    used, shown, sigma = (
-        f"{value:.{digits}f}" for value in (bias["used_rad_s"], bias["shown_rad_s"], error)
-    )
+    sigma = bias["shown_sigma_rad_s"]
+    # Two digits of the standard error.
+    decimals = min(6, max(4, 1 - math.floor(math.log10(sigma)))) if sigma > 0.0 else 6
+    numbers = (bias["used_rad_s"], bias["shown_rad_s"], sigma)
+    used, shown, error = (f"{value:.{decimals}f}" for value in numbers)
     return (
-        f"{GYRO} ran with the gyro bias that the truth shows, {shown} rad/s (± {sigma}), in place of "
+        f"{GYRO} ran with the gyro bias that the truth shows, {shown} rad/s (± {error}), in place of "
         f"{used}: neither standstill nor fixes showed it. Set gyro_bias = {shown} in [imu], and all "
         "variants begin with it."
     )
 
 
 def _verdict(results: Results) -> str:
+    """Verdict on the drift, or on the ends of the paths where no drift is scored."""
     if not results["truth"]:
         return _apart(results)
-    found = results["verdict"]
-    return _with_fixes_throughout(results) if found is None else verdict_text(found)
+    if results["verdict"] is None:
+        return _with_fixes_throughout(results)
+    return verdict_text(results["verdict"])
 
 
-def verdict_text(found: Results, logs: int = 1) -> str:
-    """Verdict on the drift in a number of logs."""
-    this, short = (
-        ("this log", "The log is") if logs == 1 else (f"these {logs} logs", "The logs are")
-    )
-    best, baseline = found["best"], found["baseline"]
+def verdict_text(verdict: Results, logs: int = 1) -> str:
+    """Verdict on the drift, from results["verdict"] of a log or of several together."""
+    this = "this log" if logs == 1 else f"these {logs} logs"
+    short = "The log is" if logs == 1 else "The logs are"
+    best, baseline = verdict["best"], verdict["baseline"]
     drifts = (
-        f"{number(found['drift_percent'])} % of the distance {horizon_text(found['horizon'])} of dead "
-        f"reckoning{interval_text(found['drift_percent_95'], '95 % interval ')}"
+        f"{number(verdict['drift_percent'])} % of the distance {horizon_text(verdict['horizon'])} of "
+        f"dead reckoning{interval_text(verdict['drift_percent_95'], '95 % interval ')}"
     )
-    if not found["ratios_to_best"]:
+    if not verdict["ratios_to_best"]:
         return f"{best} drifts {drifts}. Nothing else was run to compare it with."
     if best == baseline:
-        return f"{best} drifts least: {drifts}. {_next_best(found, short)}"
-    less, interval = change(found["ratio"]), found["ratio_95"]
+        return f"{best} drifts least: {drifts}. {_next_best(verdict, short)}"
+    less, interval = change(verdict["ratio"]), verdict["ratio_95"]
     if interval is None:
         return (
             f"{best} drifts least: {drifts}, {less} than {baseline}. {short} too short to say whether "
             "that is more than chance."
         )
+    than = f"{less} than {baseline}{change_range(interval)}"
     if interval[1] >= 1.0:
         return (
             f"No variant drifts significantly less than {baseline} on {this}. {best} has the lowest "
-            f"figure, {drifts}, {less} than {baseline}{change_range(interval)}: that may be chance."
+            f"figure, {drifts}, {than}: that may be chance."
         )
-    share = (
-        ""
-        if logs == 1
-        else f", and less in {found['logs_with_less']} of {found['logs_scored']} logs"
-    )
-    than = f"{less} than {baseline}{change_range(interval)}"
-    return f"{best} drifts least: {drifts}. That is {than}{share}."
+    if logs > 1:
+        than += f", and less in {verdict['logs_with_less']} of {verdict['logs_scored']} logs"
+    return f"{best} drifts least: {drifts}. That is {than}."
 
 
-def _next_best(found: Results, short: str) -> str:
-    """Lead of the best over the others, if the best is the baseline."""
-    if found["drift_percent_95"] is None:
+def _next_best(verdict: Results, short: str) -> str:
+    """Lead of the best variant over the others, if the best is the baseline.
+
+    `short` begins the sentence on logs that are too short: "The log is" or "The logs are".
+    """
+    if verdict["drift_percent_95"] is None:
         return f"{short} too short to say whether the others drift more by more than chance."
-    chance, ratios = found["not_shown_worse"], found["ratios_to_best"]
-    name = min(chance or ratios, key=lambda one: float(ratios[one]))
-    more = f"{change(ratios[name])}{change_range(found['ratios_to_best_95'][name])}"
-    if not chance:
+    perhaps_equal, ratios = verdict["not_shown_worse"], verdict["ratios_to_best"]
+    name = min(perhaps_equal or ratios, key=lambda variant: float(ratios[variant]))
+    more = f"{change(ratios[name])}{change_range(verdict['ratios_to_best_95'][name])}"
+    if not perhaps_equal:
         return f"All others drift more; next is {name} with {more}."
-    others = [one for one in chance if one != name]
+    others = [variant for variant in perhaps_equal if variant != name]
     rest = f", nor {'is' if len(others) == 1 else 'are'} {', '.join(others)}" if others else ""
     return f"But {name}, with {more}, is not shown to drift more{rest}."
 
 
 def _with_fixes_throughout(results: Results) -> str:
-    known = {
-        name: one["final_position_error_m"]
-        for name, one in filtered(results).items()
-        if one["final_position_error_m"] is not None
-    }
+    """Variant that ends closest to the truth, where no drift can be scored."""
+    ends = _known(results["variants"], "final_position_error_m")
     nothing = "Nowhere in this log is there a stretch of dead reckoning long enough to score drift"
-    if not known:
+    if not ends:
         return f"{nothing}."
-    best = min(known, key=lambda name: float(known[name]))
-    return f"{nothing}. At its end, {best} is closest to the truth: {number(known[best])} m off."
+    best = min(ends, key=lambda name: ends[name])
+    return f"{nothing}. At its end, {best} is closest to the truth: {number(ends[best])} m off."
 
 
 def _apart(results: Results) -> str:
-    """Distances between the variants, without a truth."""
-    ends = {name: (one["end_x_m"], one["end_y_m"]) for name, one in filtered(results).items()}
-    reference = results["reference_variant"]
-    one = results["variants"][reference]
-    unsure = (
-        f"{reference} itself gives its end 3σ of {number(3.0 * one['end_sigma_m'])} m"
-        if one["end_sigma_m"] is not None
-        else f"{reference} gives its end no uncertainty"
-    )
-    driven = [
-        number(edge(each["distance_m"] for each in filtered(results).values()))
-        for edge in (min, max)
-    ]
-    after = f"after {' to '.join(dict.fromkeys(driven))} m"
-    if len(ends) < 2:
+    """Largest distance between the ends of two variants, without a truth."""
+    variants, reference = filtered(results), results["reference_variant"]
+    sigma = results["variants"][reference]["end_sigma_m"]
+    unsure = f"{reference} gives its end no uncertainty"
+    if sigma is not None:
+        unsure = f"{reference} itself gives its end 3σ of {number(3.0 * sigma)} m"
+    distances = [scores["distance_m"] for scores in variants.values()]
+    shortest, longest = number(min(distances)), number(max(distances))
+    after = f"after {shortest} m" if shortest == longest else f"after {shortest} to {longest} m"
+    if len(variants) < 2:
         return f"No ground truth, so the accuracy of {reference} is unknown: {after}, {unsure}."
+    ends = {name: (scores["end_x_m"], scores["end_y_m"]) for name, scores in variants.items()}
     distance, first, second = max(
         (math.dist(ends[a], ends[b]), a, b) for a in ends for b in ends if a < b
     )
@@ -182,17 +180,20 @@ def _apart(results: Results) -> str:
 
 
 def calibration_hint(results: Results) -> list[str]:
-    """Line on a robot file that no calibration has changed, where there is a truth."""
-    truth, given = results["truth"], results["configuration"]
+    """Command that calibrates the robot, as one line; empty if it does not apply.
+
+    It applies to `icreckon replay` with a truth other than the fixes, and a robot file whose index gains
+    are all zero: no calibration has set them.
+    """
+    truth, configuration = results["truth"], results["configuration"]
     indices = results["robot"]["indices"]
     gains = [indices[name] for name in ("zeta1", "epsilon1", "eta1", "eta2", "epsilon_F")]
     if not truth or results["command"] != "replay" or truth["source"] == OF_FIXES or any(gains):
         return []
-    logs = given["log"] if isinstance(given["log"], str) else " ".join(given["log"])
-    return [
-        "The robot file is not calibrated: icreckon calibrate "
-        f"{logs} --robot {given['robot']} --write calibrated.toml"
-    ]
+    log, robot = configuration["log"], configuration["robot"]
+    logs = log if isinstance(log, str) else " ".join(log)
+    command = f"icreckon calibrate {logs} --robot {robot} --write calibrated.toml"
+    return [f"The robot file is not calibrated: {command}"]
 
 
 def has_yaw_errors(results: Results) -> bool:
@@ -203,51 +204,51 @@ def has_yaw_errors(results: Results) -> bool:
 
 def failures(results: Results) -> list[str]:
     """Variants without a result, each with its reason."""
-    return [
-        f"ERROR: {name} has no result: {one['reason']}" for name, one in results["failed"].items()
-    ]
+    failed = results["failed"].items()
+    return [f"ERROR: {name} has no result: {failure['reason']}" for name, failure in failed]
 
 
 def remarks(results: Results) -> list[str]:
-    """Caveats of the verdict."""
-    found, lines = results["verdict"], []
-    if results["truth"] and found is not None:
-        chance = found["not_shown_worse"]
-        if chance and found["best"] != found["baseline"]:
-            lines.append(f"Not significantly worse than {found['best']}: {', '.join(chance)}.")
-        best = results["variants"][found["best"]]
-        if best["nees_pose_mean"] is not None:
-            nees = best["nees_pose_mean"]
-            lines.append(
-                f"Errors of {found['best']} are {change(math.sqrt(nees / 3.0))} than it predicts (pose "
-                f"NEES {number(nees)}, ideal 3)."
-            )
+    """Caveats of the verdict; none if there is no verdict on drift."""
+    verdict = results["verdict"]
+    if not results["truth"] or verdict is None:
+        return []
+    best, perhaps_equal = verdict["best"], verdict["not_shown_worse"]
+    lines = []
+    if perhaps_equal and best != verdict["baseline"]:
+        lines.append(f"Not significantly worse than {best}: {', '.join(perhaps_equal)}.")
+    nees = results["variants"][best]["nees_pose_mean"]
+    if nees is not None:
         lines.append(
-            "One log is one run, and the best was picked on the log it is scored on."
-            if found["drift_percent_95"] is None
-            else "The intervals are over the time of this one log (block bootstrap). They do not cover "
-            "other days, grounds or robots, and the best was picked on the log it is scored on."
+            f"Errors of {best} are {change(math.sqrt(nees / 3.0))} than it predicts (pose "
+            f"NEES {number(nees)}, ideal 3)."
         )
+    lines.append(
+        "One log is one run, and the best was picked on the log it is scored on."
+        if verdict["drift_percent_95"] is None
+        else "The intervals are over the time of this one log (block bootstrap). They do not cover "
+        "other days, grounds or robots, and the best was picked on the log it is scored on."
+    )
     return lines
 
 
 def scored_text(results: Results) -> str:
     """Segments in which drift is scored."""
-    truth = results["truth"]
-    parts = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in truth["scored_s"])
-    what = "Mean position error over mean distance, aligned at each segment's start"
-    return f"{what}; segments without fixes: {parts or 'none that is long enough'}.{nees_text(results)}"
+    spans = ", ".join(f"{start:.0f} to {end:.0f} s" for start, end in results["truth"]["scored_s"])
+    measure = "Mean position error over mean distance, aligned at each segment's start"
+    nees = nees_text(results)
+    return f"{measure}; segments without fixes: {spans or 'none that is long enough'}.{nees}"
 
 
 def nees_text(results: Results) -> str:
     """Reason for scores without NEES, with a blank before it; empty if there is some."""
-    known = any(one.get(key) is not None for one in filtered(results).values() for key in NEES)
-    return "" if known else " No NEES: the errors of this truth are unknown."
+    has_nees = any(_known(results["variants"], key) for key in NEES)
+    return "" if has_nees else " No NEES: the errors of this truth are unknown."
 
 
 def is_spatial(results: Results) -> bool:
     """Return True if height, roll and pitch of a run are scored."""
-    return any("rms_roll_deg" in one for one in results["variants"].values())
+    return any("rms_roll_deg" in scores for scores in results["variants"].values())
 
 
 def level_text(results: Results) -> str:
@@ -272,19 +273,20 @@ def lag_text(truth: Results) -> str:
 
 
 def arm_text(results: Results) -> str:
-    """Lever arm of the truth, and the variant whose it is."""
+    """Lever arm of the truth, and the variant whose it is: the best, or else the last."""
     x, y = results["truth"]["lever_arm_m"]
-    found = results["verdict"]
-    name = [*filtered(results)][-1] if found is None else found["best"]
-    return (
-        f"lever arm of {x:.2f} m forward and {y:.2f} m left for {name}, other variants by their own"
-    )
+    verdict = results["verdict"]
+    name = list(filtered(results))[-1] if verdict is None else verdict["best"]
+    arm = f"lever arm of {x:.2f} m forward and {y:.2f} m left"
+    return f"{arm} for {name}, other variants by their own"
 
 
 def doubts(results: Results) -> list[str]:
-    """Contradictions of the log to the robot file."""
-    found = results["log"]["notes"]
-    return [one.removeprefix(OF_ROBOT_FILE) for one in found if one.startswith(OF_ROBOT_FILE)]
+    """Contradictions of the log to the robot file: notes with a prefix of their own."""
+    log_notes = results["log"]["notes"]
+    return [
+        note.removeprefix(OF_ROBOT_FILE) for note in log_notes if note.startswith(OF_ROBOT_FILE)
+    ]
 
 
 def notes(results: Results) -> list[str]:
@@ -317,18 +319,21 @@ def provenance(results: Results) -> str:
 
 
 def filtered(results: Results) -> dict[str, Any]:
-    """Filtered variants, without smoothed ones."""
-    return {name: one for name, one in results["variants"].items() if not name.endswith(SMOOTHED)}
+    """Scores of the filtered variants, without smoothed ones."""
+    variants = results["variants"]
+    return {name: scores for name, scores in variants.items() if not name.endswith(SMOOTHED)}
+
+
+def _known(variants: dict[str, Any], key: str) -> dict[str, float]:
+    """A score by name of the filters that have it."""
+    scores = {name: one.get(key) for name, one in filtered({"variants": variants}).items()}
+    return {name: float(score) for name, score in scores.items() if score is not None}
 
 
 def lowest(variants: dict[str, Any], key: str) -> str | None:
-    """Filter with the lowest value of a score."""
-    known = {
-        name: one[key]
-        for name, one in filtered({"variants": variants}).items()
-        if one.get(key) is not None
-    }
-    return min(known, key=lambda name: float(known[name])) if known else None
+    """Name of the filter with the lowest value of a score; None if none has the score."""
+    known = _known(variants, key)
+    return min(known, key=lambda name: known[name]) if known else None
 
 
 def horizon_text(label: str) -> str:
@@ -353,22 +358,23 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
 
 
 def all_rejections(results: Results) -> list[str]:
-    """Most rejections of any variant by sensor and reason, in one line; or none."""
+    """Line on the most rejections of each sensor and reason, or nothing without any."""
     most: dict[str, tuple[int, str]] = {}
-    for one in filtered(results).values():
-        for what, count in one["rejected"].items():
-            text = rejections_text(one | {"rejected": {what: count}})
-            most[what] = max(most.get(what, (0, "")), (count, text))
+    for scores in filtered(results).values():
+        for sensor_and_reason, count in scores["rejected"].items():
+            text = rejections_text(scores | {"rejected": {sensor_and_reason: count}})
+            so_far = most.get(sensor_and_reason, (0, ""))
+            most[sensor_and_reason] = max(so_far, (count, text))
     texts = [text for _, text in most.values()]
     return [f"Rejected, at most by any variant: {', '.join(texts)}"] if texts else []
 
 
-def rejections_text(one: Results) -> str:
+def rejections_text(scores: Results) -> str:
     """Measurements that a variant rejected, of how many, by sensor and reason."""
-    total = dict(one["used"])
-    named = [(*what.partition(": ")[::2], count) for what, count in one["rejected"].items()]
-    for sensor, _, count in named:
+    total, rejected = dict(scores["used"]), []
+    for key, count in scores["rejected"].items():
+        sensor, _, reason = key.partition(": ")
         total[sensor] = total.get(sensor, 0) + count
-    return ", ".join(
-        f"{count} of {total[sensor]} {sensor} ({reason})" for sensor, reason, count in named
-    )
+        rejected.append((sensor, reason, count))
+    parts = (f"{count} of {total[name]} {name} ({reason})" for name, reason, count in rejected)
+    return ", ".join(parts)

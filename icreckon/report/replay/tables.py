@@ -1,6 +1,7 @@
 """Tables of a comparison for the terminal, made from its results only."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from rich.console import Group
 from rich.table import Table
@@ -11,48 +12,57 @@ from icreckon.replay.comparison.results import Results
 from icreckon.report.replay import page_text
 from icreckon.report.replay.page_text import CHECK_HINT, arm_text, lag_text, lowest, nees_text
 
-Column = tuple[str, str, int]
-# Heading, key, digits.
+
+class Column(NamedTuple):
+    """Column of a table of scores."""
+
+    heading: str
+    key: str  # of a variant's scores
+    decimals: int
+
+
+# Prefixes of notes that are banners above the table.
 BANNERS = (OF_ROBOT_FILE, OF_STAMPS)
 SCORE_COLUMNS = (
-    ("drift 10 s\n% of distance", "drift_percent_10s_mean", 2),
-    ("drift 30 s\n% of distance", "drift_percent_30s_mean", 2),
-    ("drift 60 s\n% of distance", "drift_percent_60s_mean", 2),
-    ("yaw drift\ndeg/m", "yaw_drift_deg_per_m", 3),
-    ("RMSE v_x\nmm/s", "rmse_v_x_m_s", 1),
-    ("RMSE v_y\nmm/s", "rmse_v_y_m_s", 1),
-    ("RMSE w\nmrad/s", "rmse_w_rad_s", 1),
-    ("NEES pose\nideal 3", "nees_pose_mean", 1),
+    Column("drift 10 s\n% of distance", "drift_percent_10s_mean", 2),
+    Column("drift 30 s\n% of distance", "drift_percent_30s_mean", 2),
+    Column("drift 60 s\n% of distance", "drift_percent_60s_mean", 2),
+    Column("yaw drift\ndeg/m", "yaw_drift_deg_per_m", 3),
+    Column("RMSE v_x\nmm/s", "rmse_v_x_m_s", 1),
+    Column("RMSE v_y\nmm/s", "rmse_v_y_m_s", 1),
+    Column("RMSE w\nmrad/s", "rmse_w_rad_s", 1),
+    Column("NEES pose\nideal 3", "nees_pose_mean", 1),
 )
 # On the page alone.
 END_COLUMNS = (
-    ("error at end\nm", "final_position_error_m", 2),
-    ("error at end\ndeg", "final_yaw_error_deg", 1),
+    Column("error at end\nm", "final_position_error_m", 2),
+    Column("error at end\ndeg", "final_yaw_error_deg", 1),
 )
 # Of a truth without headings.
 POSITION_COLUMNS = (
     *SCORE_COLUMNS[:3],
     END_COLUMNS[0],
-    ("NEES position\nideal 2", "nees_position_mean", 1),
+    Column("NEES position\nideal 2", "nees_position_mean", 1),
 )
 DIFFERENCE_COLUMNS = (
-    ("distance\nm", "distance_m", 1),
-    ("end x\nm", "end_x_m", 2),
-    ("end y\nm", "end_y_m", 2),
-    ("end yaw\ndeg", "end_yaw_deg", 1),
-    ("own sigma\nat end, m", "end_sigma_m", 2),
-    ("end apart\nm", "end_apart_m", 2),
-    ("apart 30 s\n% of distance", "apart_percent_30s_mean", 2),
-    ("end yaw\napart, deg", "end_yaw_apart_deg", 1),
+    Column("distance\nm", "distance_m", 1),
+    Column("end x\nm", "end_x_m", 2),
+    Column("end y\nm", "end_y_m", 2),
+    Column("end yaw\ndeg", "end_yaw_deg", 1),
+    Column("own sigma\nat end, m", "end_sigma_m", 2),
+    Column("end apart\nm", "end_apart_m", 2),
+    Column("apart 30 s\n% of distance", "apart_percent_30s_mean", 2),
+    Column("end yaw\napart, deg", "end_yaw_apart_deg", 1),
 )
 # Of a truth in three dimensions.
 SPATIAL_COLUMNS = (
-    ("roll\nRMS deg", "rms_roll_deg", 2),
-    ("pitch\nRMS deg", "rms_pitch_deg", 2),
-    ("height drift\n30 s, %", "height_drift_percent_30s_mean", 2),
-    ("height error\nat end, m", "final_height_error_m", 2),
-    ("own sigma\nat end, m", "final_height_sigma_m", 2),
+    Column("roll\nRMS deg", "rms_roll_deg", 2),
+    Column("pitch\nRMS deg", "rms_pitch_deg", 2),
+    Column("height drift\n30 s, %", "height_drift_percent_30s_mean", 2),
+    Column("height error\nat end, m", "final_height_error_m", 2),
+    Column("own sigma\nat end, m", "final_height_sigma_m", 2),
 )
+# Prefixes of scores that are printed in mm/s and mrad/s.
 THOUSANDTHS = ("rmse_",)
 # Columns that a narrow terminal has first, and the width that has room for all [characters].
 IMPORTANT = (
@@ -78,26 +88,23 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
     columns: Sequence[Column] = SCORE_COLUMNS if truth else DIFFERENCE_COLUMNS
     if truth and not page_text.has_yaw_errors(results):
         columns = POSITION_COLUMNS
-    columns = _filled(results, columns)
+    columns = _with_values(results, columns)
     if narrow:
         columns = _fitting(results, columns, narrow)
-    # NEES has an ideal, and no lowest that is best.
-    compared = [key for _, key, _ in columns if truth and not key.startswith("nees")]
+    # NEES has an ideal, and no lowest that is best; differences have no best at all.
+    compared = [one.key for one in columns if truth and not one.key.startswith("nees")]
     tables = [_table(results, _title(results), columns, compared)]
     if page_text.is_spatial(results):
-        compared = [key for _, key, _ in SPATIAL_COLUMNS[:3]]
+        # Its last columns, the height at the end and its sigma, are not compared.
+        compared = [column.key for column in SPATIAL_COLUMNS[:3]]
         tables.append(_table(results, "Height, roll and pitch", SPATIAL_COLUMNS, compared))
-    coarse = coarse_stamps(results["log"]["notes"])
-    doubtful = [f"- {one}" for one in page_text.doubts(results)]
-    if doubtful:
-        doubtful = [
-            "The robot file does not fit this log, and all figures are with it:",
-            *doubtful,
-            f"{CHECK_HINT}.",
-            "",
-        ]
+    banners = list(coarse_stamps(results["log"]["notes"]))
+    doubts = page_text.doubts(results)
+    if doubts:
+        banners.append("The robot file does not fit this log, and all figures are with it:")
+        banners += [*(f"- {doubt}" for doubt in doubts), f"{CHECK_HINT}.", ""]
     return Group(
-        *(Text(line, style="bold yellow") for line in (*coarse, *doubtful)),
+        *(Text(line, style="bold yellow") for line in banners),
         Text(page_text.headline(results)),
         *(Text(line, style="yellow") for line in page_text.calibration_hint(results)),
         Text(),
@@ -106,56 +113,53 @@ def results_table(results: Results, *, narrow: int = 0) -> Group:
     )
 
 
-def _filled(results: Results, columns: Sequence[Column]) -> list[Column]:
-    """Columns with values, and that of the verdict's horizon."""
-    found = results["verdict"]
-    if found is not None:
-        key = f"drift_percent_{found['horizon']}_mean"
-        if key not in [one for _, one, _ in columns]:
-            number, unit = found["horizon"][:-1], found["horizon"][-1]
-            columns = [(f"drift {number} {unit}\n% of distance", key, 2), *columns]
+def _with_values(results: Results, columns: Sequence[Column]) -> list[Column]:
+    """Columns with a value of any variant, and the drift of the verdict's horizon."""
+    verdict = results["verdict"]
+    if verdict is not None:
+        key = f"drift_percent_{verdict['horizon']}_mean"
+        if key not in [column.key for column in columns]:
+            heading = f"drift {verdict['horizon'][:-1]} {verdict['horizon'][-1]}\n% of distance"
+            columns = [Column(heading, key, 2), *columns]
     variants = results["variants"].values()
-    return [one for one in columns if any(of.get(one[1]) is not None for of in variants)]
+    known = {key for scores in variants for key, value in scores.items() if value is not None}
+    return [column for column in columns if column.key in known]
 
 
 def _fitting(results: Results, columns: Sequence[Column], width: int) -> list[Column]:
     """Columns that fit a width [characters], the most important ones, in their order."""
-    found = results["verdict"]
-    first = (f"drift_percent_{found['horizon']}_mean",) if found else ()
-    keys = [key for _, key, _ in columns]
-    order = [key for key in dict.fromkeys((*first, *IMPORTANT, *keys)) if key in keys]
-    left = width - max(map(len, (*results["variants"], *results["failed"], "variant"))) - 4
+    verdict = results["verdict"]
+    first = [f"drift_percent_{verdict['horizon']}_mean"] if verdict else []
+    keys = [column.key for column in columns]
+    by_importance = [key for key in dict.fromkeys((*first, *IMPORTANT, *keys)) if key in keys]
+    names = (*results["variants"], *results["failed"], "variant")
+    # Borders and padding: 4 characters for the names, 3 for each other column.
+    room = width - max(map(len, names)) - 4
     kept = set()
-    for heading, key, digits in sorted(columns, key=lambda one: order.index(one[1])):
-        cells = [
-            _cell(one.get(key), key, digits, is_best=False).plain
-            for one in results["variants"].values()
-        ]
-        left -= max(map(len, (*heading.split("\n"), *cells))) + 3
-        if left < 0:
+    for column in sorted(columns, key=lambda column: by_importance.index(column.key)):
+        cells = [_cell(scores, column, is_best=False) for scores in results["variants"].values()]
+        texts = [*column.heading.split("\n"), *(cell.plain for cell in cells)]
+        room -= max(map(len, texts)) + 3
+        if room < 0:
             break
-        kept.add(key)
-    return [one for one in columns if one[1] in kept]
+        kept.add(column.key)
+    return [column for column in columns if column.key in kept]
 
 
 def _table(
     results: Results, title: str, columns: Sequence[Column], compared: Sequence[str]
 ) -> Table:
-    """Table of scores; the lowest of the compared ones are bold."""
+    """Table of scores; the lowest of the scores `compared` (keys) are bold."""
     table = Table(title=title, title_justify="left")
     table.add_column("variant", no_wrap=True)
-    for heading, _, _ in columns:
-        table.add_column(heading, justify="right")
+    for column in columns:
+        table.add_column(column.heading, justify="right")
     best = {key: lowest(results["variants"], key) for key in compared}
     for name, scores in results["variants"].items():
-        cells = [
-            _cell(scores.get(key), key, digits, is_best=best.get(key) == name)
-            for _, key, digits in columns
-        ]
+        cells = [_cell(scores, one, is_best=best.get(one.key) == name) for one in columns]
         table.add_row(name, *cells)
     for name in results["failed"]:
-        error = Text("ERROR", style="bold red")
-        table.add_row(name, *(error for _ in columns))
+        table.add_row(name, *[Text("ERROR", style="bold red")] * len(columns))
     return table
 
 
@@ -168,13 +172,14 @@ def _title(results: Results) -> str:
 
 
 def _footnotes(results: Results) -> list[str]:
+    """Failures, truth and its corrections, notes on the log, rejections."""
     log, truth = results["log"], results["truth"]
     lines = page_text.failures(results)
     if truth is None:
         lines.append(f"No ground truth: apart means from {results['reference_variant']}.")
     else:
-        parts = ", ".join(f"{start:.0f}-{end:.0f} s" for start, end in truth["scored_s"])
-        lines.append(f"Scored without fixes: {parts or 'nowhere long enough'}.{nees_text(results)}")
+        spans = ", ".join(f"{start:.0f}-{end:.0f} s" for start, end in truth["scored_s"])
+        lines.append(f"Scored without fixes: {spans or 'nowhere long enough'}.{nees_text(results)}")
         if truth["lag_s"] != 0.0 or any(truth["lever_arm_m"]):
             lines.append(f"Truth corrected before scoring: {lag_text(truth)}, {arm_text(results)}.")
         if page_text.is_spatial(results):
@@ -184,9 +189,11 @@ def _footnotes(results: Results) -> list[str]:
     return lines + page_text.all_rejections(results)
 
 
-def _cell(value: float | None, key: str, digits: int, *, is_best: bool) -> Text:
+def _cell(scores: Results, column: Column, *, is_best: bool) -> Text:
+    """Score of a variant, bold if the best; a dash if it has none."""
+    value = scores.get(column.key)
     if value is None:
         return Text("-")
-    if key.startswith(THOUSANDTHS):
+    if column.key.startswith(THOUSANDTHS):
         value *= 1e3
-    return Text(f"{value:.{digits}f}", style="bold" if is_best else "")
+    return Text(f"{value:.{column.decimals}f}", style="bold" if is_best else "")

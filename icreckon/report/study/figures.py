@@ -1,5 +1,6 @@
 """Figures of a study, made from its results only."""
 
+import math
 import re
 from collections.abc import Callable
 from functools import partial
@@ -45,25 +46,17 @@ INERTIAL = {
     "misalignment_sigma": "rad",
     "range": "{}",
 }
+ENCODERS = {"speed_noise_density": "m/s/√Hz", "resolution": "m"}
+ENCODERS |= {"dropouts_per_hour": "1/h", "dropout_duration": "s"}
+FIXES = {"sigma": "m", "heading_sigma": "rad", "outlier_sigma": "m", "latency": "s"}
+FIXES |= {"wander_sigma": "m", "wander_time": "s"}
 UNITS = {
     **{f"gyro.{name}": unit.format("rad/s") for name, unit in INERTIAL.items()},
     **{f"accelerometer.{name}": unit.format("m/s²") for name, unit in INERTIAL.items()},
-    "encoders.speed_noise_density": "m/s/√Hz",
-    "encoders.resolution": "m",
-    "encoders.dropouts_per_hour": "1/h",
-    "encoders.dropout_duration": "s",
-    "fixes.sigma": "m",
-    "fixes.heading_sigma": "rad",
-    "fixes.outlier_sigma": "m",
-    "fixes.latency": "s",
-    "fixes.wander_sigma": "m",
-    "fixes.wander_time": "s",
-    "duration": "s",
-    "track_lag": "s",
-    "track_rate": "Hz",
-    "imu_rate": "Hz",
-    "truth_rate": "Hz",
-    "fix_rate": "Hz",
+    **{f"encoders.{key}": unit for key, unit in ENCODERS.items()},
+    **{f"fixes.{key}": unit for key, unit in FIXES.items()},
+    **dict.fromkeys(("duration", "track_lag"), "s"),
+    **dict.fromkeys(("track_rate", "imu_rate", "truth_rate", "fix_rate"), "Hz"),
 }
 """Unit by the key of a scenario."""
 
@@ -79,18 +72,18 @@ def study_figures(results: Results) -> list[Picture]:
     figures, drift = [], results["drift"]
     others = ", over all else that is swept" if len(swept(results)) > 1 else ""
     is_grid = len(swept(results)) == 2 and not any(axis["sampled"] for axis, _ in swept(results))
-    if is_grid and _known(results, drift):
+    if is_grid and _has_values(results, drift):
         figures.append(_grid(results))
     for axis, effect in swept(results):
         draw = partial(_draw_effect, results=results, axis=axis, effect=effect)
-        for short, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
-            if not _known(results, statistic):
+        for prefix, statistic in (("drift", drift), ("final-error", FINAL_ERROR)):
+            if not _has_values(results, statistic):
                 continue
             title = _capital(title_of(results, statistic))
             caption = f"{title} against {axis['name']}{others}: means and their 95 % intervals."
-            name = f"{short}-{_file_name(axis['name'])}"
+            name = f"{prefix}-{_file_name(axis['name'])}"
             figures.append(_drawn(name, caption, partial(draw, statistic=statistic)))
-        if _known(results, drift) and len(results["variants"]) > 1:
+        if _has_values(results, drift) and len(results["variants"]) > 1:
             caption = (
                 f"{_capital(title_of(results, drift))} over that of {results['baseline']} in the same "
                 f"runs, against {axis['name']}, with 95 % intervals. Below 1 a variant is better; an "
@@ -98,16 +91,13 @@ def study_figures(results: Results) -> list[Picture]:
             )
             name = f"ratio-{_file_name(axis['name'])}"
             figures.append(_drawn(name, caption, partial(draw, statistic=drift, key="ratio")))
-    if _known(results, NEES):
-        figures.append(
-            _drawn(
-                "consistency",
-                "NEES of the pose at the end (error squared over the filter's own covariance), mean of "
-                "the runs with its 95 % interval. Consistent filters lie in the grey band (chi-square "
-                "with 3 degrees of freedom, over runs). Above it a filter is overconfident.",
-                lambda axes: _draw_consistency(axes, results),
-            )
+    if _has_values(results, NEES):
+        caption = (
+            "NEES of the pose at the end (error squared over the filter's own covariance), mean of "
+            "the runs with its 95 % interval. Consistent filters lie in the grey band (chi-square "
+            "with 3 degrees of freedom, over runs). Above it a filter is overconfident."
         )
+        figures.append(_drawn("consistency", caption, partial(_draw_consistency, results=results)))
     figures.append(_distribution(results, others))
     return figures
 
@@ -126,56 +116,63 @@ def _draw_effect(
     statistic: str,
     key: str = "mean",
 ) -> None:
-    """Draw a statistic against one axis: its "mean", or its "ratio" to the baseline's."""
-    groups = effect["groups"]
-    names = axis["scale"] == "names"
-    places = np.arange(len(groups)) if names else floats([one["value"] for one in groups])
-    variants, colours = results["variants"], _colours(results)
-    lows, highs = [], []
+    """Draw a statistic of all variants against a swept axis, with 95 % intervals.
+
+    `key` is "mean", or "ratio" for the mean over that of the baseline, which is left out.
+    """
+    groups, variants, colours = effect["groups"], results["variants"], _colours(results)
+    has_names = axis["scale"] == "names"
+    places = np.arange(len(groups)) if has_names else floats([group["value"] for group in groups])
+    means, highs = [], []
     if key == "ratio":
         axes.axhline(1.0, color="black", lw=0.8)
     for number, label in enumerate(variants):
         if key == "ratio" and label == results["baseline"]:
             continue
         summaries = [group["variants"][label][statistic] for group in groups]
-        mean, low, high = (
-            floats([one[f"{key}{end}"] for one in summaries]) for end in ("", "_low", "_high")
-        )
-        style: Any = {"color": colours[label], "marker": MARKERS[number % len(MARKERS)], "ms": 5}
-        if names:
-            at = places + _offset(number, len(variants))
-            axes.errorbar(
-                at, mean, _whiskers(mean, low, high), ls="", capsize=3, label=label, **style
-            )
+        mean, low, high = _with_ends(summaries, key)
+        colour, x = colours[label], places
+        style: Any = {"color": colour, "marker": MARKERS[number % len(MARKERS)], "ms": 5}
+        if has_names:
+            x = places + _offset(number, len(variants))
+            whiskers = _whiskers(mean, low, high)
+            axes.errorbar(x, mean, whiskers, ls="", capsize=3, label=label, **style)
         else:
-            axes.plot(places, mean, lw=1.5, label=label, **style)
-            axes.fill_between(places, low, high, color=style["color"], alpha=0.15, lw=0)
-        _mark_missing(axes, at if names else places, mean, style["color"])
+            axes.plot(x, mean, lw=1.5, label=label, **style)
+            axes.fill_between(x, low, high, color=colour, alpha=0.15, lw=0)
+        _mark_missing(axes, x, mean, colour)
         if axis["sampled"] and key == "mean":
-            _draw_cells(axes, results, axis["name"], label, statistic, style["color"])
-        lows.append(mean)
+            _draw_cells(axes, results, axis["name"], label, statistic, colour)
+        means.append(mean)
         highs.append(np.fmax(mean, high))
-    _limit(axes, np.concatenate(lows), np.concatenate(highs))
-    if names:
-        _name_places(axes, [group["name"] for group in groups])
-    elif axis["scale"] == "log":
-        axes.set_xscale("log")
-    if not names and not axis["sampled"] and len(groups) <= MOST_NAMED_CELLS:
-        axes.set_xticks(places, [shown(one["value"]) for one in groups])
-        axes.minorticks_off()
-    elif axis["scale"] == "log" and places.max() < LOG_SPAN * places.min():
-        axes.xaxis.set_major_locator(MaxNLocator(5))
-        axes.xaxis.set_major_formatter(ScalarFormatter())
-        axes.minorticks_off()
+    _limit(axes, np.concatenate(means), np.concatenate(highs))
+    _label_places(axes, axis, groups, places)
     axes.set_xlabel(with_unit(axis["name"]))
     if key == "ratio":
         axes.set_ylabel(f"{title_of(results, statistic)}\nover that of {results['baseline']} [-]")
     else:
         axes.set_ylabel(f"{title_of(results, statistic)}\n[{unit_of(results, statistic)}]")
-    _name_variants(axes)
+    _add_legend(axes)
 
 
-def _name_variants(axes: Axes) -> None:
+def _label_places(axes: Axes, axis: dict[str, Any], groups: list[Any], places: Any) -> None:
+    """Set scale and ticks of the horizontal axis: names, all values if few, or none."""
+    if axis["scale"] == "names":
+        _name_places(axes, [group["name"] for group in groups])
+        return
+    if axis["scale"] == "log":
+        axes.set_xscale("log")
+    if not axis["sampled"] and len(groups) <= MOST_NAMED_CELLS:
+        axes.set_xticks(places, [shown(group["value"]) for group in groups])
+        axes.minorticks_off()
+    elif axis["scale"] == "log" and places.max() < LOG_SPAN * places.min():
+        # A short logarithmic axis would have few powers of ten, and so few ticks.
+        axes.xaxis.set_major_locator(MaxNLocator(5))
+        axes.xaxis.set_major_formatter(ScalarFormatter())
+        axes.minorticks_off()
+
+
+def _add_legend(axes: Axes) -> None:
     """Draw the legend above the axes, where it hides no line."""
     handles, labels = axes.get_legend_handles_labels()
     axes.figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=10)
@@ -184,78 +181,78 @@ def _name_variants(axes: Axes) -> None:
 def _mark_missing(axes: Axes, places: Any, values: Any, colour: str) -> None:
     """Mark places without a result with a cross at the lower edge."""
     missing = places[~np.isfinite(values)]
-    axes.plot(
-        missing,
-        np.full(len(missing), 0.03),
-        "x",
-        color=colour,
-        ms=9,
-        mew=2.5,
-        clip_on=False,
-        transform=axes.get_xaxis_transform(),
-        label="no result" if len(missing) else None,
-    )
+    style: Any = {"color": colour, "ms": 9, "mew": 2.5, "clip_on": False}
+    style |= {
+        "transform": axes.get_xaxis_transform(),
+        "label": "no result" if len(missing) else None,
+    }
+    axes.plot(missing, np.full(len(missing), 0.03), "x", **style)
 
 
 def _draw_cells(
     axes: Axes, results: Results, axis: str, label: str, statistic: str, colour: str
 ) -> None:
-    """Draw the cells of a Latin hypercube, one point each."""
+    """Draw the mean of a variant in each cell of a Latin hypercube as a dot."""
     cells = results["cells"]
-    at = floats([one["values"][axis] for one in cells])
-    values = floats([one["variants"][label][statistic]["mean"] for one in cells])
-    axes.plot(at, values, ".", color=colour, ms=4, alpha=0.5)
+    x = floats([cell["values"][axis] for cell in cells])
+    means = floats([cell["variants"][label][statistic]["mean"] for cell in cells])
+    axes.plot(x, means, ".", color=colour, ms=4, alpha=0.5)
 
 
 def _grid(results: Results) -> Picture:
-    """Draw the drift in each cell of two axes, with a panel for each variant."""
+    """Draw the drift in each cell of two swept axes, with a panel for each variant."""
     drift, variants = results["drift"], results["variants"]
-    (down, by_row), (across, by_column) = swept(results)
-    groups = by_row["groups"], by_column["groups"]
-
-    def mean_in(one: dict[str, Any], other: dict[str, Any], label: str) -> float | None:
-        (cell,) = {*one["cells"]} & {*other["cells"]}
-        found: float | None = results["cells"][cell]["variants"][label][drift]["mean"]
-        return found
-
-    panels = {
-        label: floats([[mean_in(one, other, label) for other in groups[1]] for one in groups[0]])
-        for label in variants
-    }
-    every = np.concatenate([one[np.isfinite(one)] for one in panels.values()])
-    columns = min(len(variants), 2)
-    rows = -(-len(variants) // columns)
-    height = max(2.6, 0.5 * len(groups[0]) + 1.2)
-    size = (max(SIZE[0], 1.2 + columns * (0.7 * len(groups[1]) + 0.6)), rows * height)
+    # The first axis goes down, the second one to the right.
+    (row_axis, row_effect), (column_axis, column_effect) = swept(results)
+    row_names = [group["name"] for group in row_effect["groups"]]
+    column_names = [group["name"] for group in column_effect["groups"]]
+    drifts = {label: _drift_grid(results, label) for label in variants}
+    known = np.concatenate([values[np.isfinite(values)] for values in drifts.values()])
+    panel_columns = min(len(variants), 2)
+    panel_rows = math.ceil(len(variants) / panel_columns)
+    panel_width, panel_height = 0.7 * len(column_names) + 0.6, 0.5 * len(row_names) + 1.2
+    size = (max(SIZE[0], 1.2 + panel_columns * panel_width), panel_rows * max(2.6, panel_height))
     with drawing(size, STYLE | {"axes.grid": False}) as figure:
-        places = figure.subplots(rows, columns, squeeze=False, sharey=True)
-        top = max(float(every.max()), LEAST_DRIFT)
-        low = max(float(every.min()), LEAST_DRIFT, 1e-3 * top)
-        scale = LogNorm(low, max(top, 1.01 * low))
-        for axes, (label, values) in zip(places.flat, panels.items(), strict=False):
+        panels = figure.subplots(panel_rows, panel_columns, squeeze=False, sharey=True)
+        high = max(float(known.max()), LEAST_DRIFT)
+        # At most three powers of ten; the bounds of a logarithmic scale must differ.
+        low = max(float(known.min()), LEAST_DRIFT, 1e-3 * high)
+        scale = LogNorm(low, max(high, 1.01 * low))
+        for axes, (label, values) in zip(panels.flat, drifts.items(), strict=False):
             image = axes.imshow(values, "cividis_r", aspect="auto", norm=scale)
             for (row, column), value in np.ndenumerate(values):
                 colour = "white" if np.isfinite(value) and scale(value) > 0.5 else "black"
                 text = f"{value:#.3g}".rstrip(".") if np.isfinite(value) else "x"
                 axes.text(column, row, text, ha="center", va="center", color=colour, size=10)
             axes.set_title(label, fontsize=11)
-            axes.set_xticks(range(len(groups[1])), [one["name"] for one in groups[1]])
-            axes.set_yticks(range(len(groups[0])), [one["name"] for one in groups[0]])
-            if max(len(one["name"]) for one in groups[1]) * len(groups[1]) * columns > MOST_LETTERS:
+            axes.set_xticks(range(len(column_names)), column_names)
+            axes.set_yticks(range(len(row_names)), row_names)
+            if max(map(len, column_names)) * len(column_names) * panel_columns > MOST_LETTERS:
                 axes.tick_params("x", rotation=60)
-        for axes in list(places.flat)[len(variants) :]:
+        for axes in list(panels.flat)[len(variants) :]:
             axes.set_visible(False)
-        figure.supxlabel(with_unit(across["name"]), fontsize=12)
-        figure.supylabel(with_unit(down["name"]).replace(" [", "\n["), fontsize=12, ma="center")
-        named = f"{title_of(results, drift)}\n[{unit_of(results, drift)}]"
-        ticks = LogLocator(subs=(1.0, 2.0, 5.0)) if top > 5.0 * low else MaxNLocator(5)
-        bar = figure.colorbar(image, ax=places, label=named, ticks=ticks)
+        figure.supxlabel(with_unit(column_axis["name"]), fontsize=12)
+        figure.supylabel(with_unit(row_axis["name"]).replace(" [", "\n["), fontsize=12, ma="center")
+        label = f"{title_of(results, drift)}\n[{unit_of(results, drift)}]"
+        ticks = LogLocator(subs=(1.0, 2.0, 5.0)) if high > 5.0 * low else MaxNLocator(5)
+        bar = figure.colorbar(image, ax=panels, label=label, ticks=ticks)
         bar.ax.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
         bar.ax.yaxis.set_minor_locator(NullLocator())
-        caption = (
-            f"{_capital(title_of(results, drift))} in each cell (mean of the runs), darker is more."
-        )
+        title = _capital(title_of(results, drift))
+        caption = f"{title} in each cell (mean of the runs), darker is more."
         return Picture("drift-grid", caption, png(figure, METADATA))
+
+
+def _drift_grid(results: Results, label: str) -> Any:
+    """Mean drift (rows, columns) of a variant [%], NaN if unknown, by two swept axes."""
+    (_, row_effect), (_, column_effect) = swept(results)
+    means = []
+    for row in row_effect["groups"]:
+        for column in column_effect["groups"]:
+            # One cell has both values: nothing else is swept.
+            (cell,) = {*row["cells"]} & {*column["cells"]}
+            means.append(results["cells"][cell]["variants"][label][results["drift"]]["mean"])
+    return floats(means).reshape(len(row_effect["groups"]), -1)
 
 
 def _draw_consistency(axes: Axes, results: Results) -> None:
@@ -263,47 +260,47 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     from scipy.stats import chi2
 
     cells, variants = results["cells"], results["variants"]
+    # The mean NEES of n runs is chi-square with 3 n degrees of freedom, over n.
     runs = results["runs"]
-    low, high = (bound / runs for bound in chi2.interval(CONFIDENCE, 3.0 * runs))
-    axes.axhspan(low, high, color="grey", alpha=0.3, lw=0)
+    band_low, band_high = (bound / runs for bound in chi2.interval(CONFIDENCE, 3.0 * runs))
+    axes.axhspan(band_low, band_high, color="grey", alpha=0.3, lw=0)
     axes.axhline(3.0, color="black", lw=0.8)
-    means, ends = [], []
+    means, lows = [], []
     for number, label in enumerate(variants):
         summaries = [cell["variants"][label][NEES] for cell in cells]
-        mean, least, most = (
-            floats([one[key] for one in summaries]) for key in ("mean", "mean_low", "mean_high")
-        )
+        mean, low, high = _with_ends(summaries, "mean")
         means.append(mean)
-        ends.append(least)
+        lows.append(low)
         # On a logarithmic axis, an interval that reaches below zero has no lower end.
-        least = np.where(least > 0.0, least, np.fmin(mean, 3.0) * 1e-3)
-        at = np.arange(len(cells)) + _offset(number, len(variants))
-        axes.errorbar(
-            at,
-            mean,
-            _whiskers(mean, least, most),
-            ls="",
-            capsize=2,
-            ms=4,
-            lw=1.0 if len(cells) <= MOST_NAMED_CELLS else 0.5,
-            color=_colours(results)[label],
-            marker=MARKERS[number % len(MARKERS)],
-            label=label,
-        )
+        low = np.where(low > 0.0, low, np.fmin(mean, 3.0) * 1e-3)
+        x = np.arange(len(cells)) + _offset(number, len(variants))
+        width = 1.0 if len(cells) <= MOST_NAMED_CELLS else 0.5
+        style: Any = {"color": _colours(results)[label], "marker": MARKERS[number % len(MARKERS)]}
+        style |= {"ls": "", "capsize": 2, "ms": 4, "lw": width, "label": label}
+        axes.errorbar(x, mean, _whiskers(mean, low, high), **style)
     axes.set_yscale("log")
-    heights, lowest = np.concatenate(means), np.concatenate(ends)
-    heights = heights[np.isfinite(heights) & (heights > 0.0)]
-    lowest = lowest[np.isfinite(lowest) & (lowest > 0.0)]
-    # Whiskers are whole, but for those that dwarf the means.
-    bottom = max(0.8 * min([low, *heights, *lowest]), 0.1 * min([low, *heights]))
-    axes.set_ylim(bottom, 3.0 * max([high, *heights]))
+    # Whiskers are whole, but for those that dwarf the means. NaN is not positive.
+    all_means = np.concatenate(means)
+    lowest_mean = min([band_low, *all_means[all_means > 0.0]])
+    all_lows = np.concatenate(lows)
+    bottom = max(0.8 * min([lowest_mean, *all_lows[all_lows > 0.0]]), 0.1 * lowest_mean)
+    axes.set_ylim(bottom, 3.0 * max([band_high, *all_means[all_means > 0.0]]))
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
     axes.yaxis.set_minor_locator(NullLocator())
+    _label_cells(axes, results)
+    axes.set_ylabel("NEES of the pose at the end [-]")
+    _add_legend(axes)
+
+
+def _label_cells(axes: Axes, results: Results) -> None:
+    """Label cells by values if few, by index if many; a lone one by its variants."""
+    cells, variants = results["cells"], results["variants"]
     keys = [axis["name"] for axis, _ in swept(results)]
     if keys and len(cells) <= MOST_NAMED_CELLS:
-        names = ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
-        _name_places(axes, names)
+        _name_places(
+            axes, ["\n".join(shown(cell["values"][key]) for key in keys) for cell in cells]
+        )
         axes.set_xlabel("\n".join(map(with_unit, keys)))
     elif len(cells) == 1:
         places = [_offset(number, len(variants)) for number in range(len(variants))]
@@ -311,63 +308,67 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
     else:
         axes.set_xlabel("cell")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("NEES of the pose at the end [-]")
-    _name_variants(axes)
 
 
 def _distribution(results: Results, others: str) -> Picture:
-    """Draw the cumulative distribution of final errors, in a panel for each group."""
-    kept = [one for one in results["final_errors"] if one["percentiles"]]
-    rows = max(1, (len(kept) + 1) // 2)
-    columns = min(2, max(1, len(kept)))
-    share = np.array(PERCENTILES) / 100.0
+    """Draw the cumulative distribution of final errors, in a panel for each group.
+
+    `others` is a remark of the caption on other axes of the sweep, or empty.
+    """
+    groups = [group for group in results["final_errors"] if group["percentiles"]]
+    rows = max(1, math.ceil(len(groups) / 2))
+    columns = min(2, max(1, len(groups)))
+    share, errors = np.array(PERCENTILES) / 100.0, []
     size = (SIZE[0], SIZE[1] * (0.35 + 0.65 * rows))
     with drawing(size, STYLE) as figure:
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
         panels = list(grid.flat)
-        for axes, one in zip(panels, kept, strict=False):
+        for axes, group in zip(panels, groups, strict=False):
             for label in results["variants"]:
-                if label in one["percentiles"]:
-                    found = floats(one["percentiles"][label])
-                    axes.plot(found, share, color=_colours(results)[label], lw=1.5, label=label)
-            axes.set_title(f"{one['axis']} {one['group']}".strip(), fontsize=11)
-        every = [value for one in kept for found in one["percentiles"].values() for value in found]
-        positive = [value for value in every if value > 0.0]
+                if label in group["percentiles"]:
+                    percentiles = group["percentiles"][label]
+                    errors += percentiles
+                    colour = _colours(results)[label]
+                    axes.plot(floats(percentiles), share, color=colour, lw=1.5, label=label)
+            axes.set_title(f"{group['axis']} {group['group']}".strip(), fontsize=11)
+        positive = [error for error in errors if error > 0.0]
         if positive and max(positive) > LOG_SPAN * np.median(positive):
             panels[0].set_xscale("log")
-        for axes in panels[len(kept) :]:
+        for axes in panels[len(groups) :]:
             axes.set_visible(False)
-        for axes in panels[max(0, len(kept) - columns) : len(kept) or 1]:
+        # The lowest panel of each column; the one panel of a study without results.
+        for axes in panels[max(0, len(groups) - columns) : max(1, len(groups))]:
             axes.tick_params(labelbottom=True)
             axes.set_xlabel("position error at the end [m]")
         for axes in grid[:, 0]:
             axes.set_ylabel("share of runs")
-        if kept:
+        if groups:
             panels[0].legend(fontsize=10, loc="lower right")
-        caption = (
-            "Distribution of the position error at the end of the run: share of runs up to it"
-            f"{others}."
-        )
+        title = "Distribution of the position error at the end of the run"
+        caption = f"{title}: share of runs up to it{others}."
         return Picture("final-error-distribution", caption, png(figure, METADATA))
 
 
 def _limit(axes: Axes, means: Any, highs: Any) -> None:
-    """Limit the axis to all means, and to intervals that do not dwarf them."""
+    """Limit the axis to all means, and to ends of intervals that do not dwarf them."""
     means, highs = means[np.isfinite(means)], highs[np.isfinite(highs)]
     if not len(means):
         return
-    low, high = float(means.min()), float(means.max())
-    if low > 0.0 and high > LOG_SPAN * low:
+    lowest, highest = float(means.min()), float(means.max())
+    if lowest > 0.0 and highest > LOG_SPAN * lowest:
         axes.set_yscale("log")
-        axes.set_ylim(0.5 * low, 2.0 * high)
+        axes.set_ylim(0.5 * lowest, 2.0 * highest)
         return
-    axes.set_ylim(0.0, 1.08 * min(float(highs.max()), 2.5 * high) or 1.0)
+    top = 1.08 * min(float(highs.max()), 2.5 * highest)
+    # An axis of zeros alone needs some height.
+    axes.set_ylim(0.0, top or 1.0)
 
 
 def _name_places(axes: Axes, names: list[str]) -> None:
+    """Name the places 0, 1, ... of an axis; names that need much room are rotated."""
     longest = max(len(line) for name in names for line in name.split("\n"))
-    upright = len(names) <= MOST_UPRIGHT or longest * len(names) <= MOST_LETTERS
-    axes.set_xticks(np.arange(len(names)), names, rotation=0 if upright else 60)
+    is_upright = len(names) <= MOST_UPRIGHT or longest * len(names) <= MOST_LETTERS
+    axes.set_xticks(np.arange(len(names)), names, rotation=0 if is_upright else 60)
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.grid(visible=False, axis="x")
 
@@ -377,21 +378,28 @@ def _whiskers(mean: Any, low: Any, high: Any) -> Any:
     return np.nan_to_num(np.maximum(np.stack([mean - low, high - mean]), 0.0))
 
 
+def _with_ends(summaries: list[dict[str, Any]], key: str) -> tuple[Any, Any, Any]:
+    """Means or ratios (n,) of summaries and the ends of their intervals, NaN for None."""
+    ends = [[summary[f"{key}{end}"] for summary in summaries] for end in ("", "_low", "_high")]
+    mean, low, high = floats(ends)
+    return mean, low, high
+
+
 def _offset(number: int, count: int) -> float:
-    """Offset of one of several variants from its place."""
+    """Offset of variant `number` of `count` from the place that they share on an axis."""
     return SPREAD * ((number + 0.5) / count - 0.5)
 
 
-def _known(results: Results, statistic: str) -> bool:
-    return any(one[statistic]["n"] for one in results["overall"].values())
+def _has_values(results: Results, statistic: str) -> bool:
+    """Return True if any run of any variant has the statistic."""
+    return any(summaries[statistic]["n"] for summaries in results["overall"].values())
 
 
 def _colours(results: Results) -> dict[str, str]:
-    """Label -> colour."""
+    """Colour by label: that of the variant, or for a custom label an unused one."""
     variants = results["variants"]
-    left = [colour for colour in OTHER_COLOURS if colour not in map(COLOURS.get, variants)]
-    spare = cycle(left)
-    return {label: COLOURS.get(label) or next(spare) for label in variants}
+    unused = cycle(colour for colour in OTHER_COLOURS if colour not in map(COLOURS.get, variants))
+    return {label: COLOURS.get(label) or next(unused) for label in variants}
 
 
 def _capital(text: str) -> str:

@@ -93,14 +93,14 @@ def study_page(results: Results, figures: Sequence[Picture]) -> str:
         error=study_text.ERROR,
         notes=study_text.notes(results),
         figures=figures,
-        configuration=_given(results["configuration"]),
-        provenance=_given({key: results[key] for key in PROVENANCE}),
+        configuration=_without_empty(results["configuration"]),
+        provenance=_without_empty({key: results[key] for key in PROVENANCE}),
     )
 
 
-def _given(data: Any) -> Any:
-    """Remove keys without content."""
+def _without_empty(data: Any) -> Any:
+    """Remove keys of nested tables whose value is None, an empty table or list."""
     if not isinstance(data, dict):
         return data
-    nested = {key: _given(value) for key, value in data.items()}
+    nested = {key: _without_empty(value) for key, value in data.items()}
     return {key: value for key, value in nested.items() if value not in (None, {}, [])}

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from icreckon.report.printable import change, change_range
 from icreckon.simulation.study.results import FINAL_ERROR, Results, shown
@@ -34,23 +34,31 @@ class TextTable:
     texts: int
 
 
+class _Place(NamedTuple):
+    """Cell, or group of cells, for which a table has a row of each variant."""
+
+    values: tuple[str, ...]  # its value on each axis, as text
+    variants: dict[str, Any]  # summaries of its statistics by label
+    cells: list[int]  # indices of its cells
+
+
 def headline(results: Results) -> str:
     """Summarise the results in a few sentences."""
     drift, baseline, overall = results["drift"], results["baseline"], results["overall"]
     count = len(results["cells"])
     runs = f"{count} {'cell' if count == 1 else 'cells'} of {results['runs']} runs each"
-    summary = overall[baseline][drift]
     if overall[baseline][FINAL_ERROR]["n"] == 0:
         return f"{ERROR}: over {runs}, {baseline} has no result; there is nothing to compare with."
-    if summary["n"] == 0:
+    if overall[baseline][drift]["n"] == 0:
         return f"Over {runs}, nowhere long enough without fixes to score the drift of {baseline}."
-    after, typical = title_of(results, drift).removeprefix("drift "), results["typical"]
-    cells = [cell["variants"][baseline][drift]["mean"] for cell in results["cells"]]
-    known = [mean for mean in cells if _finite(mean)]
+    after_horizon = title_of(results, drift).removeprefix("drift ")
+    drifts = [cell["variants"][baseline][drift]["mean"] for cell in results["cells"]]
+    known = [mean for mean in drifts if _is_finite(mean)]
     spread = f", {_number(min(known))} to {_number(max(known))} by cell" if len(known) > 1 else ""
     middle = "the median drift of" if len(known) > 1 else "the drift of"
-    percent = _number(typical[baseline]["median_percent"])
-    sentences = [f"Over {runs}, {middle} {baseline} is {percent} % of distance {after}{spread}."]
+    percent = _number(results["typical"][baseline]["median_percent"])
+    distance = f"distance {after_horizon}{spread}"
+    sentences = [f"Over {runs}, {middle} {baseline} is {percent} % of {distance}."]
     sentences += [
         _comparison(results, name)
         for name in results["variants"]
@@ -63,38 +71,45 @@ def headline(results: Results) -> str:
 
 
 def _comparison(results: Results, name: str) -> str:
-    """Drift of a variant in a typical cell, and where it wins and loses."""
-    drift, baseline = results["drift"], results["baseline"]
-    typical = results["typical"][name]
+    """Drift of a variant against the baseline: in a typical cell, wins and losses."""
+    baseline, typical = results["baseline"], results["typical"][name]
     low, high = typical["ratio_low"], typical["ratio_high"]
     text = f"{name} drifts {change(typical['ratio'])} than {baseline}"
-    if _finite(low) and _finite(high):
+    if _is_finite(low) and _is_finite(high):
         text += change_range((low, high), "; not significant" if low <= 1.0 <= high else "")
-    ratios = [(cell["variants"][name][drift], _values_of(cell)) for cell in results["cells"]]
-    ratios = [one for one in ratios if _finite(one[0]["ratio"]) and _finite(one[0]["ratio_low"])]
-    if len(ratios) > 1:
-        wins = [one for one in ratios if one[0]["ratio_high"] < 1.0]
-        losses = [one for one in ratios if one[0]["ratio_low"] > 1.0]
-        text += (
-            f", significantly less in {len(wins)} and more in {len(losses)} of {len(ratios)} cells"
-        )
-        ends = [
-            which(found, key=lambda one: one[0]["ratio"])
-            for found, which in ((wins, min), (losses, max))
-            if found
-        ]
-        if ends:
-            text += ": " + ", ".join(f"{change(one['ratio'])} at {place}" for one, place in ends)
-    end = results["overall"][name][FINAL_ERROR]
-    end_contradicts_drift = _finite(end["ratio_low"]) and (
-        (typical["ratio"] < 1.0 < end["ratio_low"]) or (end["ratio_high"] < 1.0 < typical["ratio"])
-    )
-    if end_contradicts_drift:
+    text += _wins_and_losses(results, name)
+    end, ratio = results["overall"][name][FINAL_ERROR], typical["ratio"]
+    is_known = _is_finite(end["ratio_low"])
+    if is_known and (ratio < 1.0 < end["ratio_low"] or end["ratio_high"] < 1.0 < ratio):
+        # The error at the end contradicts the drift.
         text += f". Its error at the end is {change(end['ratio'])} ({_between(end, 'ratio')} times)"
     return f"{text}."
 
 
-def _values_of(cell: dict[str, Any]) -> str:
+def _wins_and_losses(results: Results, name: str) -> str:
+    """Cells in which a variant drifts significantly less and more than the baseline.
+
+    Names the cells of the largest win and loss. Empty if fewer than two cells have a ratio with an
+    interval.
+    """
+
+    def ratio(cell: dict[str, Any], end: str = "") -> float:
+        value = cell["variants"][name][results["drift"]][f"ratio{end}"]
+        return math.nan if value is None else float(value)
+
+    cells = [cell for cell in results["cells"] if math.isfinite(ratio(cell) + ratio(cell, "_low"))]
+    if len(cells) < 2:
+        return ""
+    wins = [cell for cell in cells if ratio(cell, "_high") < 1.0]
+    losses = [cell for cell in cells if ratio(cell, "_low") > 1.0]
+    text = f", significantly less in {len(wins)} and more in {len(losses)} of {len(cells)} cells"
+    # The largest of either; none if there is none.
+    extremes = sorted(wins, key=ratio)[:1] + sorted(losses, key=ratio, reverse=True)[:1]
+    places = [f"{change(ratio(cell))} at {_values_text(cell)}" for cell in extremes]
+    return f"{text}: {', '.join(places)}" if places else text
+
+
+def _values_text(cell: dict[str, Any]) -> str:
     return ", ".join(f"{key} = {shown(value)}" for key, value in cell["values"].items())
 
 
@@ -103,10 +118,9 @@ def failures(results: Results) -> list[str]:
     failed = results["failed"]
     if not failed["runs"]:
         return []
-    lines = [
-        f"{ERROR}: {failed['runs']} of {failed['of']} runs failed. They are in no table and no figure."
-    ]
-    lines += [_failure(one) for one in failed["cells"][:MOST_FAILURES]]
+    count = f"{failed['runs']} of {failed['of']} runs failed"
+    lines = [f"{ERROR}: {count}. They are in no table and no figure."]
+    lines += [_failure_text(failure) for failure in failed["cells"][:MOST_FAILURES]]
     more = len(failed["cells"]) - MOST_FAILURES
     if more > 0:
         lines.append(f"{more} more cells and variants with failed runs: see results.json.")
@@ -115,41 +129,38 @@ def failures(results: Results) -> list[str]:
 
 def same_results(results: Results) -> list[str]:
     """Describe variants and cells with equal results; empty if all differ."""
-    lines = [
-        f"{_listed(labels)} gave the same results to rounding: what they differ in has no effect here."
-        for labels in results["alike"]["variants"]
-    ]
-    groups = results["alike"]["cells"]
-    for group in groups[:MOST_FAILURES]:
-        named = [_cell_text(results["cells"][cell]) for cell in group[:MOST_FAILURES]]
-        more = len(group) - len(named)
-        named += [f"{more} more"] if more else []
-        lines.append(
-            f"{_listed(named)} gave the same results to rounding: what they differ in has no effect."
-        )
-    if len(groups) > MOST_FAILURES:
-        lines.append(f"{len(groups) - MOST_FAILURES} more groups of such cells: see results.json.")
+    same = "gave the same results to rounding: what they differ in has no effect"
+    lines = [f"{_listed(labels)} {same} here." for labels in results["alike"]["variants"]]
+    cell_groups = results["alike"]["cells"]
+    for cells in cell_groups[:MOST_FAILURES]:
+        names = [_cell_text(results["cells"][cell]) for cell in cells[:MOST_FAILURES]]
+        if len(cells) > len(names):
+            names.append(f"{len(cells) - len(names)} more")
+        lines.append(f"{_listed(names)} {same}.")
+    more = len(cell_groups) - MOST_FAILURES
+    if more > 0:
+        lines.append(f"{more} more groups of such cells: see results.json.")
     return lines
 
 
 def _cell_text(cell: dict[str, Any]) -> str:
-    values = _values_of(cell)
+    """Name of a cell with its values; empty for the one cell without a sweep."""
+    values = _values_text(cell)
     return f"cell {cell['cell']} ({values})" if values else ""
 
 
-def _failure(one: dict[str, Any]) -> str:
-    where = f"{_cell_text(one)}, " if one["values"] else ""
-    reasons = [
-        f"{reason['reason']} (run {reason['first_run']}"
-        + (f" and {reason['runs'] - 1} more)" if reason["runs"] > 1 else ")")
-        for reason in one["reasons"][:MOST_REASONS]
-    ]
-    more = len(one["reasons"]) - MOST_REASONS
-    reasons += [f"{more} other reasons"] if more > 0 else []
-    what = f"{one['runs']} of {one['of']} runs failed"
-    if one["runs"] == one["of"]:
-        what = f"no result, all {one['of']} runs failed"
-    return f"{where}{one['variant']}: {what}: {'; '.join(reasons)}"
+def _failure_text(failure: dict[str, Any]) -> str:
+    """Cell and variant of failed runs, their number, and the most frequent reasons."""
+    place = f"{_cell_text(failure)}, " if failure["values"] else ""
+    reasons = []
+    for reason in failure["reasons"][:MOST_REASONS]:
+        more = f" and {reason['runs'] - 1} more" if reason["runs"] > 1 else ""
+        reasons.append(f"{reason['reason']} (run {reason['first_run']}{more})")
+    if len(failure["reasons"]) > MOST_REASONS:
+        reasons.append(f"{len(failure['reasons']) - MOST_REASONS} other reasons")
+    failed, runs = failure["runs"], failure["of"]
+    extent = f"no result, all {runs}" if failed == runs else f"{failed} of {runs}"
+    return f"{place}{failure['variant']}: {extent} runs failed: {'; '.join(reasons)}"
 
 
 def notes(results: Results, *, narrow: bool = False) -> list[str]:
@@ -157,30 +168,34 @@ def notes(results: Results, *, narrow: bool = False) -> list[str]:
     runs, motions = results["runs"], results["true_motions"]
     shared = "" if motions == runs else f" of {motions} true motions"
     how = "Student's t, over true motions"
-    intervals = (
-        f"×/÷ the factor of the 95 % interval of the mean ({how})"
-        if narrow
-        else f"in brackets 95 % intervals of the mean ({how}; on a log scale)"
-    )
+    intervals = f"in brackets 95 % intervals of the mean ({how}; on a log scale)"
+    if narrow:
+        intervals = f"×/÷ the factor of the 95 % interval of the mean ({how})"
     percentile = "" if narrow else ", and 95th percentile of the runs"
     return [
         f"{runs} runs{shared} in each cell, paired over cells and variants; {intervals}.",
         f"Ratios are to {results['baseline']}, of means over the same runs. Final errors: "
         f"median{percentile}. NEES of the pose at the end: 3 is ideal, more is too sure.",
-        *_unknown_noise(results),
+        *_unknown_noise_note(results),
     ]
 
 
-def _unknown_noise(results: Results) -> list[str]:
-    """Explain a large NEES of filters without the swept noise; empty otherwise."""
+def _unknown_noise_note(results: Results) -> list[str]:
+    """Note on a large NEES of filters without the swept noise; empty otherwise.
+
+    A case that also sets the filter's own IMU noise does not count.
+    """
     study = results["configuration"]
     sweep = study.get("sweep") or {}
-    cases = [keys for named in (sweep.get("cases") or {}).values() for keys in named.values()]
-    swept = [*(sweep.get("grid") or {}), *((sweep.get("latin") or {}).get("ranges") or {})]
-    swept += [key for keys in cases for key in keys if not any("filter.imu" in one for one in keys)]
-    noisy = sorted({key for key in swept if key.split(".")[0] in NOISE_KEYS})
-    nees = [one[NEES]["mean"] for cell in results["cells"] for one in cell["variants"].values()]
-    largest = max(filter(_finite, nees), default=0.0)
+    keys = [*(sweep.get("grid") or {}), *((sweep.get("latin") or {}).get("ranges") or {})]
+    for changes_by_case in (sweep.get("cases") or {}).values():
+        for changes in changes_by_case.values():
+            if not any("filter.imu" in key for key in changes):
+                keys += changes
+    noisy = sorted({key for key in keys if key.split(".")[0] in NOISE_KEYS})
+    variants = [scores for cell in results["cells"] for scores in cell["variants"].values()]
+    nees = [scores[NEES]["mean"] for scores in variants]
+    largest = max(filter(_is_finite, nees), default=0.0)
     if study.get("filters_know_noise") or not noisy or largest < MUCH_NEES:
         return []
     return [
@@ -196,19 +211,17 @@ def summary_tables(results: Results, *, narrow: bool = False) -> list[TextTable]
     fit 80 characters.
     """
     cells = results["cells"]
-    axes = [axis["name"] for axis, _ in swept(results)]
+    axes = tuple(axis["name"] for axis, _ in swept(results))
     if len(cells) <= MOST_CELLS and not any(axis["sampled"] for axis in results["axes"]):
-        places = [
-            (tuple(shown(cell["values"][axis]) for axis in axes), cell["variants"], (cell["cell"],))
-            for cell in cells
-        ]
-        return [_table(results, "by cell" if axes else "", tuple(axes), places, narrow)]
+        places = []
+        for cell in cells:
+            values = tuple(shown(cell["values"][axis]) for axis in axes)
+            places.append(_Place(values, cell["variants"], [cell["cell"]]))
+        return [_table(results, "by cell" if axes else "", axes, places, narrow)]
     tables = []
     for _, effect in swept(results):
-        places = [
-            ((group["name"],), group["variants"], tuple(group["cells"]))
-            for group in effect["groups"]
-        ]
+        groups = effect["groups"]
+        places = [_Place((one["name"],), one["variants"], one["cells"]) for one in groups]
         title = f"by {effect['axis']}, over all else that is swept"
         tables.append(_table(results, title, (effect["axis"],), places, narrow))
     return tables
@@ -235,68 +248,69 @@ def _statistic(results: Results, name: str) -> dict[str, Any]:
 
 
 def _table(
-    results: Results,
-    title: str,
-    axes: tuple[str, ...],
-    places: Sequence[tuple[tuple[str, ...], dict[str, Any], tuple[int, ...]]],
-    narrow: bool,
+    results: Results, title: str, axes: tuple[str, ...], places: Sequence[_Place], narrow: bool
 ) -> TextTable:
-    drift = results["drift"]
-    drifts = f"{title_of(results, drift)}, %"
+    """Table with a row for each place and variant; the first row of a place names it."""
+    drift = f"{title_of(results, results['drift'])}, %"
     if narrow:
-        numbers = [drifts.replace(" after", "\nafter"), "ratio", "final\nerror, m", "NEES"]
+        numbers = [drift.replace(" after", "\nafter"), "ratio", "final\nerror, m", "NEES"]
     else:
-        ratios = f"ratio to {results['baseline']}"
-        numbers = [drifts, ratios, "final error, m", "95th percentile, m", "NEES at the end"]
-    head = [*(_last_parts(axes) if narrow else axes), "variant", *numbers]
-    interval = _with_factor if narrow else _with_interval
-    rows, noise_is_unknown = [], bool(_unknown_noise(results))
-    for values, variants, inside in places:
-        for number, (name, one) in enumerate(variants.items()):
-            summary = one[drift]
-            place = values if number == 0 else ("",) * len(values)
-            failed = [
-                found
-                for found in results["failed"]["cells"]
-                if found["variant"] == name and found["cell"] in inside
-            ]
-            if one[FINAL_ERROR]["n"] == 0:
-                blank = len(head) - len(place) - 2
-                reason = _first_reason(failed) if failed else "no result"
-                rows.append((*place, name, f"{ERROR}: {reason}", *[""] * blank))
-                continue
-            is_baseline = name == results["baseline"]
-            if failed:
-                count, of = sum(found["runs"] for found in failed), results["runs"] * len(inside)
-                name = f"{name}\n({count} of {of} runs failed: {_first_reason(failed)})"
-            row = [*place, name, interval(summary, "mean")]
-            row += ["1" if is_baseline else interval(summary, "ratio")]
-            row += [_number(one[FINAL_ERROR]["median"])]
-            row += [] if narrow else [_number(one[FINAL_ERROR]["p95"])]
-            nees = _number(one[NEES]["mean"]) if narrow else _with_interval(one[NEES], "mean")
-            is_large = _finite(one[NEES]["mean"]) and one[NEES]["mean"] >= MUCH_NEES
-            row += [f"{nees} {MARK}" if noise_is_unknown and is_large else nees]
-            rows.append(tuple(row))
-    return TextTable(title, tuple(head), tuple(rows), len(axes) + 1)
+        ratio = f"ratio to {results['baseline']}"
+        numbers = [drift, ratio, "final error, m", "95th percentile, m", "NEES at the end"]
+    rows = []
+    for place in places:
+        values = place.values
+        for label in place.variants:
+            texts = _variant_texts(results, place, label, narrow)
+            # An error stands in place of all numbers.
+            blanks = [""] * (1 + len(numbers) - len(texts))
+            rows.append((*values, *texts, *blanks))
+            values = ("",) * len(axes)
+    head = (*(_last_parts(axes) if narrow else axes), "variant", *numbers)
+    return TextTable(title, head, tuple(rows), len(axes) + 1)
+
+
+def _variant_texts(results: Results, place: _Place, label: str, narrow: bool) -> list[str]:
+    """Label and numbers of a variant at a place; label and error if it has no result."""
+    summaries = place.variants[label]
+    failed = [one for one in results["failed"]["cells"] if one["variant"] == label]
+    failed = [failure for failure in failed if failure["cell"] in place.cells]
+    if summaries[FINAL_ERROR]["n"] == 0:
+        return [label, f"{ERROR}: {_first_reason(failed) if failed else 'no result'}"]
+    name = label
+    if failed:
+        count = sum(failure["runs"] for failure in failed)
+        runs = results["runs"] * len(place.cells)
+        name = f"{label}\n({count} of {runs} runs failed: {_first_reason(failed)})"
+    drift, final_error, nees = (summaries[key] for key in (results["drift"], FINAL_ERROR, NEES))
+    with_interval = _with_factor if narrow else _with_interval
+    ratio = "1" if label == results["baseline"] else with_interval(drift, "ratio")
+    errors = [_number(final_error[key]) for key in (("median",) if narrow else ("median", "p95"))]
+    nees_text = _number(nees["mean"]) if narrow else _with_interval(nees, "mean")
+    is_large = _is_finite(nees["mean"]) and nees["mean"] >= MUCH_NEES
+    if is_large and _unknown_noise_note(results):
+        nees_text += f" {MARK}"
+    return [name, with_interval(drift, "mean"), ratio, *errors, nees_text]
 
 
 def _last_parts(axes: tuple[str, ...]) -> tuple[str, ...]:
     """Shorten names to the part after their last dot, unless two become equal."""
-    last = tuple(axis.rsplit(".", 1)[-1] for axis in axes)
-    return last if len(set(last)) == len(last) else axes
+    last_parts = tuple(axis.rsplit(".", 1)[-1] for axis in axes)
+    return last_parts if len(set(last_parts)) == len(axes) else axes
 
 
 def _first_reason(failed: Sequence[dict[str, Any]]) -> str:
     """Most frequent reason of failed runs, shortened."""
-    reasons = [reason for one in failed for reason in one["reasons"]]
-    text = str(max(reasons, key=lambda one: int(one["runs"]))["reason"])
+    reasons = [reason for failure in failed for reason in failure["reasons"]]
+    text = str(max(reasons, key=lambda reason: int(reason["runs"]))["reason"])
     if len(text) > LONGEST_REASON:
         text = f"{text[:LONGEST_REASON]}…"
     return text + (", and others" if len(reasons) > 1 else "")
 
 
 def _with_interval(summary: dict[str, Any], key: str) -> str:
-    if not _finite(summary[key]):
+    """Format the "mean" or the "ratio" of a summary, with its 95 % interval."""
+    if not _is_finite(summary[key]):
         return NO_VALUE
     return f"{_number(summary[key])} ({_between(summary, key)})"
 
@@ -304,29 +318,29 @@ def _with_interval(summary: dict[str, Any], key: str) -> str:
 def _with_factor(summary: dict[str, Any], key: str) -> str:
     """Format a mean and the factor of its interval, which is even on a log scale."""
     value, high = summary[key], summary[f"{key}_high"]
-    if not (_finite(value) and _finite(high) and value > 0.0):
-        return _number(value) if _finite(value) else NO_VALUE
+    if not (_is_finite(value) and _is_finite(high) and value > 0.0):
+        return _number(value) if _is_finite(value) else NO_VALUE
     return f"{_number(value)} ×/÷ {high / value:.2f}"
 
 
 def _between(summary: dict[str, Any], key: str) -> str:
     """Format an interval with the decimals of its estimate."""
     low, high = summary[f"{key}_low"], summary[f"{key}_high"]
-    if not (_finite(low) and _finite(high)):
+    if not (_is_finite(low) and _is_finite(high)):
         return "one true motion"
-    form = _form(summary[key])
-    return f"{low:{form}} to {high:{form}}"
+    decimals = _number_format(summary[key])
+    return f"{low:{decimals}} to {high:{decimals}}"
 
 
 def _number(value: float | None) -> str:
-    return f"{value:{_form(value)}}" if value is not None and _finite(value) else "-"
+    return f"{value:{_number_format(value)}}" if value is not None and _is_finite(value) else "-"
 
 
-def _finite(value: float | None) -> bool:
+def _is_finite(value: float | None) -> bool:
     return value is not None and math.isfinite(value)
 
 
-def _form(value: float) -> str:
+def _number_format(value: float) -> str:
     """Number format: two decimals, more for small values and fewer for large ones."""
     size = abs(value)
     if size >= 1e4 or 0.0 < size < 5e-4:
