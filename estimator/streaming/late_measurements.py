@@ -128,10 +128,10 @@ class History:
         self._since_checkpoint += 1
         if self._since_checkpoint >= CHECKPOINT_EVERY:
             self._watch(self._reckoning.record)
-            first_stamp = self._checkpoints[-1].after[0]
+            recent = self._keys[-CHECKPOINT_EVERY:]
             self._add_checkpoint(key)
             self._drop_obsolete()
-            require_nanoseconds(first_stamp, key[0], CHECKPOINT_EVERY + 1)
+            require_nanoseconds(recent[0][0], key[0], len(recent))
         return used
 
     def set_clock(self, by: int) -> None:
