@@ -361,8 +361,17 @@ def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
         )
     y_ICR = _row(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=sigmas)
     note = "eta0 of constant ICRs times the gauge"
-    scaled: Any = {"factor": gauge, "before": gauge * before.eta0, "note": note}
-    return [*rows, y_ICR, _row(found, "eta0", "effective_track", "m", sigmas=sigmas, **scaled)]
+    effective_track = _row(
+        found,
+        "eta0",
+        "effective_track",
+        "m",
+        sigmas=sigmas,
+        factor=gauge,
+        before=gauge * before.eta0,
+        note=note,
+    )
+    return [*rows, y_ICR, effective_track]
 
 
 def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:

@@ -91,7 +91,6 @@ def compare_many(
     if not logs or not named:
         raise ReplayError("no log or no robot: give at least one of each")
     labels = unique([one.name if isinstance(one, Log) else label_of(Path(one)) for one in logs])
-    options: Any = {"settings": settings, "fixes": fixes, "smooth": smooth, "workers": workers}
     scored: list[CaseScores] = []
     failed: list[Results] = []
     for label, one in zip(labels, logs, strict=True):
@@ -99,7 +98,15 @@ def compare_many(
             case = Case(label, name)
             try:
                 log = one if isinstance(one, Log) else read_log(one, robot)
-                comparison = compare(log, robot, variants, **options)
+                comparison = compare(
+                    log,
+                    robot,
+                    variants,
+                    settings=settings,
+                    fixes=fixes,
+                    smooth=smooth,
+                    workers=workers,
+                )
                 drifts = comparison_drifts(comparison)
                 summary = summarise(
                     comparison, robot, command="compare_many", drifts=drifts, series=False
