@@ -84,17 +84,22 @@ class Survey:
     messages: list[Any] = field(default_factory=list)
     sampled: int = 0  # bytes of the messages that were decoded
 
+    @property
+    def most(self) -> int:
+        """Most messages of the topic's type that are decoded."""
+        return SAMPLES if self.channel.msgtype in SHAPE_CHECKS else 1
+
     def wants(self, size: int) -> bool:
         """Return True if a message of a size [bytes] is to be decoded."""
-        most = SAMPLES if self.channel.msgtype in SHAPE_CHECKS else 1
-        return len(self.messages) < most and self.sampled + size <= SAMPLE_BYTES
+        return len(self.messages) < self.most and self.sampled + size <= SAMPLE_BYTES
 
     def extend(self, other: Self) -> None:
         """Append the survey of the topic in another file."""
         self.recorded.extend(other.recorded)
         self.offsets.extend(other.offsets)
         self.frame_id = self.frame_id or other.frame_id
-        self.messages.extend(other.messages[: SAMPLES - len(self.messages)])
+        self.messages.extend(other.messages[: self.most - len(self.messages)])
+        self.sampled += other.sampled
 
     def report(self) -> TopicReport:
         """Compute the statistics of the topic."""
