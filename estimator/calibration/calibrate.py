@@ -96,6 +96,7 @@ def calibrate(
             f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
         )
     report = progress or (lambda _: None)
+    _check_sides(logs)
     _check_truths(logs)
     headed = [_with_headings(log, robot) for log in logs]
     motions = [replace(motion_of(log, robot), own_headings=not remarks) for log, remarks in headed]
@@ -156,6 +157,16 @@ def calibrate(
     report(1.0)
     remarks = (remark for _, of_log in headed for remark in of_log)
     return replace(calibration, notes=(*calibration.notes, *remarks))
+
+
+def _check_sides(logs: Sequence[Log]) -> None:
+    """Reject a log of which one side reads zero."""
+    for log in logs:
+        if dead := log.tracks.dead_side:
+            raise EstimatorError(
+                f"log {log.name!r}: the {dead} side reads zero all the time while the other one drives; "
+                "look at its sensor, cable and topic"
+            )
 
 
 def _check_truths(logs: Sequence[Log]) -> None:

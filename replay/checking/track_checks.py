@@ -71,6 +71,26 @@ PLAUSIBLE = (3e-4, 3e3)  # scales that are a matter of units at all [-]
 FEWEST, CLEARLY_TURNS = 20, 0.05
 
 
+def check_sides(log: Log, robot: Robot) -> Iterator[Check]:
+    """Side that reads zero while the other one drives."""
+    dead = log.tracks.dead_side
+    if not dead or log.imu is None:
+        return
+    vertical, _ = in_base(log.imu, robot)
+    turning = np.interp(log.tracks.stamps, log.imu.stamps, vertical) * effective_track(robot)
+    left, right = log.tracks.speeds.T
+    sides = (right - turning, right) if dead == "left" else (left, left + turning)
+    yield Check(
+        "sides",
+        "both drive",
+        f"the {dead} one reads zero",
+        f"the {dead} side reads zero all the time while the other one drives: filters use the other "
+        "one and the gyro",
+        f"look at its sensor and cable, or name its speeds in [{tracks_table(robot)}]",
+        with_speeds(lambda _: np.stack(sides, axis=1)),
+    )
+
+
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
     """Unit of the gyro, and its sense of rotation against that of the tracks."""
     if log.imu is None or not imu_mounting.are_usable(log.tracks):

@@ -155,7 +155,7 @@ def _consistency(run: Run) -> Results:
         "rejected": health.rejections(),
         "standstill_updates": health.standstill_updates,
         "track_gaps": health.track_gaps,
-        "stuck_tracks": health.times.get("stuck", 0),
+        "faults": health.times,
         "final_parameters": {name: final[name] for name in estimated},
         "final_parameter_sigmas": {name: sigmas[name] for name in estimated},
     }

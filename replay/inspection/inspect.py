@@ -396,6 +396,8 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             f"{mounting.turning_correlation:.2f}): left and right may be swapped, or the IMU is "
             "upside down"
         )
+    if dead := log.tracks.dead_side:
+        yield f"tracks: the {dead} side reads zero all the time while the other one drives"
     if len(log.tracks.stamps):
         stops = wheels.standstills(log)
         total = sum(end - begin for begin, end in stops)

@@ -358,15 +358,24 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
 
 
 def all_rejections(results: Results) -> list[str]:
-    """Line on the most rejections of each sensor and reason, or nothing without any."""
+    """Lines on the most rejections of each sensor and reason, and on faults, if there are any."""
     most: dict[str, tuple[int, str]] = {}
+    faults: dict[str, int] = {}
     for scores in filtered(results).values():
+        for fault, times in scores["faults"].items():
+            faults[fault] = max(times, faults.get(fault, 0))
         for sensor_and_reason, count in scores["rejected"].items():
             text = rejections_text(scores | {"rejected": {sensor_and_reason: count}})
             so_far = most.get(sensor_and_reason, (0, ""))
             most[sensor_and_reason] = max(so_far, (count, text))
     texts = [text for _, text in most.values()]
-    return [f"Rejected, at most by any variant: {', '.join(texts)}"] if texts else []
+    found = [f"{times} × {fault}" for fault, times in faults.items()]
+    lines = {"Rejected": texts, "Faults found": found}
+    return [
+        f"{name}, at most by any variant: {', '.join(parts)}"
+        for name, parts in lines.items()
+        if parts
+    ]
 
 
 def rejections_text(scores: Results) -> str:

@@ -176,6 +176,19 @@ def test_the_remedy_names_the_table_of_the_file(log: Log, error: str):
     assert "[log.columns.tracks]" in found.remedy
 
 
+@pytest.mark.parametrize(("side", "columns"), [("left", [0.0, 1.0]), ("right", [1.0, 0.0])])
+def test_a_side_that_reads_zero_is_named_alone_and_replaced_by_the_gyro(log, side, columns):
+    dead = speeds(log, lambda found: found * columns)
+    found = problems(dead, ALPHA)
+    assert list(found) == ["sides"]
+    assert f"the {side} side reads zero all the time" in found["sides"]
+    mended, _ = corrected(dead, ALPHA)
+    error = (mended.tracks.speeds - log.tracks.speeds).std()
+    assert error < 0.1 * (dead.tracks.speeds - log.tracks.speeds).std()
+    with pytest.raises(EstimatorError, match=f"the {side} side reads zero"):
+        calibrate([dead], ALPHA)
+
+
 @pytest.mark.parametrize(
     ("trajectory", "imu", "rates"),
     [
