@@ -158,6 +158,13 @@ def test_a_made_table(tmp_path: Path) -> None:
     assert again.truth is not None
 
 
+def test_a_side_that_reads_zero_is_a_finding(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    rows = [f"{0.1 * k:.1f},{0.5 + 0.01 * k:.2f},0.0" for k in range(60)]
+    path.write_text("\n".join(["t,left_speed,right_speed", *rows]), encoding="utf-8")
+    assert any("the right side reads zero all the time" in text for text in inspect(path).findings)
+
+
 def test_counters_need_their_counts(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
     path.write_text("t,enc_left,enc_right\n0.0,1,2\n0.1,2,3\n", encoding="utf-8")
