@@ -28,15 +28,10 @@ LARGEST_SIGMA = 1e6
 
 
 class OwnFaults:
-    """Faults that users have added, of one filter.
+    """Faults that users have added, watched by one filter with these states."""
 
-    Args:
-        names: names of its states.
-        admission: admission of measurements.
-    """
-
-    def __init__(self, names: tuple[str, ...], admission: Admission) -> None:
-        self._names, self._admission = names, admission
+    def __init__(self, state_names: tuple[str, ...], admission: Admission) -> None:
+        self._state_names, self._admission = state_names, admission
         self.watched = [fault_type() for fault_type in OWN_FAULTS.values()]
         # Findings on faults that raised an exception, by their names.
         self._failed: dict[str, Finding] = {}
@@ -143,11 +138,12 @@ class OwnFaults:
         if not isinstance(effect, Inflate):
             raise TypeError(f"no effect: {effect!r}")
         for name, sigma in effect.sigmas.items():
-            if name not in self._names:
+            if name not in self._state_names:
                 raise ValueError(f"Inflate: no state {name!r}; see icreckon.state_names")
             if not (math.isfinite(sigma) and 0.0 <= sigma <= LARGEST_SIGMA):
                 raise ValueError(f"Inflate: {name} by {sigma!r}, but a sigma is from 0 to 1e6")
-        return [(self._names.index(name), sigma**2) for name, sigma in effect.sigmas.items()]
+        index = self._state_names.index
+        return [(index(name), sigma**2) for name, sigma in effect.sigmas.items()]
 
     def _give_up(self, fault: OwnFault, problem: Exception) -> None:
         """Watch for a fault no longer, since it raised an exception; keep a finding."""

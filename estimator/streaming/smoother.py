@@ -161,15 +161,10 @@ class _RowState(NamedTuple):
 
 
 class _Tape:
-    """Observer of a filter: tape of its changes, and optimal filter of its error.
+    """Observer of a filter: tape of its changes, and optimal filter of its error."""
 
-    Args:
-        ekf: the filter before its first change.
-        fastest: highest speed of a track [m/s].
-    """
-
-    def __init__(self, ekf: Ekf, fastest: float) -> None:
-        self._ekf, self._fastest = ekf, fastest
+    def __init__(self, ekf: Ekf, max_track_speed: float) -> None:
+        self._ekf, self._max_track_speed = ekf, max_track_speed
         ekf.observer = self
         self._size = len(ekf.x)
         self._upper = np.triu_indices(self._size)
@@ -271,11 +266,7 @@ class _Tape:
     # --- backward --------------------------------------------------------------------------------
 
     def smoothed(self, filtered: Run) -> Run:
-        """Run the backward pass; it consumes the tape and overwrites the filter.
-
-        Args:
-            filtered: run of the filter, with a row for each recorded one.
-        """
+        """Smooth a run with the recorded rows; consumes the tape, overwrites the filter."""
         ekf = self._ekf
         ekf.observer = ekf.clones = None
         count, size = len(self._rows), self._size
@@ -305,7 +296,7 @@ class _Tape:
                     ekf.x[: s.SIZE],
                     ekf.P[: s.SIZE, : s.SIZE],
                     model.twist,
-                    twist_covariance(model.jacobian, ekf.P, self._fastest),
+                    twist_covariance(model.jacobian, ekf.P, self._max_track_speed),
                     model.motion.indices,
                 ),
             )
