@@ -43,10 +43,10 @@ def feed_arrays(estimator: PoseEstimator, tracks: TrackSpeedSeries, imu: ImuSeri
         replace(tracks, stamps=tracks.stamps - estimator.late(TrackSpeeds)),
         replace(imu, stamps=imu.stamps - estimator.late(ImuSample)),
     )
-    bulk = _bulk(log, estimator)
-    if bulk is None:
+    interval = _array_interval(log, estimator)
+    if interval is None:
         return _feed_each(estimator, log)
-    begin, end = bulk
+    begin, end = interval
     used = _feed_each(estimator, log.between(log.start, begin))
     samples = samples_of(log.between(begin + 1, end))
     while len(samples.track_stamps) or len(samples.imu_stamps):
@@ -65,19 +65,20 @@ def _feed_each(estimator: PoseEstimator, log: Log) -> int:
     return sum(map(estimator.feed_corrected, log.measurements()))
 
 
-def _bulk(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
+def _array_interval(log: Log, estimator: PoseEstimator) -> tuple[int, int] | None:
     """Interval (begin, end] of stamps to feed as arrays [ns]; None to feed one by one."""
-    stamps, track_stamps = NO_STAMPS if log.imu is None else log.imu.stamps, log.tracks.stamps
-    if (np.diff(track_stamps) <= 0).any() or (np.diff(stamps) <= 0).any():
+    imu_stamps = NO_STAMPS if log.imu is None else log.imu.stamps
+    track_stamps = log.tracks.stamps
+    if (np.diff(track_stamps) <= 0).any() or (np.diff(imu_stamps) <= 0).any():
         return None
-    if len(stamps) < LEAST_BULK + FIRST_SAMPLES or not len(track_stamps):
+    if len(imu_stamps) < LEAST_BULK + FIRST_SAMPLES or not len(track_stamps):
         return None
     fastest = estimator.robot.vehicle.max_track_speed
     if estimator.marks or estimator.has_own_faults or has_absurd_readings(log, fastest):
         return None
-    newest = max(int(stamps[-1]), int(track_stamps[-1]))
+    newest = max(int(imu_stamps[-1]), int(track_stamps[-1]))
     oldest_of_history = newest - round(estimator.settings.history / NANOSECOND)
-    last = int(np.searchsorted(stamps, oldest_of_history)) - 1
+    last = int(np.searchsorted(imu_stamps, oldest_of_history)) - 1
     # The filter begins with the first track speeds.
-    first = int(np.searchsorted(stamps, track_stamps[0])) + FIRST_SAMPLES
-    return (int(stamps[first]), int(stamps[last])) if last - first >= LEAST_BULK else None
+    first = int(np.searchsorted(imu_stamps, track_stamps[0])) + FIRST_SAMPLES
+    return (int(imu_stamps[first]), int(imu_stamps[last])) if last - first >= LEAST_BULK else None

@@ -62,12 +62,13 @@ class Measured(NamedTuple):
         """First track speeds (runs, 2), by the wheels [m/s]."""
         start = FilterRecord(settings)
         first = zip(self.tracks[:, 0], self.left_wheels[:, 0], self.right_wheels[:, 0], strict=True)
-        return np.array([sides_of(start, 0, *of_run, False) for of_run in first])
+        return np.array([sides_of(start, 0, *speeds, False) for speeds in first])
 
     def of_runs(self, runs: Sequence[int]) -> Measured:
         """Measurements of some of the runs."""
-        of_run = {name: value for name, value in self._asdict().items() if "stamps" not in name}
-        return self._replace(**{name: value[runs] for name, value in of_run.items()})
+        # All arrays but the stamps have an axis for runs first.
+        arrays = {name: array for name, array in self._asdict().items() if "stamps" not in name}
+        return self._replace(**{name: array[runs] for name, array in arrays.items()})
 
 
 class LaneRecords(NamedTuple):
@@ -127,6 +128,7 @@ class FrontEnd:
             fixes=np.zeros(lanes, np.int64),
             judged=np.full(lanes, -1),
         )
+        # Number of track speeds in the records.
         self._added = 0
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
@@ -146,14 +148,10 @@ class FrontEnd:
 def fill_inputs(
     inputs: Floats, lanes: LaneRecords, measured: Measured, steps: Steps, added: int
 ) -> None:
-    """Compute the inputs of some steps; see `FrontEnd.fill`.
+    """Fill the inputs (n, rows, lanes) of steps; change the records of the lanes.
 
-    Args:
-        inputs: (n, rows, lanes) written to.
-        lanes: records of the lanes, changed in place.
-        measured: measurements; stamps of track speeds and fixes are since the first track speeds.
-        steps: the steps.
-        added: number of track-speed samples in the records already.
+    Stamps of track speeds and fixes are since the first track speeds. `added` is the number of track
+    speeds that are in the records already.
 
     Raises:
         ValueError: an array has the wrong size.
@@ -178,33 +176,28 @@ def fill_lane(
         while added < steps.tracks[k]:
             speeds, stamp = measured.tracks[lane, added], measured.track_stamps[added]
             if np.isfinite(speeds[0]):
-                take_track_sample(
-                    record,
-                    stamp,
-                    speeds,
-                    measured.left_wheels[lane, added],
-                    measured.right_wheels[lane, added],
-                )
+                left_wheels = measured.left_wheels[lane, added]
+                right_wheels = measured.right_wheels[lane, added]
+                take_track_sample(record, stamp, speeds, left_wheels, right_wheels)
             added += 1
-        of_step, end, sample = inputs[k], steps.ends[k], steps.samples[k]
+        step_inputs, end, sample = inputs[k], steps.ends[k], steps.samples[k]
         if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
             force = measured.forces[lane, sample]
-            of_imu = (end, measured.rates[lane, sample], force[0], force[1], True)
-            sample_inputs(record, stamps, rates, of_step, lane, *of_imu)
+            reading = (end, measured.rates[lane, sample], force[0], force[1], True)
+            sample_inputs(record, stamps, rates, step_inputs, lane, *reading)
         else:
-            move_inputs(record, of_step, lane, end)
+            move_inputs(record, step_inputs, lane, end)
         now = speeds_at(record.tracks, end, record.settings.hold_ns)
-        of_step[ROW_NOW_LEFT, lane], of_step[ROW_NOW_RIGHT, lane] = now
+        step_inputs[ROW_NOW_LEFT, lane], step_inputs[ROW_NOW_RIGHT, lane] = now
         if steps.extras[k] & POSITION:
             fix = steps.fixes[k]
             for part in range(FIX_VALUES):
-                of_step[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
-            is_new = add_fixes(
-                record.positions, lane, lanes, measured, fix, 0.5 * (now[0] + now[1])
-            )
-            of_step[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
+                step_inputs[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
+            speed = 0.5 * (now[0] + now[1])
+            is_new = add_fixes(record.positions, lane, lanes, measured, fix, speed)
+            step_inputs[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
             before = lanes.judged[lane]
-            of_step[ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, before)
+            step_inputs[ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, before)
             if is_new:
                 lanes.judged[lane] = fix
             if steps.extras[k] & HEADING:
@@ -213,13 +206,13 @@ def fill_lane(
                 while headed >= 0 and not np.isfinite(measured.fixes[lane, headed, YAW_OF_FIX]):
                     headed -= 1
                 interval = counted_interval(measured.fix_stamps, fix, headed)
-                of_step[ROW_HEADING_INTERVAL, lane] = interval
+                step_inputs[ROW_HEADING_INTERVAL, lane] = interval
 
 
 def add_fixes(
     place: PlaceRecord, lane: int, lanes: LaneRecords, measured: Measured, fix: int, speed: float
 ) -> bool:
-    """Add fixes up to an index; return False if the last repeats a position.
+    """Add fixes up to an index, at a speed [m/s]; False if it repeats a position.
 
     Those before it came before the first track speeds, so they have no speed.
     """
@@ -244,7 +237,7 @@ def counted_interval(stamps: Stamps, fix: int, before: int) -> float:
 def check_sizes(
     inputs: Floats, lanes: LaneRecords, measured: Measured, steps: Steps, added: int
 ) -> None:
-    """Compare sizes; see `fill_inputs`."""
+    """Raise ValueError if sizes differ: compiled code does not check its indices."""
     count, n, tracks = len(lanes.records), len(steps.starts), len(measured.track_stamps)
     sizes_fit = len(inputs) >= n and inputs.shape[1] == ROWS and inputs.shape[2] >= count > 0
     sizes_fit &= len(lanes.quiet_stamps) == len(lanes.fixes) == len(lanes.judged) == count

@@ -46,38 +46,40 @@ def measured_of(logs: Sequence[Log], robot: Robot, track_stamps: Stamps | None =
         track_stamps = logs[0].tracks.stamps
         if not all(np.array_equal(log.tracks.stamps, track_stamps) for log in logs):
             track_stamps = np.unique(np.concatenate([log.tracks.stamps for log in logs]))
-    # Speeds of tracks, left and right wheels of each log; NaN where it lacks a stamp.
+    # Speeds of tracks, left wheels and right wheels of each log; NaN where it lacks a stamp.
     speeds = [(log.tracks.speeds, *wheels_of(log.tracks)) for log in logs]
-    counts = [max(part.shape[1] for part in parts) for parts in zip(*speeds, strict=True)]
+    counts = [max(array.shape[1] for array in arrays) for arrays in zip(*speeds, strict=True)]
     filled = [np.full((len(logs), len(track_stamps), count), np.nan) for count in counts]
-    for row, (log, parts) in enumerate(zip(logs, speeds, strict=True)):
+    for run, (log, arrays) in enumerate(zip(logs, speeds, strict=True)):
         stamps = log.tracks.stamps
         if not np.isin(stamps, track_stamps).all():
             raise BatchError(f"track speeds of {log.name!r} have stamps that no track speeds have")
-        at = np.searchsorted(track_stamps, stamps)
-        for values, part in zip(filled, parts, strict=True):
-            if values.shape[2] != part.shape[1]:
+        places = np.searchsorted(track_stamps, stamps)
+        for values, array in zip(filled, arrays, strict=True):
+            if values.shape[2] != array.shape[1]:
                 raise BatchError(f"{log.name!r} has the speeds of other wheels than the first log")
-            values[row, at] = part
+            values[run, places] = array
     sensors = SensorModels(robot)
     rates = np.stack([sensors.rates(imu.angular_velocity) for imu in imus])
     along = np.stack([sensors.along_ground_of(force) for force in forces])
     fixes = np.zeros((len(logs), len(fix_stamps), FIX_VALUES))
-    for row, log in enumerate(logs):
-        if log.fixes is not None and len(fix_stamps):
-            of_log = log.fixes
-            fixes[row] = np.column_stack([of_log.poses, of_log.variances, of_log.lever_arms])
+    for run, log in enumerate(logs):
+        series = log.fixes
+        if series is not None and len(fix_stamps):
+            fixes[run] = np.column_stack([series.poses, series.variances, series.lever_arms])
     tracks, left, right = filled
     return Measured(track_stamps, tracks, left, right, imu_stamps, rates, along, fix_stamps, fixes)
 
 
 def _imu_and_forces(log: Log) -> tuple[ImuSeries, Floats]:
+    """IMU samples of a log and its specific forces (m, 3); `BatchError` without them."""
     if log.imu is None or log.imu.linear_acceleration is None:
         raise BatchError(f"the log {log.name!r} holds no IMU with gyros and accelerometers")
     return log.imu, log.imu.linear_acceleration
 
 
 def _fix_stamps(log: Log) -> Stamps:
+    """Stamps (k,) of the fixes of a log [ns]; none without fixes."""
     return NO_STAMPS if log.fixes is None else log.fixes.stamps
 
 

@@ -65,9 +65,8 @@ def run_many(
             )
     measured = measured_of(logs, robot)
     ticks = _tick_stamps(measured.imu_stamps, every)
-    heading = has_heading(measured.fixes)
     stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
-    steps = steps_of(*stamps, ticks, heading=heading)
+    steps = steps_of(*stamps, ticks, heading=has_heading(measured.fixes))
     trajectories: list[Trajectory] = []
     for first in range(0, len(logs), filters.width):
         # A group that is not full runs its last log more than once.
@@ -80,14 +79,9 @@ def run_many(
             start_sigma=np.array(start_sigma, dtype=float),
         )
         path = side_by_side(ticks, worked)
+        arrays = path.poses, path.pose_covariances, path.twists, path.twist_covariances
         trajectories += [
-            Trajectory(
-                ticks,
-                path.poses[:, lane],
-                path.pose_covariances[:, lane],
-                path.twists[:, lane],
-                path.twist_covariances[:, lane],
-            )
+            Trajectory(ticks, *(array[:, lane] for array in arrays))
             for lane in range(min(filters.width, len(logs) - first))
         ]
     return trajectories

@@ -47,37 +47,36 @@ def work_through_runs(
     width = filters[0].width
     ticks = int(steps.ticks.max(initial=0)) + 2
     # Filters with the same measurements, settings and type of numbers share their inputs.
-    keys = [
-        (id(data), input_settings(own.robot, own.settings), own.number)
-        for own, data in zip(filters, measured, strict=True)
-    ]
+    keys: list[tuple[int, InputSettings, Any]] = []
     fronts: dict[tuple[int, InputSettings, Any], FrontEnd] = {}
-    for key, data in zip(keys, measured, strict=True):
+    inputs: dict[tuple[int, InputSettings, Any], Floats] = {}
+    lanes: list[Lanes] = []
+    for batch, data in zip(filters, measured, strict=True):
+        settings = input_settings(batch.robot, batch.settings)
+        key = id(data), settings, batch.number
+        keys.append(key)
         if key not in fronts:
-            fronts[key] = FrontEnd(data, steps, key[1])
-    inputs = {
-        key: aligned(PART * len(INPUTS) * width, key[2]).reshape(PART, -1, width) for key in fronts
-    }
-    lanes = [
-        own.begin(data.first_speeds(key[1]), start, start_sigma)
-        for own, data, key in zip(filters, measured, keys, strict=True)
-    ]
-    tables = [own.prepare(steps) for own in filters]
+            fronts[key] = FrontEnd(data, steps, settings)
+            part_size = PART * len(INPUTS) * width
+            inputs[key] = aligned(part_size, batch.number).reshape(PART, -1, width)
+        lanes.append(batch.begin(data.first_speeds(settings), start, start_sigma))
+    tables = [batch.prepare(steps) for batch in filters]
     estimates = [np.zeros((ticks, len(ESTIMATE), width)) for _ in filters]
     for begin in range(0, len(steps.kinds), PART):
         end = min(begin + PART, len(steps.kinds))
         part = steps.part(begin, end)
         for key, front in fronts.items():
             front.fill(begin, end, inputs[key][: end - begin])
-        for number, own in enumerate(filters):
+        for number, batch in enumerate(filters):
             part_inputs = inputs[keys[number]][: end - begin]
-            table, room = tables[number][begin:end], estimates[number][int(part.ticks[0]) :]
-            own.work_through(lanes[number], part_inputs, part, table, room)
+            table, rows = tables[number][begin:end], estimates[number][int(part.ticks[0]) :]
+            batch.work_through(lanes[number], part_inputs, part, table, rows)
     return [Worked(*pair) for pair in zip(lanes, estimates, strict=True)]
 
 
 def side_by_side(stamps: Stamps, worked: Worked) -> Trajectory:
-    """Trajectory of all lanes at the ticks (n,) [ns]; lanes are the second axis."""
+    """Trajectory of all lanes (second axis) at the stamps (n,) of the ticks [ns]."""
+    # Columns of `ESTIMATE`: pose, upper triangle of its covariance, twist, and that of the twist.
     rows = worked.estimates[: len(stamps)]
     return Trajectory(
         stamps,

@@ -9,8 +9,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.common_values import (
+    FRICTION_KEPT,
     KEPT,
-    OF_FRICTION,
     common_bias,
     finite,
     mounting_turns,
@@ -29,18 +29,19 @@ from icreckon.estimator.calibration.result import (
 )
 from icreckon.estimator.robot.robot_file import Robot
 
-Again = Callable[[str, Robot, dict[str, float], frozenset[str]], Fit]
+Refit = Callable[[str, Robot, dict[str, float], frozenset[str]], Fit]
+"""Fit of a model: its name, the robot, initial values, parameters to hold at these."""
 
-MOVED = 1e-3
+LEAST_CHANGE = 1e-3
 """A larger shift of the centre of mass [m] changes the meaning of the inertia-based parameters; a larger
 change of a scale [-] changes the meaning of all parameters."""
-CALLED = {
+TITLES = {
     "differential": "ideal differential drive",
     "constant": "constant ICRs",
     "inertia": "inertia-based ICRs",
 }
-PLURAL = ("constant", "inertia")
-COMMON = {
+PLURAL_TITLES = ("constant", "inertia")
+COMMON_NAMES = {
     "scale": "sprocket_radius",
     "gyro_scale": "imu.gyro_scale",
     "track_latency": "track_latency",
@@ -54,7 +55,7 @@ BY_TRACKS_ALONE = (
     "run, with the gyro, icreckon replay shows on a log that was not calibrated with"
 )
 """Note on the verdict."""
-OF_MOUNTING = {
+MOUNTING_KEYS = {
     **dict.fromkeys(("roll", "pitch", "yaw"), "rotation_rpy_deg"),
     **dict.fromkeys(("forward", "left"), "position"),
 }
@@ -62,7 +63,7 @@ OF_MOUNTING = {
 # Spread of parameters between logs: other ground, load, tyre pressure. One log cannot show it. The
 # figures are those of three robots, measured by `benchmarks/between_logs.py`: four logs of a Warthog on
 # grass and asphalt, four parts of a log each of the tracked Marmotte and of a Husky with deflated tyres.
-SHARES = {
+SIGMA_SHARES = {
     "sprocket_radius": 0.01,
     "track_scale": 0.01,
     "effective_track": 0.02,
@@ -72,7 +73,7 @@ SHARES = {
     "indices.zeta1": 0.1,
 }
 """Standard deviation between logs, as a share of the value [-]."""
-SIZES = {
+SIGMA_SIZES = {
     "tracks.difference": 0.003,
     "track_latency": 0.012,
     "imu.roll": 0.5,
@@ -91,7 +92,7 @@ def assembled(
     shared: Mapping[str, Fit],
     radii: Fit,
     comparison: ModelComparison,
-    again: Again,
+    refit: Refit,
     *,
     speeds_by_radius: bool,
 ) -> Calibration:
@@ -103,13 +104,13 @@ def assembled(
         shared: fit of each model with the difference of the likeliest one.
         radii: fit of the likeliest model.
         comparison: comparison of the models in `shared`.
-        again: refits a model: its name, the robot, initial values, parameters to hold at these.
+        refit: refits a model.
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
     """
     main = shared[comparison.supported]
     notes = []
     supported = _supported_fits(fits, comparison)
-    common = [name for name in COMMON if name in main.problem.names]
+    common = [name for name in COMMON_NAMES if name in main.problem.names]
     # What one model takes for a latency another explains by inertia: a value of the file is kept unless
     # all models that may be right contradict it.
     kept = frozenset[str]().union(*(fit.not_contradicted(common) for fit in supported))
@@ -121,20 +122,20 @@ def assembled(
     written = main.with_start_of(kept)
     common_values = {name: written.value(name) for name in {"scale", *kept}}
     common_values["difference"] = new.tracks.difference
-    kept_names = {COMMON[name] for name in kept}
+    kept_names = {COMMON_NAMES[name] for name in kept}
     # Each model is fitted again with the common values that the new file has, and once more with the
     # file's values of its own parameters, where the logs do not contradict these.
     refitted = dict(shared)
     for name in ("constant", "inertia"):
         if name not in fits:
             continue
-        refitted[name] = model_fit = _refitted(shared[name], name, robot, common_values, again)
+        refitted[name] = model_fit = _refitted(shared[name], name, robot, common_values, refit)
         problem = model_fit.problem
-        own = model_fit.not_contradicted(parameter.name for parameter in problem.model.parameters)
-        own_values = {key: float(problem.start[problem.place(key)]) for key in own}
-        given = common_values | own_values
-        new = _put(_refitted(model_fit, name, robot, given, again, always=bool(own)), new)
-        kept_names |= _result_names(name, own)
+        own_kept = model_fit.not_contradicted(p.name for p in problem.model.parameters)
+        own_values = {key: float(problem.start[problem.place(key)]) for key in own_kept}
+        held = common_values | own_values
+        new = _put(_refitted(model_fit, name, robot, held, refit, always=bool(own_kept)), new)
+        kept_names |= _result_names(name, own_kept)
     if not speeds_by_radius:
         kept_names -= {"sprocket_radius"}
     rows = []
@@ -159,17 +160,17 @@ def assembled(
 
 
 def _note_of_kept(row: FoundParameter, new: Robot) -> str:
-    """Note on a parameter that the logs do not contradict, by what the new file has."""
-    key = row.name.removeprefix("indices.")
-    is_index = key != row.name
-    return OF_FRICTION if is_index and getattr(new.indices, key) != row.before else KEPT
+    """Note on a parameter that is kept, by its value in the new file."""
+    table, _, key = row.name.rpartition(".")
+    by_friction = table == "indices" and getattr(new.indices, key) != row.before
+    return FRICTION_KEPT if by_friction else KEPT
 
 
 def _with_other_logs(row: FoundParameter, logs: int) -> FoundParameter:
     """Add the standard error for other logs to a parameter found from some logs."""
     if row.sigma is None:
         return row
-    between = SHARES.get(row.name, 0.0) * abs(row.value) + SIZES.get(row.name, 0.0)
+    between = SIGMA_SHARES.get(row.name, 0.0) * abs(row.value) + SIGMA_SIZES.get(row.name, 0.0)
     return replace(row, sigma_other_logs=math.hypot(row.sigma, between / math.sqrt(logs)))
 
 
@@ -181,7 +182,7 @@ def _is_default(robot: Robot, name: str) -> bool:
     }  # fmt: skip
     table = tables.get(table_name)
     fields = () if table is None else msgspec.structs.fields(table)
-    key = OF_MOUNTING.get(key, key)
+    key = MOUNTING_KEYS.get(key, key)
     return any(
         field.name == key and not field.required and getattr(table, key) == field.default
         for field in fields
@@ -195,17 +196,21 @@ def _result_names(model: str, names: frozenset[str]) -> set[str]:
     """
     if model == "inertia":
         return {f"indices.{name}" for name in names}
-    icrs = {key: {"epsilon0", "eta0"} for key in ("constant_icr.x_ICRl", "constant_icr.x_ICRr")}
-    indices = {"constant_icr.y_ICR": {"zeta0"}, "effective_track": {"eta0"}} | icrs
+    indices = {
+        "constant_icr.x_ICRl": {"epsilon0", "eta0"},
+        "constant_icr.x_ICRr": {"epsilon0", "eta0"},
+        "constant_icr.y_ICR": {"zeta0"},
+        "effective_track": {"eta0"},
+    }
     return {name for name, needed in indices.items() if needed <= names}
 
 
 def with_difference(
-    fits: Mapping[str, Fit], difference: float, robot: Robot, again: Again
+    fits: Mapping[str, Fit], difference: float, robot: Robot, refit: Refit
 ) -> dict[str, Fit]:
     """Fit of each model with a given difference of the radii [-]."""
-    given = {"difference": difference}
-    return {name: _refitted(one, name, robot, given, again) for name, one in fits.items()}
+    held = {"difference": difference}
+    return {name: _refitted(fit, name, robot, held, refit) for name, fit in fits.items()}
 
 
 def as_found(robot: Robot, found: Fit) -> Robot:
@@ -215,13 +220,14 @@ def as_found(robot: Robot, found: Fit) -> Robot:
 
 
 def _refitted(
-    found: Fit, name: str, robot: Robot, given: dict[str, float], again: Again, always: bool = False
+    found: Fit, name: str, robot: Robot, held: dict[str, float], refit: Refit, always: bool = False
 ) -> Fit:
-    """Refit the model `name` with given parameters, unless `found` nearly has them."""
-    if not always and all(abs(found.value(key) - value) <= MOVED for key, value in given.items()):
+    """Refit the model `name` with held parameters, unless `found` nearly has them."""
+    changes = [abs(found.value(key) - value) for key, value in held.items()]
+    if not always and max(changes) <= LEAST_CHANGE:
         return found
-    start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | given
-    return again(name, robot, start, frozenset(given))
+    start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | held
+    return refit(name, robot, start, frozenset(held))
 
 
 def _put(found: Fit, robot: Robot) -> Robot:
@@ -244,28 +250,31 @@ def _parameters(
     robot: Robot,
     new: Robot,
     fits: Mapping[str, Fit],
-    usable: Mapping[str, Fit],
+    refitted: Mapping[str, Fit],
     main: Fit,
     radii: Fit,
     speeds_by_radius: bool,
 ) -> tuple[FoundParameter, ...]:
-    """Rows of the results: common parameters, then those of each model."""
+    """Rows of the results: common parameters, then those of each model.
+
+    Values of a model's parameters are those of `refitted`, standard errors those of `fits`.
+    """
     radius, difference = robot.vehicle.sprocket_radius, robot.tracks.difference
     rows = [
         _row(main, "scale", "sprocket_radius", "m", factor=radius, before=radius)
         if speeds_by_radius
         else _row(main, "scale", "track_scale", "-", before=1.0, note="times log.tracks.scale")
     ]
-    note = written_difference(robot, radii)[1]
+    _, note = written_difference(robot, radii)
     rows.append(_row(radii, "difference", "tracks.difference", "-", before=difference, note=note))
     gyro_scale = _row(main, "gyro_scale", "imu.gyro_scale", "-", before=robot.imu.gyro_scale)
     # That of the new file is for the calibrated mounting.
     rows += [replace(gyro_scale, value=new.imu.gyro_scale), _bias(robot, main)]
     before, after = robot.imu.rotation_rpy_deg, new.imu.rotation_rpy_deg
     for axis, (_, error) in enumerate(mounting_turns(main)):
-        name, known = ("imu.roll", "imu.pitch", "imu.yaw")[axis], np.isfinite(error)
-        status: Status = "shown" if known else "held"
-        sigma = float(np.degrees(error)) if known else None
+        name, is_known = ("imu.roll", "imu.pitch", "imu.yaw")[axis], np.isfinite(error)
+        status: Status = "shown" if is_known else "held"
+        sigma = float(np.degrees(error)) if is_known else None
         rows.append(FoundParameter(name, "deg", after[axis], sigma, status, before[axis]))
     rows += [
         _row(main, name, name.replace("imu_", "imu."), "m", before=0.0)
@@ -275,9 +284,9 @@ def _parameters(
     rows += [_row(main, f"lever_arm_{name}", f"truth.{name}", "m") for name in ("forward", "left")]
     note = "extra delay, added to log.tracks.latency"
     rows.append(_row(main, "track_latency", "track_latency", "s", note=note))
-    rows += _constant(robot, usable["constant"], fits["constant"])
-    if "inertia" in usable:
-        rows += _inertia(robot, usable["inertia"], fits["inertia"])
+    rows += _constant(robot, refitted["constant"], fits["constant"])
+    if "inertia" in refitted:
+        rows += _inertia(robot, refitted["inertia"], fits["inertia"])
     return tuple(rows)
 
 
@@ -300,7 +309,7 @@ def _status(found: Fit, name: str) -> Status:
 def _row(
     found: Fit,
     name: str,
-    called: str,
+    result_name: str,
     unit: str,
     *,
     factor: float = 1.0,
@@ -313,11 +322,12 @@ def _row(
     Value and error are times `factor`. A held one has the file's value `before`, if there is one.
     """
     errors = sigmas or found
+    is_free = errors.is_free(name)
     return FoundParameter(
-        name=called,
+        name=result_name,
         unit=unit,
-        value=factor * found.value(name) if errors.is_free(name) or before is None else before,
-        sigma=factor * errors.sigma(name) if errors.is_free(name) else None,
+        value=factor * found.value(name) if is_free or before is None else before,
+        sigma=factor * errors.sigma(name) if is_free else None,
         status=_status(errors, name),
         before=before,
         note=note,
@@ -329,10 +339,10 @@ def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
     gauge, before = robot.vehicle.track_gauge, robot.constant_indices
     epsilon, eta = (sigmas.problem.place(name) for name in ("epsilon0", "eta0"))
     order: tuple[Status, ...] = ("held", "conditional", "shown")
-    worst = min((_status(sigmas, name) for name in ("epsilon0", "eta0")), key=order.index)
+    status = min((_status(sigmas, name) for name in ("epsilon0", "eta0")), key=order.index)
     # With epsilon0 held, the ICRs still follow from eta0.
-    if worst == "held" and sigmas.is_free("eta0"):
-        worst = "conditional"
+    if status == "held" and sigmas.is_free("eta0"):
+        status = "conditional"
     note = "" if sigmas.is_free("epsilon0") else "spacing estimated, midpoint from the file"
     rows = []
     # x_ICR = epsilon0 + side * gauge * eta0.
@@ -352,25 +362,18 @@ def _constant(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
                 name=f"constant_icr.{name}",
                 unit="m",
                 value=found.value("epsilon0") + side * gauge * found.value("eta0"),
-                sigma=None if worst == "held" else sigma,
-                status=worst,
+                sigma=None if status == "held" else sigma,
+                status=status,
                 before=before.epsilon0 + side * gauge * before.eta0,
                 note=note,
             )
         )
     y_ICR = _row(found, "zeta0", "constant_icr.y_ICR", "m", before=before.zeta0, sigmas=sigmas)
-    note = "eta0 of constant ICRs times the gauge"
-    effective_track = _row(
-        found,
-        "eta0",
-        "effective_track",
-        "m",
-        sigmas=sigmas,
-        factor=gauge,
-        before=gauge * before.eta0,
-        note=note,
+    old_width = gauge * before.eta0
+    width = _row(
+        found, "eta0", "effective_track", "m", factor=gauge, before=old_width, sigmas=sigmas
     )
-    return [*rows, y_ICR, effective_track]
+    return [*rows, y_ICR, replace(width, note="eta0 of constant ICRs times the gauge")]
 
 
 def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
@@ -400,19 +403,20 @@ def _correlations(found: Fit) -> tuple[tuple[str, ...], Floats]:
 def _logs(main: Fit) -> tuple[OfLog, ...]:
     """Parameters and segments of each log, by the supported model."""
     recording = main.problem.recording
-    # Way of each segment without the fitted scale of the track speeds [m].
-    ways = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
+    # Distance of each segment without the fitted scale of the track speeds [m].
+    distances = np.abs(recording.speeds(0.0).mean(axis=-1)).sum(axis=1) * recording.cell
     logs = []
     for number, motion in enumerate(recording.motions):
-        own, bias, lag = recording.log == number, f"gyro_bias[{number}]", f"lag[{number}]"
+        in_log, bias, lag = recording.log == number, f"gyro_bias[{number}]", f"lag[{number}]"
+        moving = in_log & recording.moving
         logs.append(
             OfLog(
                 name=motion.log.name,
                 gyro_bias=(main.value(bias), finite(main.sigma(bias))),
                 lag=(main.value(lag), finite(main.sigma(lag))) if main.is_free(lag) else None,
-                segments=int((own & recording.moving).sum()),
-                still=int((own & ~recording.moving).sum()),
-                distance=float(main.value("scale") * ways[own & recording.moving].sum()),
+                segments=int(moving.sum()),
+                still=int((in_log & ~recording.moving).sum()),
+                distance=float(main.value("scale") * distances[moving].sum()),
             )
         )
     return tuple(logs)
@@ -429,8 +433,7 @@ def _residuals(constant: Fit, main: Fit) -> Residuals:
     columns, moving = [ALONG, ACROSS, SLIP], recording.moving
     middles = recording.edges.mean(axis=1)
     # Times of the logs one behind the other [s].
-    begins = np.zeros(len(recording.motions))
-    begins[1:] = np.cumsum([motion.log.duration for motion in recording.motions])[:-1]
+    begins = np.cumsum([0.0, *(motion.log.duration for motion in recording.motions)])
     return Residuals(
         seconds=(middles + begins[recording.log])[moving],
         turning=(recording.turned[:, -1] - recording.turned[:, 0])[moving],
@@ -444,7 +447,7 @@ def _verdict(comparison: ModelComparison) -> str:
     chosen = comparison.supported
     score = comparison.score(chosen)
     verdict = (
-        f"The data support {CALLED[chosen]}. Held-out drift of dead reckoning by the tracks alone is "
+        f"The data support {TITLES[chosen]}. Held-out drift of dead reckoning by the tracks alone is "
         f"{score.drift_percent:.1f} % (95 % interval {score.drift_low:.1f} to {score.drift_high:.1f})."
     )
     parts, is_unclear = [], False
@@ -461,7 +464,7 @@ def _verdict(comparison: ModelComparison) -> str:
         word = "worse" if low > 0.0 else "better" if high < 0.0 else f"not clearly {tendency}"
         is_unclear |= word == "not clearly better"
         parts.append(
-            f"{CALLED[name]} {'are' if name in PLURAL else 'is'} {word} "
+            f"{TITLES[name]} {'are' if name in PLURAL_TITLES else 'is'} {word} "
             f"({other.drift_percent:.1f} %, difference {low:+.1f} to {high:+.1f})"
         )
     if not parts:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -36,7 +37,7 @@ SEGMENT = 3.0
 """Length of a segment [s]."""
 SHORTEST, LONGEST = 1.0, 20.0
 """Limits of that length [s]."""
-LEAST_MOVED = 0.02
+LEAST_MOVED_SHARE = 0.02
 """Distance of a truth over that of the tracks, below which the truth stands still [-]."""
 ALIKE, OTHER_UNIT = 0.8, 2.0
 """Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
@@ -88,14 +89,14 @@ def calibrate(
     logs = [logs] if isinstance(logs, Log) else logs
     for log in logs:
         require_part("each of logs", log, Log)
-    chosen = _models(models)
+    chosen = _in_order(models)
     if not logs:
         raise EstimatorError("no log to calibrate from; give one or more")
     if not SHORTEST <= segment <= LONGEST:
         raise EstimatorError(
             f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
         )
-    report = progress or (lambda _: None)
+    report_share = progress or (lambda _: None)
     _check_sides(logs)
     _check_truths(logs)
     headed = [_with_headings(log, robot) for log in logs]
@@ -126,7 +127,7 @@ def calibrate(
         replace(motion, lag=first.value(f"lag[{log}]"), bias=first.value(f"gyro_bias[{log}]"))
         for log, motion in enumerate(motions)
     ]
-    report(0.1)
+    report_share(0.1)
     scale, difference = first.value("scale"), first.value("difference")
     latency = first.value("track_latency")
     known = with_common(
@@ -141,21 +142,21 @@ def calibrate(
     initial = dict(zip(first.problem.names, first.values.tolist(), strict=True))
     for number, name in enumerate(chosen):
         fits[name] = fit(problem(name, recording, robot), initial=initial)
-        report(0.1 + 0.6 * (number + 1) / len(chosen))
+        report_share(0.1 + 0.6 * (number + 1) / len(chosen))
 
-    def again(name: str, robot: Robot, start: dict[str, float], held: frozenset[str]) -> Fit:
+    def refit(name: str, robot: Robot, start: dict[str, float], held: frozenset[str]) -> Fit:
         return fit(problem(name, recording, robot), initial=start, held=held)
 
     # The radii are the robot's, not a model's: a model that lacks an effect must not hide it in them.
     radii = fits[likeliest(validate(fits))]
-    shared = with_difference(fits, radii.value("difference"), robot, again)
+    shared = with_difference(fits, radii.value("difference"), robot, refit)
     comparison = validate(shared)
-    report(0.9)
+    report_share(0.9)
     calibration = assembled(
-        robot, fits, shared, radii, comparison, again, speeds_by_radius=speeds_by_radius
+        robot, fits, shared, radii, comparison, refit, speeds_by_radius=speeds_by_radius
     )
-    report(1.0)
-    remarks = (remark for _, of_log in headed for remark in of_log)
+    report_share(1.0)
+    remarks = chain.from_iterable(log_remarks for _, log_remarks in headed)
     return replace(calibration, notes=(*calibration.notes, *remarks))
 
 
@@ -177,7 +178,7 @@ def _check_truths(logs: Sequence[Log]) -> None:
         speeds = np.abs(log.tracks.speeds.mean(axis=1))
         driven = float(running_integral(log.tracks.stamps, speeds)[-1])
         moved = float(path_length(log.truth.poses)[-1])
-        if driven > 1.0 and moved < LEAST_MOVED * driven:
+        if driven > 1.0 and moved < LEAST_MOVED_SHARE * driven:
             raise EstimatorError(
                 f"log {log.name!r}: its truth moves {moved:.3g} m while the tracks drive {driven:.3g} m; "
                 "look at its topic, unit and receiver"
@@ -187,9 +188,7 @@ def _check_truths(logs: Sequence[Log]) -> None:
 def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     """Log with headings in its truth, and remarks if these are from the path.
 
-    Args:
-        log: the log; one without truth, IMU or tracks stays as it is.
-        robot: the robot, for its gyro and the size of its sprockets.
+    A log without truth, IMU or tracks stays as it is.
 
     Raises:
         EstimatorError: the truth has no headings, and the robot moves too little to find them.
@@ -221,7 +220,7 @@ def _with_headings(log: Log, robot: Robot) -> tuple[Log, tuple[str, ...]]:
     return replace(log, truth=truth), (remark,)
 
 
-def _models(wanted: Sequence[str]) -> list[str]:
+def _in_order(wanted: Sequence[str]) -> list[str]:
     """Names of the wanted models, checked, in the order of `MODELS`."""
     for name in wanted:
         if name not in MODELS:
@@ -249,8 +248,8 @@ def _check_signs(problem: Problem) -> None:
             raise EstimatorError(f"{sensor} turned against the truth; {hint}")
     square = float(by_truth @ by_truth)
     ratio = float(by_gyro @ by_truth) / square if square > 0.0 else 1.0
-    ratio_shows = _correlation(by_gyro, by_truth) >= ALIKE
-    if ratio_shows and not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
+    is_ratio_known = _correlation(by_gyro, by_truth) >= ALIKE
+    if is_ratio_known and not 1.0 / OTHER_UNIT < ratio < OTHER_UNIT:
         raise EstimatorError(
             f"the gyro turns {ratio:.3g} times as far as the truth: one of them is in another unit "
             "(57.3: the gyro is in deg/s)"

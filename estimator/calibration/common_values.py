@@ -12,26 +12,26 @@ from icreckon.estimator.calibration.fit import Fit
 from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
 
-SURE = 1.96
-"""Standard errors from zero at which a value is beyond its error."""
+CERTAIN = 1.96
+"""Number of standard errors beyond which a difference is significant (95 %)."""
 KEPT = "not significantly different: the file's is kept"
 """Note on a value that is not written."""
-OF_FRICTION = "not significantly different from Coulomb friction's, which is written"
+FRICTION_KEPT = "not significantly different from Coulomb friction's, which is written"
 """Note on a gain that the file does not have."""
-LARGEST_APART = 0.1
+LARGEST_OFF = 0.1
 """Largest difference of a log's scale from that of all logs that counts [-]."""
 LEAST_LATENCY = 2e-3
 """A smaller latency of the track speeds is not written to the robot file [s]."""
 
 
-def _deviation(main: Fit, supported: Sequence[Fit], name: str, of_file: float) -> float:
+def _deviation(main: Fit, supported: Sequence[Fit], name: str, file_sigma: float) -> float:
     """Standard deviation of a parameter over logs and over models that may be right."""
     over_models = np.mean([(fit.value(name) - main.value(name)) ** 2 for fit in supported])
-    return float(np.hypot(_sigma_over_logs(main, name, of_file), np.sqrt(over_models)))
+    return float(np.hypot(_sigma_over_logs(main, name, file_sigma), np.sqrt(over_models)))
 
 
 def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
-    """Difference of the radii for the robot file [-], and why it is not the one found.
+    """Difference of the radii for the robot file [-], and a note on its reason.
 
     The file's value stays, unless the logs contradict it; if the new one is within its error of zero, it
     is zero.
@@ -40,11 +40,11 @@ def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
     value, sigma = radii.value("difference"), radii.sigma("difference")
     if not radii.is_free("difference"):
         return before, ""
-    stays = abs(value - before) <= SURE * sigma
-    if abs(value) > SURE * sigma:
+    stays = abs(value - before) <= CERTAIN * sigma
+    if abs(value) > CERTAIN * sigma:
         return (before, KEPT) if stays else (float(value), "")
-    kept = before if stays else 0.0
-    return kept, f"within its error of zero: the file has {kept:.4g}"
+    written = before if stays else 0.0
+    return written, f"within its error of zero: the file has {written:.4g}"
 
 
 class CommonBias(NamedTuple):
@@ -65,23 +65,21 @@ def common_bias(robot: Robot, main: Fit) -> CommonBias:
     is that of the bias of another log, about what is written. The robot file's counts as one more log,
     since few logs show little of others.
     """
-    recording, imu = main.problem.recording, robot.imu
-    scale = main.value("gyro_scale")
-    logs = [log for log in range(len(recording.motions)) if main.is_free(f"gyro_bias[{log}]")]
-    if not logs:
+    imu, scale = robot.imu, main.value("gyro_scale")
+    values, sigmas = _values_of_logs(main, "gyro_bias")
+    count = len(values)
+    if not count:
         return CommonBias(imu.gyro_bias, None, imu.gyro_bias, imu.gyro_bias_sigma)
-    biases = np.array([main.value(f"gyro_bias[{log}]") for log in logs]) / scale
-    errors = np.array([main.sigma(f"gyro_bias[{log}]") for log in logs]) / scale
-    count = len(logs)
+    biases, errors = values / scale, sigmas / scale
     mean = float(biases.mean())
     spread = float(biases.var(ddof=1)) if count > 1 else 0.0
     # The spread of the estimates contains their errors, so the larger of both counts.
     error = float(np.sqrt(max(spread / count, np.sum(errors**2) / count**2)))
-    if abs(mean - imu.gyro_bias) > SURE * error:
-        between = (np.sum((biases - mean) ** 2) + imu.gyro_bias_sigma**2) / count
-        return CommonBias(mean, error, mean, float(np.sqrt(between + error**2)))
-    off = biases - imu.gyro_bias
-    variance = (np.sum(off**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
+    if abs(mean - imu.gyro_bias) > CERTAIN * error:
+        over_logs = (np.sum((biases - mean) ** 2) + imu.gyro_bias_sigma**2) / count
+        return CommonBias(mean, error, mean, float(np.sqrt(over_logs + error**2)))
+    from_file = biases - imu.gyro_bias
+    variance = (np.sum(from_file**2 + errors**2) + imu.gyro_bias_sigma**2) / (count + 1.0)
     sigma = float(np.sqrt(variance))
     # One log does not show how much logs differ; one that agrees with the file confirms it.
     sigma = min(sigma, imu.gyro_bias_sigma) if count == 1 else sigma
@@ -120,7 +118,7 @@ def with_common(
         scale_sigma = float(np.hypot(scale_sigma, scale - 1.0))
     if "scale" in kept:
         scale_sigma = min(scale_sigma, tracks.scale_sigma)
-    difference, difference_sigma = written_difference(robot, radii)[0], tracks.difference_sigma
+    (difference, _), difference_sigma = written_difference(robot, radii), tracks.difference_sigma
     if radii.is_free("difference"):
         spread = _deviation(radii, supported, "difference", difference_sigma)
         new_sigma = float(np.hypot(radii.sigma("difference"), spread))
@@ -129,8 +127,8 @@ def with_common(
     changes = {"difference": difference, "difference_sigma": difference_sigma}
     tracks = msgspec.structs.replace(tracks, scale_sigma=scale_sigma, **changes)
     bias = common_bias(robot, main)
-    rotation, tilted = _mounting(robot, main)
-    gyro_scale = _righted_scale(robot, main, tilted)
+    rotation_rpy_deg, rotation = _mounting(robot, main)
+    gyro_scale = _vertical_gyro_scale(robot, main, rotation)
     over_logs = _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma)
     gyro_scale_sigma = float(np.hypot(finite(main.sigma("gyro_scale")), over_logs))
     if "gyro_scale" in kept:
@@ -141,7 +139,7 @@ def with_common(
         y = y + main.value("imu_left") if main.is_free("imu_left") else y
     imu = msgspec.structs.replace(
         imu,
-        rotation_rpy_deg=rotation,
+        rotation_rpy_deg=rotation_rpy_deg,
         position=(float(x), float(y), z),
         gyro_scale=float(gyro_scale),
         gyro_scale_sigma=gyro_scale_sigma,
@@ -152,8 +150,11 @@ def with_common(
     return _with_log(new, main, 1.0 if speeds_by_radius else scale)
 
 
-def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
-    """Scale of the gyro with the calibrated mounting, which determines the vertical."""
+def _vertical_gyro_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
+    """Scale of the gyro about the vertical by the calibrated mounting (3, 3).
+
+    The scale of the fit is about the vertical by the robot file.
+    """
     if robot.imu.gyro_axes == "z":
         return main.value("gyro_scale") * float(robot.imu_rotation[2, 2] / rotation[2, 2])
     # Regression of the robot's rotation about the new vertical on that about the old one.
@@ -162,8 +163,8 @@ def _righted_scale(robot: Robot, main: Fit, rotation: Floats) -> float:
         if motion.log.imu is None:
             continue
         rates = motion.log.imu.angular_velocity
-        apart = rates - rates.mean(axis=0)
-        old, new = apart @ robot.imu_rotation[2], apart @ rotation[2]
+        centred = rates - rates.mean(axis=0)
+        old, new = centred @ robot.imu_rotation[2], centred @ rotation[2]
         cross, square = cross + float(new @ old), square + float(old @ old)
     return main.value("gyro_scale") * cross / square
 
@@ -178,27 +179,27 @@ def _with_log(robot: Robot, main: Fit, scale: float) -> Robot:
                 changes["latency"] = round(float(tracks.get("latency", 0.0)) + latency, 4)
             if scale != 1.0:
                 changes["scale"] = round(float(tracks.get("scale", 1.0)) * scale, 4)
-            return changed_robot(robot, {f"{name}.tracks.{key}": changes[key] for key in changes})
+            return changed_robot(robot, {f"{name}.tracks.{k}": new for k, new in changes.items()})
     return robot
 
 
 def finite(sigma: float) -> float:
-    """Standard error, zero if held."""
+    """Standard error; zero for that of a held parameter, which is infinite."""
     return sigma if np.isfinite(sigma) else 0.0
 
 
-def _sigma_over_logs(main: Fit, name: str, of_file: float) -> float:
+def _sigma_over_logs(main: Fit, name: str, file_sigma: float) -> float:
     """Standard deviation of a parameter [-] over logs; the file's counts as one more."""
     recording = main.problem.recording
     count, place = len(recording.motions), main.problem.place(name)
     if count < 2 or not main.free[place]:
-        return of_file
+        return file_sigma
     log_of_block = np.zeros(int(recording.block.max()) + 1, dtype=np.int64)
     log_of_block[recording.block] = recording.log
     by_log_alone = np.array([main.without(log_of_block != log)[place] for log in range(count)])
     # Limited: a short log alone may hardly show the parameter.
-    apart = np.minimum(np.abs(by_log_alone - main.values[place]), LARGEST_APART)
-    return float(np.sqrt((np.sum(apart**2) + of_file**2) / count))
+    off = np.minimum(np.abs(by_log_alone - main.values[place]), LARGEST_OFF)
+    return float(np.sqrt((np.sum(off**2) + file_sigma**2) / count))
 
 
 def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floats]:
@@ -207,7 +208,7 @@ def _mounting(robot: Robot, main: Fit) -> tuple[tuple[float, float, float], Floa
     Of the rotations that level it only those beyond their error count.
     """
     roll, pitch, yaw = (
-        turn if abs(turn) > SURE * error else 0.0 for turn, error in mounting_turns(main)
+        turn if abs(turn) > CERTAIN * error else 0.0 for turn, error in mounting_turns(main)
     )
     turned = rpy_to_matrix(roll, pitch, yaw) @ robot.imu_rotation
     roll, pitch, yaw = np.degrees(matrix_to_rpy(turned)).tolist()
@@ -219,22 +220,27 @@ def mounting_turns(main: Fit) -> list[tuple[float, float]]:
 
     The errors are standard errors, infinite where nothing shows the rotation.
     """
-    problem = main.problem
-    count = len(problem.recording.motions)
+    has_force = main.problem.force
 
-    def mean(name: str) -> tuple[float, float]:
-        """Mean of a parameter over the logs that show it, and its standard error."""
-        free = [log for log in range(count) if main.is_free(f"{name}[{log}]")]
-        if not problem.force or not free:
+    def tilt(name: str) -> tuple[float, float]:
+        """Tilt by the mean of an accelerometer offset, and its standard error [rad]."""
+        values, sigmas = _values_of_logs(main, name)
+        count = len(values)
+        if not has_force or not count:
             return 0.0, np.inf
-        values = np.array([main.value(f"{name}[{log}]") for log in free])
-        sigmas = np.array([main.sigma(f"{name}[{log}]") for log in free])
-        deviation = values.std(ddof=1) if len(free) > 1 else 0.0
-        error = max(float(np.sqrt((sigmas**2).sum())) / len(free), deviation / np.sqrt(len(free)))
-        return float(values.mean()), error
+        deviation = values.std(ddof=1) if count > 1 else 0.0
+        error = max(float(np.sqrt((sigmas**2).sum())) / count, deviation / np.sqrt(count))
+        return float(values.mean()) / GRAVITY, error / GRAVITY
 
-    (forward, of_forward), (left, of_left) = mean("offset_forward"), mean("offset_left")
+    roll, (forward, pitch_error) = tilt("offset_left"), tilt("offset_forward")
     yaw = (0.0, np.inf)
-    if problem.force and main.is_free("mounting_yaw"):
+    if has_force and main.is_free("mounting_yaw"):
         yaw = (main.value("mounting_yaw"), main.sigma("mounting_yaw"))
-    return [(left / GRAVITY, of_left / GRAVITY), (-forward / GRAVITY, of_forward / GRAVITY), yaw]
+    return [roll, (-forward, pitch_error), yaw]
+
+
+def _values_of_logs(main: Fit, name: str) -> tuple[Floats, Floats]:
+    """Values (l,) of a parameter of each log that shows it, and their standard errors."""
+    names = [f"{name}[{log}]" for log in range(len(main.problem.recording.motions))]
+    free = [one for one in names if main.is_free(one)]
+    return np.array([main.value(one) for one in free]), np.array([main.sigma(one) for one in free])

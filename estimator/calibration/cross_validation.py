@@ -6,6 +6,7 @@ of a few segments.
 """
 
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,67 +22,74 @@ WINDOW = 3
 """Segments of a window, at most."""
 JUMPED = 0.15
 """Weight of a truth's turning below which it is an outlier, six standard deviations off."""
-DRAWS = 4000
-SEED = 1
+DRAWS, SEED = 4000, 1
+"""Number of draws of the bootstrap, and the seed of its random numbers."""
 LEVELS = (2.5, 97.5)
+"""Ends of a 95 % interval [%]."""
+
+
+class HeldOutSums(NamedTuple):
+    """Sums (blocks,) over segments and windows of each block, left out of the fit."""
+
+    likelihood: Floats  # log likelihood of the segments
+    error: Floats  # error of the windows by the tracks alone [m]
+    error_with_gyro: Floats  # error of the windows with headings from the gyro [m]
 
 
 def validate(fits: Mapping[str, Fit]) -> ModelComparison:
-    """Compare models by their predictions of held-out blocks.
-
-    Args:
-        fits: by name, in the order of `MODELS`; the same segments in all.
-    """
+    """Compare models, in the order of `MODELS`, by predictions of held-out blocks."""
     first = next(iter(fits.values()))
     recording = first.problem.recording
     windows = _windows(recording, recording.moving & ~_jumped(first))
     speeds = np.abs(recording.speeds(0.0).mean(axis=-1))
-    segment_ways = first.value("scale") * speeds.sum(axis=1) * recording.cell
+    segment_distances = first.value("scale") * speeds.sum(axis=1) * recording.cell
     blocks = int(recording.block.max()) + 1
     window_blocks = np.array([recording.block[window[0]] for window in windows])
-    window_ways = [segment_ways[window].sum() for window in windows]
-    # Distance in each block, and in all windows [m].
-    ways = np.bincount(window_blocks, window_ways, minlength=blocks)
-    distance = ways.sum()
+    window_distances = [segment_distances[window].sum() for window in windows]
+    # Distance of the windows in each block, and in all [m].
+    block_distances = np.bincount(window_blocks, window_distances, minlength=blocks)
+    distance = block_distances.sum()
     sums = {name: _held_out(fit, windows, window_blocks) for name, fit in fits.items()}
     segments = int(recording.moving.sum())
     # Bootstrap: as many blocks as there are, drawn with replacement.
     drawn = np.random.default_rng(SEED).integers(0, blocks, (DRAWS, blocks))
-    drawn_distances = np.maximum(ways[drawn].sum(axis=1), 1e-9)
+    drawn_distances = np.maximum(block_distances[drawn].sum(axis=1), 1e-9)
     widening = float(few_blocks(blocks))
 
     def drift_interval(errors: Floats) -> tuple[float, float]:
+        """95 % interval [%] of a drift or a difference, by errors (blocks,) [m]."""
         middle = 100.0 * errors.sum() / distance
         ends = np.percentile(100.0 * errors[drawn].sum(axis=1) / drawn_distances, LEVELS)
         low, high = middle + widening * (ends - middle)
         return float(low), float(high)
 
     scores = []
-    for name, (likelihood, errors, errors_with_gyro) in sums.items():
-        low, high = drift_interval(errors)
+    for name, held_out in sums.items():
+        low, high = drift_interval(held_out.error)
         scores.append(
             ModelScore(
                 model=name,
                 parameters=int(fits[name].problem.own(fits[name].free).sum()),
-                drift_percent=100.0 * float(errors.sum() / distance),
+                drift_percent=100.0 * float(held_out.error.sum() / distance),
                 drift_low=max(low, 0.0),
                 drift_high=high,
-                drift_with_gyro_percent=100.0 * float(errors_with_gyro.sum() / distance),
-                log_likelihood=float(likelihood.sum() / segments),
+                drift_with_gyro_percent=100.0 * float(held_out.error_with_gyro.sum() / distance),
+                log_likelihood=float(held_out.likelihood.sum() / segments),
             )
         )
     differences = []
     names = list(sums)
     supported = names[0]
     for number, name in enumerate(names):
-        better = False
+        is_better = False
         for other in names[:number]:
-            likelier, errors, _ = (a - b for a, b in zip(sums[name], sums[other], strict=True))
+            errors = sums[name].error - sums[other].error
             low, high = drift_interval(errors)
-            better = better or (other == supported and high < 0.0)
-            likelier_by = likelier.sum() / segments
-            bounds = np.percentile(likelier[drawn].sum(axis=1) / segments, LEVELS)
-            bounds = likelier_by + widening * (bounds - likelier_by)
+            is_better = is_better or (other == supported and high < 0.0)
+            likelihoods = sums[name].likelihood - sums[other].likelihood
+            gain = likelihoods.sum() / segments
+            bounds = np.percentile(likelihoods[drawn].sum(axis=1) / segments, LEVELS)
+            gain_low, gain_high = (gain + widening * (bounds - gain)).tolist()
             differences.append(
                 Difference(
                     model=name,
@@ -89,13 +97,13 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
                     drift=100.0 * float(errors.sum() / distance),
                     drift_low=low,
                     drift_high=high,
-                    log_likelihood=float(likelier_by),
-                    log_likelihood_low=float(bounds[0]),
-                    log_likelihood_high=float(bounds[1]),
+                    log_likelihood=float(gain),
+                    log_likelihood_low=gain_low,
+                    log_likelihood_high=gain_high,
                 )
             )
         # Each later model replaces the one chosen so far if it is significantly better than that.
-        supported = name if better else supported
+        supported = name if is_better else supported
     return ModelComparison(
         scores=tuple(scores),
         differences=tuple(differences),
@@ -109,7 +117,7 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
 
 def likeliest(comparison: ModelComparison) -> str:
     """Name of the model with the highest held-out likelihood."""
-    return max(comparison.scores, key=lambda one: one.log_likelihood).model
+    return max(comparison.scores, key=lambda score: score.log_likelihood).model
 
 
 def _jumped(fit: Fit) -> NDArray[np.bool_]:
@@ -125,21 +133,15 @@ def _jumped(fit: Fit) -> NDArray[np.bool_]:
 
 
 def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Consecutive runs of up to `WINDOW` usable segments within a block."""
+    """Consecutive runs of up to `WINDOW` usable segments (mask (n,)) within a block."""
     windows: list[list[int]] = []
     for segment in range(len(recording.log)):
         if not usable[segment]:
             continue
-        last = windows[-1] if windows else []
-        goes_on = (
-            bool(last)
-            and last[-1] == segment - 1
-            and recording.follows[segment]
-            and recording.block[segment] == recording.block[segment - 1]
-            and len(last) < WINDOW
-        )
-        if goes_on:
-            last.append(segment)
+        is_next = recording.follows[segment] and bool(windows) and windows[-1][-1] == segment - 1
+        is_in_block = recording.block[segment] == recording.block[segment - 1]
+        if is_next and is_in_block and len(windows[-1]) < WINDOW:
+            windows[-1].append(segment)
         else:
             windows.append([segment])
     return [np.array(window) for window in windows]
@@ -147,30 +149,29 @@ def _windows(recording: Recording, usable: NDArray[np.bool_]) -> list[NDArray[np
 
 def _held_out(
     fit: Fit, windows: list[NDArray[np.int64]], window_blocks: NDArray[np.int64]
-) -> tuple[Floats, Floats, Floats]:
-    """Sums (blocks,) of likelihood, error and error with gyro, each block held out."""
+) -> HeldOutSums:
+    """Sums of a model over each block, with parameters estimated without its fold."""
     problem = fit.problem
     block = problem.recording.block
     blocks = int(block.max()) + 1
     fold = np.arange(blocks) % min(FOLDS, blocks)
-    likelihood, error, with_gyro = np.zeros(blocks), np.zeros(blocks), np.zeros(blocks)
-    for number in np.unique(fold):
-        held_out = fold == number
+    sums = HeldOutSums(np.zeros(blocks), np.zeros(blocks), np.zeros(blocks))
+    for fold_number in np.unique(fold):
+        held_out = fold == fold_number
         values = fit.without(held_out)
         residuals = problem.rows(values)
-        for channel, sizes in zip(fit.noise.channels, fit.noise.components, strict=True):
+        for channel, sigmas in zip(fit.noise.channels, fit.noise.components, strict=True):
             if channel.name not in ("position", "slip"):
                 continue
             segments = channel.rows[:, 0]
             counts = held_out[block[segments]] & problem.recording.moving[segments]
-            density = log_density(channel.of(residuals), channel.variances(sizes))
-            np.add.at(likelihood, block[segments], np.where(counts, density, 0.0))
-        blocks_out = window_blocks[held_out[window_blocks]]
-        windows_out = [windows[k] for k in np.flatnonzero(held_out[window_blocks])]
-        alone, aided = _window_errors(fit, values, windows_out)
-        np.add.at(error, blocks_out, alone)
-        np.add.at(with_gyro, blocks_out, aided)
-    return likelihood, error, with_gyro
+            density = log_density(channel.select(residuals), channel.variances(sigmas))
+            np.add.at(sums.likelihood, block[segments], np.where(counts, density, 0.0))
+        windows_out = np.flatnonzero(held_out[window_blocks])
+        alone, aided = _window_errors(fit, values, [windows[number] for number in windows_out])
+        np.add.at(sums.error, window_blocks[windows_out], alone)
+        np.add.at(sums.error_with_gyro, window_blocks[windows_out], aided)
+    return sums
 
 
 def _window_errors(
@@ -178,7 +179,7 @@ def _window_errors(
 ) -> tuple[Floats, Floats]:
     """Distance (w,) of the ends of windows by the model from those by the truth [m].
 
-    Returns that with headings from the tracks alone, and that with headings aided by the gyro.
+    The first is with headings from the tracks alone, the second with headings from the gyro.
     """
     problem, recording = fit.problem, fit.problem.recording
     twist, cell = problem.twist(values), recording.cell
@@ -193,13 +194,9 @@ def _window_errors(
         by_tracks = start + cell * (np.cumsum(w) - 0.5 * w)
         turns = np.diff(heading[window], axis=1).ravel()
         by_gyro = start + np.cumsum(turns) - 0.5 * turns
-        true = place[recording.ends[window[-1]]] - place[recording.starts[window[0]]]
+        true_x, true_y = place[recording.ends[window[-1]]] - place[recording.starts[window[0]]]
         for angle, errors in ((by_tracks, alone), (by_gyro, aided)):
-            went = cell * np.array(
-                [
-                    (np.cos(angle) * v_x - np.sin(angle) * v_y).sum(),
-                    (np.sin(angle) * v_x + np.cos(angle) * v_y).sum(),
-                ]
-            )
-            errors.append(float(np.hypot(*(went - true))))
+            x = cell * (np.cos(angle) * v_x - np.sin(angle) * v_y).sum()
+            y = cell * (np.sin(angle) * v_x + np.cos(angle) * v_y).sum()
+            errors.append(float(np.hypot(x - true_x, y - true_y)))
     return np.array(alone), np.array(aided)

@@ -37,11 +37,11 @@ NOISE_ROUNDS = 5
 """Number of first steps that re-estimate the noise."""
 SETTLED = 0.01
 """The search ends with a step below this share of all standard errors."""
-LOOSE = 10.0
+SOFT_BOUND = 10.0
 """Soft bound of unobservable parameters about their start while fitting, in threshold errors."""
 CHANCE = 0.01
 """Probability below which chance does not explain how far values are off."""
-NEVER = 1e-10
+LEAST_INFORMATION = 1e-10
 """Least information, in units of the threshold errors; below it counts as zero."""
 
 
@@ -84,14 +84,14 @@ class Fit:
         """
         from scipy.special import chdtri
 
-        start = self.problem.start
-        places = [place for name in names if self.free[place := self.problem.place(name)]]
-        off = {place: (self.values[place] - start[place]) / self.sigmas[place] for place in places}
-        places.sort(key=lambda place: abs(off[place]))
+        places = [self.problem.place(name) for name in names if self.is_free(name)]
+        # Differences (p,) from the start in standard errors; 0 for held parameters.
+        errors_off = (self.values - self.problem.start) / self.sigmas
+        places.sort(key=lambda place: abs(errors_off[place]))
         while places:
             size = np.sqrt(np.diag(self.covariance)[places])
             correlation = self.covariance[np.ix_(places, places)] / np.outer(size, size)
-            offsets = np.array([off[place] for place in places])
+            offsets = errors_off[places]
             wald = offsets @ np.linalg.pinv(correlation, hermitian=True) @ offsets
             largest = offsets[-1] ** 2
             if wald <= chdtri(len(places), CHANCE) and largest <= chdtri(1, CHANCE):
@@ -108,13 +108,12 @@ class Fit:
         return replace(self, values=values)
 
     def without(self, blocks: NDArray[np.bool_]) -> Floats:
-        """Estimates (p,) without the blocks of a mask (blocks,), by one step."""
-        at = np.flatnonzero(self.free)
-        fisher = self.fisher[~blocks].sum(axis=0)[np.ix_(at, at)]
-        score = self.score[~blocks].sum(axis=0)[at]
-        threshold = _thresholds(self.problem)[at]
+        """Estimates (p,) without the blocks of a mask (blocks,), by one Gauss-Newton step."""
+        free, threshold = np.flatnonzero(self.free), _thresholds(self.problem)
+        scaled = _scaled(self.fisher[~blocks].sum(axis=0), free, threshold)
+        slope = threshold[free] * self.score[~blocks].sum(axis=0)[free]
         moved = self.values.copy()
-        moved[at] -= threshold * _solve(fisher * np.outer(threshold, threshold), threshold * score)
+        moved[free] -= threshold[free] * _solve(scaled, slope)
         return self.problem.inside(moved)
 
 
@@ -141,8 +140,8 @@ def fit(
     residuals, jacobian = problem.linearised(values)
     fisher, _ = information(noise, residuals, jacobian, problem.recording.block)
     total = fisher.sum(axis=0) * flattening(noise, residuals)
-    with_all_free = _sigmas(total, free, threshold)
-    shown = free & (with_all_free <= threshold)
+    sigmas_all_free = _sigmas(total, free, threshold)
+    shown = free & (sigmas_all_free <= threshold)
     # Hold unobservable parameters, one by one, until the rest is observable.
     ranks = np.array([parameter.rank for parameter in problem.parameters])
     while (unobservable := free & (_sigmas(total, free, threshold) > threshold)).any():
@@ -158,10 +157,11 @@ def fit(
         names = {problem.names[place] for place in np.flatnonzero(without_effect)}
         rest = {name: value for name, value in (initial or {}).items() if name not in names}
         return fit(problem, initial=rest, held=held | names)
-    at = np.flatnonzero(free)
+    places = np.flatnonzero(free)
+    scales = np.outer(threshold[places], threshold[places])
     covariance = np.zeros((len(values), len(values)))
-    scaled = total[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])
-    covariance[np.ix_(at, at)] = np.linalg.inv(scaled) * np.outer(threshold[at], threshold[at])
+    inverse = np.linalg.inv(_scaled(total, places, threshold))
+    covariance[np.ix_(places, places)] = inverse * scales
     result = Fit(
         problem=problem,
         values=values,
@@ -177,7 +177,7 @@ def fit(
     )
     by_likelihood = np.sqrt(np.diag(covariance))
     largest = np.maximum(by_likelihood, _jackknife(result)) * few_blocks(_effective_blocks(result))
-    largest = np.where(shown, np.maximum(largest, with_all_free), largest)
+    largest = np.where(shown, np.maximum(largest, sigmas_all_free), largest)
     result.sigmas[free] = largest[free]
     return result
 
@@ -190,56 +190,50 @@ def _search(
     loose: bool,
     noise: Noise | None = None,
 ) -> tuple[Floats, Noise]:
-    """Search by Gauss-Newton steps, shortened if they do not reduce the cost.
+    """Search values (p,) and noise by Gauss-Newton steps, shortened if the cost rises.
 
-    Args:
-        problem: the problem.
-        values: (p,) initial values.
-        free: (p,) mask of parameters that may change.
-        loose: True to bind them softly to their initial values, see `LOOSE`.
-        noise: initial noise; None to estimate it.
-
-    Returns:
-        Values (p,) and noise.
+    Parameters of the mask `free` (p,) change from their initial values, to which `loose` binds them
+    softly (`SOFT_BOUND`). The initial noise is estimated if there is none.
     """
     threshold, block = _thresholds(problem), problem.recording.block
-    at = np.flatnonzero(free)
-    start = values.copy()
-    ridge = np.full(len(at), LOOSE**-2.0 if loose else 0.0)
+    places, start = np.flatnonzero(free), values.copy()
+    # Information of the soft bounds, with parameters in threshold errors.
+    ridge = SOFT_BOUND**-2.0 if loose else 0.0
+
+    def pull(tried: Floats) -> float:
+        """Cost of the distance from the initial values, by the soft bounds."""
+        return float((ridge * ((tried - start)[places] / threshold[places]) ** 2).sum())
+
     residuals, jacobian = problem.linearised(values)
     if noise is None:
-        heading = problem.heading(values)[0]
+        heading, _ = problem.heading(values)
         noise = first_noise(channels_of(problem, 0.5 * (heading[:, 0] + heading[:, -1])), residuals)
     for number in range(ROUNDS):
         noise = refined(noise, residuals, components_too=number < NOISE_ROUNDS)
         fisher, score = information(noise, residuals, jacobian, block)
-        scaled = fisher.sum(axis=0)[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])
-        scaled += np.diag(ridge)
-        slope = threshold[at] * score.sum(axis=0)[at]
-        slope = slope + ridge * (values[at] - start[at]) / threshold[at]
-        step = _step(problem, values, at, threshold, scaled, slope)
-        before = cost(noise, residuals) + _pull(values, start, at, threshold, ridge)
-        size = 1.0
+        scaled = _scaled(fisher.sum(axis=0), places, threshold) + ridge * np.eye(len(places))
+        slope = threshold[places] * score.sum(axis=0)[places]
+        slope = slope + ridge * (values - start)[places] / threshold[places]
+        step = _step(problem, values, places, threshold, scaled, slope)
+        before, share = cost(noise, residuals) + pull(values), 1.0
         for _ in range(6):
             moved = values.copy()
-            moved[at] += size * threshold[at] * step
+            moved[places] += share * threshold[places] * step
             moved = problem.inside(moved)
-            after = cost(noise, problem.rows(moved)) + _pull(moved, start, at, threshold, ridge)
+            after = cost(noise, problem.rows(moved)) + pull(moved)
             if np.isfinite(after) and after <= before + 1e-9:
                 break
-            size *= 0.4
+            share *= 0.4
         else:
             # No shorter step helps; with noise that is estimated again the next one may.
             if number >= NOISE_ROUNDS:
                 break
             continue
-        taken = moved - values
+        change = np.abs((moved - values)[places] / threshold[places])
         values = moved
         residuals, jacobian = problem.linearised(values)
         sigma = np.sqrt(1.0 / np.maximum(np.diag(scaled), 1e-12))
-        if number >= NOISE_ROUNDS - 1 and np.all(
-            np.abs(taken[at] / threshold[at]) <= SETTLED * sigma
-        ):
+        if number >= NOISE_ROUNDS - 1 and np.all(change <= SETTLED * sigma):
             break
     return values, refined(noise, residuals)
 
@@ -247,30 +241,26 @@ def _search(
 def _step(
     problem: Problem,
     values: Floats,
-    at: NDArray[np.intp],
+    places: NDArray[np.intp],
     threshold: Floats,
     scaled: Floats,
     slope: Floats,
 ) -> Floats:
-    """Gauss-Newton step (a,) of free parameters, in threshold errors, within bounds."""
-    within = np.ones(len(at), dtype=bool)
-    for _ in range(len(at)):
-        step = np.zeros(len(at))
-        step[within] = -_solve(scaled[np.ix_(within, within)], slope[within])
+    """Gauss-Newton step (a,) of free parameters, in threshold errors, within bounds.
+
+    A parameter at a bound, which a small part of the step would violate, stays there.
+    """
+    moves = np.ones(len(places), dtype=bool)
+    for _ in range(len(places)):
+        step = np.zeros(len(places))
+        step[moves] = -_solve(scaled[np.ix_(moves, moves)], slope[moves])
         moved = values.copy()
-        moved[at] += 1e-6 * threshold[at] * step
-        outward = within & (problem.inside(moved) != moved)[at]
-        if not outward.any():
+        moved[places] += 1e-6 * threshold[places] * step
+        is_outward = moves & (problem.inside(moved) != moved)[places]
+        if not is_outward.any():
             break
-        within &= ~outward
+        moves &= ~is_outward
     return step
-
-
-def _pull(
-    values: Floats, start: Floats, at: NDArray[np.intp], threshold: Floats, ridge: Floats
-) -> float:
-    """Cost of the distance from the initial values, by the soft bounds."""
-    return float((ridge * ((values[at] - start[at]) / threshold[at]) ** 2).sum())
 
 
 def _thresholds(problem: Problem) -> Floats:
@@ -278,14 +268,18 @@ def _thresholds(problem: Problem) -> Floats:
     return np.array([p.threshold if p.threshold > 0.0 else 1.0 for p in problem.parameters])
 
 
+def _scaled(fisher: Floats, places: NDArray[np.intp], threshold: Floats) -> Floats:
+    """Information (a, a) of the parameters at some places, these in threshold errors."""
+    scales = np.outer(threshold[places], threshold[places])
+    return np.asarray(fisher[np.ix_(places, places)] * scales)
+
+
 def _sigmas(fisher: Floats, free: NDArray[np.bool_], threshold: Floats) -> Floats:
     """Standard errors (p,) by the likelihood; infinite if held, huge if unobservable."""
-    result = np.full(len(threshold), np.inf)
-    at = np.flatnonzero(free)
-    scaled = fisher[np.ix_(at, at)] * np.outer(threshold[at], threshold[at])
-    values, vectors = np.linalg.eigh(scaled)
-    variances = (vectors**2 / np.maximum(values, NEVER)).sum(axis=1)
-    result[at] = threshold[at] * np.sqrt(variances)
+    result, places = np.full(len(threshold), np.inf), np.flatnonzero(free)
+    values, vectors = np.linalg.eigh(_scaled(fisher, places, threshold))
+    variances = (vectors**2 / np.maximum(values, LEAST_INFORMATION)).sum(axis=1)
+    result[places] = threshold[places] * np.sqrt(variances)
     return result
 
 
@@ -293,10 +287,9 @@ def _solve(matrix: Floats, vector: Floats) -> Floats:
     """Solve a symmetric system; zero along directions without information."""
     values, vectors = np.linalg.eigh(matrix)
     along = vectors.T @ vector
-    informative = values > NEVER * max(1.0, float(values.max(initial=0.0)) * 1e-4)
-    return np.asarray(
-        vectors @ np.where(informative, along / np.where(informative, values, 1.0), 0.0)
-    )
+    least = LEAST_INFORMATION * max(1.0, float(values.max(initial=0.0)) * 1e-4)
+    is_known = values > least
+    return np.asarray(vectors @ np.where(is_known, along / np.where(is_known, values, 1.0), 0.0))
 
 
 def few_blocks(blocks: Floats | float) -> Floats:
@@ -311,13 +304,12 @@ def _effective_blocks(result: Fit) -> Floats:
 
     Satterthwaite's degrees of freedom, of each block's share in a parameter's variance.
     """
-    at = np.flatnonzero(result.free)
-    threshold = _thresholds(result.problem)[at]
-    scaled = result.fisher[:, at][:, :, at] * np.outer(threshold, threshold)
+    places, threshold = np.flatnonzero(result.free), _thresholds(result.problem)
+    scaled = np.array([_scaled(fisher, places, threshold) for fisher in result.fisher])
     inverse = np.linalg.pinv(scaled.sum(axis=0), hermitian=True)
     shares = np.einsum("ij,bjk,ki->bi", inverse, scaled, inverse)
     effective = np.ones(len(result.values))
-    effective[at] = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
+    effective[places] = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
     return effective
 
 

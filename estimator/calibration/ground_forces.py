@@ -20,9 +20,9 @@ from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.streaming.run import run
 
 # Filter that estimates the twist: its parameters hardly matter, since the gyro measures the yaw rate.
-ESTIMATOR = "constant-online"
+VARIANT = "constant-online"
 # Least sum of squared yaw rates [rad²/s²].
-SLOWEST = 1e-9
+LEAST_TURNING = 1e-9
 
 
 class GroundForces(NamedTuple):
@@ -44,18 +44,18 @@ def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> Groun
     """
     stamps = log.tracks.stamps - round(latency / NANOSECOND)
     tracks = TrackSpeedSeries(stamps, scale * log.tracks.speeds)
-    estimate = run(Log(log.name, tracks, log.imu), robot, ESTIMATOR)
+    estimate = run(Log(log.name, tracks, log.imu), robot, VARIANT)
     times = np.asarray((estimate.stamps - log.start) * NANOSECOND, dtype=float)
     forward, _, w = estimate.trajectory.twists.T
     x_CM, lag = robot.constants.x_CM, robot.vehicle.load_lag
     newest = np.searchsorted(tracks.stamps, estimate.stamps, side="right") - 1
     speeds = tracks.speeds[np.maximum(newest, 0)]
-    mean = speeds.mean(axis=1)
-    acceleration = (mean - _lagged(times, mean, lag)) / lag
+    mean_speeds = speeds.mean(axis=1)
+    acceleration = (mean_speeds - _lagged(times, mean_speeds, lag)) / lag
     rolling = np.clip(speeds / ROLLS_AT, -1.0, 1.0).mean(axis=1)
     weights, gravity = w * w, estimate.states[:, s.GRAVITY]
     # Less the accelerometers' offset: the mean in the robot's axes, by the squared yaw rate.
-    gravity = gravity - weights @ gravity / max(float(weights.sum()), SLOWEST)
+    gravity = gravity - weights @ gravity / max(float(weights.sum()), LEAST_TURNING)
     along = robot.constants.rolling_resistance * rolling
     along += (acceleration - gravity[:, 0]) / GRAVITY
     lateral = _lagged(times, -w * (forward + x_CM * w), lag) + gravity[:, 1]
@@ -63,10 +63,7 @@ def ground_forces(log: Log, robot: Robot, scale: float, latency: float) -> Groun
 
 
 def _lagged(times: Floats, values: Floats, time_constant: float) -> Floats:
-    """Values (k,) behind a first-order lag [s].
-
-    Each is the mean since the time before.
-    """
+    """Values (k,), each the mean since the time before, behind a first-order lag [s]."""
     decays = np.exp(-np.diff(times, prepend=times[0]) / time_constant)
     result, last = np.empty_like(values), values[0]
     for k, (decay, value) in enumerate(zip(decays.tolist(), values.tolist(), strict=True)):

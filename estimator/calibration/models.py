@@ -21,9 +21,9 @@ from icreckon.estimator.robot.variants import TYPICAL_FORCE, find_variant, initi
 
 MODELS = ("differential", "constant", "inertia")
 """Names, from the simplest to the most complex: a later one must be better to be chosen."""
-TELLING = 0.15
+THRESHOLD = 0.15
 """Threshold error of an index, or of a length as a share of the gauge [-]."""
-OF_MIDDLE = 0.05
+MIDDLE_THRESHOLD = 0.05
 """Threshold error of the turning centre's place, as a share of the gauge [-]: it is near the middle, and
 a short log does not separate it from the place of the truth's point."""
 NO_MASS = (1.0, 0.0, 0.0)
@@ -41,7 +41,7 @@ class Parameter(NamedTuple):
     rank: int  # among parameters that replace each other, the highest is held first
 
 
-class TwistAt(NamedTuple):
+class LinearisedTwist(NamedTuple):
     """Twists and their derivatives for (...,) cells."""
 
     twist: Floats  # (..., 3) v_x, v_y [m/s], w [rad/s]
@@ -60,8 +60,8 @@ class Model:
     places: tuple[int, ...]  # places of the parameters in `Indices`
     H: float  # H of the robot file [-]
 
-    def at(self, speeds: Floats, values: Floats, forces: Floats) -> TwistAt:
-        """Twists with derivatives.
+    def linearise(self, speeds: Floats, values: Floats, forces: Floats) -> LinearisedTwist:
+        """Compute twists with derivatives.
 
         Args:
             speeds: (..., 2) track speeds [m/s].
@@ -72,27 +72,31 @@ class Model:
         vehicle = self.vehicle._replace(rolling_resistance=0.0)
         V_l, V_r = speeds[..., 0], speeds[..., 1]
         memory = (vehicle.mass * forces[..., 0], 0.0, GRAVITY * forces[..., 1], 1.0)
-        found, by = linearise(V_l, V_r, self.nine(values), NO_SLIP, LEVEL, vehicle, memory)
+        motion, by = linearise(
+            V_l, V_r, self.all_parameters(values), NO_SLIP, LEVEL, vehicle, memory
+        )
 
-        def columns(rows: Any) -> Floats:
-            """Convert from the paper's axes to forward, left, yaw; for all cells."""
-            of_cells = [[np.broadcast_to(cell, V_l.shape) for cell in row] for row in rows]
-            right, forward, yaw = (np.stack(row, axis=-1) for row in of_cells)
+        def in_rep103(rows: Any) -> Floats:
+            """Array (..., 3, c) forward, left, yaw of three rows of c entries in paper axes."""
+            right, forward, yaw = (
+                np.stack([np.broadcast_to(entry, V_l.shape) for entry in row], axis=-1)
+                for row in rows
+            )
             return np.stack([forward, -right, yaw], axis=-2)
 
-        by_parameters = columns(by.by_parameters)[..., list(self.places)]
-        twist = columns([[part] for part in found.twist])[..., 0]
-        return TwistAt(twist, by_parameters, columns(by.by_speeds))
+        by_parameters = in_rep103(by.by_parameters)[..., list(self.places)]
+        twist = in_rep103([[component] for component in motion.twist])[..., 0]
+        return LinearisedTwist(twist, by_parameters, in_rep103(by.by_speeds))
 
     def inside(self, values: Floats) -> Floats:
-        """Nearest valid parameters (p,)."""
+        """Nearest valid parameters (p,): eta0 is at least 1."""
         result = values.copy()
         if ETA0 in self.places:
-            at = self.places.index(ETA0)
-            result[at] = max(result[at], 1.0)
+            place = self.places.index(ETA0)
+            result[place] = max(result[place], 1.0)
         return result
 
-    def nine(self, values: Floats) -> Floats:
+    def all_parameters(self, values: Floats) -> Floats:
         """All parameters (9,), in the order of `Indices`."""
         result = Indices(H=self.H).as_array()
         result[list(self.places)] = values
@@ -102,7 +106,7 @@ class Model:
         """Robot with these parameters (p,) in its file."""
         if not self.places:
             return robot
-        indices = Indices(*(float(value) for value in self.nine(self.inside(values))))
+        indices = Indices(*(float(value) for value in self.all_parameters(self.inside(values))))
         if self.name == "inertia":
             return msgspec.structs.replace(robot, indices=indices)
         # A file's rounding must not bring the ICRs nearer to each other than the gauge.
@@ -118,27 +122,28 @@ class Model:
 
 
 def model_of(name: str, robot: Robot) -> Model:
-    """Make a model of `MODELS` by its name, with the robot file's values as start."""
+    """Make a model of `MODELS` by its name, with starts by the robot file."""
     gauge = robot.vehicle.track_gauge
     if name == "differential":
         return Model(name, (), VehicleConstants(gauge, *NO_MASS), (), 1.0)
-    nine = robot.constant_indices.as_array()
+    start = robot.constant_indices.as_array()
     # Places of zeta0, epsilon0, eta0.
     places: tuple[int, ...] = (1, 3, ETA0)
     if name == "inertia":
-        nine = initial_parameters(robot, find_variant("inertia-fixed"))
-        places = tuple(range(1, len(nine)))
+        # All but H, which acts in the literal form only.
+        start = initial_parameters(robot, find_variant("inertia-fixed"))
+        places = tuple(range(1, len(start)))
     names = Indices.__struct_fields__
     force = TYPICAL_FORCE * robot.vehicle.mass * GRAVITY
-    length = TELLING * gauge
-    eta = TELLING * max(1.0, nine[ETA0])
-    middle = OF_MIDDLE * gauge
+    length = THRESHOLD * gauge
+    eta = THRESHOLD * max(1.0, start[ETA0])
+    middle = MIDDLE_THRESHOLD * gauge
     # All nine in the order of `Indices`: H, zeta, epsilon, eta, epsilon_F.
     first = (1.0, middle, length / force, middle, length / force)
     threshold = (*first, eta, eta / force, eta / force**2, length / TYPICAL_FORCE)
     units = ("-", "m", "m/N", "m", "m/N", "-", "1/N", "1/N²", "m")
     ranks = (99, 20, 60, 21, 61, 0, 70, 80, 62)
     parameters = tuple(
-        Parameter(names[k], units[k], float(nine[k]), threshold[k], ranks[k]) for k in places
+        Parameter(names[k], units[k], float(start[k]), threshold[k], ranks[k]) for k in places
     )
     return Model(name, parameters, robot.constants, places, robot.indices.H)

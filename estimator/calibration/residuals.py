@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.calibration.models import TELLING, Model, Parameter
+from icreckon.estimator.calibration.models import THRESHOLD, Model, Parameter
 from icreckon.estimator.calibration.segments import Recording
 from icreckon.estimator.robot.robot_file import Robot
 
@@ -26,13 +26,20 @@ ALONG, ACROSS, SLIP, YAW, FORCE = range(5)
 BINS = 6
 """Number of parts of a segment with mean specific forces; forward ones first."""
 ROWS = FORCE + 2 * BINS
-ORIGIN = ("zeta0", "epsilon0")
+PLACING_PARAMETERS = ("zeta0", "epsilon0")
 """Parameters of models that place base_link in the robot. If neither the truth's lever arm nor the IMU's
 position does so, they are unobservable next to the lever arm, and are held."""
-OF_TRACKS = ("scale", "difference", "track_latency")
+TRACK_PARAMETERS = ("scale", "difference", "track_latency")
 """Parameters of the track speeds: scale, difference of the radii (right less left), latency."""
 SIDES = np.array([-0.5, 0.5])
 """Shares of the difference of the radii that the left and the right track have [-]."""
+LIMITS = {
+    "scale": (0.2, 5.0),
+    "gyro_scale": (0.2, 5.0),
+    "track_latency": (-0.5, 0.5),
+    "difference": (-0.4, 0.4),
+}
+"""Least and largest value of a parameter in the search, in its unit."""
 STEP = 1e-4
 """Steps of the finite differences by lag, bias and gyro scale, in s, rad/s and 1."""
 
@@ -51,7 +58,7 @@ class Problem:
 
     @cached_property
     def forces(self) -> Floats:
-        """Forces that the ground balances, see `Recording.ground_forces`."""
+        """Forces (n, m, 2) that the ground balances, see `Recording.ground_forces`."""
         return self.recording.ground_forces()
 
     @property
@@ -72,12 +79,9 @@ class Problem:
         """Nearest valid values (p,)."""
         result = values.copy()
         self.own(result)[:] = self.model.inside(self.own(values))
-        for name in ("scale", "gyro_scale"):
-            at = self.place(name)
-            result[at] = np.clip(result[at], 0.2, 5.0)
-        for name, largest in (("track_latency", 0.5), ("difference", 0.4)):
-            at = self.place(name)
-            result[at] = np.clip(result[at], -largest, largest)
+        for name, (least, largest) in LIMITS.items():
+            place = self.place(name)
+            result[place] = np.clip(result[place], least, largest)
         return result
 
     def rows(self, values: Floats) -> Floats:
@@ -86,55 +90,59 @@ class Problem:
 
     def twist(self, values: Floats) -> Floats:
         """Twists (n, m, 3) of the model."""
-        return self.model.at(self._speeds(values), self.own(values), self.forces).twist
+        return self.model.linearise(self._speeds(values), self.own(values), self.forces).twist
 
     def linearised(self, values: Floats) -> tuple[Floats, Floats]:
         """Residuals (n, ROWS) and their derivatives (n, ROWS, p)."""
-        recording, own = self.recording, len(self.model.parameters)
-        scale, latency = values[self.place("scale")], values[self.place("track_latency")]
-        sides = 1.0 + SIDES * values[self.place("difference")]
-        raw = recording.speeds(latency)
-        changing = (recording.speeds(latency + 0.01) - recording.speeds(latency - 0.01)) / 0.02
-        at = self.model.at(scale * sides * raw, self.own(values), self.forces)
-        # By scale, difference, latency.
-        changes = np.stack([sides * raw, scale * SIDES * raw, scale * sides * changing], axis=-1)
-        by_tracks = at.by_speeds @ changes
-        stacked = np.concatenate([at.twist[..., None], by_tracks, at.by_parameters], -1)
+        recording, common = self.recording, len(values) - len(self.model.parameters)
+        scale, difference, latency = (values[self.place(name)] for name in TRACK_PARAMETERS)
+        sides = 1.0 + SIDES * difference
+        speeds = recording.speeds(latency)
+        by_latency = (recording.speeds(latency + 0.01) - recording.speeds(latency - 0.01)) / 0.02
+        at = self.model.linearise(scale * sides * speeds, self.own(values), self.forces)
+        # Derivatives of the track speeds by `TRACK_PARAMETERS`.
+        by_tracks = [sides * speeds, scale * SIDES * speeds, scale * sides * by_latency]
+        twist_by_tracks = at.by_speeds @ np.stack(by_tracks, axis=-1)
+        stacked = np.concatenate([at.twist[..., None], twist_by_tracks, at.by_parameters], -1)
         rows, linear = self._assemble(values, stacked)
         jacobian = np.zeros((*rows.shape, len(values)))
-        for column, name in enumerate(OF_TRACKS):
+        for column, name in enumerate(TRACK_PARAMETERS):
             jacobian[..., self.place(name)] = linear[..., column]
         # The latency of the path is wanted: the body accelerates and turns with lags of its own.
         jacobian[:, FORCE:, self.place("track_latency")] = 0.0
-        jacobian[..., len(values) - own :] = linear[..., len(OF_TRACKS) :]
+        jacobian[..., common:] = linear[..., len(TRACK_PARAMETERS) :]
         twist = at.twist[..., None]
-        for place, name in enumerate(self.names[: len(values) - own]):
+
+        def by_finite_difference(places: list[int]) -> Floats:
+            """Derivative (n, ROWS) by parameters that all change alike, at the same twists."""
+            changed = values.copy()
+            changed[places] += STEP
+            changed_rows, _ = self._assemble(changed, twist)
+            return (changed_rows - rows) / STEP
+
+        for place, name in enumerate(self.names[:common]):
             # Other parameters of all logs.
-            if name not in OF_TRACKS and "[" not in name:
-                other = values.copy()
-                other[place] += STEP
-                jacobian[..., place] = (self._assemble(other, twist)[0] - rows) / STEP
+            if name not in TRACK_PARAMETERS and "[" not in name:
+                jacobian[..., place] = by_finite_difference([place])
         for name in ("gyro_bias", "lag", "offset_forward", "offset_left"):
             # Parameters of one log affect only that log's rows.
             places = [self.place(f"{name}[{log}]") for log in range(len(recording.motions))]
-            other = values.copy()
-            other[places] += STEP
-            difference = (self._assemble(other, twist)[0] - rows) / STEP
+            derivative = by_finite_difference(places)
             for log, place in enumerate(places):
-                own_log = recording.log == log
-                jacobian[own_log, :, place] = difference[own_log]
+                of_log = recording.log == log
+                jacobian[of_log, :, place] = derivative[of_log]
         return rows, jacobian
 
     def heading(self, values: Floats) -> tuple[Floats, Floats]:
-        """Heading (n, m + 1) by the gyro at the ends of cells, aligned with the truth.
+        """Heading (n, m + 1) by the gyro at ends of cells, aligned with the truth [rad].
 
         Also its error (n,): the rotation by the truth less that by the gyro [rad].
         """
         recording = self.recording
-        bias = self._of_log(values, "gyro_bias")
+        bias = self._by_segment(values, "gyro_bias")
         scale = values[self.place("gyro_scale")]
         turned = (recording.turned - bias[:, None] * recording.edges) / scale
-        _, _, yaw = recording.knots(self._each(values, "lag"))
+        _, _, yaw = recording.knots(self._by_log(values, "lag"))
         at_start, at_end = yaw[recording.starts], yaw[recording.ends]
         apart = wrap_angle(at_end - at_start - (turned[:, -1] - turned[:, 0]))
         offset = at_start - turned[:, 0] + 0.5 * apart
@@ -142,8 +150,8 @@ class Problem:
 
     def body_places(self, values: Floats) -> Floats:
         """Position (k, 2) of base_link at knots: the truth's point less the lever arm [m]."""
-        place, rotation, _ = self.recording.knots(self._each(values, "lag"))
-        lever = np.array([values[self.place(f"lever_arm_{one}")] for one in ("forward", "left")])
+        place, rotation, _ = self.recording.knots(self._by_log(values, "lag"))
+        lever = values[[self.place("lever_arm_forward"), self.place("lever_arm_left")]]
         return np.asarray(place - np.einsum("kij,j->ki", rotation, lever))
 
     def _assemble(self, values: Floats, twists: Floats) -> tuple[Floats, Floats]:
@@ -152,11 +160,11 @@ class Problem:
         cell = recording.cell
         heading, apart = self.heading(values)
         middle = 0.5 * (heading[:, 0] + heading[:, -1])
-        half = 0.5 * (heading[:, 1:] + heading[:, :-1]) - middle[:, None]
+        off_middle = 0.5 * (heading[:, 1:] + heading[:, :-1]) - middle[:, None]
         change = np.diff(heading, axis=1)
-        # The chord of the arc of a cell.
-        shorter = np.sinc(change / (2.0 * np.pi)) * cell
-        cos, sin = np.cos(half) * shorter, np.sin(half) * shorter
+        # The chord of the arc of a cell is shorter than the arc.
+        chord_time = np.sinc(change / (2.0 * np.pi)) * cell
+        cos, sin = np.cos(off_middle) * chord_time, np.sin(off_middle) * chord_time
         forward, left, yaw = twists[:, :, 0], twists[:, :, 1], twists[:, :, 2]
         along = np.einsum("nm,nmc->nc", cos, forward) - np.einsum("nm,nmc->nc", sin, left)
         across = np.einsum("nm,nmc->nc", sin, forward) + np.einsum("nm,nmc->nc", cos, left)
@@ -165,7 +173,7 @@ class Problem:
         turned = cell * yaw.sum(axis=1) - turning_lag * (yaw[:, -1] - yaw[:, 0])
         rate = change / cell
         marks = np.round(np.linspace(0, heading.shape[1] - 2, BINS + 1)).astype(np.int64)
-        force_x, force_y = _pushes(rate, forward, left, marks, cell)
+        force_x, force_y = _mean_accelerations(rate, forward, left, marks, cell)
         plain = np.stack([along, across, turned, np.zeros_like(along)], axis=1)
         linear = -np.concatenate([plain, force_x, force_y], axis=1)
         rows = linear[..., 0].copy()
@@ -184,37 +192,33 @@ class Problem:
             turn = values[self.place("mounting_yaw")]
             x, y = np.moveaxis(recording.mean_force(marks), -1, 0)
             # Accelerations of the IMU's place about the origin: w x r is its velocity.
-            about_x, about_y = _pushes(
+            about_x, about_y = _mean_accelerations(
                 rate, -imu_y * rate[..., None], imu_x * rate[..., None], marks, cell
             )
-            offset_x, offset_y = (
-                self._of_log(values, f"offset_{one}") for one in ("forward", "left")
-            )
-            rows[:, FORCE : FORCE + BINS] += (
-                np.cos(turn) * x - np.sin(turn) * y - about_x[..., 0] - offset_x[:, None]
-            )
-            rows[:, FORCE + BINS :] += (
-                np.sin(turn) * x + np.cos(turn) * y - about_y[..., 0] - offset_y[:, None]
-            )
+            offset_x = self._by_segment(values, "offset_forward")[:, None]
+            offset_y = self._by_segment(values, "offset_left")[:, None]
+            cos, sin = np.cos(turn), np.sin(turn)
+            rows[:, FORCE : FORCE + BINS] += cos * x - sin * y - about_x[..., 0] - offset_x
+            rows[:, FORCE + BINS :] += sin * x + cos * y - about_y[..., 0] - offset_y
         return rows, linear[..., 1:]
 
     def _speeds(self, values: Floats) -> Floats:
         """Track speeds (n, m, 2) with scale, difference of the radii and latency [m/s]."""
-        scale, difference, latency = (values[self.place(name)] for name in OF_TRACKS)
+        scale, difference, latency = (values[self.place(name)] for name in TRACK_PARAMETERS)
         return np.asarray(scale * (1.0 + SIDES * difference) * self.recording.speeds(latency))
 
     def own(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Part of values (p,) that belongs to the model's parameters, a view."""
+        """Part of values (p,) for the model's own parameters, which are last; a view."""
         return values[len(values) - len(self.model.parameters) :]
 
-    def _each(self, values: Floats, name: str) -> Floats:
+    def _by_log(self, values: Floats, name: str) -> Floats:
         """Values (logs,) of a parameter of each log."""
         logs = range(len(self.recording.motions))
         return np.array([values[self.place(f"{name}[{log}]")] for log in logs])
 
-    def _of_log(self, values: Floats, name: str) -> Floats:
-        """Values (n,) of a parameter of each log, by segment."""
-        return np.asarray(self._each(values, name)[self.recording.log])
+    def _by_segment(self, values: Floats, name: str) -> Floats:
+        """Values (n,) of a parameter of each log, for each segment."""
+        return np.asarray(self._by_log(values, name)[self.recording.log])
 
     def counted_rows(self) -> NDArray[np.bool_]:
         """Mask (n, ROWS) of rows that count.
@@ -232,32 +236,25 @@ class Problem:
         return result
 
 
-def _pushes(
+def _mean_accelerations(
     rate: Floats, forward: Floats, left: Floats, marks: NDArray[np.int64], cell: float
 ) -> tuple[Floats, Floats]:
-    """Mean accelerations forward and left between the middles of the marked cells.
+    """Mean accelerations (n, b, c) forward and left between marked cells [m/s²].
 
-    Args:
-        rate: (n, m) yaw rate of each cell [rad/s].
-        forward: (n, m, c) velocities [m/s].
-        left: (n, m, c) velocities [m/s].
-        marks: (b + 1,) indices of the cells.
-        cell: length of a cell [s].
-
-    Returns:
-        (n, b, c) each [m/s²].
+    They are of velocities (n, m, c) [m/s] of a body with yaw rates (n, m) [rad/s], between the middles
+    of the cells with indices `marks` (b + 1,); `cell` is the length of a cell [s].
     """
     turn = rate[..., None]
     spans = (np.diff(marks) * cell)[None, :, None]
 
-    def between(values: Floats) -> Floats:
+    def integrals(values: Floats) -> Floats:
         """Integrals (n, b, c) from one marked cell to the next."""
         steps = 0.5 * cell * (values[:, 1:] + values[:, :-1])
         whole = np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
         return np.asarray(np.diff(whole[:, marks], axis=1))
 
-    x = np.diff(forward[:, marks], axis=1) - between(turn * left)
-    y = np.diff(left[:, marks], axis=1) + between(turn * forward)
+    x = np.diff(forward[:, marks], axis=1) - integrals(turn * left)
+    y = np.diff(left[:, marks], axis=1) + integrals(turn * forward)
     return x / spans, y / spans
 
 
@@ -269,19 +266,15 @@ def problem_of(
     lever_arm: tuple[float, float] | None,
     imu_place_known: bool,
 ) -> Problem:
-    """Make the calibration problem of a model.
+    """Make the calibration problem of a model, for a robot as described by its file.
 
-    Args:
-        recording: the segments.
-        model: the motion model.
-        robot: the robot as described by its file.
-        lever_arm: lever arm of the truth in base_link, if known [m]; it is not free then.
-        imu_place_known: True if the robot file has the position of the IMU.
+    A known lever arm of the truth in base_link [m] is not free. If neither it nor the place of the IMU is
+    known, `PLACING_PARAMETERS` are held.
     """
-    length = TELLING * robot.vehicle.track_gauge
+    length = THRESHOLD * robot.vehicle.track_gauge
     force = any(motion.pushed is not None for motion in recording.motions)
     # A threshold of zero holds a parameter.
-    forward, left = (0.0, 0.0) if lever_arm is None else (lever_arm[0], lever_arm[1])
+    forward, left = lever_arm or (0.0, 0.0)
     lever_threshold = length if lever_arm is None else 0.0
     common = [
         Parameter("scale", "-", 1.0, 0.05, 1),
@@ -306,7 +299,10 @@ def problem_of(
             Parameter(f"offset_left[{log}]", "m/s²", 0.0, 0.5, 87),
         ]
     if lever_arm is None and not (force and imu_place_known):
-        own = [p._replace(threshold=0.0) if p.name in ORIGIN else p for p in model.parameters]
+        own = [
+            p._replace(threshold=0.0) if p.name in PLACING_PARAMETERS else p
+            for p in model.parameters
+        ]
         model = replace(model, parameters=tuple(own))
     x, y, _ = robot.imu.position
     return Problem(recording, model, (*common, *model.parameters), (x, y), force)

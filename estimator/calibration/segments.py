@@ -41,8 +41,10 @@ KNOT_WINDOW = 0.25
 """Truth within this time of a knot counts for it [s]."""
 FEWEST_FOR_LINE, ASIDE = 4, 0.03
 """Least number of poses for a line, if their squared mean is at most this share of their variance."""
-STILL = 0.005
+STILL_SHARE = 0.005
 """Speeds up to this share of the fastest count as standstill [-]."""
+LEAST_FINITE = 0.9
+"""Least share of finite accelerometer readings; the others are interpolated [-]."""
 LEAST_SHARED = 5.0
 """Least time that truth and IMU share [s]."""
 LEAST_SEGMENTS = 10
@@ -107,7 +109,9 @@ class Recording:
     def speeds(self, latency: float) -> Floats:
         """Mean track speeds (n, m, 2) of each cell [m/s], corrected for a latency [s]."""
         series = [(motion.track_times, motion.track_ways) for motion in self.motions]
-        return np.asarray(np.diff(self._at(self.edges + latency, series), axis=1) / self.cell)
+        return np.asarray(
+            np.diff(self._interpolate(self.edges + latency, series), axis=1) / self.cell
+        )
 
     def ground_forces(self) -> Floats:
         """Forces (n, m, 2) in the middle of each cell: S over the mass [m/s²], P [-].
@@ -117,7 +121,7 @@ class Recording:
         middles = 0.5 * (self.edges[:, 1:] + self.edges[:, :-1])
         forces = [motion.forces for motion in self.motions]
         series = [one and (one.times, np.column_stack([one.lateral, one.along])) for one in forces]
-        return self._at(middles, series)
+        return self._interpolate(middles, series)
 
     def mean_force(self, marks: Indexes) -> Floats:
         """Mean specific force (n, b, 2), forward and left, between marked cells [m/s²].
@@ -125,27 +129,22 @@ class Recording:
         It is averaged between the middles of the cells (b + 1,), and zero for a log without one.
         """
         times = 0.5 * (self.edges[:, marks] + self.edges[:, marks + 1])
-        series = [
-            None if motion.pushed is None else (motion.imu_times, motion.pushed)
-            for motion in self.motions
-        ]
-        changes = np.diff(self._at(times, series), axis=1)
+        pairs = [(motion.imu_times, motion.pushed) for motion in self.motions]
+        series = [None if pushed is None else (at, pushed) for at, pushed in pairs]
+        changes = np.diff(self._interpolate(times, series), axis=1)
         return np.asarray(changes / np.diff(times, axis=1)[..., None])
 
-    def _at(self, times: Floats, series: Sequence[Series | None]) -> Floats:
+    def _interpolate(self, times: Floats, series: Sequence[Series | None]) -> Floats:
         """Series of each log (n, k, 2) at times of the segments (n, k); zero without one."""
         result = np.zeros((*times.shape, 2))
-        for log, of_log in enumerate(series):
-            if of_log is not None:
-                own = self.log == log
-                result[own] = _interpolated(times[own], *of_log)
+        for log, log_series in enumerate(series):
+            if log_series is not None:
+                is_of_log = self.log == log
+                result[is_of_log] = _interpolated(times[is_of_log], *log_series)
         return result
 
     def knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
-        """Truth at the knots, corrected for the lag of each log.
-
-        Args:
-            lags: (logs,) lags [s].
+        """Truth at the knots, corrected for the lag (logs,) of each log [s].
 
         Returns:
             Position (k, 2) [m], mean rotation matrix (k, 2, 2) by its yaw (for a lever arm), and yaw
@@ -161,16 +160,17 @@ class Recording:
             # The motion by dead reckoning from each pose to its knot.
             at_knot = _interpolated(self.knot_times[knot], *path)
             step = relative(_interpolated(body_times, *path), at_knot)
-            # Knots with poses on both sides have a line; which, must not depend on the lag to estimate.
-            first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
-            poses_at, mean, variance = _moments(knot, first, count)
-            lines = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
+            # Knots with poses on both sides have a line. The initial lag decides which, for the choice
+            # must not depend on the lag to estimate.
+            after_first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
+            poses_at, mean, variance = _moments(knot, after_first, count)
+            has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
             # Weights by a line through all poses of a knot: with their mean, poses to one side would add
             # the path's errors in the motion since. If most lie to one side, the value is the mean: a
             # line would amplify their noise.
             after = body_times - self.knot_times[knot]
             poses_at, mean, variance = _moments(knot, after, count)
-            slope = np.where(lines, mean / np.where(lines, variance, 1.0), 0.0)
+            slope = np.where(has_line, mean / np.where(has_line, variance, 1.0), 0.0)
             weight = (1.0 - slope[knot] * (after - mean[knot])) / poses_at[knot]
             true = motion.truth[pose]
             cos, sin = np.cos(true[:, 2]), np.sin(true[:, 2])
@@ -184,8 +184,8 @@ class Recording:
                 (yaw, true[:, 2] + step[:, 2]),
             ):
                 np.add.at(total, knot, weight * values)
-        c, s = turn.T
-        return place, np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1), yaw
+        cos, sin = turn.T
+        return place, np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1), yaw
 
 
 def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
@@ -222,11 +222,12 @@ def motion_of(log: Log, robot: Robot) -> Motion:
             "[log.tracks] of the robot file"
         )
     poses = log.truth.poses
-    track_times, imu_times = (_seconds(one.stamps, log.start) for one in (log.tracks, log.imu))
+    imu_times = _seconds(log.imu.stamps, log.start)
     truth = np.column_stack([poses.poses[:, :2], np.unwrap(poses.poses[:, 2])])
     # A gyro reading is a mean since the one before, but is integrated as the rate at its stamp: half an
     # interval late. Track times are made as late. A track speed is a mean since the one before, too.
-    track_times = track_times + 0.5 * float(np.median(np.diff(imu_times)))
+    half_interval = 0.5 * float(np.median(np.diff(imu_times)))
+    track_times = _seconds(log.tracks.stamps, log.start) + half_interval
     steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
     ways = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     shared = min(log.imu.stamps[-1], poses.stamps[-1]) - max(log.imu.stamps[0], poses.stamps[0])
@@ -235,7 +236,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
             f"truth and IMU of log {log.name!r} share only {max(0.0, shared * NANOSECOND):.1f} s; "
             "nothing can be calibrated from that"
         )
-    gyro, heading = turned(log.imu.stamps, _vertical(log.imu, robot)), heading_of(poses)
+    gyro, heading = turned(log.imu.stamps, _yaw_rates(log.imu, robot)), heading_of(poses)
     truth_lag = find_lag(heading, gyro, least=LEAST_TURN)
     lag = 0.0 if isinstance(truth_lag, NoLag) else truth_lag.seconds
     return Motion(
@@ -244,16 +245,17 @@ def motion_of(log: Log, robot: Robot) -> Motion:
         track_ways=ways,
         imu_times=imu_times,
         turned=gyro.values,
-        pushed=_pushed(log.imu, imu_times, robot),
+        pushed=_integrated_force(log.imu, imu_times, robot),
         truth_times=_seconds(poses.stamps, log.start),
         truth=truth,
         lag=lag,
         no_lag=truth_lag if isinstance(truth_lag, NoLag) else None,
-        bias=_bias(heading, gyro, lag),
+        bias=_initial_bias(heading, gyro, lag),
     )
 
 
 def _seconds(stamps: Stamps, start: int) -> Floats:
+    """Times (n,) of stamps since a start [ns] in seconds."""
     return np.asarray((stamps - start) * NANOSECOND, dtype=float)
 
 
@@ -291,8 +293,8 @@ def record(
     edges = begin[:, None] + length / cells * np.arange(cells + 1)
     turned = np.empty_like(edges)
     fastest = max(
-        float(np.abs(np.diff(one.track_ways, axis=0) / np.diff(one.track_times)[:, None]).max())
-        for one in motions
+        float(np.abs(np.diff(motion.track_ways, axis=0).T / np.diff(motion.track_times)).max())
+        for motion in motions
     )
     moving = np.empty(len(log), dtype=bool)
     for number, motion in enumerate(motions):
@@ -300,7 +302,7 @@ def record(
         turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
         ways = _interpolated(edges[own], motion.track_times, motion.track_ways)
         speed = np.abs(np.diff(ways, axis=1)).max(axis=2) * cells / length
-        moving[own] = speed.max(axis=1, initial=0.0) > STILL * fastest
+        moving[own] = speed.max(axis=1, initial=0.0) > STILL_SHARE * fastest
     moved = int(moving.sum())
     if moved < LEAST_SEGMENTS:
         raise _too_short(motions, moved, length)
@@ -317,7 +319,10 @@ def record(
     knot_log, knot_times = np.empty(knots, dtype=np.int64), np.empty(knots)
     knot_log[starts] = knot_log[ends] = log
     knot_times[starts], knot_times[ends] = edges[:, 0], edges[:, -1]
-    pairs = [_near(motion, knot_log == number, knot_times) for number, motion in enumerate(motions)]
+    pairs = [
+        _poses_near_knots(motion, np.flatnonzero(knot_log == number), knot_times)
+        for number, motion in enumerate(motions)
+    ]
     return Recording(
         motions=tuple(motions),
         length=length,
@@ -338,7 +343,8 @@ def record(
 
 
 def _too_short(motions: Sequence[Motion], found: int, length: float) -> EstimatorError:
-    names = ", ".join(repr(one.log.name) for one in motions)
+    """Error for too few moving segments of a length [s]."""
+    names = ", ".join(repr(motion.log.name) for motion in motions)
     return EstimatorError(
         f"only {found} segments of {length:g} s in which the robot moves and tracks, IMU and truth "
         f"have no holes, in {names}; at least {LEAST_SEGMENTS} are needed: drive longer, or choose "
@@ -347,7 +353,7 @@ def _too_short(motions: Sequence[Motion], found: int, length: float) -> Estimato
 
 
 def _blocks(log: Indexes, moving: Mask) -> Indexes:
-    """Block (n,) of each segment; blocks have about as many moving segments each.
+    """Block (n,) of each segment; each has about as many moving segments.
 
     A block is contiguous and of one log. One of less than half the size joins the block before it.
     """
@@ -360,39 +366,31 @@ def _blocks(log: Indexes, moving: Mask) -> Indexes:
         moving_in_block += int(moving[segment])
         blocks[segment] = block
     for last in range(block, 0, -1):
-        own: Mask = np.asarray(blocks == last)
-        before: Mask = np.asarray(blocks == last - 1)
-        if moving[own].sum() < (size + 1) // 2 and log[own][0] == log[before][0]:
-            blocks[own] = last - 1
+        in_last, first = np.asarray(blocks == last), int(np.argmax(blocks == last))
+        if moving[in_last].sum() < (size + 1) // 2 and log[first] == log[first - 1]:
+            blocks[in_last] = last - 1
     return np.asarray(np.unique(blocks, return_inverse=True)[1], dtype=np.int64)
 
 
-def _near(motion: Motion, own: Mask, knot_times: Floats) -> tuple[Indexes, Indexes]:
-    """Pairs (p,) of a log's knots (mask `own`) and the truth poses near them.
-
-    A knot without one within `KNOT_WINDOW` has the nearest.
-    """
-    knots, poses = [], []
+def _poses_near_knots(
+    motion: Motion, log_knots: Indexes, knot_times: Floats
+) -> tuple[Indexes, Indexes]:
+    """Pairs (p,) of log_knots and truth poses within `KNOT_WINDOW`, or the nearest."""
+    knots, poses = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     body_times = motion.truth_times - motion.lag
-    for knot in np.flatnonzero(own):
-        low, high = np.searchsorted(
-            body_times, [knot_times[knot] - KNOT_WINDOW, knot_times[knot] + KNOT_WINDOW]
-        )
+    for knot in log_knots:
+        time = knot_times[knot]
+        low, high = np.searchsorted(body_times, [time - KNOT_WINDOW, time + KNOT_WINDOW])
         if low == high:
-            before = max(low - 1, 0)
-            after = min(low, len(body_times) - 1)
-            to_before, to_after = np.abs(body_times[[before, after]] - knot_times[knot])
-            low = before if to_before <= to_after else after
+            low = np.abs(body_times - time).argmin()
             high = low + 1
         poses.append(np.arange(low, high))
         knots.append(np.full(high - low, knot))
-    if not knots:
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     return np.concatenate(knots), np.concatenate(poses)
 
 
 def _pieces(motion: Motion) -> list[tuple[float, float]]:
-    """Intervals [s] without a gap of any stream, less `KNOT_WINDOW` at each end."""
+    """Intervals [s] without a gap in any stream, less `KNOT_WINDOW` at each end."""
     streams = (
         (motion.track_times, LARGEST_GAP),
         (motion.imu_times, LARGEST_GAP),
@@ -434,15 +432,15 @@ def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Seri
     return times, np.column_stack([places, yaw])
 
 
-def _vertical(imu: ImuSeries, robot: Robot) -> Floats:
-    """Yaw rate (i,) of the gyro, about the vertical of base_link [rad/s]."""
+def _yaw_rates(imu: ImuSeries, robot: Robot) -> Floats:
+    """Uncorrected yaw rates (i,) by the gyro, about the vertical of base_link [rad/s]."""
     upward = robot.imu_rotation[2]
     if robot.imu.gyro_axes == "xyz":
         return np.asarray(imu.angular_velocity @ upward)
     return np.asarray(imu.angular_velocity[:, 2] / upward[2])
 
 
-def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
+def _integrated_force(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
     """Integral (i, 2) of the levelled specific force [m/s]; None for too few readings."""
     from scipy.integrate import cumulative_trapezoid
 
@@ -450,17 +448,17 @@ def _pushed(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:
     if readings is None:
         return None
     finite: Mask = np.asarray(np.isfinite(readings).all(axis=1))
-    if finite.sum() < 0.9 * len(finite):
+    if finite.sum() < LEAST_FINITE * len(finite):
         return None
     levelled = readings[finite] @ robot.imu_rotation[:2].T
     filled = _interpolated(times, times[finite], levelled)
     return np.asarray(cumulative_trapezoid(filled, times, axis=0, initial=0.0))
 
 
-def _bias(truth: Curve, gyro: Curve, lag: float) -> float:
+def _initial_bias(truth: Curve, gyro: Curve, lag: float) -> float:
     """Initial gyro bias [rad/s]: median of gyro less truth, which lags by `lag` [s]."""
     origin = int(truth.stamps[0])
     seconds = (truth.stamps - origin) * NANOSECOND
     starts = even_grid(0.0, seconds[-1] - WINDOW, 0.25, seconds)
-    apart = gyro.changes(origin, starts - lag) - truth.changes(origin, starts)
-    return float(np.median(apart)) / WINDOW
+    turned_apart = gyro.changes(origin, starts - lag) - truth.changes(origin, starts)
+    return float(np.median(turned_apart)) / WINDOW

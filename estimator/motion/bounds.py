@@ -19,7 +19,7 @@ ETA0, EPSILON0 = s.ETA0 - s.PARAMETERS.start, s.EPSILON0 - s.PARAMETERS.start
 
 
 def index_bounds(gauge: float) -> Floats:
-    """Bounds (3, 10) of index parameters, for a track gauge L [m]."""
+    """Bounds (3, 10) of eta0, x_ICRl and x_ICRr, for a track gauge L [m]."""
     half = 0.5 * gauge
     rows = np.zeros((3, s.PARAMETER_COUNT + 1))
     rows[0, [ETA0, -1]] = 1.0, 1.0
@@ -49,13 +49,13 @@ def inside(x: Floats, P: Floats, bounds: Floats, fixed: Sequence[int]) -> Floats
         for bound in bounds:
             direction = np.zeros(len(x))
             direction[s.PARAMETERS] = bound[:-1]
-            short = float(bound[-1] - direction.dot(x))
+            violation = float(bound[-1] - direction.dot(x))
             direction[stays] = 0.0
             cross = P.dot(direction)
             cross[stays] = 0.0
             variance = float(direction.dot(cross))
-            if short > ROUNDING and variance > 0.0:
-                x = x + cross * (short / variance)
+            if violation > ROUNDING and variance > 0.0:
+                x = x + cross * (violation / variance)
         if x is before:
             break
     return x

@@ -56,9 +56,6 @@ def solve(
             broadcasts.
         vehicle: L, M, x_CM, y_CM, as `robot.constants`.
         form: "smooth" (signed inertia) or "literal" (the paper's |F| and signs).
-
-    Returns:
-        The motion.
     """
     values = parameters.as_array() if hasattr(parameters, "as_array") else parameters
     # eta > 0, so the sign of the yaw rate is that of D.
@@ -76,37 +73,37 @@ def solve(
 class _Problem(NamedTuple):
     """Inputs of the balance for the force of inertia."""
 
-    D: Number
-    V_m: Number
-    parameters: Any
+    D: Number  # V_r - V_l [m/s]
+    V_m: Number  # mean track speed [m/s]
+    parameters: Any  # in the order of `Indices`
     vehicle: VehicleConstants
-    is_literal: bool
-    S_u: Number
-    Z_u: Number
+    is_literal: bool  # the literal form, not the smooth one
+    S_u: Number  # S over u: 1 or -1
+    Z_u: Number  # Z over u: 1, 0 or -1
 
 
 class _Evaluation(NamedTuple):
-    """Evaluation of the model at one u: twist, g and its derivative."""
+    """Evaluation of the model at one u."""
 
     twist: PaperTwist
     indices: IndexValues
-    force: Number
-    g: Number
-    g_u: Number
+    force: Number  # u limited to the weight [N]
+    g: Number  # force of inertia of that twist [N]
+    g_u: Number  # derivative of g by u [-]
 
 
 def _balance(problem: _Problem) -> Number:
     """Zero of u - g(u), reached by Newton's iteration from zero."""
     u = 0.0 * problem.D
-    settled: Any = False
+    is_settled: Any = False
     for _ in range(NEWTON_ITERATIONS):
         step = _evaluate(u, problem)
         change = (step.g - u) / at_least(1.0 - step.g_u, SMALLEST_SLOPE)
         u = u + change
-        settled = abs(change) <= TOLERANCE * (1.0 + abs(u))
-        if every(settled):
+        is_settled = abs(change) <= TOLERANCE * (1.0 + abs(u))
+        if every(is_settled):
             return u
-    return settled * u + (1.0 - settled) * _bisect(problem)
+    return is_settled * u + (1.0 - is_settled) * _bisect(problem)
 
 
 def _bisect(problem: _Problem) -> Number:
@@ -114,18 +111,18 @@ def _bisect(problem: _Problem) -> Number:
     high = 1.0 + 0.0 * problem.D
     # Double the interval from -high to high where it does not contain the zero.
     for _ in range(BISECTIONS):
-        short = ((high - _evaluate(high, problem).g).real < 0.0) | (
+        is_outside = ((high - _evaluate(high, problem).g).real < 0.0) | (
             (-high - _evaluate(-high, problem).g).real > 0.0
         )
-        if not some(short):
+        if not some(is_outside):
             break
-        high = high * (1.0 + short)
+        high = high * (1.0 + is_outside)
     low = -high
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        below = 1.0 * ((middle - _evaluate(middle, problem).g).real < 0.0)
-        low = below * middle + (1.0 - below) * low
-        high = below * high + (1.0 - below) * middle
+        is_below = 1.0 * ((middle - _evaluate(middle, problem).g).real < 0.0)
+        low = is_below * middle + (1.0 - is_below) * low
+        high = is_below * high + (1.0 - is_below) * middle
     return 0.5 * (low + high)
 
 
@@ -138,10 +135,10 @@ def _evaluate(u: Number, problem: _Problem) -> _Evaluation:
     is_below = 1.0 - at_or_above(abs(u.real), weight)
     force = is_below * u + (1.0 - is_below) * sign(u) * weight
     S = S_u * force
-    eta_free = eta0 + eta1 * S + eta2 * force * force
+    eta_sum = eta0 + eta1 * S + eta2 * force * force
     # A track never turns the vehicle more than the ideal differential drive does: eta >= 1.
-    eta_is_free = at_or_above(eta_free, 1.0)
-    eta = eta_is_free * eta_free + (1.0 - eta_is_free)
+    eta_is_free = at_or_above(eta_sum, 1.0)
+    eta = eta_is_free * eta_sum + (1.0 - eta_is_free)
     epsilon = epsilon0 + epsilon1 * S
     zeta = zeta0 + zeta1 * Z_u * force
     w = problem.D / (gauge * eta)

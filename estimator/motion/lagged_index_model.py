@@ -219,6 +219,7 @@ def linearise(
     zeta_free, epsilon_free, eta_free = at.frees
     per_D = 1.0 / (gauge * eta)
     by_D = (zeta * per_D, -epsilon * per_D, per_D)
+    # Zero and one of the type of the arguments: float, complex or traced.
     nothing = 0.0 * w
     one = 1.0 + nothing
     by_zeta, by_epsilon = (w * zeta_free, nothing, nothing), (nothing, -w * epsilon_free, nothing)

@@ -93,7 +93,7 @@ def linearise(
     gravity: Gravity,  # noqa: ARG001 - all motion models have it
     vehicle: VehicleConstants,
 ) -> tuple[Motion, TwistDerivatives]:
-    """Compute the motion and the derivatives of its twist."""
+    """Compute the motion and the derivatives of its twist; it has no force of inertia."""
     v_x = parameters[0] * V_l + parameters[1] * V_r
     v_y = parameters[2] * V_l + parameters[3] * V_r
     w = parameters[4] * V_l + parameters[5] * V_r
@@ -104,14 +104,15 @@ def linearise(
         (0.5 * (V_l + V_r) - v_y) * per_w,
         steering_efficiency(parameters, vehicle) + 0.0 * is_zero(w),
     )
-    none = (zero, zero, zero)
+    # The model has six parameters of nine.
+    unused = (zero, zero, zero)
     return (
         Motion(PaperTwist(v_x + slip[0], v_y + slip[1], w + slip[2]), indices, zero, zero),
         TwistDerivatives(
             (
-                (V_l, V_r, zero, zero, zero, zero, *none),
-                (zero, zero, V_l, V_r, zero, zero, *none),
-                (zero, zero, zero, zero, V_l, V_r, *none),
+                (V_l, V_r, zero, zero, zero, zero, *unused),
+                (zero, zero, V_l, V_r, zero, zero, *unused),
+                (zero, zero, zero, zero, V_l, V_r, *unused),
             ),
             (
                 (parameters[0], parameters[1]),

@@ -11,7 +11,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import rpy_to_quaternion
 from icreckon.estimator.motion.icr import GRAVITY
 
-# Rows of the states x, y, yaw and z (`s.MOVED`), and of roll and pitch, among position and angles.
+# Rows of the states x, y, yaw and z (`s.MOVED`), and of roll and pitch, in x, y, z, roll, pitch, yaw.
 ROWS_OF_MOVED, ROLL, PITCH = (0, 1, 5, 2), 3, 4
 
 
@@ -95,6 +95,7 @@ def twist3d_of(twist: Floats, twist_P: Floats, tilt_rates: Floats, rates_P: Floa
         tilt_rates: (2,) rates about the axes forward and left [rad/s].
         rates_P: (2, 2) their covariance.
     """
+    # Rows: forward, left, up, and the rates about them.
     covariance, planar = np.zeros((6, 6)), [0, 1, 5]
     covariance[np.ix_(planar, planar)] = twist_P
     covariance[3:5, 3:5], covariance[2, 2] = rates_P, np.nan

@@ -1,8 +1,6 @@
 """Propagation of pose and slip over a step, with derivatives and process noise.
 
-All functions work on scalars.
-
-Written for plain Python and for numba (`icreckon.estimator.tracing.jit_kernel`).
+All functions work on scalars, in plain Python and numba (`icreckon.estimator.tracing.jit_kernel`).
 """
 
 import math

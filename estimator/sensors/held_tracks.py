@@ -93,42 +93,14 @@ def mean_decay(held: TrackRecord, start: int, end: int, hold_ns: int) -> float:
     return (fresh + DYING_AWAY * decayed) / dt
 
 
-def walked_density(
-    dt: float, from_age: float, to_age: float, gap_acceleration: float, fastest: float
-) -> float:
-    """Error density of an unknown speed over a step [m²/s].
-
-    A random walk g b(t) of the speeds has an integral of variance g² T³ / 3, and so has a white
-    noise of density g² t². The sigma of the path is at most that of the fastest drive.
-
-    Args:
-        dt: length of the step, more than zero [s].
-        from_age: time that the speed has been unknown at the start of the step [s].
-        to_age: time that it has been unknown at the end [s].
-        gap_acceleration: random walk of the speed [m/s/√s].
-        fastest: highest speed of a track [m/s].
-    """
-    age = (to_age * to_age - from_age * from_age) / (2.0 * dt)
-    square = (to_age * to_age * to_age - from_age * from_age * from_age) / (3.0 * dt)
-    return min(gap_acceleration * gap_acceleration * square, 2.0 * fastest * fastest * age)
-
-
 def take_tracks(
     held: TrackRecord, stamp: int, left: float, right: float, settings: InputSettings
 ) -> None:
-    """Add a later sample.
-
-    Args:
-        held: record of the track speeds, changed in place.
-        stamp: stamp of the sample [ns].
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
-        settings: settings of the filter.
-    """
+    """Add a later sample at a stamp [ns] to a record: speeds of both tracks [m/s]."""
     repeating = held.repeating_left, held.repeating_right
     was_frozen = frozen_from(*repeating, settings.track_speed) != NEVER
-    left_found = repeating_after(repeating[0], stamp, left, right, settings.hold)
-    right_found = repeating_after(repeating[1], stamp, right, left, settings.hold)
+    left_sticks = repeating_after(repeating[0], stamp, left, right, settings.hold)
+    right_sticks = repeating_after(repeating[1], stamp, right, left, settings.hold)
     newly_frozen = not was_frozen and frozen_from(*repeating, settings.track_speed) != NEVER
     spin = held.spin
     spin.left, spin.right = left, right
@@ -148,7 +120,8 @@ def take_tracks(
     held.smooth_left += weight * (left - held.smooth_left)
     held.smooth_right += weight * (right - held.smooth_right)
     held.stamp, held.left, held.right = stamp, left, right
-    held.stuck += left_found + right_found + 2 * newly_frozen
+    # Frozen: both sensors repeat one reading at the same time.
+    held.stuck += left_sticks + right_sticks + 2 * newly_frozen
 
 
 def take_motion(
@@ -167,7 +140,7 @@ def take_motion(
     Args:
         held: record of the track speeds, changed in place.
         stamp: stamp of the IMU sample [ns].
-        rate: yaw rate by the gyro [rad/s].
+        rate: yaw rate by the gyro [rad/s], NaN if it is not known.
         reading: its reading about the most upright axis of the IMU [rad/s].
         force_x: specific force forward [m/s²], or NaN.
         force_y: specific force to the left [m/s²], or NaN.
@@ -179,6 +152,7 @@ def take_motion(
     if held.stamp == NEVER or rate != rate:
         return rate
     spin = held.spin
+    # The width that bends have shown; 0 before there was one.
     width = width_of_bends(spin)
     if width == 0.0:
         width = settings.track_width
@@ -195,11 +169,10 @@ def take_motion(
     # A sensor that repeats itself while the other track changes, or both, may be stuck: that is no spin.
     repeating = held.repeating_left, held.repeating_right
     left_zero, right_zero = reads_zero(repeating[0]), reads_zero(repeating[1])
-    sticks = (may_stick(repeating[0]) and not left_zero) or (
-        may_stick(repeating[1]) and not right_zero
-    )
-    sticks = sticks or frozen_from(*repeating, settings.track_speed) != NEVER
-    if sticks and not is_found(spin):
+    left_sticks = may_stick(repeating[0]) and not left_zero
+    right_sticks = may_stick(repeating[1]) and not right_zero
+    is_frozen = frozen_from(*repeating, settings.track_speed) != NEVER
+    if (left_sticks or right_sticks or is_frozen) and not is_found(spin):
         forget_mismatch(spin)
         spin.stamp = stamp
         return rate
@@ -237,16 +210,9 @@ def count_distance(
 ) -> None:
     """Add the distances of the newest sample, of mean speeds since the one before.
 
-    Before the estimate the old speeds were held in their place: `behind` gets the difference. Over a gap
-    the new speeds count from the estimate on.
-
-    Args:
-        held: record of the track speeds, with the newest sample.
-        start: time of the estimate [ns], or NEVER.
-        before: stamp of the sample before [ns], or NEVER.
-        left: speed of the left track in that sample [m/s].
-        right: speed of the right track in that sample [m/s].
-        hold_ns: age from which speeds are stale [ns].
+    Up to the estimate, at `start` [ns] or NEVER, the old speeds were held in their place: `behind` gets
+    the difference. Over a gap, longer than `hold_ns`, the new speeds count from the estimate on. The
+    sample before had the stamp `before` [ns], or NEVER, and the speeds `left` and `right` [m/s].
     """
     if held.counted_from != start:
         held.counted_from = start
@@ -271,19 +237,16 @@ def mean_speeds(held: TrackRecord, start: int, end: int, hold_ns: int) -> Vector
         return left, right, 0.0
     left, right, behind, known_until = 0.0, 0.0, 0.0, start
     if held.counted_from == start <= held.stamp:
-        left, right, behind, known_until = (
-            held.ahead_left,
-            held.ahead_right,
-            held.behind,
-            held.stamp,
-        )
+        left, right, behind = held.ahead_left, held.ahead_right, held.behind
+        known_until = held.stamp
+    # The newest speeds hold over the rest of the step.
     dt, rest_s = (end - start) * NANOSECOND, (end - known_until) * NANOSECOND
     rest_s *= mean_decay(held, known_until, end, hold_ns)
     return (left + rest_s * held.left) / dt, (right + rest_s * held.right) / dt, behind / dt
 
 
 def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings) -> float:
-    """Error density of stale or frozen speeds over a step, from and to [ns] [m²/s]."""
+    """Error density of stale or frozen speeds between two stamps [ns] [m²/s]."""
     since = frozen_from(held.repeating_left, held.repeating_right, settings.track_speed)
     if since == NEVER:
         if end - held.stamp <= settings.hold_ns or held.stamp == NEVER:
@@ -294,6 +257,7 @@ def gap_density(held: TrackRecord, start: int, end: int, settings: InputSettings
 
 def stuck_density(track: Repeating, start: int, end: int, settings: InputSettings) -> float:
     """Error density over a step between two stamps [ns] of a track, if stuck [m²/s]."""
+    # Most tracks change with each sample: that is decided first, to save time.
     if track.since == track.newest:
         return 0.0
     since = stuck_from(track, settings.hold)
@@ -301,9 +265,16 @@ def stuck_density(track: Repeating, start: int, end: int, settings: InputSetting
 
 
 def unknown_density(since: int, start: int, end: int, settings: InputSettings) -> float:
-    """Error density over a step of speeds that are unknown since a stamp [ns] [m²/s]."""
+    """Error density over a step of speeds that are unknown since a stamp [ns] [m²/s].
+
+    A random walk g b(t) of the speeds has an integral of variance g² T³ / 3, and so has a white
+    noise of density g² t². The sigma of the path is at most that of the fastest drive.
+    """
     dt = (end - start) * NANOSECOND
     if dt <= 0.0:
         return 0.0
     from_age, to_age = max(0, start - since) * NANOSECOND, max(0, end - since) * NANOSECOND
-    return walked_density(dt, from_age, to_age, settings.gap_acceleration, settings.fastest)
+    mean_age = (to_age * to_age - from_age * from_age) / (2.0 * dt)
+    mean_square = (to_age * to_age * to_age - from_age * from_age * from_age) / (3.0 * dt)
+    walk, fastest = settings.gap_acceleration, settings.fastest
+    return min(walk * walk * mean_square, 2.0 * fastest * fastest * mean_age)

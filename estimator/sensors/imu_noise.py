@@ -104,7 +104,7 @@ def measure_noise(
         hold: after a longer gap the differences start again [s].
     """
     gyro, x, y = noise.gyro, noise.accelerometer_x, noise.accelerometer_y
-    # A missing reading repeats the last one, which is no noise.
+    # A missing reading (NaN) repeats the last one, which is no noise.
     rate = rate if rate == rate else gyro.readings.newest
     force_x = force_x if force_x == force_x else x.readings.newest
     force_y = force_y if force_y == force_y else y.readings.newest
@@ -157,14 +157,10 @@ def paced(pace: Pace, stamp: int, hold: float) -> float:
 
 
 def add_value(differences: Differences, value: float, run: int, dt: float, interval: float) -> None:
-    """Add a value of an axis.
+    """Add a value of an axis to its differences.
 
-    Args:
-        differences: differences of the axis, changed in place.
-        value: the value.
-        run: number of values since the newest gap.
-        dt: time since the value before [s].
-        interval: averaged interval between values [s].
+    It is the value number `run` since the newest gap, `dt` after the one before [s]; the averaged
+    interval between values is `interval` [s].
     """
     change = value - differences.newest
     difference = abs(change - differences.change)
@@ -185,23 +181,23 @@ def measured_noise(axis: AxisNoise) -> float:
     return SIGMA_OVER_MEAN_SIZE * max(axis.readings.size, axis.blocks.size)
 
 
-def assumed_noise(axis: AxisNoise, of_file: float, factor: float, least: float) -> float:
+def assumed_noise(axis: AxisNoise, stated: float, factor: float, least: float) -> float:
     """Noise density of an axis that the filter assumes [unit²/Hz].
 
     It is that of the robot file if the measured one agrees with it, and the measured one if that differs
     clearly; it changes continuously between them.
 
     Args:
-        axis: the axis.
-        of_file: noise density of the robot file [unit/√Hz].
+        axis: the axis, with its measured noise.
+        stated: noise density of the robot file [unit/√Hz].
         factor: a measured noise that is larger by this factor counts.
         least: least noise that counts, over that of the file; at 1 a smaller one does not.
     """
-    measured, density = measured_noise(axis), of_file
-    if measured > factor * of_file:
-        density = min(measured, measured * measured / (factor * factor * of_file))
-    elif 0.0 < measured * LESS < of_file:
-        density = max(measured, measured * measured * (LESS * LESS) / of_file, least * of_file)
+    measured, density = measured_noise(axis), stated
+    if measured > factor * stated:
+        density = min(measured, measured * measured / (factor * factor * stated))
+    elif 0.0 < measured * LESS < stated:
+        density = max(measured, measured * measured * (LESS * LESS) / stated, least * stated)
     return density * density
 
 
@@ -209,21 +205,16 @@ def imu_noise(noise: NoiseRecord, at_rest: bool, settings: InputSettings) -> Imu
     """Noise of an IMU that the filter assumes.
 
     The accelerometers' noise of a robot file contains slopes and jolts that are slower than a block. So
-    measured noise may make it larger, never smaller.
-
-    Args:
-        noise: record of the noise.
-        at_rest: the tracks rest.
-        settings: settings of the filter.
+    measured noise may make it larger, never smaller. `at_rest`: the tracks rest.
     """
-    of_gyro, of_force = settings.gyro_noise_density, settings.accelerometer_noise_density
+    gyro, force = settings.gyro_noise_density, settings.accelerometer_noise_density
     factor = MORE_AT_REST if at_rest else MORE_DRIVING
     if noise.is_first:
-        of_gyro, of_force = FACTOR_AT_START * of_gyro, FACTOR_AT_START * of_force
+        gyro, force = FACTOR_AT_START * gyro, FACTOR_AT_START * force
     return ImuNoise(
-        assumed_noise(noise.gyro, of_gyro, factor, LEAST_GYRO_SHARE),
-        assumed_noise(noise.accelerometer_x, of_force, factor, 1.0),
-        assumed_noise(noise.accelerometer_y, of_force, factor, 1.0),
+        assumed_noise(noise.gyro, gyro, factor, LEAST_GYRO_SHARE),
+        assumed_noise(noise.accelerometer_x, force, factor, 1.0),
+        assumed_noise(noise.accelerometer_y, force, factor, 1.0),
     )
 
 

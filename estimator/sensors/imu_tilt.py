@@ -40,14 +40,9 @@ class Tilt(NamedTuple):
 
 
 def add_rates(sums: TiltRecord, interval: float, yaw: float, roll: float, pitch: float) -> float:
-    """Add rates of the robot by the gyros [rad/s]; NaN if one is not known.
+    """Add yaw, roll and pitch rates by the gyros [rad/s] to a record; NaN if unknown.
 
-    Args:
-        sums: record, changed in place.
-        interval: time since the readings before [s].
-        yaw: yaw rate.
-        roll: roll rate.
-        pitch: pitch rate.
+    They are means over the interval [s] since the readings before.
 
     Returns:
         Error density of the angles of roll and pitch [rad²/s]. Half the square of the change between
@@ -55,7 +50,7 @@ def add_rates(sums: TiltRecord, interval: float, yaw: float, roll: float, pitch:
     """
     if yaw != yaw or roll != roll:
         return 0.0
-    rolls, pitches = roll - sums.roll, pitch - sums.pitch
+    roll_change, pitch_change = roll - sums.roll, pitch - sums.pitch
     sums.roll, sums.pitch = roll, pitch
     sums.time += interval
     sums.turned += yaw * interval
@@ -65,7 +60,7 @@ def add_rates(sums: TiltRecord, interval: float, yaw: float, roll: float, pitch:
     sums.roll_in_turns += roll * yaw * interval
     sums.pitch_in_turns += pitch * yaw * interval
     sums.tilted += (roll * roll + pitch * pitch) * interval
-    return 0.5 * (rolls * rolls + pitches * pitches) * interval
+    return 0.5 * (roll_change * roll_change + pitch_change * pitch_change) * interval
 
 
 def tilt_of(sums: TiltRecord) -> Tilt | None:
@@ -78,7 +73,7 @@ def tilt_of(sums: TiltRecord) -> Tilt | None:
         return None
     roll = (sums.pitch_in_turns - mean * sums.pitched) / yaw_spread
     pitch = -(sums.roll_in_turns - mean * sums.rolled) / yaw_spread
-    of_means = (sums.rolled * sums.rolled + sums.pitched * sums.pitched) / sums.time
-    residual = sums.tilted - of_means - yaw_spread * (roll * roll + pitch * pitch)
+    by_biases = (sums.rolled * sums.rolled + sums.pitched * sums.pitched) / sums.time
+    residual = sums.tilted - by_biases - yaw_spread * (roll * roll + pitch * pitch)
     variance = ROLLING_TIME * 0.5 * max(0.0, residual) / sums.time / yaw_spread
     return Tilt(roll, pitch, variance**0.5)

@@ -28,7 +28,7 @@ from icreckon.estimator.sensors.predictions import Prediction, point_on_robot
 MOST_COMPONENTS = 3
 # A twist measurement does not move pose and height, which are to be continuous.
 POSE_FIXED = (s.X, s.Y, s.YAW, s.Z)
-# A zero velocity moves only the slip. That was another before the stop, and its error would go into
+# A zero velocity moves only the slip. The slip was another before the stop, and its error would go into
 # biases and parameters.
 STANDING_FIXED = (*POSE_FIXED, *range(s.LEARNT.start, s.LEARNT.stop), s.GRAVITY_X, s.GRAVITY_Y)
 
@@ -64,10 +64,7 @@ def gyro_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
     They are those of `imu_fixed`, gravity along the ground, and the biases of the accelerometers and of
     the rates of roll and pitch, which are known together with it. Gyro and standstill see a slope only
     through the slip that the model gives it. Without accelerometers all errors of the model would be
-    taken for slopes.
-
-    Args:
-        taught: as of `imu_fixed`.
+    taken for slopes. The argument is that of `imu_fixed`.
     """
     biases = range(s.ACCELEROMETER_BIASES.start, s.GYRO_BIAS_Y + 1)
     return (*imu_fixed(taught), *biases, s.GRAVITY_X, s.GRAVITY_Y)
@@ -190,7 +187,7 @@ class BodyTwist(FixModel[BodyVelocity]):
 
 
 def _first_two(measured: tuple[float, float], variance: float, predicted: Prediction) -> Linearised:
-    """Compare two values of the same variance with the first two of a prediction."""
+    """Compare two values of one variance with the first two of a prediction."""
     R = predicted.R[:2, :2] + variance * np.eye(2)
     return Linearised(np.array(measured) - predicted.values[:2], predicted.H[:2], R)
 
@@ -270,6 +267,6 @@ def unregister(kind: type[Measurement]) -> None:
 
 
 def innovation_components() -> dict[str, tuple[str, ...]]:
-    """Names of the innovation's components, by sensor."""
-    of_imu = {name: (name,) for name in IMU_SENSORS}
-    return of_imu | {model.name: model.components for model in MODELS.values()}
+    """Names of the innovation's components, by sensor; the IMU's sensors come first."""
+    imu_components = {name: (name,) for name in IMU_SENSORS}
+    return imu_components | {model.name: model.components for model in MODELS.values()}

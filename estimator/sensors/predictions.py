@@ -50,21 +50,18 @@ def pose_ahead(x: Floats, model: TwistModel, density: Floats, elapsed: float) ->
         elapsed: time since the newest step [s].
     """
     twist, jacobian = _without_fast_slip(x, model)
-    step, by_yaw, by_motion = step_on_se2(x.item(s.YAW), (twist * elapsed).tolist())
-    turned = np.array(by_motion)
-    H = turned @ jacobian * elapsed
+    step, by_yaw, rows = step_on_se2(x.item(s.YAW), (twist * elapsed).tolist())
+    by_motion = np.array(rows)
+    H = by_motion @ jacobian * elapsed
     H[s.POSE, s.POSE] += np.eye(3)
     H[s.POSITION, s.YAW] += by_yaw
-    return Prediction(x[s.POSE] + step, H, turned @ density @ turned.T * elapsed)
+    return Prediction(x[s.POSE] + step, H, by_motion @ density @ by_motion.T * elapsed)
 
 
 def point_on_robot(pose: Prediction, forward: float, left: float) -> Prediction:
-    """Position of a point that is fixed to the robot, and its yaw.
+    """Position of a point of the robot, with the yaw, by a predicted pose.
 
-    Args:
-        pose: predicted pose.
-        forward: place of the point in base_link [m].
-        left: its place to the left [m].
+    The point is at `forward` and `left` in base_link [m].
     """
     if forward == 0.0 == left:
         return pose

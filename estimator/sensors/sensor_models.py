@@ -56,13 +56,14 @@ class SensorModels:
         imu = robot.imu
         self.imu_position = imu.position[:2]
         forward, leftward, upward = robot.imu_rotation.tolist()
-        of_rates = np.array([upward, forward, leftward])
+        # Rows of yaw, roll and pitch.
+        rows = np.array([upward, forward, leftward])
         if imu.gyro_axes == "z":
-            of_rates[0] = 0.0, 0.0, 1.0 / upward[2]
+            rows[0] = 0.0, 0.0, 1.0 / upward[2]
         if imu.gyro_axes == "z" or robot.slope.sigma == 0.0:
-            of_rates[1:] = np.nan
+            rows[1:] = np.nan
         most_upright = np.eye(3)[np.argmax(np.abs(upward))]
-        self.mounting = np.vstack([of_rates / imu.gyro_scale, most_upright, forward, leftward])
+        self.mounting = np.vstack([rows / imu.gyro_scale, most_upright, forward, leftward])
 
     def yaw_rates(self, angular_velocities: Floats) -> Floats:
         """Rates (...) about base_link's z axis of gyro samples (..., 3) [rad/s]."""
@@ -78,7 +79,7 @@ class SensorModels:
 
 
 def gyro_variance(density: float, interval: float, by_turning: Any, change: TrackChange) -> float:
-    """Variance of a gyro reading about the yaw rate of the motion model.
+    """Variance of a gyro reading about the yaw rate of the motion model [rad²/s²].
 
     Args:
         density: noise density of the gyro [rad²/s].
@@ -127,8 +128,8 @@ def accelerometer_forecast(
     white = (density + slip_density + CENTRIPETAL_DOUBT * centripetal) / interval
     turning = dw * lever
     late = (ACCELERATION_DOUBT * ACCELERATION_DOUBT) * (dv * dv + turning * turning)
-    of_left, of_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]
-    noise = change.speed_variance * (of_left * of_left + of_right * of_right)
+    by_left, by_right = by_axis[0] + lever * by_turning[0], by_axis[1] + lever * by_turning[1]
+    noise = change.speed_variance * (by_left * by_left + by_right * by_right)
     return Forecast(
         dv + side * w * across + turning - w * w * along,
         side * w,
@@ -138,22 +139,18 @@ def accelerometer_forecast(
 
 
 def shift(row: Floats, x: Floats, since: Floats) -> float:
-    """Shift of a predicted measurement since an earlier state; for numba, too.
+    """Shift of a prediction of Jacobian `row` (SIZE,) from the state `since` to `x`.
 
-    It is summed in order, so that all callers agree to the last bit.
-
-    Args:
-        row: (SIZE,) Jacobian of the prediction.
-        x: (SIZE,) the state.
-        since: (SIZE,) the earlier state.
+    It is summed in order, so that all callers agree to the last bit, numba too.
     """
-    moved = 0.0
+    shifted = 0.0
     for part in row * (x - since):
-        moved += part
-    return float(moved)
+        shifted += part
+    return float(shifted)
 
 
 def _along(by_speeds: Any, acceleration: tuple[float, float]) -> float:
+    """Rate of change by the accelerations of both tracks [m/s²]."""
     return by_speeds[0] * acceleration[0] + by_speeds[1] * acceleration[1]  # type: ignore[no-any-return]
 
 

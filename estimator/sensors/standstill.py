@@ -64,14 +64,9 @@ class QuietMemory(NamedTuple):
 def stopped_after(
     still: StandstillRecord, stamp: int, left: float, right: float, track_speed: float
 ) -> None:
-    """Add track speeds.
+    """Add speeds of both tracks [m/s] at a stamp [ns] to a record.
 
-    Args:
-        still: record, changed in place.
-        stamp: stamp of the speeds [ns].
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
-        track_speed: slower tracks are stopped [m/s].
+    Tracks slower than `track_speed` [m/s] are stopped.
     """
     if abs(left) >= track_speed or abs(right) >= track_speed:
         if still.stopped_since != NEVER:
@@ -122,6 +117,7 @@ def quiet_mean(
     while first + 1 < end and stamps[first + 1] <= oldest_needed:
         first += 1
     if end >= len(stamps):
+        # The buffer is full: move the readings that count to its start.
         for k in range(first, end):
             stamps[k - first], rates[k - first] = stamps[k], rates[k]
         first, end = 0, end - first
@@ -152,33 +148,28 @@ def quiet_mean(
         keep_restless(still, stamp)
         return math.nan
     settle(still)
-    of_mean = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
-    keep_quiet(
-        still, stamp, mean, settings.usual_change + SIGMAS_OF_MEAN * math.sqrt(2.0) * of_mean
-    )
+    mean_sigma = max(of_file, noise) / math.sqrt(settings.duration_ns * NANOSECOND)
+    by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma
+    keep_quiet(still, stamp, mean, settings.usual_change + by_noise)
     return mean
 
 
-def keep_quiet(still: StandstillRecord, stamp: int, mean: float, usual: float) -> None:
-    """Add a sample at which the robot stands.
+def keep_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: float) -> None:
+    """Add a sample [ns] at which the robot stands, with its quiet mean [rad/s].
 
-    Args:
-        still: record, changed in place.
-        stamp: stamp of the sample [ns].
-        mean: mean of its quiet readings [rad/s].
-        usual: change of the mean that noise and the walk of the bias explain [rad/s].
+    Noise and the walk of the bias explain a change of the mean up to `usual_change` [rad/s].
     """
-    before = still.quiet_at
-    since = max(still.stopped_since, before)
-    still.rest_time = (stamp - since) * NANOSECOND
-    still.drive_time = 0.0 if before == NEVER else (since - before) * NANOSECOND
+    last_quiet = still.quiet_at
+    rest_began = max(still.stopped_since, last_quiet)
+    still.rest_time = (stamp - rest_began) * NANOSECOND
+    still.drive_time = 0.0 if last_quiet == NEVER else (rest_began - last_quiet) * NANOSECOND
     still.quiet_at, still.quiet_mean = stamp, mean
-    if before == NEVER:
+    if last_quiet == NEVER:
         still.mean_before = mean
     change = abs(mean - still.mean_before)
-    if change < 0.5 * usual:
+    if change < 0.5 * usual_change:
         still.changed_at = NEVER
-    elif change > usual and still.changed_at == NEVER:
+    elif change > usual_change and still.changed_at == NEVER:
         still.changed_at = stamp
 
 
@@ -192,7 +183,7 @@ def keep_restless(still: StandstillRecord, stamp: int) -> None:
 
 
 def settle(still: StandstillRecord) -> None:
-    """Reset what indicates that the robot is shaken or carried."""
+    """Reset the marks of a robot that is shaken or carried."""
     still.restless_since, still.carried_since = NEVER, NEVER
 
 
@@ -235,7 +226,7 @@ class BiasChange(NamedTuple):
 
 
 def bias_change(change: Any, variance: Any, rest_time: Any, drive_time: Any) -> BiasChange:
-    """Variances to add to bias and yaw, 0 if the change is within what is expected.
+    """Variances to add to bias and yaw; 0 if noise explains the change of the bias.
 
     At rest all turning was that of the bias. While driving it may have changed at any time since the
     robot last stood.
@@ -288,11 +279,10 @@ class QuietReadings:
         return float(quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, settings))
 
     def memory(self, still: StandstillRecord) -> QuietMemory:
-        """Copy of the readings that count; the record gets their places in it."""
+        """Copy of the readings that count; changes their places in the record to it."""
         kept = slice(still.first, still.end)
-        found = QuietMemory(tuple(self.stamps[kept].tolist()), tuple(self.rates[kept].tolist()))
         still.first, still.end = 0, still.end - still.first
-        return found
+        return QuietMemory(tuple(self.stamps[kept].tolist()), tuple(self.rates[kept].tolist()))
 
     def recall(self, memory: QuietMemory) -> None:
         """Restore a copy."""

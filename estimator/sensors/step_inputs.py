@@ -47,30 +47,24 @@ class StepInputs(NamedTuple):
     # 1 if the motion of the step is unknown, else 0: the speed of a track is stale or from a stuck
     # sensor
     unknown: float
-    rest_time: float  # see `StandstillRecord` [s]
-    drive_time: float  # likewise [s]
+    rest_time: float  # time at rest since the robot last stood, at the newest quiet reading [s]
+    drive_time: float  # time of driving since then [s]; 0 if it never stood
 
 
 def step_inputs(
     held: TrackRecord, still: StandstillRecord, start: int, end: int, settings: InputSettings
 ) -> StepInputs:
-    """Inputs of a step.
-
-    Args:
-        held: record of the track speeds.
-        still: record of the standstill.
-        start: stamp of the step's start [ns].
-        end: stamp of its end [ns]; at the start itself no time passes.
-        settings: settings of the filter.
-    """
+    """Inputs of a step between two stamps [ns]; if they are equal, no time passes."""
     left, right, missing = mean_speeds(held, start, end, settings.hold_ns)
     # Encoders of tracks at rest have no noise.
-    density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
+    noise_density = 0.0 if held.left == 0.0 and held.right == 0.0 else settings.track_density
     carried = carried_density(still, start, end)
-    slow = max(abs(held.left), abs(held.right)) < settings.track_speed
+    is_slow = max(abs(held.left), abs(held.right)) < settings.track_speed
     stale = gap_density(held, start, end, settings)
     stuck_left = stuck_density(held.repeating_left, start, end, settings)
     stuck_right = stuck_density(held.repeating_right, start, end, settings)
+    odd_left = wheel_density(held.left_wheels, held.stamp, start, end)
+    odd_right = wheel_density(held.right_wheels, held.stamp, start, end)
     return StepInputs(
         held.smooth_left,
         held.smooth_right,
@@ -78,14 +72,8 @@ def step_inputs(
         right,
         mean_decay(held, start, end, settings.hold_ns),
         missing,
-        density
-        + stuck_left
-        + wheel_density(held.left_wheels, held.stamp, start, end)
-        + spin_density(held.spin, LEFT),
-        density
-        + stuck_right
-        + wheel_density(held.right_wheels, held.stamp, start, end)
-        + spin_density(held.spin, RIGHT),
+        noise_density + stuck_left + odd_left + spin_density(held.spin, LEFT),
+        noise_density + stuck_right + odd_right + spin_density(held.spin, RIGHT),
         stale,
         slide_density(held.forward, start, end) + carried + hidden_density(held, settings),
         carried,
@@ -93,9 +81,9 @@ def step_inputs(
         held.acceleration_left,
         held.acceleration_right,
         max(ACCELERATION_AVERAGING, held.interval),
-        density / held.interval,
+        noise_density / held.interval,
         age_at(held, start, settings.hold),
-        1.0 if slow else 0.0,
+        1.0 if is_slow else 0.0,
         1.0 if stale + stuck_left + stuck_right > 0.0 else 0.0,
         still.rest_time,
         still.drive_time,

@@ -170,7 +170,8 @@ class TrackLatencyEstimator:
         self._blocks: deque[Floats] = deque(maxlen=MOST_BLOCKS)
         self._open = np.zeros((6, len(SHIFTS)))
         self._turned, self.completed = 0.0, 0
-        self._found: tuple[int, Lag | None] = (0, None)
+        # Number of completed blocks at the newest estimate, and that.
+        self._newest_estimate: tuple[int, Lag | None] = (0, None)
         self._begin()
 
     def take(
@@ -186,30 +187,30 @@ class TrackLatencyEstimator:
             gyro_stamps: (m,) raw stamps of the gyro [ns].
             rates: (m,) its yaw rates, with the bias [rad/s].
         """
-        series = (track_stamps, turning), (gyro_stamps, rates)
         hole = NEVER
+        # Add the samples up to each hole in either series; windows start again after it.
         while hole != NO_HOLE:
-            own_rates = self._tracks, self._gyro
-            hole = min(
-                rate.first_after_hole(stamps)
-                for rate, (stamps, _) in zip(own_rates, series, strict=True)
-            )
-            for rate, (stamps, values) in zip(own_rates, series, strict=True):
-                before = stamps < hole
-                rate.add(stamps[before], values[before])
+            first_hole = self._tracks.first_after_hole(track_stamps)
+            hole = min(first_hole, self._gyro.first_after_hole(gyro_stamps))
+            before, gyro_before = track_stamps < hole, gyro_stamps < hole
+            self._tracks.add(track_stamps[before], turning[before])
+            self._gyro.add(gyro_stamps[gyro_before], rates[gyro_before])
             self._use_windows()
             if hole != NO_HOLE:
                 self._begin()
-                (a, x), (b, y) = series
-                series = (a[a >= hole], x[a >= hole]), (b[b >= hole], y[b >= hole])
+                track_stamps, turning = track_stamps[~before], turning[~before]
+                gyro_stamps, rates = gyro_stamps[~gyro_before], rates[~gyro_before]
 
     def estimate(self) -> Lag | None:
         """Estimate the lag behind the gyro; None while it is not observable."""
-        if self._found[0] != self.completed:
-            self._found = self.completed, self._estimate()
-        return self._found[1]
+        completed, lag = self._newest_estimate
+        if completed != self.completed:
+            lag = self._estimate()
+            self._newest_estimate = self.completed, lag
+        return lag
 
     def _estimate(self) -> Lag | None:
+        """Estimate by all blocks, with the jackknife error of leaving out one at a time."""
         if len(self._blocks) < FEWEST_BLOCKS:
             return None
         total = np.sum(self._blocks, axis=0)
@@ -274,16 +275,17 @@ class TrackLatencyEstimator:
         while len(y):
             turned = self._turned + np.cumsum(np.abs(y)) * (WINDOW_STEP / WINDOW)
             count = int(np.searchsorted(turned, BLOCK)) + 1
-            of_x, of_y, ones = x[:count], y[:count], np.ones(len(SHIFTS))
+            block_x, block_y, ones = x[:count], y[:count], np.ones(len(SHIFTS))
+            # Sums of 1, x, y, x², x y and y².
             self._open += [
-                len(of_y) * ones,
-                of_x.sum(axis=0),
-                of_y.sum() * ones,
-                (of_x * of_x).sum(axis=0),
-                of_y @ of_x,
-                of_y @ of_y * ones,
+                len(block_y) * ones,
+                block_x.sum(axis=0),
+                block_y.sum() * ones,
+                (block_x * block_x).sum(axis=0),
+                block_y @ block_x,
+                block_y @ block_y * ones,
             ]
-            self._turned = float(turned[len(of_y) - 1])
+            self._turned = float(turned[len(block_y) - 1])
             if count <= len(y):
                 self._blocks.append(self._open)
                 self._open, self._turned = np.zeros((6, len(SHIFTS))), 0.0

@@ -37,11 +37,11 @@ class HistoryCheckpoint(msgspec.Struct, frozen=True, rename={"checkpoint": "memo
     measurements: tuple[tuple[Any, ...], ...]
 
 
-class KeyedMemory(NamedTuple):
-    """Copy of the filter after the measurement of a key, before the next."""
+class KeyedCheckpoint(NamedTuple):
+    """Checkpoint of the filter after the measurement of a key, before the next."""
 
     after: Key
-    memory: FilterCheckpoint
+    checkpoint: FilterCheckpoint
 
 
 class History:
@@ -49,7 +49,7 @@ class History:
 
     A late measurement is inserted in its place, the checkpoint before it is restored, and the filter is
     re-run over all later ones. So the estimate is always that of all measurements so far in the order of
-    their keys, to the last bit, wherever the checkpoints are.
+    their keys (stamp, and rank of the type), to the last bit, wherever the checkpoints are.
 
     Args:
         reckoning: the filter.
@@ -61,14 +61,14 @@ class History:
         self, reckoning: Reckoning, span: float, watch: Callable[[FilterRecord], None]
     ) -> None:
         self._reckoning, self._watch = reckoning, watch
-        self._span = round(span / NANOSECOND)
+        self._span_ns = round(span / NANOSECOND)
         self._keys: list[Key] = []
         self._events: list[Event] = []
-        self._checkpoints = [KeyedMemory(BEFORE_ALL, reckoning.checkpoint())]
+        self._checkpoints = [KeyedCheckpoint(BEFORE_ALL, reckoning.checkpoint())]
         self._since_checkpoint = 0
 
     def checkpoint(self) -> HistoryCheckpoint:
-        """Checkpoint of the present state."""
+        """Checkpoint of the oldest checkpoint and all later measurements."""
         after, oldest = self._checkpoints[0]
         return HistoryCheckpoint(after, oldest.plain(), tuple(map(event_row, self._events)))
 
@@ -80,23 +80,22 @@ class History:
         """
         events = [event_of(row) for row in checkpoint.measurements]
         keys = [key_of(event) for event in events]
-        if any(one >= other for one, other in pairwise([checkpoint.after, *keys])):
+        if any(key >= next_key for key, next_key in pairwise([checkpoint.after, *keys])):
             raise EstimatorError("the measurements of the history are not in order")
+        # The filter is already in its newest state; it goes back only to copy the oldest checkpoint.
         newest = self._reckoning.checkpoint()
         self.begin_anew(checkpoint.after, checkpoint.checkpoint)
         self._keys, self._events = keys, events
         if keys:
-            self._checkpoints.append(KeyedMemory(keys[-1], newest))
+            self._checkpoints.append(KeyedCheckpoint(keys[-1], newest))
         self._reckoning.restore(newest)
 
     def objection(self, key: Key) -> str | None:
         """Reason to reject a measurement of this key; None if it can be inserted."""
         if self.is_newest(key):
             return None
-        keys = self._keys
-        if not keys:
-            return TOO_OLD
-        if key[0] < keys[-1][0] - self._span:
+        keys, (stamp, _) = self._keys, key
+        if not keys or stamp < self.newest - self._span_ns:
             return TOO_OLD
         place = bisect_left(keys, key)
         if key < self._checkpoints[0].after or len(keys) - place > MOST_MEASUREMENTS:
@@ -114,43 +113,48 @@ class History:
 
     def is_newest(self, key: Key) -> bool:
         """Return True if this key is after all measurements so far."""
-        return key > (self._keys[-1] if self._keys else self._checkpoints[0].after)
+        return key > self._newest_key()
 
-    def take(self, key: Key, event: Event) -> bool:
-        """Update the filter with a measurement or mark; return True if it was used."""
-        return self.append(key, event) if self.is_newest(key) else self.insert(key, event)
+    def _newest_key(self) -> Key:
+        """Key of the newest measurement, also of one that is no longer in the history."""
+        return self._keys[-1] if self._keys else self._checkpoints[0].after
 
     def append(self, key: Key, event: Event) -> bool:
-        """Update the filter with the newest measurement; return True if it was used."""
+        """Update the filter with the newest event; return True if it was used.
+
+        Raises:
+            EstimatorError: stamps are too close to each other to be nanoseconds.
+        """
         self._keys.append(key)
         self._events.append(event)
         used = self._reckoning.take(event)
         self._since_checkpoint += 1
         if self._since_checkpoint >= CHECKPOINT_EVERY:
             self._watch(self._reckoning.record)
-            recent = self._keys[-CHECKPOINT_EVERY:]
+            recent_stamps = [stamp for stamp, _ in self._keys[-CHECKPOINT_EVERY:]]
             self._add_checkpoint(key)
             self._drop_obsolete()
-            require_nanoseconds(recent[0][0], key[0], len(recent))
+            require_nanoseconds(recent_stamps[0], recent_stamps[-1], len(recent_stamps))
         return used
 
     def set_clock(self, by: int) -> None:
         """Change to a clock that is ahead by this difference [ns], and clear the history."""
         LOGGER.warning("the clock was set by %.3f s", by * NANOSECOND)
-        stamp, rank = self._keys[-1] if self._keys else self._checkpoints[0].after
+        stamp, rank = self._newest_key()
         self.begin_anew((stamp + by, rank), shifted(self._reckoning.checkpoint().plain(), by))
 
     def begin_anew(self, after: Key, checkpoint: FilterCheckpoint) -> None:
         """Restore a checkpoint after the measurement of a key, and clear the history."""
         self._reckoning.restore(checkpoint)
         self._keys, self._events = [], []
-        self._checkpoints = [KeyedMemory(after, self._reckoning.checkpoint())]
+        self._checkpoints = [KeyedCheckpoint(after, self._reckoning.checkpoint())]
         self._since_checkpoint = 0
 
     @property
     def newest(self) -> int:
         """Stamp of the newest measurement [ns]."""
-        return self._keys[-1][0] if self._keys else self._checkpoints[0].after[0]
+        stamp, _ = self._newest_key()
+        return stamp
 
     def forget_mark(self, mark: Mark) -> None:
         """Drop a mark from the filter, the history and all checkpoints."""
@@ -159,56 +163,58 @@ class History:
         place = bisect_left(self._keys, key)
         if place < len(self._keys) and self._keys[place] == key:
             del self._keys[place], self._events[place]
-        # A checkpoint after the mark is one after the measurement before it.
+        # A checkpoint directly after the mark gets the key of the event before it.
         before = self._keys[place - 1] if place else self._checkpoints[0].after
-        for index, (after, memory) in enumerate(self._checkpoints):
-            if memory.clones is not None:
-                clones = memory.clones.without(mark.stamp)
-                without = msgspec.structs.replace(memory, clones=clones)
-                self._checkpoints[index] = KeyedMemory(before if after == key else after, without)
+        for index, (after, checkpoint) in enumerate(self._checkpoints):
+            if checkpoint.clones is not None:
+                clones = checkpoint.clones.without(mark.stamp)
+                checkpoint = msgspec.structs.replace(checkpoint, clones=clones)
+                after = before if after == key else after
+                self._checkpoints[index] = KeyedCheckpoint(after, checkpoint)
 
     def insert(self, key: Key, event: Event) -> bool:
-        """Update the filter with a late measurement; return True if it was used."""
+        """Update with a late event, re-running the filter; return True if it was used."""
         self._watch(self._reckoning.record)
         place = bisect_left(self._keys, key)
         self._keys.insert(place, key)
         self._events.insert(place, event)
         while self._checkpoints[-1].after > key:
             self._checkpoints.pop()
-        after, memory = self._checkpoints[-1]
+        after, checkpoint = self._checkpoints[-1]
         reckoning = self._reckoning
-        reckoning.restore(memory)
+        reckoning.restore(checkpoint)
         self._since_checkpoint = 0
-        used = False
+        is_late_used = False
         for index in range(bisect_right(self._keys, after), len(self._keys)):
             is_used = reckoning.take(self._events[index])
             self._since_checkpoint += 1
             if index == place:
-                used = is_used
+                is_late_used = is_used
                 self._watch(reckoning.record)
             else:
-                # The rates of the others were taken before.
+                # The rates of the others were watched in the first run.
                 reckoning.record.turning.count = reckoning.record.yaw_rates.count = 0
             if self._since_checkpoint >= CHECKPOINT_EVERY:
                 self._add_checkpoint(self._keys[index])
-        return used
+        return is_late_used
 
     def _add_checkpoint(self, key: Key) -> None:
         """Add a checkpoint after the measurement of a key."""
         self._since_checkpoint = 0
-        self._checkpoints.append(KeyedMemory(key, self._reckoning.checkpoint()))
+        self._checkpoints.append(KeyedCheckpoint(key, self._reckoning.checkpoint()))
 
     def _drop_obsolete(self) -> None:
         """Drop measurements and checkpoints that are older than the history."""
         checkpoints, keys = self._checkpoints, self._keys
-        horizon = (keys[-1][0] - self._span, -1)
+        # Rank -1 is before all measurements of a stamp.
+        horizon: Key = (self.newest - self._span_ns, -1)
         if len(keys) > MOST_MEASUREMENTS:
             horizon = max(horizon, keys[-MOST_MEASUREMENTS])
+        # The newest checkpoint before the horizon stays, to re-run from it.
         obsolete = 0
         while obsolete + 1 < len(checkpoints) and checkpoints[obsolete + 1].after < horizon:
             obsolete += 1
         if obsolete:
             del checkpoints[:obsolete]
-            passed = bisect_right(self._keys, checkpoints[0].after)
-            del self._keys[:passed]
-            del self._events[:passed]
+            passed = bisect_right(keys, checkpoints[0].after)
+            del keys[:passed], self._events[:passed]

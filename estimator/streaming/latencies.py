@@ -37,9 +37,9 @@ from icreckon.estimator.sensors.track_latency import (
 
 LARGEST_SIGMA = 0.02
 """Largest standard error with which an estimate is used [s]."""
-LEAST, LEAST_CHANGE = 0.03, 0.01
+LEAST_LATENCY, LEAST_CHANGE = 0.03, 0.01
 """Smallest latency that is taken off, and smallest change of one that is [s]."""
-AT_ONCE = 1000
+SAMPLES_AT_ONCE = 1000
 """Number of waiting samples at which the estimator takes them, all at once."""
 
 
@@ -105,7 +105,7 @@ class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         }
 
 
-class Part(NamedTuple):
+class RatePart(NamedTuple):
     """Samples of a rate: stamp of the first [ns], times since then [ns], and rates."""
 
     begin: int
@@ -113,8 +113,8 @@ class Part(NamedTuple):
     rates: list[float]
 
 
-def joined(parts: list[Part]) -> tuple[Stamps, Floats]:
-    """Stamps (n,) and rates (n,) of successive parts."""
+def joined(parts: list[RatePart]) -> tuple[Stamps, Floats]:
+    """Join successive parts to stamps (n,) [ns] and rates (n,)."""
     counts = [len(part.times) for part in parts]
     begins = np.repeat(np.array([part.begin for part in parts], np.int64), counts)
     times = np.array([*chain.from_iterable(part.times for part in parts)])
@@ -139,9 +139,10 @@ class StampCorrection:
         self, latencies: Latencies, estimated: float = 0.0, memory: TrackLatencyMemory | None = None
     ) -> None:
         self.latencies, self.estimated = latencies, estimated
-        # Samples of the tracks and of the gyro that the estimator has not taken yet, and their number.
-        self._turning, self._rates = list[Part](), list[Part]()
-        self._waiting = 0
+        # Samples that the estimator has not taken yet, of the difference of the track speeds and of the
+        # yaw rate, and their number.
+        self._track_parts, self._gyro_parts = list[RatePart](), list[RatePart]()
+        self._waiting_samples = 0
         self._estimator = TrackLatencyEstimator()
         if memory is not None:
             self._estimator.recall(memory)
@@ -154,7 +155,7 @@ class StampCorrection:
         return self._latency_ns.get(kind, 0)
 
     def corrected(self, measurement: Measurement) -> Measurement:
-        """Return the measurement with its stamp corrected."""
+        """Measurement with the latency of its type taken off its stamp."""
         late_ns = self._latency_ns.get(type(measurement))
         if not late_ns:
             return measurement
@@ -162,56 +163,55 @@ class StampCorrection:
         return replace(measurement, stamp=measurement.stamp - late_ns)  # type: ignore[type-var]
 
     def watch(self, record: FilterRecord) -> None:
-        """Take the newest samples from a filter's record; use the estimate now and then."""
-        # The estimator wants the track speeds as late as before the estimated part was taken off.
-        taken_off_ns = _nanoseconds(self.estimated)
-        for parts, samples, later_ns in (
-            (self._turning, record.turning, taken_off_ns),
-            (self._rates, record.yaw_rates, 0),
+        """Move the newest rates from a filter's record here; estimate after many of them."""
+        # The estimator needs the track stamps as they were before the estimated part was taken off.
+        for parts, samples, added_ns in (
+            (self._track_parts, record.turning, _nanoseconds(self.estimated)),
+            (self._gyro_parts, record.yaw_rates, 0),
         ):
             count, samples.count = samples.count, 0
             if not count:
                 continue
-            begin = int(samples.begin) + later_ns
+            begin = int(samples.begin) + added_ns
             if parts and begin < parts[-1].begin - LARGEST_HOLE:
                 # The clock was set back.
                 self._flush()
-            parts.append(Part(begin, samples.times[:count], samples.rates[:count]))
-            self._waiting += count
-        if self._waiting >= AT_ONCE:
+            parts.append(RatePart(begin, samples.times[:count], samples.rates[:count]))
+            self._waiting_samples += count
+        if self._waiting_samples >= SAMPLES_AT_ONCE:
             self._use_estimate()
 
     def _flush(self) -> None:
-        """Give the samples that wait to the estimator."""
-        samples = *joined(self._turning), *joined(self._rates)
-        self._turning.clear()
-        self._rates.clear()
+        """Add the waiting samples to the estimator."""
+        samples = *joined(self._track_parts), *joined(self._gyro_parts)
+        self._track_parts.clear()
+        self._gyro_parts.clear()
         self._estimator.take(*samples)
 
     def memory(self) -> TrackLatencyMemory:
-        """Checkpoint of the watch over the track speeds' latency."""
+        """Checkpoint of the watch; the waiting samples are used first."""
         self._use_estimate()
         return self._estimator.memory()
 
     def health(self) -> TrackLatencyHealth:
         """Latency of the track speeds: the one taken off, and the estimate if any."""
         self._flush()
-        given, lag = self.latencies.tracks, self._estimator.estimate()
-        used = given + self.estimated
+        configured, lag = self.latencies.tracks, self._estimator.estimate()
+        taken_off = configured + self.estimated
         if lag is None:
-            return TrackLatencyHealth(used)
-        return TrackLatencyHealth(used, given + lag.seconds, lag.sigma)
+            return TrackLatencyHealth(taken_off)
+        return TrackLatencyHealth(taken_off, configured + lag.seconds, lag.sigma)
 
     def _use_estimate(self) -> None:
         """Take the estimated latency off from now on, if it is allowed, certain and new."""
         self._flush()
-        self._waiting = 0
+        self._waiting_samples = 0
         if not self.latencies.estimate_tracks:
             return
         lag = self._estimator.estimate()
         if lag is None or lag.sigma > LARGEST_SIGMA:
             return
-        is_clear = abs(lag.seconds) > max(LEAST, BEYOND * lag.sigma)
+        is_clear = abs(lag.seconds) > max(LEAST_LATENCY, BEYOND * lag.sigma)
         seconds = lag.seconds if is_clear else 0.0
         if abs(seconds - self.estimated) > max(LEAST_CHANGE, lag.sigma):
             self.estimated = seconds

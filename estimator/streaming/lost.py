@@ -42,17 +42,17 @@ class LostFilter(EstimatorError):
 
 
 def reason_of(kind: int, seconds: float) -> str:
-    """Message of a kind of loss and the time since the start at which it begins [s]."""
+    """Message of a kind of loss that begins some seconds after the start."""
     return f"{REASONS[kind]} from {seconds:.1f} s on"
 
 
 def loss_kinds(path: Trajectory, *, finite: Any = True, negative: Any = False) -> Any:
-    """Kind of loss (n, ...) of each row of a path, of one filter or several.
+    """Kind of loss (n, ...) of each row of a path: `USABLE` or a key of `REASONS`.
 
     Args:
         path: the path; its arrays may have an axis for filters after the first.
-        finite: (n, ...) False if something else of a row is not finite.
-        negative: (n, ...) True if something else of a row is a negative variance.
+        finite: (n, ...) False if another value of the row is not finite.
+        negative: (n, ...) True if another variance of the row is negative.
     """
     for values in (path.poses, path.twists):
         finite = finite & np.isfinite(values).all(axis=-1)
@@ -60,9 +60,9 @@ def loss_kinds(path: Trajectory, *, finite: Any = True, negative: Any = False) -
         finite = finite & np.isfinite(covariances).all(axis=(-2, -1))
         variances = np.diagonal(covariances, axis1=-2, axis2=-1)
         negative = negative | (variances < -ROUNDING).any(axis=-1)
-    absurd = (np.abs(path.poses[..., :2]) > FURTHEST).any(axis=-1)
-    absurd |= (np.abs(path.twists) > FASTEST).any(axis=-1)
-    return np.select([~finite, negative, absurd], [NOT_FINITE, NEGATIVE, ABSURD], USABLE)
+    is_absurd = (np.abs(path.poses[..., :2]) > FURTHEST).any(axis=-1)
+    is_absurd |= (np.abs(path.twists) > FASTEST).any(axis=-1)
+    return np.select([~finite, negative, is_absurd], [NOT_FINITE, NEGATIVE, ABSURD], USABLE)
 
 
 def loss_of(run: Run, start: int) -> LostFilter | None:
@@ -75,22 +75,24 @@ def loss_of(run: Run, start: int) -> LostFilter | None:
     if not len(run.trajectory.stamps):
         tracks = run.health.sensors.get("tracks")
         counts = {} if tracks is None else tracks.rejected
-        text = ", ".join(f"{count} x {reason}" for reason, count in counts.items())
-        reason = "no track speeds were used" + (f": rejected {text}" if text else "")
-        return LostFilter(run.variant, reason)
+        rejected = ", ".join(f"{count} x {reason}" for reason, count in counts.items())
+        suffix = f": rejected {rejected}" if rejected else ""
+        return LostFilter(run.variant, f"no track speeds were used{suffix}")
+    # The root of a negative variance is NaN.
     sigmas = run.state_sigmas
     kinds = loss_kinds(
         run.trajectory,
         finite=np.isfinite(run.states).all(axis=1) & ~np.isinf(sigmas).any(axis=1),
         negative=np.isnan(sigmas).any(axis=1),
     )
-    lost = np.flatnonzero(kinds)
-    if not len(lost):
+    lost_rows = np.flatnonzero(kinds)
+    if not len(lost_rows):
         sums = {name: sensor.nis_sum for name, sensor in run.health.sensors.items()}
         bad = [f"{name} ({nis:.3g})" for name, nis in sums.items() if not 0.0 <= nis < math.inf]
         return LostFilter(run.variant, f"impossible NIS of {', '.join(bad)}") if bad else None
-    seconds = float((run.stamps[lost[0]] - start) * NANOSECOND)
-    return LostFilter(run.variant, reason_of(int(kinds[lost[0]]), seconds), seconds)
+    first = lost_rows[0]
+    seconds = float((run.stamps[first] - start) * NANOSECOND)
+    return LostFilter(run.variant, reason_of(int(kinds[first]), seconds), seconds)
 
 
 def stopped_by(problem: Exception, so_far: Run, start: int, stamp: int) -> LostFilter:

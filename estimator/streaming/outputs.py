@@ -14,7 +14,7 @@ from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
 from icreckon.estimator.motion.pose3d import Pose3d, Twist3d, pose3d_of, twist3d_of
 
 Singles = NDArray[np.float32]
-UNKNOWN_RATES = np.full(2, np.nan)
+UNKNOWN_RATES, UNKNOWN_COVARIANCE = np.full(2, np.nan), np.full((2, 2), np.nan)
 
 
 class IcrPoints(NamedTuple):
@@ -29,7 +29,7 @@ def icr_points(indices: IndexValues, track_gauge: float) -> IcrPoints:
 
     Args:
         indices: zeta, epsilon [m], eta [-].
-        track_gauge: track gauge [m].
+        track_gauge: distance between the centre lines of the tracks [m].
     """
     icrs = icrs_from_indices(indices, track_gauge)
     left = paper_to_rep103(icrs.x_ICRl, icrs.y_ICR)
@@ -58,7 +58,7 @@ class Snapshot(NamedTuple):
     twist_covariance: Floats
     indices: IndexValues
     tilt_rates: Floats = UNKNOWN_RATES
-    tilt_rate_covariance: Floats = UNKNOWN_RATES
+    tilt_rate_covariance: Floats = UNKNOWN_COVARIANCE
 
     @property
     def pose3d(self) -> Pose3d:
@@ -68,8 +68,8 @@ class Snapshot(NamedTuple):
     @property
     def twist3d(self) -> Twist3d:
         """Velocity with the rates of roll and pitch."""
-        rates = self.tilt_rates, self.tilt_rate_covariance
-        return twist3d_of(self.twist, self.twist_covariance, *rates)
+        rates, rates_P = self.tilt_rates, self.tilt_rate_covariance
+        return twist3d_of(self.twist, self.twist_covariance, rates, rates_P)
 
 
 class PredictedPose(NamedTuple):
@@ -115,6 +115,7 @@ class Run:
 
     def __repr__(self) -> str:
         """One line: variant, duration, numbers of poses and of rejected measurements."""
+        # The trajectory's line, "<Trajectory ...>", without its closing bracket.
         text = repr(self.trajectory)[:-1].replace("Trajectory", f"Run {self.variant!r}")
         return f"{text}, {sum(self.health.rejections().values())} measurements rejected>"
 

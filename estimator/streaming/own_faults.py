@@ -28,16 +28,12 @@ LARGEST_SIGMA = 1e6
 
 
 class OwnFaults:
-    """Faults that users have added, of one filter.
+    """Faults that users have added, watched by one filter with these states."""
 
-    Args:
-        names: names of its states.
-        admission: admission of measurements.
-    """
-
-    def __init__(self, names: tuple[str, ...], admission: Admission) -> None:
-        self._names, self._admission = names, admission
-        self.watched = [kind() for kind in OWN_FAULTS.values()]
+    def __init__(self, state_names: tuple[str, ...], admission: Admission) -> None:
+        self._state_names, self._admission = state_names, admission
+        self.watched = [fault_type() for fault_type in OWN_FAULTS.values()]
+        # Findings on faults that raised an exception, by their names.
         self._failed: dict[str, Finding] = {}
 
     def watch(
@@ -50,7 +46,9 @@ class OwnFaults:
         Returns:
             The measurement to use; the name of the fault that excludes it, or None.
         """
-        excluded, inflated = None, []
+        excluded_by: str | None = None
+        inflations: list[tuple[int, float]] = []
+        # A copy, since a fault that raises an exception leaves the list.
         for fault in self.watched.copy():
             try:
                 effect = fault.watch(measurement, view)
@@ -58,15 +56,18 @@ class OwnFaults:
                     case Replace():
                         measurement = self._replaced(measurement, effect)
                     case Exclude():
-                        excluded = excluded or fault.name
+                        excluded_by = excluded_by or fault.name
                     case _:
-                        inflated += self._variances(effect)
+                        inflations += self._variances(effect)
             except Exception as problem:
                 self._give_up(fault, problem)
-        for state, variance in inflated if excluded is None else ():
-            if ekf.P[state, state] > 0.0 or not s.LEARNT.start <= state < s.LEARNT.stop:
-                ekf.inflate(state, variance=variance, of_motion=True)
-        return measurement, excluded
+        if excluded_by is None:
+            for state, variance in inflations:
+                # Parameters, biases and scales without variance are not estimated.
+                is_learnt = s.LEARNT.start <= state < s.LEARNT.stop
+                if ekf.P[state, state] > 0.0 or not is_learnt:
+                    ekf.inflate(state, variance=variance, of_motion=True)
+        return measurement, excluded_by
 
     def findings(self) -> list[Finding]:
         """Findings that last, and faults that are not watched any more."""
@@ -82,18 +83,18 @@ class OwnFaults:
 
     def memory(self) -> dict[str, Any]:
         """Copies of the faults by name."""
-        return {one.name: deepcopy(one) for one in self.watched}
+        return {fault.name: deepcopy(fault) for fault in self.watched}
 
     def restore(self, memory: dict[str, Any]) -> None:
-        """Restore copies, or what a file has of them; faults that these lack start again.
+        """Restore copies, or fields of a file; faults that are missing start again.
 
         Raises:
             EstimatorError: the fields of a file are not those of the fault.
         """
-        for k, fault in enumerate(self.watched):
+        for index, fault in enumerate(self.watched):
             saved = memory.get(fault.name, type(fault)())
             try:
-                self.watched[k] = (
+                self.watched[index] = (
                     deepcopy(saved)
                     if isinstance(saved, OwnFault)
                     else msgspec.convert(saved, type(fault))
@@ -109,39 +110,44 @@ class OwnFaults:
         """
         for fault in self.watched:
             try:
-                again = msgspec.json.decode(msgspec.json.encode(fault), type=type(fault))
-                same = again == fault
+                decoded = msgspec.json.decode(msgspec.json.encode(fault), type=type(fault))
+                is_unchanged = decoded == fault
             except (TypeError, NotImplementedError, OverflowError, msgspec.MsgspecError) as problem:
                 raise EstimatorError(f"{fault.name!r} cannot be saved: {problem}") from None
-            if not same:
+            if not is_unchanged:
                 raise EstimatorError(f"{fault.name!r} cannot be saved: its memory would change")
 
     def _replaced(self, before: Measurement, effect: Replace) -> Measurement:
-        """Measurement in place of another one, checked."""
-        after = as_plain(effect.measurement)
-        if type(after) is not type(before) or after.stamp != before.stamp:
+        """Measurement that an effect puts in place of another one.
+
+        Raises:
+            ValueError: it has another type or stamp, or a filter would reject it.
+        """
+        replacement = as_plain(effect.measurement)
+        if type(replacement) is not type(before) or replacement.stamp != before.stamp:
             raise ValueError(f"Replace needs the same type and stamp as {before!r}")
-        objection = self._admission.objection(after)
+        objection = self._admission.objection(replacement)
         if objection is not None:
-            raise ValueError(f"Replace by {after!r}: {objection}")
-        return after
+            raise ValueError(f"Replace by {replacement!r}: {objection}")
+        return replacement
 
     def _variances(self, effect: Inflate | None) -> list[tuple[int, float]]:
-        """Index and variance of each state that an effect inflates."""
+        """Index and added variance of each state that an effect inflates; none for None."""
         if effect is None:
             return []
         if not isinstance(effect, Inflate):
             raise TypeError(f"no effect: {effect!r}")
         for name, sigma in effect.sigmas.items():
-            if name not in self._names:
+            if name not in self._state_names:
                 raise ValueError(f"Inflate: no state {name!r}; see icreckon.state_names")
             if not (math.isfinite(sigma) and 0.0 <= sigma <= LARGEST_SIGMA):
                 raise ValueError(f"Inflate: {name} by {sigma!r}, but a sigma is from 0 to 1e6")
-        return [(self._names.index(name), sigma**2) for name, sigma in effect.sigmas.items()]
+        index = self._state_names.index
+        return [(index(name), sigma**2) for name, sigma in effect.sigmas.items()]
 
     def _give_up(self, fault: OwnFault, problem: Exception) -> None:
         """Watch for a fault no longer, since it raised an exception; keep a finding."""
         text = f"{type(problem).__name__}: {problem}"
         given_up = Found("robot", f"the fault {fault.name!r} failed: {text}", effect="not watched")
         self._failed[fault.name] = finding(fault, given_up)
-        self.watched = [one for one in self.watched if one.name != fault.name]
+        self.watched = [other for other in self.watched if other.name != fault.name]

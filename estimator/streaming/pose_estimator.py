@@ -252,16 +252,20 @@ class PoseEstimator:
         stamp, now = as_stamp("pose_at", stamp), self.stamp
         if now is None:
             raise EstimatorError("there is no estimate before the first measurement")
-        if not 0.0 <= (stamp - now) * NANOSECOND <= self.settings.hold:
+        ahead = (stamp - now) * NANOSECOND
+        if not 0.0 <= ahead <= self.settings.hold:
             raise EstimatorError(
-                f"no pose at {stamp}: it is {(stamp - now) * NANOSECOND:+.3g} s from the estimate, and "
+                f"no pose at {stamp}: it is {ahead:+.3g} s from the estimate, and "
                 f"must be 0 to {self.settings.hold:g} s (Settings.hold) after it; for the past set a mark"
             )
-        values, H, R = self._reckoning.pose_ahead(stamp)
-        P = self._reckoning.ekf.P
-        return PredictedPose(stamp, values, H @ P[: H.shape[1], : H.shape[1]] @ H.T + R)
+        pose, H, R = self._reckoning.pose_ahead(stamp)
+        # H may lack the wander of the fixes, which does not move the pose.
+        size = H.shape[1]
+        P = self._reckoning.ekf.P[:size, :size]
+        return PredictedPose(stamp, pose, H @ P @ H.T + R)
 
     def _named(self, part: slice) -> dict[str, float]:
+        """Values of a part of the state by name, in SI units."""
         names = state_names(self.variant)[part]
         return dict(zip(names, self._reckoning.ekf.x[part].tolist(), strict=True))
 
@@ -297,9 +301,10 @@ class PoseEstimator:
         return self._feed_plain(*self._admission.checked(measurement))
 
     def _feed_plain(self, measurement: Measurement, objection: str | None) -> bool:
-        """Update with a plain measurement without objection; return True if it was used.
+        """Update with a measurement in plain types; return True if it was used.
 
-        A stamp that is far ahead or too old counts towards a step of the clock.
+        `objection` is the reason why its values are invalid, None if they are not. A stamp that is far
+        ahead or too old counts towards a step of the clock.
         """
         kind, admission, history = type(measurement), self._admission, self._history
         stream = self._streams.get(kind)
@@ -325,10 +330,10 @@ class PoseEstimator:
         return history.insert(key, measurement)
 
     def feed_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
-        """Update with plausible samples, newer than all; the history begins after them.
+        """Update with plausible samples, newer than all measurements so far.
 
-        Returns:
-            Number of track speeds and of IMU samples up to one out of the ordinary; number of used ones.
+        It ends before a sample that needs more than a step; the history begins there. Returns the number
+        of track speeds and of IMU samples that were fed, and that of used ones.
         """
         tracks, imu, used = self._reckoning.take_samples(samples, rows)
         if tracks or imu:
@@ -336,6 +341,7 @@ class PoseEstimator:
         return tracks, imu, used
 
     def _watch(self, record: FilterRecord) -> None:
+        """Watch the latency of the track speeds; `_stamps` is replaced by restoring."""
         self._stamps.watch(record)
 
     def set_clock(self, by: int) -> None:
@@ -345,16 +351,16 @@ class PoseEstimator:
             self._arrivals.clock_steps += 1
 
     def _set_clock_back(self, behind: list[Measurement]) -> bool:
-        """Set the clock so that these follow the newest; return True if one was used."""
+        """Set the clock so that rejected measurements follow; True if one was used then."""
         if not behind or not self._history.has_begun:
             return False
-        step = round(self._reckoning.record.imu.interval / NANOSECOND)
-        self.set_clock(behind[0].stamp - step - self._history.newest)
-        used = False
+        interval_ns = round(self._reckoning.record.imu.interval / NANOSECOND)
+        self.set_clock(behind[0].stamp - interval_ns - self._history.newest)
+        is_one_used = False
         for measurement in behind:
             self._arrivals.sensor(STREAMS[type(measurement)]).take_back(TOO_OLD)
-            used |= self.feed_corrected(measurement)
-        return used
+            is_one_used |= self.feed_corrected(measurement)
+        return is_one_used
 
     @property
     def marks(self) -> tuple[int, ...]:
@@ -396,7 +402,8 @@ class PoseEstimator:
             reason = f"{ahead:.3f} s ahead of the estimate; feed what was measured until then"
         if reason is not None:
             raise EstimatorError(f"no mark can be set at {mark.stamp}: {reason}")
-        self._history.take(key, mark)
+        add = self._history.append if self._history.is_newest(key) else self._history.insert
+        add(key, mark)
         return mark.stamp
 
     def relative_motion(self, from_stamp: int, to_stamp: int | None = None) -> RelativeMotion:
@@ -491,12 +498,9 @@ class PoseEstimator:
         Raises:
             EstimatorError: an argument is invalid.
         """
+        robot, variant = self.robot, self.variant.name
         new = PoseEstimator(
-            self.robot,
-            self.variant.name,
-            settings=self.settings,
-            start=start,
-            start_sigma=start_sigma,
+            robot, variant, settings=self.settings, start=start, start_sigma=start_sigma
         )
         new._start_with(self._reckoning.checkpoint(), 0.0)
         new._stamps = StampCorrection(self.latencies, self._stamps.estimated)
@@ -524,13 +528,12 @@ class PoseEstimator:
         """Check the content of a file, and go on from there."""
         for checkpoint in (saved.now, saved.history.checkpoint):
             require_sound(checkpoint, self._reckoning.ekf)
-        rows = (*saved.history.measurements, *saved.behind)
-        for event in map(event_of, rows):
+        for event in map(event_of, (*saved.history.measurements, *saved.behind)):
             reason = None if isinstance(event, Mark) else self._admission.objection(event)
             if reason is not None:
                 raise EstimatorError(f"a measurement at {event.stamp}: {reason}")
         behind = [measurement_of(row) for row in saved.behind]
-        for stream, count in Counter(STREAMS[type(one)] for one in behind).items():
+        for stream, count in Counter(STREAMS[type(late)] for late in behind).items():
             if saved.arrivals.sensor(stream).rejected.get(TOO_OLD, 0) < count:
                 raise EstimatorError(f"{stream}: more is too old than was counted")
         self._reckoning.restore(saved.now)
@@ -541,7 +544,7 @@ class PoseEstimator:
         self._stamps = StampCorrection(saved.latencies, saved.estimated_latency, saved.watch)
 
     def _start_with(self, checkpoint: FilterCheckpoint, off: float) -> None:
-        """Start with what a checkpoint has learnt, some time [s] ago."""
+        """Start with parameters, biases and scales of a checkpoint made `off` seconds ago."""
         self._reckoning.warm_start(checkpoint, off)
         self._history = History(self._reckoning, self.settings.history, self._watch)
 
@@ -581,12 +584,9 @@ class PoseEstimator:
             raise EstimatorError(f"off must be a time in seconds, zero or more, found {off!r}")
         saved = read_saved(Path(path))
         saved.require_fit(robot, variant, str(path), to_continue=False)
+        settings = saved.settings if settings is None else settings
         estimator = cls(
-            robot,
-            saved.variant,
-            settings=saved.settings if settings is None else settings,
-            start=start,
-            start_sigma=start_sigma,
+            robot, saved.variant, settings=settings, start=start, start_sigma=start_sigma
         )
         try:
             require_sound(saved.now, estimator._reckoning.ekf, to_continue=False)

@@ -66,7 +66,7 @@ from icreckon.estimator.sensors.measurement_models import (
 from icreckon.estimator.sensors.predictions import Prediction
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.standstill import QuietReadings
-from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs
+from icreckon.estimator.sensors.step_inputs import step_inputs
 from icreckon.estimator.streaming.outputs import Snapshot
 from icreckon.estimator.streaming.own_faults import OwnFaults
 
@@ -101,10 +101,9 @@ class Reckoning:
     ) -> None:
         model, state, sigmas, self._disturbances = assumptions(robot, variant, settings)
         self.parameter_sigmas = sigmas[s.PARAMETERS].copy()
-        sigmas[s.POSE] = start_sigma
+        state[s.POSE], sigmas[s.POSE] = start, start_sigma
         self.ekf = Ekf(model)
         self.ekf.x = state
-        self.ekf.x[s.POSE] = start
         self.ekf.P = np.diag(sigmas**2)
         self.ekf.considered = considered_states(variant, settings)
         self._wander = wander_of(robot, settings)
@@ -124,9 +123,10 @@ class Reckoning:
         self.record = make_record(FilterRecord(input_settings(robot, settings)))
         self._tracks, self._imu = self.record.tracks, self.record.imu
         self._readings = QuietReadings()
-        of_imu = {name: getattr(self.record, name) for name in IMU_SENSORS}
-        self._gates = gates_of(innovation_components(), settings.gates, of_imu, make_record)
-        self._fix_gates = {n: gate for n, gate in self._gates.items() if n not in of_imu}
+        # The gates of the IMU count in the record, the others in records of their own.
+        imu_gates = {name: getattr(self.record, name) for name in IMU_SENSORS}
+        self._gates = gates_of(innovation_components(), settings.gates, imu_gates, make_record)
+        self._fix_gates = {n: gate for n, gate in self._gates.items() if n not in imu_gates}
         parts = self.ekf, self._disturbances, robot, settings, self.record, self._readings
         self._steps = LaneSteps(*parts, compiles=compiles)
 
@@ -159,8 +159,9 @@ class Reckoning:
     # --- checkpoints -----------------------------------------------------------------------------
 
     def checkpoint(self) -> FilterCheckpoint:
-        """Copy all that measurements change."""
+        """Copy everything that measurements change."""
         ekf, record, gates = self.ekf, copied(self.record), self._fix_gates.items()
+        # The places of the quiet readings in the copied record become those in their copy.
         return FilterCheckpoint(
             ekf.x.copy(),
             ekf.P.copy(),
@@ -175,7 +176,7 @@ class Reckoning:
         )
 
     def restore(self, checkpoint: FilterCheckpoint) -> None:
-        """Restore a copy."""
+        """Restore a copy; gates that it lacks start again."""
         ekf = self.ekf
         ekf.x, ekf.P = checkpoint.state.copy(), checkpoint.covariance.copy()
         ekf.clones = checkpoint.clones
@@ -197,9 +198,8 @@ class Reckoning:
             checkpoint: of a filter of the same robot and variant.
             off: time since the checkpoint, over which the biases walk [s].
         """
-        learnt = s.LEARNT
-        self.ekf.x[learnt] = checkpoint.state[learnt]
-        self.ekf.P[learnt, learnt] = checkpoint.covariance[learnt, learnt]
+        self.ekf.x[s.LEARNT] = checkpoint.state[s.LEARNT]
+        self.ekf.P[s.LEARNT, s.LEARNT] = checkpoint.covariance[s.LEARNT, s.LEARNT]
         self.ekf.P[: s.SIZE, : s.SIZE] += np.diag(self._disturbances.bias_walk**2 * off)
 
     # --- outputs ---------------------------------------------------------------------------------
@@ -221,17 +221,19 @@ class Reckoning:
 
     def snapshot(self) -> Snapshot:
         """State, twist and indices; see `PoseEstimator.snapshot`."""
-        model, ekf, n = self.model(), self.ekf, s.SIZE
-        x, P, twist = ekf.x[:n].copy(), ekf.P[:n, :n].copy(), model.twist.copy()
-        twist_P = twist_covariance(model.jacobian[:, :n], P, self.record.settings.fastest)
-        record, indices = self.record, model.motion.indices
-        motion = int(record.stamp), x, P, twist, twist_P, indices
+        model, record, n = self.model(), self.record, s.SIZE
+        x, P = self.ekf.x[:n].copy(), self.ekf.P[:n, :n].copy()
+        twist_P = twist_covariance(model.jacobian[:, :n], P, record.settings.fastest)
+        indices = model.motion.indices
+        planar = Snapshot(int(record.stamp), x, P, model.twist.copy(), twist_P, indices)
         if record.tilt.time == 0.0:
-            return Snapshot(*motion)
+            # The rates of roll and pitch are not known.
+            return planar
         biases = [s.GYRO_BIAS_X, s.GYRO_BIAS_Y]
         rates = np.array([record.tilt.roll, record.tilt.pitch]) - x[biases]
         noise = record.settings.gyro_noise_density**2 / record.imu.interval
-        return Snapshot(*motion, rates, P[np.ix_(biases, biases)] + noise * np.eye(2))
+        rates_P = P[np.ix_(biases, biases)] + noise * np.eye(2)
+        return planar._replace(tilt_rates=rates, tilt_rate_covariance=rates_P)
 
     def write_row(self, rows: RunRows) -> None:
         """Fill the next row of a run with the estimate."""
@@ -240,6 +242,7 @@ class Reckoning:
     def parameter_health(self) -> Floats:
         """Uncertainty (9, 3) of the parameters, see `ParameterHealth`."""
         now, start = np.sqrt(np.diagonal(self.ekf.P)[s.PARAMETERS]), self.parameter_sigmas
+        # Change of each component of the twist (3, 9) by one initial standard deviation.
         effect = np.abs(self.model().jacobian[:, s.PARAMETERS]) * start
         # A parameter that does not move the twist is not excited, not even if there is no slip.
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -268,9 +271,9 @@ class Reckoning:
             True if it was used.
         """
         if self.own_faults.watched and not isinstance(event, Mark):
-            event, excluded = self.own_faults.watch(event, self, self.ekf)
-            if excluded is not None:
-                self._counts.sensor(STREAMS[type(event)]).reject(excluded)
+            event, excluded_by = self.own_faults.watch(event, self, self.ekf)
+            if excluded_by is not None:
+                self._counts.sensor(STREAMS[type(event)]).reject(excluded_by)
                 return False
         match event:
             case ImuSample():
@@ -284,13 +287,14 @@ class Reckoning:
 
     def _take_track_speeds(self, m: TrackSpeeds) -> bool:
         """Add track speeds, after a step with the old ones where these end it."""
-        take, is_plain = self._steps.take_track_speeds, not (m.left_wheels or m.right_wheels)
-        if is_plain and take(m.stamp, m.left, m.right, True) != REFUSED:
+        take, has_wheels = self._steps.take_track_speeds, m.left_wheels or m.right_wheels
+        # Compiled code takes the common case in one call, and refuses the others.
+        if not has_wheels and take(m.stamp, m.left, m.right, True) != REFUSED:
             self._counts.sensor("tracks").used += 1
             return True
         record, tracks = self.record, self._tracks
-        hold, begins = self._settings.hold, tracks.stamp == NEVER
-        if begins:
+        hold, is_first = self._settings.hold, tracks.stamp == NEVER
+        if is_first:
             record.stamp = m.stamp
         else:
             # The old speeds hold up to their own stamp, over a gap to the start of the new interval.
@@ -298,9 +302,9 @@ class Reckoning:
             if is_gap or ends_step(record):
                 self._advance(imu_clock.interval_start(tracks, m.stamp) if is_gap else tracks.stamp)
             self._counts.track_gaps += is_gap
-        wheels = m.left_wheels, m.right_wheels
-        take(m.stamp, *sides_of(record, m.stamp, (m.left, m.right), *wheels, True), False)
-        if begins:
+        sides = sides_of(record, m.stamp, (m.left, m.right), m.left_wheels, m.right_wheels, True)
+        take(m.stamp, *sides, False)
+        if is_first:
             # The robot may be moving already, with a slip.
             for axis, sigma in enumerate(self.slip_sigma(pushed=False)):
                 self.ekf.inflate(s.SLIP_X + axis, variance=sigma * sigma)
@@ -311,8 +315,8 @@ class Reckoning:
 
     def _take_imu(self, m: ImuSample) -> bool:
         """Take the step that a sample ends; after a gap first move to its start."""
-        used = self._steps.take_imu(m, self._mounting, self._uses_force)
-        if used == REFUSED:
+        verdict = self._steps.take_imu(m, self._mounting, self._uses_force)
+        if verdict == REFUSED:
             if self._tracks.stamp == NEVER:
                 # The motion is unknown, not at rest.
                 self._imu.stamp = m.stamp
@@ -321,20 +325,18 @@ class Reckoning:
             # The sample measures the present yaw rate, not that in the gap.
             imu_clock.take_stamp(self._imu, m.stamp, self._settings.hold)
             self._advance(imu_clock.interval_start(self._imu, m.stamp))
-            used = self._steps.take_imu(m, self._mounting, self._uses_force, after_gap=True)
+            verdict = self._steps.take_imu(m, self._mounting, self._uses_force, after_gap=True)
         self._counts.standstill_updates += self.record.stands
-        return used > 0
+        return verdict > 0
 
     def take_samples(self, samples: SampleArrays, rows: RunRows) -> tuple[int, int, int]:
         """Update with samples, and fill rows, see `PoseEstimator.feed_samples`."""
-        ekf = self.ekf
-        has_watchers = (
-            ekf.clones is not None or ekf.observer is not None or bool(self.own_faults.watched)
-        )
-        if has_watchers or self._tracks.stamp == NEVER:
+        # Marks, an observer and faults of users need each step.
+        ekf, has_own_faults = self.ekf, bool(self.own_faults.watched)
+        is_watched = ekf.clones is not None or ekf.observer is not None or has_own_faults
+        if is_watched or self._tracks.stamp == NEVER:
             return 0, 0, 0
-        arrays = samples, self._mounting, rows
-        taken = self._steps.take_samples(*arrays, uses_force=self._uses_force)
+        taken = self._steps.take_samples(samples, self._mounting, rows, uses_force=self._uses_force)
         self._counts.sensor("tracks").used += taken.tracks
         self._counts.standstill_updates += taken.stood
         return taken.tracks, taken.imu, taken.tracks + taken.rates_used
@@ -344,22 +346,23 @@ class Reckoning:
         model, ekf, record = MODELS[type(m)], self.ekf, self.record
         # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero
         # velocity at the end of a step is about the next one.
-        at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
-        ahead = self._waits_for_imu(m.stamp) or (model.standing and at_end)
-        begun = False
+        is_at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
+        ahead = self._waits_for_imu(m.stamp) or (model.standing and is_at_end)
+        has_begun_step = False
         if not ahead and model.predicts != "twist":
             self._advance(m.stamp)
         elif not ahead:
-            begun = NEVER != record.stamp < m.stamp
+            # A twist is measured within the step to its stamp: update first, then move the pose.
+            has_begun_step = NEVER != record.stamp < m.stamp
             record.stamp = self._start(m.stamp)
-            if begun:
+            if has_begun_step:
                 self._steps.move(m.stamp, BEGIN)
         if isinstance(m, PositionFix | PoseFix) and self._repeats(m):
             record.fixes.rejected.count = 0
             return False
         if isinstance(m, PositionFix):
             return self._take_position(m, ahead=ahead)
-        stood_at = record.stood_at
+        stood_before = record.stood_at
         if model.standing:
             record.stood_at = m.stamp
         predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
@@ -382,11 +385,11 @@ class Reckoning:
             record.fixes.rejected.count = 0
             assign(record.fixes.scatter, ScatterRecord())
         if model.standing and not used:
-            record.stood_at = stood_at
+            record.stood_at = stood_before
         elif model.standing and ahead:
             # The fast slip of the last step is over.
             ekf.renew_fast_slip(predicted.R)
-        if begun:
+        if has_begun_step:
             self._steps.move(m.stamp, PROPAGATE)
         return used
 
@@ -400,7 +403,7 @@ class Reckoning:
     def _take_position(self, m: PositionFix, *, ahead: bool) -> bool:
         """Update with a position fix; after too many rejected ones relocate the pose."""
         ekf, gate, fixes = self.ekf, self._gates["position"], self.record.fixes
-        wander_variance, before = self._let_wander(m.stamp), ekf.x.copy()
+        wander_variance, x_before = self._let_wander(m.stamp), ekf.x.copy()
         variance = max(m.variance, fixes.scatter.variance)
         interval = gate.interval_to(m.stamp)
         take = partial(
@@ -412,29 +415,30 @@ class Reckoning:
             interval=interval,
             rejected_for=gate.counts.rejected_for,
         )
-        fix, admitted, lost = take(mode=GATED)
+        fix, is_admitted, is_lost = take(mode=GATED)
         add_rejected(fixes.rejected, (m.x, m.y, variance), fix.predicted, wander_variance)
-        verdict = ADMITTED if admitted else REACQUIRED if fix.used or lost else REJECTED
-        if lost:
+        verdict = ADMITTED if is_admitted else REACQUIRED if fix.used or is_lost else REJECTED
+        if is_lost:
             # A relocated pose contains this fix already.
-            again, _, _ = take(mode=SKIPPED if self._relocate() else FORCED)
-            fix = fix._replace(updated=again.updated, used=True)
+            retried, _, _ = take(mode=SKIPPED if self._relocate() else FORCED)
+            fix = fix._replace(updated=retried.updated, used=True)
         gate.count(m.stamp, verdict, fix.z, fix.S, interval)
+        # The scatter is estimated from the variance that the receiver states.
         if not ekf.wanders:
             stated = fix._replace(variance=m.variance)
-            if self._steps.follow_scatter(stated, ekf.x - before):
+            if self._steps.follow_scatter(stated, ekf.x - x_before):
                 slip_factor.inflate_by_corrections(ekf, fixes.scatter)
         if fix.used:
             fixes.rejected.count = 0
         return fix.used
 
     def _take_mark(self, m: Mark) -> bool:
-        # The estimate is that of the newest step before the mark. Until the mark the motion is assumed
-        # constant; the next step corrects it.
-        elapsed = (self._start(m.stamp) - m.stamp) * NANOSECOND
+        """Clone the pose at a mark, with constant motion until then; return True."""
+        # The estimate is that of the newest step before the mark; the next step corrects the motion.
+        since_mark = (self._start(m.stamp) - m.stamp) * NANOSECOND
         model = self.model()
-        motion, _, by_motion = step_on_se2(0.0, (model.twist * elapsed).tolist())
-        by_state = np.array(by_motion) @ model.jacobian * elapsed
+        motion, _, by_motion = step_on_se2(0.0, (model.twist * since_mark).tolist())
+        by_state = np.array(by_motion) @ model.jacobian * since_mark
         self.ekf.clones = self.clones.begun(m.stamp, np.array(motion), by_state, self.ekf.P)
         return True
 
@@ -464,8 +468,8 @@ class Reckoning:
     def _waits_for_imu(self, stamp: int) -> bool:
         """Return True if a stamp [ns] lies in a step that the next IMU sample will end."""
         record = self.record
-        began = record.stamp != NEVER and self._tracks.stamp != NEVER
-        return began and stamp > record.stamp and imu_clock.is_due_after(self._imu, stamp)
+        has_begun = record.stamp != NEVER and self._tracks.stamp != NEVER
+        return has_begun and stamp > record.stamp and imu_clock.is_due_after(self._imu, stamp)
 
     def _predict(self, quantity: Quantity, stamp: int, *, ahead: bool) -> Prediction:
         """Predict the pose, the height or the twist, now or ahead at a stamp [ns]."""
@@ -484,7 +488,7 @@ class Reckoning:
         return predictions.pose_ahead(x, model, density, elapsed)
 
     def model_over(self, elapsed: float) -> TwistModel:
-        """Body velocity with the mean of the slip, which fades, over some time [s]."""
+        """Body velocity over the next seconds, with the mean of the slip, which fades."""
         times = slip_times(self._disturbances.slip.time_constant, self.record.slip_factor)
         x, y, w = (gauss_markov(elapsed, tau).mean for tau in times)
         return self.ekf.twist_model(*self.track_speeds, (x, y, w))
@@ -495,17 +499,13 @@ class Reckoning:
 
     def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:
         """Density (3, 3) of the fast slip from the estimate's stamp to a later one [ns]."""
-        inputs, sigma = self._inputs(stamp), self.slip_sigma()
-        dt = (stamp - self._start(stamp)) * NANOSECOND
+        record, start, sigma = self.record, self._start(stamp), self.slip_sigma()
+        inputs = step_inputs(self._tracks, record.still, start, stamp, record.settings)
+        dt = (stamp - start) * NANOSECOND
         return self._disturbances.fast_slip_density(inputs, model.by_speeds, sigma, dt)
 
-    def _inputs(self, stamp: int) -> StepInputs:
-        """Inputs of a step from the estimate's stamp to a later one [ns]."""
-        record = self.record
-        return step_inputs(self._tracks, record.still, self._start(stamp), stamp, record.settings)
-
     def _start(self, stamp: int) -> int:
-        """Stamp of the estimate [ns]; before the first it starts at a given stamp."""
+        """Stamp of the estimate [ns]; before the first it starts at the given one."""
         return stamp if self.record.stamp == NEVER else self.record.stamp
 
     def _advance(self, stamp: int) -> None:

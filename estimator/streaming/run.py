@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -41,7 +40,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 # Number of measurements between two reports of progress.
 PROGRESS_EVERY = 500
 # Time of samples that are fed one by one where arrays stop [ns].
-AT_ONCE = 100_000_000
+ONE_BY_ONE_NS = 100_000_000
 
 
 def run(
@@ -99,25 +98,25 @@ def work_through(
         raise EstimatorError(
             f"log {log.name!r} holds no track speeds: there is nothing to reckon with"
         )
-    working = _Working(log, estimator, progress, at_row)
+    feeding = _Feeding(log, estimator, progress, at_row)
     samples = samples_of(log)
     fastest = estimator.robot.vehicle.max_track_speed
     is_plain = at_row is None and are_in_order(samples) and not estimator.has_own_faults
     # NaN is found afterwards, see `icreckon.estimator.streaming.lost`.
     with np.errstate(all="ignore"):
         if is_plain and len(samples.imu_stamps) and not has_absurd_readings(log, fastest):
-            working.feed_arrays(samples)
+            feeding.feed_arrays(samples)
         else:
-            working.feed_each(log.measurements())
-        finished = working.finished()
+            feeding.feed_each(log.measurements())
+        finished = feeding.finished()
     lost = loss_of(finished, log.start)
     if lost is not None:
         raise lost
     return finished
 
 
-class _Working:
-    """Run in progress: its log and estimator, and the rows that are filled so far."""
+class _Feeding:
+    """Run in progress, with the arguments of `work_through`, and its rows so far."""
 
     def __init__(
         self,
@@ -128,10 +127,10 @@ class _Working:
     ) -> None:
         self._log, self._estimator, self._progress, self._at_row = log, estimator, progress, at_row
         self._rows = Rows(len(log.tracks.stamps))
-        self._fed = 0
+        self._fed_count = 0
 
     def finished(self) -> Run:
-        """Run of all that was fed, with a row for the newest track speeds."""
+        """Run of all measurements, with a row for the newest track speeds."""
         self._write_row_if_due(None)
         return self._so_far()
 
@@ -153,7 +152,7 @@ class _Working:
                 self._at_row()
 
     def feed_each(self, measurements: Iterable[Measurement]) -> None:
-        """Feed measurements one by one."""
+        """Feed measurements one by one; an exception of the code raises `LostFilter`."""
         progress = self._rows.arrays.progress
         for measurement in measurements:
             stamp = measurement.stamp
@@ -167,8 +166,8 @@ class _Working:
                 raise stopped_by(problem, self._so_far(), self._log.start, stamp) from problem
             if used and isinstance(measurement, TrackSpeeds):
                 progress[DUE] = 1
-            self._fed += 1
-            if self._progress is not None and self._fed % PROGRESS_EVERY == 0:
+            self._fed_count += 1
+            if self._progress is not None and self._fed_count % PROGRESS_EVERY == 0:
                 self._progress(stamp)
 
     def feed_arrays(self, samples: SampleArrays) -> None:
@@ -177,29 +176,32 @@ class _Working:
         samples_alone = replace(log, fixes=None, others=(), truth=None)
         no_tracks = TrackSpeedSeries(NO_STAMPS, np.zeros((0, 2)))
         others = replace(log, tracks=no_tracks, imu=None, truth=None)
+        # None stands for the end of the log.
         for other in chain(others.measurements(), [None]):
             end = log.end if other is None else other.stamp
-            part, samples = samples.split(end)
-            while part.first is not None:
-                part = self._fed_as_arrays(part)
-                if part.first is not None:
+            waiting, samples = samples.split(end)
+            while waiting.first is not None:
+                waiting = self._feed_part(waiting)
+                if waiting.first is not None:
                     # The next sample needs more than a step, or the first step has to come.
-                    until = min(part.first + AT_ONCE, end)
-                    self.feed_each(samples_alone.between(part.first, until).measurements())
-                    _, part = part.split(until)
+                    until = min(waiting.first + ONE_BY_ONE_NS, end)
+                    self.feed_each(samples_alone.between(waiting.first, until).measurements())
+                    _, waiting = waiting.split(until)
             if other is not None:
                 self.feed_each([other])
 
-    def _fed_as_arrays(self, part: SampleArrays) -> SampleArrays:
-        """Feed samples; return those that are left."""
+    def _feed_part(self, samples: SampleArrays) -> SampleArrays:
+        """Feed samples up to one that needs more than a step; return those that are left."""
         rows, estimator = self._rows, self._estimator
-        row, judged = int(rows.arrays.progress[COUNT]), estimator.newest_judged()
-        tracks, imu, _ = estimator.feed_samples(part, rows.arrays)
-        if rows.arrays.progress[COUNT] > row:
-            rows.innovations.put(row, judged)
+        progress, judged = rows.arrays.progress, estimator.newest_judged()
+        first_row = int(progress[COUNT])
+        tracks, imu, _ = estimator.feed_samples(samples, rows.arrays)
+        if progress[COUNT] > first_row:
+            # Innovations of fixes before these samples belong to the first row since.
+            rows.innovations.put(first_row, judged)
         if self._progress is not None and tracks + imu:
-            self._progress(int(rows.arrays.progress[NEWEST]))
-        return part.after(tracks, imu)
+            self._progress(int(progress[NEWEST]))
+        return samples.after(tracks, imu)
 
 
 class InnovationRows:
@@ -213,6 +215,7 @@ class InnovationRows:
         self._components = innovation_components()
         self._columns: dict[str, Singles] = {}
         self._most = most
+        # Stamp of the newest innovation in a row, by sensor [ns].
         self._written: dict[str, int] = {}
 
     def put(self, row: int, judged: Iterable[tuple[str, Judged]]) -> None:
@@ -236,7 +239,7 @@ class InnovationRows:
 
     def finish(self, count: int) -> tuple[tuple[str, ...], Singles]:
         """Names (k,) of components with innovations, and the first rows (count, k) [-]."""
-        components = (name for names in self._components.values() for name in names)
+        components = chain.from_iterable(self._components.values())
         names = tuple(name for name in components if name in self._columns)
         rows = np.empty((count, len(names)), np.float32)
         for column, name in enumerate(names):
@@ -256,12 +259,18 @@ class Rows:
     """
 
     def __init__(self, most: int) -> None:
-        stamps, n = np.zeros(most, dtype=np.int64), s.SIZE
-        shapes: tuple[tuple[int, ...], ...] = ((n,), (n,), (3, 3), (3,), (3, 3), (3,))
-        judged, progress = np.full(3, NEVER), np.array([0, NEVER, 0, NEVER])
-        values: list[Any] = [np.zeros((most, *shape)) for shape in shapes]
-        values += [np.full((most, 3), np.nan), judged, progress]
-        self.arrays = RunRows(stamps, *values)
+        self.arrays = RunRows(
+            stamps=np.zeros(most, dtype=np.int64),
+            states=np.zeros((most, s.SIZE)),
+            sigmas=np.zeros((most, s.SIZE)),
+            pose_covariances=np.zeros((most, 3, 3)),
+            twists=np.zeros((most, 3)),
+            twist_covariances=np.zeros((most, 3, 3)),
+            indices=np.zeros((most, 3)),
+            innovations=np.full((most, 3), np.nan),
+            judged=np.full(3, NEVER),
+            progress=np.array([0, NEVER, 0, NEVER]),
+        )
         self.innovations = InnovationRows(most)
 
     def put(self, row: int, estimate: Snapshot) -> None:

@@ -101,12 +101,13 @@ class SavedEstimator(Bounded, frozen=True):
                 "start again"
             )
         before, now = _leaves(self.robot), _leaves(robot_constants(robot))
+        # The name first: with another robot all other keys may differ.
         for key in sorted({*before, *now}, key=lambda key: (key != "name", key)):
             matters = to_continue or any(
                 f"{key}.".startswith(f"{learnt}.") for learnt in LEARNT_FROM
             )
             if matters and before.get(key) != now.get(key):
-                advice = "start again" if not to_continue else "make a warm start, or start again"
+                advice = "make a warm start, or start again" if to_continue else "start again"
                 raise EstimatorError(
                     f"{source}: was saved for a robot with {key} = {before.get(key)!r}, here it is "
                     f"{now.get(key)!r}; use the same robot file, or {advice}"
@@ -183,11 +184,11 @@ def read_saved(path: Path) -> SavedEstimator:
         raise EstimatorError(f"{path}: not as icreckon writes it: {problem}") from None
 
 
-def _to_plain(thing: Any) -> Any:
+def _to_plain(value: Any) -> Any:
     """Convert arrays and numbers of numpy, which JSON does not have."""
-    if isinstance(thing, np.ndarray | np.generic):
-        return thing.tolist()
-    raise NotImplementedError(f"no JSON for {type(thing).__name__}")
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise NotImplementedError(f"no JSON for {type(value).__name__}")
 
 
 def _from_plain(_kind: type, value: Any) -> Any:
@@ -199,11 +200,12 @@ def _from_plain(_kind: type, value: Any) -> Any:
 
 
 def _checksum(content: Any) -> str:
+    """Checksum of the content in its compact form, in which line breaks do not count."""
     return hashlib.sha256(msgspec.json.encode(content)).hexdigest()
 
 
 def _leaves(data: Any, path: str = "") -> dict[str, Any]:
-    """Values of nested tables by their keys, as "vehicle.mass"."""
+    """Values of nested tables by their joined keys, as "vehicle.mass"."""
     if not isinstance(data, dict):
         return {path: data}
     leaves: dict[str, Any] = {}
@@ -213,7 +215,7 @@ def _leaves(data: Any, path: str = "") -> dict[str, Any]:
 
 
 def _readable(value: Any, indent: str = "") -> str:
-    """JSON with a line for each entry of a long object, and for each row of a table."""
+    """JSON text with a line for each entry of a long object and each row of a table."""
     inner, text = indent + "  ", msgspec.json.encode(value).decode()
     if isinstance(value, dict) and len(text) > SHORT:
         entries = [

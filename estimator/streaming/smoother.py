@@ -109,7 +109,7 @@ def smooth(
 
 
 class _TapedEstimator(PoseEstimator):
-    """Pose estimator whose changes are recorded on a tape; fed in order only."""
+    """Pose estimator with a tape of its changes; measurements come in order only."""
 
     def __init__(self, robot: Robot, variant: str, **options: Any) -> None:
         super().__init__(robot, variant, **options)
@@ -161,15 +161,10 @@ class _RowState(NamedTuple):
 
 
 class _Tape:
-    """Observer of a filter: tape of its changes, and optimal filter of its error.
+    """Observer of a filter: tape of its changes, and optimal filter of its error."""
 
-    Args:
-        ekf: the filter before its first change.
-        fastest: highest speed of a track [m/s].
-    """
-
-    def __init__(self, ekf: Ekf, fastest: float) -> None:
-        self._ekf, self._fastest = ekf, fastest
+    def __init__(self, ekf: Ekf, max_track_speed: float) -> None:
+        self._ekf, self._max_track_speed = ekf, max_track_speed
         ekf.observer = self
         self._size = len(ekf.x)
         self._upper = np.triu_indices(self._size)
@@ -177,7 +172,7 @@ class _Tape:
         self._optimal_P: Floats = ekf.P.copy()
         self._tape: list[_Event] = []
         self._rows: list[_RowState] = []
-        # Parameters, and gravity, that do not turn the robot in the present step.
+        # Places of parameters and gravity that do not turn the robot in the present step.
         self._not_turning: list[int] = []
         # Row at or after the newest measurement of the position.
         self._row_of_fix = 0
@@ -186,7 +181,8 @@ class _Tape:
 
     def moved(self, F: Floats, Q: Floats) -> None:
         """Record a transition, see `Observer`."""
-        F, self._not_turning = self.of_step(F), []
+        F = self.of_step(F)
+        self._not_turning = []
         self._delta = F @ self._delta
         P = F @ self._optimal_P @ F.T + Q
         self._optimal_P = 0.5 * (P + P.T)
@@ -239,20 +235,20 @@ class _Tape:
         self._tape.append(_Update(h, gain, innovation, S))
 
     def without_fixed(self, h: Floats, r: float, fixed: tuple[int, ...]) -> tuple[Floats, float]:
-        """Jacobian without fixed states, and the noise with their uncertainty."""
+        """Jacobian without fixed parameters, and the noise with their uncertainty."""
         unseen = [state for state in fixed if s.PARAMETERS.start <= state < s.SIZE]
         if not unseen:
             return h, r
         h_unseen, h = h[unseen], h.copy()
         h[unseen] = 0.0
         if h[s.GYRO_BIAS]:
-            # The gyro measures all turning, theirs too: the yaw does not depend on them in this step.
+            # The gyro measures the whole yaw rate: in this step the yaw does not depend on them.
             self._not_turning = unseen
             return h, r
         return h, r + float(h_unseen @ self._optimal_P[np.ix_(unseen, unseen)] @ h_unseen)
 
     def of_step(self, F: Floats) -> Floats:
-        """Transition in which parameters that the gyro does not see do not turn the robot."""
+        """Transition of the error; parameters that the gyro does not see turn no robot."""
         F = F.copy()
         F[s.YAW, self._not_turning] = 0.0
         return F
@@ -263,24 +259,19 @@ class _Tape:
 
     def record_row(self, track_speeds: tuple[float, float]) -> None:
         """Record the state of the optimal filter at a row of the result."""
-        P, memory = self._optimal_P[self._upper], self._ekf.model.memory.copy()
-        wander = self._ekf.x[s.SIZE :].copy()
-        row = _RowState(len(self._tape), self._delta.copy(), P, track_speeds, memory, wander)
-        self._rows.append(row)
+        upper, memory = self._optimal_P[self._upper], self._ekf.model.memory.copy()
+        wander, delta = self._ekf.x[s.SIZE :].copy(), self._delta.copy()
+        self._rows.append(_RowState(len(self._tape), delta, upper, track_speeds, memory, wander))
 
     # --- backward --------------------------------------------------------------------------------
 
     def smoothed(self, filtered: Run) -> Run:
-        """Run the backward pass; it consumes the tape and overwrites the filter.
-
-        Args:
-            filtered: run of the filter, with a row for each recorded one.
-        """
+        """Smooth a run with the recorded rows; consumes the tape, overwrites the filter."""
         ekf = self._ekf
         ekf.observer = ekf.clones = None
-        count = len(self._rows)
+        count, size = len(self._rows), self._size
         rows = Rows(count)
-        size = self._size
+        # Lambda of the recursion is the information.
         adjoint, information = np.zeros(size), np.zeros((size, size))
         for index in reversed(range(count)):
             row = self._rows.pop()
@@ -305,16 +296,13 @@ class _Tape:
                     ekf.x[: s.SIZE],
                     ekf.P[: s.SIZE, : s.SIZE],
                     model.twist,
-                    twist_covariance(model.jacobian, ekf.P, self._fastest),
+                    twist_covariance(model.jacobian, ekf.P, self._max_track_speed),
                     model.motion.indices,
                 ),
             )
-        states = rows.arrays.states
-        poses = states[:, s.POSE]
         if count:
-            states[:, s.POSE] = unstretched(
-                filtered.trajectory.poses, poses, min(self._row_of_fix, count - 1)
-            )
+            poses, anchor = rows.arrays.states[:, s.POSE], min(self._row_of_fix, count - 1)
+            poses[:] = unstretched(filtered.trajectory.poses, poses, anchor)
         return rows.finish(
             count, filtered.variant + SMOOTHED, filtered.state_names, filtered.health
         )
@@ -334,6 +322,7 @@ def unstretched(filtered: Floats, smoothed: Floats, anchor: int) -> Floats:
     """
     turn = smoothed[:, 2] - filtered[:, 2]
     step = np.diff(filtered[:, :2], axis=0)
+    # To first order a turn moves the end of a step across it: the rest corrects the motion itself.
     across = np.column_stack([-step[:, 1], step[:, 0]])
     correction = np.diff(smoothed[:, :2] - filtered[:, :2], axis=0) - turn[:-1, None] * across
     turned = rotate(step + correction, turn[:-1])
@@ -350,6 +339,7 @@ def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, 
     match event:
         case _Update(h, gain, innovation, S):
             adjoint = adjoint - h * (float(gain @ adjoint) + innovation / S)
+            # C' Lambda C + h' h / S, as Lambda less a symmetric matrix of rank two.
             with_gain = information @ gain
             half = with_gain - h * (0.5 * (float(gain @ with_gain) + 1.0 / S))
             one_side = np.outer(h, half)
@@ -366,8 +356,7 @@ def _back(event: _Event, adjoint: Floats, information: Floats) -> tuple[Floats, 
             fade_wander(information, decay)
             return adjoint, information
         case _Step(moved_rows, decay, gravity_rows):
-            size = len(adjoint)
-            F = np.eye(size)
+            F = np.eye(len(adjoint))
             F[s.MOVED] = moved_rows
             F[s.SLIP, s.SLIP] = np.diag(decay)
             F[s.GRAVITY] = gravity_rows

@@ -8,13 +8,13 @@ import logging
 import time
 from collections.abc import Iterator
 
+from icreckon.estimator.log.input_checks import Event
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
     HeightFix,
     ImuSample,
     Mark,
-    Measurement,
     PoseFix,
     PositionFix,
     TrackSpeeds,
@@ -37,39 +37,40 @@ READY: set[tuple[object, ...]] = set()
 def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settings) -> None:
     """Compile all kernels of a filter, once in a process for each shape of filter.
 
-    This takes some seconds with an empty cache, and less than a second with a full one. Nothing is done
-    for the plain engine.
+    It takes up to 20 s with an empty cache, and less than a second with a full one; the plain engine has
+    no kernels.
     """
     if settings.engine == "plain":
         return
     from icreckon.estimator.engine.model import traced_model
 
     wanders = wander_of(robot, settings).sigma > 0.0
+    # Kernels depend on the model, the number of states, and on states that are fixed.
     shape = (type(model), traced_model(model), settings.considered, wanders)
     if shape in READY:
         return
     begin = time.perf_counter()
-    filter_ = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN)
-    for measurement in _one_of_each_kind(settings):
-        filter_.take(measurement)
+    discarded = Reckoning(robot, variant, settings, AT_ORIGIN, AT_ORIGIN)
+    for event in _events_of_each_kind(settings):
+        discarded.take(event)
     READY.add(shape)
     LOGGER.info("%s: compiled or loaded in %.1f s", variant.name, time.perf_counter() - begin)
 
 
-def _one_of_each_kind(settings: Settings) -> Iterator[Measurement | Mark]:
+def _events_of_each_kind(settings: Settings) -> Iterator[Event]:
     """Yield measurements in order of their stamps: in motion, at rest, across a gap."""
     stamp = 0
 
-    def samples(count: int, left: float, right: float) -> Iterator[Measurement]:
+    def samples(count: int, left: float, right: float) -> Iterator[Event]:
         nonlocal stamp
-        turning = left != right
+        is_turning = left != right
         for k in range(count):
             stamp += INTERVAL
             if k % 2 == 0:
                 yield TrackSpeeds(stamp, left, right)
-            yield ImuSample(stamp, (0.0, 0.0, 0.1 * turning), (0.0, 0.01 * turning, 9.81))
+            yield ImuSample(stamp, (0.0, 0.0, 0.1 * is_turning), (0.0, 0.01 * is_turning, 9.81))
 
-    def fixes() -> Iterator[Measurement | Mark]:
+    def fixes() -> Iterator[Event]:
         yield PositionFix(stamp, 0.0, 0.0, 1.0)
         yield HeadingFix(stamp, 0.0, 1.0)
         yield HeightFix(stamp, 0.0, 1.0)
