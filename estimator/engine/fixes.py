@@ -22,7 +22,7 @@ from icreckon.estimator.engine.model import (
     turn,
 )
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind
-from icreckon.estimator.faults.departing_fixes import Departure, errors_of
+from icreckon.estimator.faults.departing_fixes import Departure, errors_by_cause
 from icreckon.estimator.filter.ekf import LEAST_VARIANCE
 from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
@@ -93,7 +93,7 @@ def position_kernel(
         earlier, fix, z, tuple(S), heading, fastest, gauge, interval
     )
     departs = is_off & is_clear
-    for states, error in errors_of(indicated):
+    for states, error in errors_by_cause(indicated):
         # A considered bias, the last state of an error, is not inflated.
         inflate(states[: len(states) - (states[-1] in shape.considered)], error, departs)
     # Gate: admit or reject. After some time a forced fix is re-acquired; a gated one marks a lost lane.
