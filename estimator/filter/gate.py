@@ -38,15 +38,17 @@ LARGEST_PATIENCE_FACTOR = 6.0
 LARGEST_INFLATION = 1e10
 
 
-def patience_for(square: Any, patience: Any, fastest: Any) -> Any:
+def patience_for(squared_distance: Any, patience: Any, fastest: Any) -> Any:
     """Time of rejections after which a position is re-acquired [s].
 
     Args:
-        square: square of its distance from the predicted one [m²].
+        squared_distance: of the position from the predicted one [m²].
         patience: that of the settings [s].
         fastest: highest track speed of the robot [m/s].
     """
-    return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, math.sqrt(square) / fastest))
+    return max(
+        patience, min(LARGEST_PATIENCE_FACTOR * patience, math.sqrt(squared_distance) / fastest)
+    )
 
 
 def inflation(square: float, expected: float) -> float:
@@ -148,9 +150,8 @@ class Gate:
 
         Its innovation z [m] has the covariance S, xx, xy and yy [m²]. A rejection counts `interval` [s].
         """
-        xx, xy, yy = S
-        by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
-        nis = (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
+        (z_x, z_y), (xx, xy, yy) = z, S
+        nis = (z_x * (z_x * yy - z_y * xy) + z_y * (z_y * xx - z_x * xy)) / (xx * yy - xy * xy)
         count_verdict(self.counts, verdict, nis, self._degrees, interval)
         self.keep(stamp, verdict, np.array(z), np.array([[xx, xy], [xy, yy]]))
 
