@@ -49,7 +49,7 @@ class Covariance:
 
     def entry(self, a: int, b: int) -> Any:
         """Covariance of two states."""
-        value = self._base(a, b)
+        value = self._before_updates(a, b)
         for gain, cross, _ in self._updates:
             # Gains are zero or optimal; in both cases this equals the Joseph form. `update` adds what
             # the gain of a stand-in changes to the entries.
@@ -87,18 +87,18 @@ class Covariance:
             for a, value in error.items():
                 result[a] = result[a] + value * (weight * moved)
         for gain, cross, inverse_S in self._updates:
-            of_all: Any = 0.0
-            of_fixed: Any = 0.0
+            along_all: Any = 0.0
+            along_fixed: Any = 0.0
             for factor, part in all_parts:
                 fixed = {b: value for b, value in part.items() if b not in gain}
-                of_all = of_all + factor * dot(cross, part)
-                of_fixed = of_fixed + factor * dot(cross, fixed)
-            of_moved = (of_all - of_fixed) * inverse_S
+                along_all = along_all + factor * dot(cross, part)
+                along_fixed = along_fixed + factor * dot(cross, fixed)
+            along_moved = (along_all - along_fixed) * inverse_S
             for a in self.states:
                 if a in gain:
-                    result[a] = result[a] - gain[a] * of_all
+                    result[a] = result[a] - gain[a] * along_all
                 else:
-                    result[a] = result[a] - cross.get(a, 0.0) * of_moved
+                    result[a] = result[a] - cross.get(a, 0.0) * along_moved
         return result
 
     def add(self, a: int, b: int, value: Any) -> None:
@@ -152,7 +152,7 @@ class Covariance:
         Returns:
             State -> what was added to its variance.
         """
-        added = {i: share * self._base(i, i) for i in self.states}
+        added = {i: share * self._before_updates(i, i) for i in self.states}
         for i, variance in added.items():
             self.add(i, i, variance)
         return added
@@ -161,7 +161,7 @@ class Covariance:
         """Stored entry of a pair of states, without postponed updates and errors."""
         return self._entries.get((a, b) if a <= b else (b, a), 0.0)
 
-    def _base(self, a: int, b: int) -> Any:
+    def _before_updates(self, a: int, b: int) -> Any:
         """Entry of a pair of states with the added errors, before the postponed updates."""
         value = self._stored(a, b)
         for weight, error in self._errors:

@@ -52,8 +52,8 @@ def position_kernel(
     lane = Lane(shape, numbers, with_fast_slip=kind.fast_slip)
     x, P = lane.x, lane.P
     variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
-    values, rows, covariance = _antenna(lane, _predicted(lane, kind))
-    predicted, values = list(values), list(values)
+    predicted, rows, covariance = _antenna(lane, _predicted(lane, kind))
+    values = list(predicted)  # with the wander of the fixes
     if s.WANDER_X in shape.states:
         for axis, wander in ((s.X, s.WANDER_X), (s.Y, s.WANDER_Y)):
             values[axis], rows[axis][wander] = values[axis] + x[wander], 1.0
@@ -65,10 +65,10 @@ def position_kernel(
 
     def innovation_spread() -> tuple[Any, Any, Any, Any]:
         """Innovation covariance xx, xy, yy, and normalised innovation squared."""
-        of_x, of_y = P.times(rows[s.X]), P.times(rows[s.Y])
-        xx = dot(of_x, rows[s.X]) + R[s.X]
-        xy = dot(of_x, rows[s.Y]) + covariance[s.X][s.Y]
-        yy = dot(of_y, rows[s.Y]) + R[s.Y]
+        with_x, with_y = P.times(rows[s.X]), P.times(rows[s.Y])
+        xx = dot(with_x, rows[s.X]) + R[s.X]
+        xy = dot(with_x, rows[s.Y]) + covariance[s.X][s.Y]
+        yy = dot(with_y, rows[s.Y]) + R[s.Y]
         by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
         return xx, xy, yy, (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
 
@@ -128,8 +128,8 @@ def position_kernel(
         select(departs, LARGEST_FACTOR, lane.row(name)) for name in FACTORS
     )
     forward, left, size = (lane.row(name) for name in TREND)
-    of_forward, of_left = normalised(z, (xx, xy, yy), heading)
-    trend = trend_after((forward, left, size), of_forward, of_left)
+    innovation_forward, innovation_left = normalised(z, (xx, xy, yy), heading)
+    trend = trend_after((forward, left, size), innovation_forward, innovation_left)
     present_after = present_factor_after(present_factor, trend, *smooth)
     counts = tested & admitted
     slip_after = slip_factor_after(slip_factor, present_after, *smooth)
@@ -140,7 +140,7 @@ def position_kernel(
     # Outputs: places of the antenna, and the innovation.
     places = {"predicted": predicted}
     if kind.updated:
-        places["updated"] = list(_antenna(lane, _predicted(lane, kind)).values)
+        places["updated"] = _antenna(lane, _predicted(lane, kind)).values
     for when, place in places.items():
         lane.stores |= {f"{when}_{axis}": value for axis, value in zip(PLACE, place, strict=True)}
     innovation = {"z_x": z[0], "z_y": z[1], "S_xx": xx, "S_xy": xy, "S_yy": yy}
@@ -190,18 +190,15 @@ def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     ahead, beside = cos * forward - sin * left, sin * forward + cos * left
     rows = [combined(of_x, (-beside, of_yaw)), combined(of_y, (ahead, of_yaw)), of_yaw]
     by_pose = [{s.X: 1.0, s.YAW: -beside}, {s.Y: 1.0, s.YAW: ahead}, {s.YAW: 1.0}]
-    of_antenna = [
-        [dot(a, {i: dot(b, dict(enumerate(covariance[i]))) for i in range(3)}) for b in by_pose]
-        for a in by_pose
-    ]
+    # J C J' of the pose's covariance C, one row of J after another.
+    with_pose = [[dot(by, dict(enumerate(row))) for row in covariance] for by in by_pose]
+    antenna_covariance = [[dot(a, dict(enumerate(row))) for row in with_pose] for a in by_pose]
     place = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
-    return PredictedPose(place, rows, of_antenna)
+    return PredictedPose(place, rows, antenna_covariance)
 
 
 def _finished(lane: Lane, name: str, flags: Sequence[Any], kind: FixKind) -> Kernel:
     """Make the kernel of a lane after a fix, with the twist if the kind has it."""
     if kind.twist:
-        speeds = lane.input("now_left"), lane.input("now_right")
-        now = lane.twist_model(*speeds)
-        lane.store_twist(lane.with_smoothed_derivatives(now))
+        lane.store_twist()
     return lane.kernel(name, flags, with_fast_slip=kind.fast_slip)

@@ -19,18 +19,18 @@ from icreckon.estimator.engine.lane_functions import (
     POSITION,
     POSITION_AHEAD,
     TIME_STEP,
+    add_to_scatter,
+    add_track_speeds,
     evaluate_twist,
     feed_samples,
+    fill_move,
     kernel_of_sample,
-    move_of,
-    scatter_of,
     take_sample,
     take_step,
-    take_tracks_of,
     write_row,
 )
 from icreckon.estimator.engine.layout import INPUTS, PLACES
-from icreckon.estimator.engine.one_lane import kernel_of, one_lane
+from icreckon.estimator.engine.one_lane import kernel_maker, one_lane
 from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.changes import Events
 from icreckon.estimator.filter.ekf import Ekf
@@ -50,7 +50,7 @@ FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_varia
 FORWARD, LEFT = INPUTS["fix_forward"], INPUTS["fix_left"]
 MODE, INTERVAL = INPUTS["fix_mode"], INPUTS["fix_interval"]
 # Rows with the innovation of a position fix, and the number of admitted ones.
-OF_FIX = ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")
+FIX_RESULTS = ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")
 NO_FORCE = (math.nan, math.nan, math.nan)
 
 
@@ -72,7 +72,7 @@ class LaneSteps:
         *,
         compiles: bool,
     ) -> None:
-        self._made_of = ekf, disturbances, robot, settings, record, readings
+        self._arguments = ekf, disturbances, robot, settings, record, readings
         self._compiles, self._ekf, self._readings = compiles, ekf, readings
         self._record = record
         self._lane = lane = one_lane(
@@ -80,12 +80,12 @@ class LaneSteps:
         )
         compiled = lane.compiled or (lambda function: function)
         self._take_step, self._feed_samples = compiled(take_step), compiled(feed_samples)
-        self._evaluate_twist, self._fill_move = compiled(evaluate_twist), compiled(move_of)
-        self._follow_scatter, self._write_row = compiled(scatter_of), compiled(write_row)
+        self._evaluate_twist, self._fill_move = compiled(evaluate_twist), compiled(fill_move)
+        self._follow_scatter, self._write_row = compiled(add_to_scatter), compiled(write_row)
         rows = lane.shape.layout.rows
         self._first_report = rows["report0"]
-        of_fix = (*(f"position_{part}" for part in OF_FIX), *PLACES)
-        self._of_fix = np.array([rows[name] for name in of_fix])
+        of_fix = (*(f"position_{part}" for part in FIX_RESULTS), *PLACES)
+        self._fix_rows = np.array([rows[name] for name in of_fix])
         # Functions in Python take the record itself.
         is_shared = isinstance(record, SharedRecord) and lane.compiled is not None
         self._records: Any = array_on(record) if is_shared else [record]
@@ -98,12 +98,12 @@ class LaneSteps:
         ekf.evaluation = self.evaluate
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(LaneSteps, compiles=self._compiles), self._made_of
+        return partial(LaneSteps, compiles=self._compiles), self._arguments
 
     @cached_property
     def take_track_speeds(self) -> Callable[[int, float, float, bool], int]:
-        """Function that adds track speeds, see `lane_functions.take_tracks_of`."""
-        return partial(self._lane.direct(take_tracks_of), self._records)
+        """Function that adds track speeds, see `lane_functions.add_track_speeds`."""
+        return partial(self._lane.direct(add_track_speeds), self._records)
 
     @cached_property
     def _take_sample(self) -> Callable[..., int]:
@@ -203,7 +203,7 @@ class LaneSteps:
         inputs[[FORWARD, LEFT], 0] = antenna
         inputs[[MODE, INTERVAL], 0] = mode, interval
         flags = self._step(POSITION_AHEAD if ahead else POSITION, stamp, rejected_for)
-        z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[self._of_fix, 0].tolist()
+        z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[self._fix_rows, 0].tolist()
         places_of_antenna = (places[0], places[1], places[2]), (places[3], places[4], places[5])
         lost, used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)
         return (
@@ -268,7 +268,7 @@ def events_of(shape: FilterShape, which: int) -> Events:
     zeros = Numbers(
         np.zeros(len(layout.rows)), np.zeros(len(INPUTS)), np.zeros(len(layout.constants))
     )
-    make, arguments = kernel_of(which, shape)
+    make, arguments = kernel_maker(which, shape)
     with np.errstate(all="ignore"):
         kernel = make(*arguments, numbers=zeros)
     return Events(kernel.events)

@@ -46,7 +46,7 @@ LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 # Results of functions that did nothing: a step is needed before, as after a gap; the buffers are full.
 REFUSED, FULL = -1, -2
 # Place of the inputs among the arrays of a lane, see `take_step`.
-OF_INPUTS = 5
+INPUTS_PLACE = 5
 # Most states of a filter with a fast slip.
 MOST_STATES = s.WANDER.stop
 # Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, of a robot that does not stand
@@ -123,7 +123,9 @@ def fill_tracks(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
         inputs[NOISE + axis, lane] = noise[axis]
 
 
-def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_usual: bool) -> int:
+def add_track_speeds(
+    records: Any, stamp: int, left: float, right: float, only_if_usual: bool
+) -> int:
     """Add track speeds to the record in an array (1,), see `take_track_speeds`.
 
     With `only_if_usual` it adds nothing and returns `REFUSED` if the filter has to take a step before: at
@@ -176,7 +178,7 @@ def take_sample(
         return REFUSED
     if is_full(record.still, stamps):
         return FULL
-    inputs = arrays[OF_INPUTS]
+    inputs = arrays[INPUTS_PLACE]
     if inputs.shape != (ROWS, 1) or mounting.shape != (6, 3):
         raise ValueError(WRONG_SIZE)
     rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
@@ -196,14 +198,14 @@ def kernel_of_sample(which: int, record: Any) -> int:
     return DRIVING_STEP if which == IMU_STEP and not record.stands else which
 
 
-def move_of(records: Any, inputs: Floats, stamp: int) -> None:
+def fill_move(records: Any, inputs: Floats, stamp: int) -> None:
     """Fill the inputs of one filter, see `move_inputs`."""
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
     move_inputs(records[0], inputs, 0, stamp)
 
 
-def scatter_of(records: Any, fix: TakenFix, correction: Floats) -> bool:
+def add_to_scatter(records: Any, fix: TakenFix, correction: Floats) -> bool:
     """Add a position fix to the scatter of one filter, see `follow_scatter`."""
     if len(correction) != s.SIZE:
         raise ValueError(WRONG_SIZE)
@@ -253,7 +255,7 @@ def feed_samples(
             if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
                 break
             if ends_step(record):
-                move_inputs(record, arrays[OF_INPUTS], 0, newest)
+                move_inputs(record, arrays[INPUTS_PLACE], 0, newest)
                 take_step(places, TIME_STEP, records, arrays, newest, 0.0)
             wheels = (left_wheels[tracks], right_wheels[tracks])
             take_track_sample(record, stamp, speeds[tracks], *wheels)
@@ -275,9 +277,9 @@ def feed_samples(
 
 
 def is_row_due(rows: Any, stamp: int, reached: int) -> bool:
-    """Return True if a row is due before a measurement at a stamp [ns].
+    """Note the stamp of a measurement [ns]; return True if a row is due before it.
 
-    The estimate has reached another one [ns].
+    It is due once for each stamp that the estimate has `reached` [ns], with new track speeds.
     """
     progress = rows.progress
     is_later, progress[NEWEST] = stamp > progress[NEWEST], stamp
@@ -394,8 +396,9 @@ def fill_constants(record: Any, lane: Floats, constants: Floats, stamp: int, pla
 
 
 def set_gate(counts: Any, lane: Floats, rows: Any) -> None:
-    """Copy the rejections of a gate into the workspace."""
-    lane[rows[0], 0], lane[rows[1], 0] = counts.rejected_for, 0.0
+    """Copy the rejections of a gate into the workspace; its `rows` are in `imu_gates`."""
+    rejected_for, admitted = rows[0], rows[1]
+    lane[rejected_for, 0], lane[admitted, 0] = counts.rejected_for, 0.0
 
 
 def count_sample(counts: Any, stamp: int, interval: float, lane: Floats, rows: Any) -> bool:

@@ -129,7 +129,7 @@ def one_lane(
     return _compiled(traced, considered, wanders)
 
 
-def shape_of(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> FilterShape:
+def one_lane_shape(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> FilterShape:
     """Shape of a filter at one lane."""
     parameters = tuple(PARAMETERS + k for k in model.parameters)
     others = (i for i in range(FAST_SLIP) if not PARAMETERS <= i < s.PARAMETERS.stop)
@@ -138,7 +138,7 @@ def shape_of(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> 
     return FilterShape(states, (), model, considered, reports=True)
 
 
-def kernel_of(which: int, shape: FilterShape) -> tuple[Callable[..., Kernel], tuple[Any, ...]]:
+def kernel_maker(which: int, shape: FilterShape) -> tuple[Callable[..., Kernel], tuple[Any, ...]]:
     """Function that makes a kernel of `lane_functions`, and its arguments."""
     if which == EVALUATION:
         return twist_kernel, ("twist", shape)
@@ -154,25 +154,25 @@ def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) ->
     from icreckon.estimator.tracing.jit_kernel import entry
     from icreckon.estimator.tracing.machine_code import address_of
 
-    shape = shape_of(model, considered, wanders)
-    kernels = [address_of(*kernel_of(which, shape), 1) for which in range(EVALUATION + 1)]
-    return OneLane(shape, record_array(places_of(shape, np.array(kernels)), 1), entry)
+    shape = one_lane_shape(model, considered, wanders)
+    kernels = [address_of(*kernel_maker(which, shape), 1) for which in range(EVALUATION + 1)]
+    return OneLane(shape, record_array(lane_places(shape, np.array(kernels)), 1), entry)
 
 
 def _plain(
     model: TracedModel, considered: tuple[int, ...], wanders: bool, of_user: MotionModel | None
 ) -> OneLane:
-    shape = shape_of(model, considered, wanders)
+    shape = one_lane_shape(model, considered, wanders)
 
     def plain(which: int) -> Any:
-        make, arguments = kernel_of(which, shape)
+        make, arguments = kernel_maker(which, shape)
         return plain_kernel(lambda numbers: make(*arguments, numbers=numbers), of_user)
 
     kernels = [plain(which) for which in range(EVALUATION + 1)]
-    return OneLane(shape, [places_of(shape, kernels)], None)
+    return OneLane(shape, [lane_places(shape, kernels)], None)
 
 
-def places_of(shape: FilterShape, kernels: Any) -> LanePlaces:
+def lane_places(shape: FilterShape, kernels: Any) -> LanePlaces:
     """Places in the workspace of a filter shape, with its kernels."""
     layout, rows, constants = shape.layout, shape.layout.rows, shape.layout.constants
     states, parameters = (*shape.states, *FAST), layout.parameters

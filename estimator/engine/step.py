@@ -18,7 +18,7 @@ from icreckon.estimator.engine.covariance import (
     dot,
     shift_of,
 )
-from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, x_of
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, values_for
 from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
 from icreckon.estimator.motion.propagation import GaussMarkov
@@ -92,7 +92,7 @@ def step_kernel(
     if kind.moves:
         step.propagate()
     if kind.twist:
-        step.store_twist()
+        lane.store_twist()
     return lane.kernel(name, with_fast_slip=kind.fast_slip)
 
 
@@ -112,7 +112,7 @@ class Step:
         self.lane, self.kind = lane, kind
         step_input: Any = lane.input
         constant: Any = lane.constant
-        self.slip = model.SlipConstants(*map(constant, model.SlipConstants._fields))
+        self.slip = lane.slip
         self.imu_position = constant("imu_x"), constant("imu_y")
         self.noise = ImuNoise(*(step_input(f"{gate}_density") for gate in IMU_GATES))
         self.smooth = step_input("smooth_left"), step_input("smooth_right")
@@ -136,8 +136,7 @@ class Step:
         left, right = step_input("left"), step_input("right")
         if kind.draws and lane.shape.model.memory:
             lane.advance_model(constant("dt"), left, right)
-        now = lane.twist_model(left, right, self._shares())
-        self.model = lane.with_smoothed_derivatives(now)
+        self.model = lane.smoothed_twist(left, right, self._shares())
         self.regressors = tuple(
             {i: row[i] for i in lane.layout.parameters if i in row} for row in self.model.rows
         )
@@ -166,12 +165,11 @@ class Step:
         lane, now = self.lane, self.model
         density = self.density(now)
         per_dt = 1.0 / lane.constant("dt")
-        entries = {
-            (FAST[i], FAST[j]): density[i][j] * per_dt for i in range(3) for j in range(i, 3)
-        }
-        for pair, value in entries.items():
-            lane.P.add(*pair, value)
-        lane.report("renewed", entries.values())
+        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+        variances = [density[i][j] * per_dt for i, j in pairs]
+        for (i, j), value in zip(pairs, variances, strict=True):
+            lane.P.add(FAST[i], FAST[j], value)
+        lane.report("renewed", variances)
         lane.P.states = sorted({*lane.P.states, *FAST})
 
     def _follow_regressors(self, now: model.TracedTwist, speeds: Any, shares: Any) -> None:
@@ -186,17 +184,19 @@ class Step:
         # The smaller one of the yaw rates with and without slip; zero if their signs differ.
         estimated, of_tracks = now.twist[2], now.twist[2] - slip
         same_sign, square = estimated * of_tracks > 0.0, by_left * by_left + by_right * by_right
-        shown = select(
-            same_sign, select(abs(estimated) < abs(of_tracks), estimated, of_tracks), 0.0
-        )
+        smaller = select(abs(estimated) < abs(of_tracks), estimated, of_tracks)
+        shown = select(same_sign, smaller, 0.0)
         # Least change of the track speeds that gives that yaw rate.
         scale = (shown - of_tracks) / select(square > 0.0, square, 1.0)
         x[s.SLIP] = x[s.FAST_SLIP] = 0.0
         parameters = lane.layout.parameters
         left, right = speeds[0] + by_left * scale, speeds[1] + by_right * scale
-        at = model.twist_model(x, lane.model_inputs, left, right, shares, parameters)
+        at_turn = model.twist_model(x, lane.model_inputs, left, right, shares, parameters)
         regressors = {
-            f"r{a}_{i}": row[i] for a, row in enumerate(at.rows) for i in parameters if i in row
+            f"r{axis}_{i}": value
+            for axis, row in enumerate(at_turn.rows)
+            for i, value in row.items()
+            if i in parameters
         }
         for name, value in (*regressors.items(), (TURN, shown)):
             before = lane.row(name)
@@ -262,9 +262,8 @@ class Step:
         stands = trace.truth_as_number(self.stands)
         lane.stores["standstill"] = lane.row("standstill") + stands
         lane.stores["stood"] = stands
-        speeds = lane.input("left"), lane.input("right")
-        now = lane.twist_model(*speeds, self._shares())
-        self.model = lane.with_smoothed_derivatives(now)
+        left, right = lane.input("left"), lane.input("right")
+        self.model = lane.smoothed_twist(left, right, self._shares())
 
     def update_gyro(self) -> None:
         """Update with the yaw rate: that of the robot times scale, plus bias."""
@@ -342,7 +341,7 @@ class Step:
         missing = lane.input("missing")
         left, right = lane.input("left") + missing, lane.input("right") + missing
         shares = [fade.mean for fade in fades]
-        now = lane.with_smoothed_derivatives(lane.twist_model(left, right, shares))
+        now = lane.smoothed_twist(left, right, shares)
         self._follow_regressors(now, (left, right), shares)
         tilt = model.Tilting()
         if self.kind.accelerometer:
@@ -372,7 +371,11 @@ class Step:
         for axis in range(3):
             own[s.SLIP.start + axis] = sigma[axis] * sigma[axis] * fades[axis].final
         kept = exponential(-constant("slope_forgetting") * travel * dt)
-        faded = _transition(lane.P.states, fades)
+        # Rows of the transition of all states but the pose: slip fades, gravity turns with the body.
+        faded: dict[int, Vector] = {i: {i: 1.0} for i in lane.P.states}
+        faded |= {
+            s.SLIP.start + axis: {s.SLIP.start + axis: fades[axis].decay} for axis in range(3)
+        }
         for i, row in model.gravity_rows(now.twist[2] * dt, tilt, kept, dt).items():
             faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
         motion = Motion(rows, [[part * dt for part in row] for row in M], yaws, faded, noise, own)
@@ -386,7 +389,7 @@ class Step:
         before = x.copy()
         for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
             along = {k: faded[i][k] for k in GRAVITY}
-            x[i] = dot(x_of(before, along), along) + tilt.down * rate * dt
+            x[i] = dot(values_for(before, along), along) + tilt.down * rate * dt
         for i, by in enumerate(step):
             x[i] = x[i] + by
         for i in range(3):
@@ -465,29 +468,23 @@ class Step:
     ) -> None:
         """Report a propagation, see `Moved`."""
         lane, states = self.lane, self.lane.P.states
-        rows, M_dt, yaws, faded, of_pose, own = motion
+        rows, M_dt, yaws, faded, pose_noise, own = motion
 
         def times_M(vectors: Sequence[Vector]) -> list[list[Any]]:
             """Product of M dt with the rows `vectors`, by pose or height and by state."""
-            terms = [
-                [
-                    [factor * row.get(j, 0.0) for factor, row in zip(factors, vectors, strict=True)]
-                    for j in states
-                ]
-                for factors in M_dt
-            ]
-            return [[sum(of_entry, start=0.0) for of_entry in row] for row in terms]
+            moved = [combined({}, *zip(factors, vectors, strict=True)) for factors in M_dt]
+            return [[row.get(j, 0.0) for j in states] for row in moved]
 
         moved = range(len(rows))
-        noise = [[of_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
+        noise = [[pose_noise.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
         own_noise = [own[i] for i in states]
-        of_gravity = [[faded[k].get(i, 0.0) for i in states] for k in GRAVITY]
+        gravity = [[faded[k].get(i, 0.0) for i in states] for k in GRAVITY]
         values = moved_values(
             lane.x[s.YAW],
             step,
             yaws[:2],
             [fade.decay for fade in fades],
-            [*times_M(rows), *times_M(with_rows), *noise, own_noise, *of_gravity],
+            [*times_M(rows), *times_M(with_rows), *noise, own_noise, *gravity],
         )
         lane.report("moved", values, states)
 
@@ -504,13 +501,6 @@ class Step:
                 if i in GRAVITY:
                     walks[i] = walks[i] * travel + by_gyros
         return walks
-
-    def store_twist(self) -> None:
-        """Store the body velocity at the end of the step, and its covariance."""
-        lane = self.lane
-        speeds = lane.input("now_left"), lane.input("now_right")
-        now = lane.with_smoothed_derivatives(lane.twist_model(*speeds))
-        lane.store_twist(now)
 
 
 def _move_in_c(P: CovarianceInC, motion: Motion, states: Sequence[int]) -> None:
@@ -563,17 +553,6 @@ def _noise_of_pose(
     return noise
 
 
-def _transition(states: Sequence[int], fades: Sequence[GaussMarkov]) -> dict[int, Vector]:
-    """Rows of the transition of all states but the pose, and gravity: slip fades."""
-    rows: dict[int, Vector] = {i: {i: 1.0} for i in states}
-    rows |= {i: {i: fades[i - s.SLIP.start].decay} for i in states if _is_slip(i)}
-    return rows
-
-
 def _product(a: Any, b: Any) -> list[list[Any]]:
     """Product of two matrices (3, 3)."""
     return [[sum(row[k] * b[k][j] for k in range(3)) for j in range(3)] for row in a]
-
-
-def _is_slip(state: int) -> bool:
-    return s.SLIP.start <= state < s.SLIP.stop
