@@ -130,9 +130,9 @@ class Covariance:
         if stand_in is None:
             return gain
         state, _ = stand_in
-        of_fixed, missing = _missing(cross, fixed, *stand_in)
+        fixed_entries, missing = _missing(cross, fixed, *stand_in)
         added_gain = missing * inverse_S
-        for i, value in of_fixed.items():
+        for i, value in fixed_entries.items():
             self.add(state, i, -(added_gain * value))
         self.add(state, state, added_gain * missing)
         return gain | {state: gain[state] + added_gain}
@@ -175,8 +175,9 @@ def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tupl
 
     The latter, times the stand-in's derivative in H, is the part of fixed states in H P H'.
     """
-    of_fixed = {i: cross[i] for i in fixed if i in cross}
-    return of_fixed, dot(of_fixed, {i: by for i, by in H.items() if i in of_fixed}) / H[state]
+    fixed_entries = {i: cross[i] for i in fixed if i in cross}
+    fixed_row = {i: by for i, by in H.items() if i in fixed_entries}
+    return fixed_entries, dot(fixed_entries, fixed_row) / H[state]
 
 
 def combined(row: Vector, *parts: tuple[Any, Vector]) -> Vector:

@@ -183,9 +183,9 @@ class BatchFilter:
                 machine's registers; or the kernel of a step was not compiled.
         """
         workspace, per_lane = lanes.workspace, (lanes.workspace, inputs)
-        is_odd = any(one.dtype != self.number for one in (*per_lane, lanes.constants))
-        is_odd |= any(one.ctypes.data % LINE for one in per_lane)
-        if is_odd or workspace.shape[1] != self.width:
+        is_wrong = any(one.dtype != self.number for one in (*per_lane, lanes.constants))
+        is_wrong |= any(one.ctypes.data % LINE for one in per_lane)  # not aligned
+        if is_wrong or workspace.shape[1] != self.width:
             raise ValueError(WRONG_SIZE)
         since_first = steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0)
         entry(work_through)(
@@ -225,12 +225,10 @@ class BatchFilter:
                 f"the IMU is silent for {longest:.2f} s, longer than Settings.hold, which filters side "
                 "by side cannot bridge; use run"
             )
-        when, moves = time_of_fix(steps.kinds, steps.extras), steps.kinds == MOVE
-        times = (
-            (steps.extras[moves] & TICK) > 0,
-            *(when[(steps.extras & bit) > 0] for bit in (POSITION, HEADING)),
-        )
-        used = (frozenset(one.tolist()) for one in times)
+        fix_times = time_of_fix(steps.kinds, steps.extras)
+        moves_to_tick = (steps.extras[steps.kinds == MOVE] & TICK) > 0
+        by_kind = [fix_times[(steps.extras & bit) > 0] for bit in (POSITION, HEADING)]
+        used = (frozenset(one.tolist()) for one in (moves_to_tick, *by_kind))
         self._kernels = _kernels(self.shape, self.width, self._uses_force, *used)
         if self._prepared is None or self._prepared[0] is not steps:
             table = np.zeros((len(steps.starts), STEP_COLUMNS))
@@ -256,23 +254,25 @@ def work_places(layout: Layout, wander: FixWander) -> Places:
         return np.array([rows[name] for name in names])
 
     return Places(
-        np.array([*pose, *covariance, *(rows[name] for name in TWIST)]),
-        np.array(uncertain),
-        named_rows([f"x{i}" for i in uncertain]),
-        named_rows([f"P{i}_{i}" for i in uncertain]),
-        named_rows([f"x{i}" for i in replaced]),
-        covariance_rows(replaced, states),
-        covariance_rows(replaced, replaced),
-        rows["position_rejected_for"],
-        rows["position_used"],
-        named_rows(PLACES[:3]),
-        named_rows(PLACES[3:]),
-        named_rows([f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")]),
-        layout.constants["interval"],
-        len(rows),
-        len(layout.constants),
-        wander.sigma,
-        wander.time,
+        estimate=np.array([*pose, *covariance, *(rows[name] for name in TWIST)]),
+        states=np.array(uncertain),
+        x=named_rows([f"x{i}" for i in uncertain]),
+        variances=named_rows([f"P{i}_{i}" for i in uncertain]),
+        replaced=named_rows([f"x{i}" for i in replaced]),
+        with_replaced=covariance_rows(replaced, states),
+        of_replaced=covariance_rows(replaced, replaced),
+        rejected=rows["position_rejected_for"],
+        used=rows["position_used"],
+        predicted=named_rows(PLACES[:3]),
+        updated=named_rows(PLACES[3:]),
+        innovation=named_rows(
+            [f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")]
+        ),
+        interval=layout.constants["interval"],
+        row_count=len(rows),
+        constant_count=len(layout.constants),
+        wander_sigma=wander.sigma,
+        wander_time=wander.time,
     )
 
 

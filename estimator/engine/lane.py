@@ -183,7 +183,7 @@ class Lane:
         return model.twist_model(self.x, self.model_inputs, left, right, slip_shares, states)
 
     def smoothed_twist(self, left: Any, right: Any, slip_shares: Any = WHOLE) -> TracedTwist:
-        """Body velocity as `twist_model`; its derivatives by parameters are the regressors."""
+        """Body velocity, with the regressors as its derivatives by the parameters."""
         now = self.twist_model(left, right, slip_shares)
         for axis, row in enumerate(now.rows):
             for i in row.keys() & self.layout.parameters:
@@ -192,7 +192,7 @@ class Lane:
         return now
 
     def store_twist(self) -> None:
-        """Store the present body velocity and its covariance, limited by the fastest drive."""
+        """Store present body velocity and covariance, limited by the fastest drive."""
         now = self.smoothed_twist(self.input("now_left"), self.input("now_right"))
         with_rows = [self.P.times(row) for row in now.rows]
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
@@ -362,13 +362,13 @@ class Lane:
         else:
             self.report("motion", (yaw,), (s.YAW,))
 
-    def cover_rounding(self, *, of_fix: bool = False) -> None:
+    def cover_rounding(self, *, after_fix: bool = False) -> None:
         """Inflate the states after sharp updates, as `Ekf.update_scalar` after each.
 
         In single precision only fixes are sharp, after hours without any: standstills, which come often,
         would inflate all states for no reason.
         """
-        if self.shape.bits == 32 and not of_fix:
+        if self.shape.bits == 32 and not after_fix:
             return
         share = SHARP_UPDATES[self.shape.bits][1]
         for i, added in self.P.inflate(share * self._sharp).items():
@@ -386,19 +386,19 @@ class Lane:
             return
         x, moving = self.x, [i for i in states if i not in fixed]
         outside: Any = False
-        for direction, of_certain, least in bounds:
+        for direction, certain_sum, least in bounds:
             outside = outside | (
-                least - of_certain - dot(values_for(x, direction), direction) > tolerance
+                least - certain_sum - dot(values_for(x, direction), direction) > tolerance
             )
 
         def a_round(*values: Any) -> Any:
             """Project onto each bound in turn; the states, and True if any has moved."""
             now, moved = dict(zip(states, values, strict=True)), cast(Any, False)
-            for direction, of_certain, least in bounds:
+            for direction, certain_sum, least in bounds:
                 free = {i: weight for i, weight in direction.items() if i not in fixed}
                 cross = self.P.times(free)
                 variance = dot(cross, free)
-                short = least - of_certain - dot(now, direction)
+                short = least - certain_sum - dot(now, direction)
                 moves = (short > tolerance) & (variance > 0.0)
                 per_cross = select(moves, short / select(moves, variance, 1.0), 0.0)
                 now |= {i: now[i] + cross[i] * per_cross for i in moving}

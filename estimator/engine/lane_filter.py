@@ -84,8 +84,8 @@ class LaneSteps:
         self._follow_scatter, self._write_row = compiled(add_to_scatter), compiled(write_row)
         rows = lane.shape.layout.rows
         self._first_report = rows["report0"]
-        of_fix = (*(f"position_{part}" for part in FIX_RESULTS), *PLACES)
-        self._fix_rows = np.array([rows[name] for name in of_fix])
+        result_names = (*(f"position_{part}" for part in FIX_RESULTS), *PLACES)
+        self._fix_rows = np.array([rows[name] for name in result_names])
         # Functions in Python take the record itself.
         is_shared = isinstance(record, SharedRecord) and lane.compiled is not None
         self._records: Any = array_on(record) if is_shared else [record]
@@ -114,12 +114,12 @@ class LaneSteps:
     ) -> int:
         """Add an IMU sample, and take the step that it ends, see `take_sample`."""
         readings, force = self._readings, m.linear_acceleration or NO_FORCE
-        which = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
+        kernel_number = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
         yaw, result = self._ekf.x.item(s.YAW), FULL
         while result == FULL:
             result = self._take_sample(
                 self._lane.places,
-                which,
+                kernel_number,
                 self._records,
                 self._all_arrays(),
                 m.stamp,
@@ -134,16 +134,16 @@ class LaneSteps:
             if result == FULL:
                 readings.make_room()
         if result >= 0 and self._has_watchers():
-            self._report(kernel_of_sample(which, self._record), yaw)
+            self._report(kernel_of_sample(kernel_number, self._record), yaw)
         return result
 
-    def move(self, stamp: int, which: int = TIME_STEP) -> None:
+    def move(self, stamp: int, kernel_number: int = TIME_STEP) -> None:
         """Take a step without an IMU sample to a later stamp [ns].
 
         With `BEGIN` it only begins, with a new fast slip; with `PROPAGATE` to the same stamp it ends.
         """
         self._fill_move(self._records, self._inputs, stamp)
-        self._step(which, stamp)
+        self._step(kernel_number, stamp)
 
     def take_samples(
         self, samples: SampleArrays, mounting: Floats, rows: RunRows, *, uses_force: bool
@@ -240,26 +240,28 @@ class LaneSteps:
         ekf = self._ekf
         return (ekf.x, ekf.P, ekf.regressors, ekf.model.memory, *self._arrays)
 
-    def _step(self, which: int, stamp: int, rejected_for: float = 0.0) -> int:
+    def _step(self, kernel_number: int, stamp: int, rejected_for: float = 0.0) -> int:
         """Take a step to a stamp [ns], or an update; see `take_step`."""
         yaw, places, arrays = self._ekf.x.item(s.YAW), self._lane.places, self._all_arrays()
-        result: int = self._take_step(places, which, self._records, arrays, stamp, rejected_for)
+        result: int = self._take_step(
+            places, kernel_number, self._records, arrays, stamp, rejected_for
+        )
         if result >= 0 and self._has_watchers():
-            self._report(which, yaw)
+            self._report(kernel_number, yaw)
         return result
 
     def _has_watchers(self) -> bool:
         """Return True if clones or the smoother follow the changes of the filter."""
         return self._ekf.clones is not None or self._ekf.observer is not None
 
-    def _report(self, which: int, yaw: float) -> None:
+    def _report(self, kernel_number: int, yaw: float) -> None:
         """Report the changes of the filter by a kernel, from a yaw before it [rad]."""
         values, ekf = self._workspace[self._first_report :, 0], self._ekf
-        events_of(self._lane.shape, which).report(values, len(ekf.x), yaw, ekf)
+        events_of(self._lane.shape, kernel_number).report(values, len(ekf.x), yaw, ekf)
 
 
 @cache
-def events_of(shape: FilterShape, which: int) -> Events:
+def events_of(shape: FilterShape, kernel_number: int) -> Events:
     """Changes that a kernel reports; their values are those of a filter of zeros."""
     if shape.model.kind == "plain":
         # What a user's model reports does not depend on its equations.
@@ -268,7 +270,7 @@ def events_of(shape: FilterShape, which: int) -> Events:
     zeros = Numbers(
         np.zeros(len(layout.rows)), np.zeros(len(INPUTS)), np.zeros(len(layout.constants))
     )
-    make, arguments = kernel_maker(which, shape)
+    make, arguments = kernel_maker(kernel_number, shape)
     with np.errstate(all="ignore"):
         kernel = make(*arguments, numbers=zeros)
     return Events(kernel.events)

@@ -115,9 +115,9 @@ def move_inputs(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
 
 def fill_tracks(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
     """Fill the inputs of a step from the track speeds, and the noise of the IMU."""
-    of_tracks = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
+    track_inputs = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
     for row in range(TRACK_ROWS):
-        inputs[row, lane] = of_tracks[row]
+        inputs[row, lane] = track_inputs[row]
     noise = noise_of_step(record.noise, record.still, record.settings)
     for axis in range(3):
         inputs[NOISE + axis, lane] = noise[axis]
@@ -147,7 +147,7 @@ def add_track_speeds(
 
 def take_sample(
     places: Any,
-    which: int,
+    kernel_number: int,
     records: Any,
     arrays: Any,
     stamp: int,
@@ -190,12 +190,12 @@ def take_sample(
     add_rate(record.yaw_rates, stamp, rate)
     sample = (stamp, (rate, roll, pitch, reading), forward, left, uses_force)
     sample_inputs(record, stamps, rates, inputs, 0, *sample)
-    return take_step(places, kernel_of_sample(which, record), records, arrays, stamp, 0.0)
+    return take_step(places, kernel_of_sample(kernel_number, record), records, arrays, stamp, 0.0)
 
 
-def kernel_of_sample(which: int, record: Any) -> int:
+def kernel_of_sample(kernel_number: int, record: Any) -> int:
     """Kernel of an IMU sample that was added; most robots drive most of the time."""
-    return DRIVING_STEP if which == IMU_STEP and not record.stands else which
+    return DRIVING_STEP if kernel_number == IMU_STEP and not record.stands else kernel_number
 
 
 def fill_move(records: Any, inputs: Floats, stamp: int) -> None:
@@ -265,8 +265,8 @@ def feed_samples(
         w, f = angular_velocities[samples], forces[samples]
         if stamp <= record.stamp:
             break
-        of_sample = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
-        sample: Any = (records, arrays, stamp, *of_sample)
+        readings = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
+        sample: Any = (records, arrays, stamp, *readings)
         result = take_sample(places, IMU_STEP, *sample)
         if result < 0:
             break
@@ -418,13 +418,13 @@ def count_sample(counts: Any, stamp: int, interval: float, lane: Floats, rows: A
 
 
 def take_step(
-    all_places: Any, which: int, records: Any, arrays: Any, stamp: int, rejected_for: float
+    all_places: Any, kernel_number: int, records: Any, arrays: Any, stamp: int, rejected_for: float
 ) -> int:
     """Take a step or an update of one filter, in place.
 
     Args:
         all_places: (1,) `LanePlaces`.
-        which: `IMU_STEP` or another of the kernels.
+        kernel_number: `IMU_STEP` or another of the kernels.
         records: (1,) record of the filter, see `FilterRecord`.
         arrays: (SIZE,) the state, (SIZE, SIZE) its covariance, (3, 10) regressors, see `Ekf`, the memory
             of the motion model, and workspace, (n, 1) inputs and constants of the kernel.
@@ -445,24 +445,24 @@ def take_step(
     fill_state(lane, constants, x, memory, places)
     fill_covariance(lane, P, regressors, places)
     fill_constants(record, lane, constants, stamp, places)
-    if which <= IMU_UPDATE:
+    if kernel_number <= IMU_UPDATE:
         set_gate(record.gyro, lane, places.imu_gates[0])
         set_gate(record.accelerometer_x, lane, places.imu_gates[1])
         set_gate(record.accelerometer_y, lane, places.imu_gates[2])
-    elif which < POSITION:
+    elif kernel_number < POSITION:
         lane[places.stood, 0] = 0.0
     else:
         lane[places.position_rejected_for, 0] = rejected_for
         lane[places.position_admitted, 0] = 0.0
         begin_position(record, lane, places.of_record)
-    flags = call_kernel(places.kernels[which], lane, inputs, constants)
+    flags = call_kernel(places.kernels[kernel_number], lane, inputs, constants)
     empty_lane(lane, x, P, regressors, memory, places)
-    if which >= POSITION:
+    if kernel_number >= POSITION:
         end_position(record, lane, places.of_record)
         return flags
-    if which != BEGIN:
+    if kernel_number != BEGIN:
         record.stamp = stamp
-    if which > IMU_UPDATE:
+    if kernel_number > IMU_UPDATE:
         return 0
     interval, gates = record.imu.interval, places.imu_gates
     count_sample(record.accelerometer_x, stamp, interval, lane, gates[1])

@@ -98,10 +98,10 @@ class Climb(NamedTuple):
     by_twist: tuple[Any, Any]  # (2,) its derivatives by the speeds forward and left
     by_gravity: tuple[Any, Any]  # (2,) those by gravity along the ground
 
-    def times(self, of_twist: Sequence[Vector], of_gravity: dict[int, Vector]) -> Vector:
-        """Combine vectors of the twist and of gravity as they contribute to the height."""
-        parts = (*zip(self.by_twist, of_twist[:2], strict=True),)
-        parts += (*zip(self.by_gravity, of_gravity.values(), strict=True),)
+    def times(self, twist_vectors: Sequence[Vector], gravity_vectors: dict[int, Vector]) -> Vector:
+        """Combine vectors, by twist and gravity, as these contribute to the height."""
+        parts = (*zip(self.by_twist, twist_vectors[:2], strict=True),)
+        parts += (*zip(self.by_gravity, gravity_vectors.values(), strict=True),)
         return combined({}, *parts)
 
 

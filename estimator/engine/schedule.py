@@ -198,13 +198,14 @@ def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, steps: Steps) -> No
 
 
 def walk_to_fix(walk: Walk, imu: ClockRecord, stamp: int, bits: int, steps: Steps) -> None:
-    """Add a fix with its `bits` at a stamp [ns]: at the end of a step, or ahead of one."""
+    """Add a fix with its `bits` at the end of a step, or ahead of one."""
     number = walk.fixes
     walk.fixes += 1
     if walk.tracks == 0:
         return
     # Before the first step, no step ends at the stamp of the fix.
-    waits = walk.steps == 0 if stamp == walk.now else stamp > walk.now and is_due_after(imu, stamp)
+    is_first = stamp == walk.now and walk.steps == 0
+    waits = is_first or (stamp > walk.now and is_due_after(imu, stamp))
     if not waits:
         move(walk, imu, stamp, steps)
     step = add_step(walk, imu, stamp, AHEAD, steps) if waits else walk.steps - 1

@@ -123,16 +123,15 @@ class Step:
             step_input("age"),
         )
         self.stands: Any = False
-        slow = step_input("slow") > 0.5
+        self.pushed = step_input("slow") > 0.5
         if kind.stands:
             mean = step_input("quiet_mean")
-            self.stands = mean == mean
-            slow = slow & ~self.stands
+            self.stands = mean == mean  # not NaN
+            self.pushed = self.pushed & ~self.stands
         elif not kind.imu or kind.in_step:
-            slow = slow & (lane.row("stood") < 0.5)
+            self.pushed = self.pushed & (lane.row("stood") < 0.5)
         else:
             lane.stores["stood"] = 0.0
-        self.pushed = slow
         left, right = step_input("left"), step_input("right")
         if kind.draws and lane.shape.model.memory:
             lane.advance_model(constant("dt"), left, right)
@@ -154,7 +153,7 @@ class Step:
         return [1.0, 1.0, 1.0] if is_moment else [fade.mean for fade in self._fades()]
 
     def _sigma(self) -> Any:
-        """Standard deviation (3,) of the slip."""
+        """Standard deviation (3,) of the slip [m/s, m/s, rad/s]."""
         lane = self.lane
         gauge = lane.constant("gauge")
         factor = lane.row("slip_factor")
@@ -182,12 +181,13 @@ class Step:
         slip = shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP.stop - 1]
         by_left, by_right = now.by_speeds[2]
         # The smaller one of the yaw rates with and without slip; zero if their signs differ.
-        estimated, of_tracks = now.twist[2], now.twist[2] - slip
-        same_sign, square = estimated * of_tracks > 0.0, by_left * by_left + by_right * by_right
-        smaller = select(abs(estimated) < abs(of_tracks), estimated, of_tracks)
-        shown = select(same_sign, smaller, 0.0)
+        estimated, track_rate = now.twist[2], now.twist[2] - slip
+        has_same_sign = estimated * track_rate > 0.0
+        square = by_left * by_left + by_right * by_right
+        smaller = select(abs(estimated) < abs(track_rate), estimated, track_rate)
+        shown = select(has_same_sign, smaller, 0.0)
         # Least change of the track speeds that gives that yaw rate.
-        scale = (shown - of_tracks) / select(square > 0.0, square, 1.0)
+        scale = (shown - track_rate) / select(square > 0.0, square, 1.0)
         x[s.SLIP] = x[s.FAST_SLIP] = 0.0
         parameters = lane.layout.parameters
         left, right = speeds[0] + by_left * scale, speeds[1] + by_right * scale
@@ -411,16 +411,16 @@ class Step:
     def _moved(self, motion: Motion, with_rows: Sequence[Vector]) -> dict[tuple[int, int], Any]:
         """Entries of the covariance F P F' + Q.
 
-        With J the derivatives of the twist: with_rows = P J', of_twist = J P J', carried = F P in the
-        rows of pose and height.
+        With J the derivatives of the twist: with_rows = P J', twist_covariance = J P J', carried = F P in
+        the rows of pose and height.
         """
         P, states = self.lane.P, self.lane.shape.states
         rows, M_dt, yaws, faded, noise, own = motion
         count = len(rows)
-        of_twist = np.empty((count, count), dtype=object)
+        twist_covariance = np.empty((count, count), dtype=object)
         for k in range(count):
             for m in range(k, count):
-                of_twist[k, m] = of_twist[m, k] = dot(with_rows[k], rows[m])
+                twist_covariance[k, m] = twist_covariance[m, k] = dot(with_rows[k], rows[m])
         carried: dict[tuple[int, int], Any] = {}
         for i in range(count):
             for j in P.states:
@@ -432,7 +432,7 @@ class Step:
             times = [
                 with_rows[m][i]
                 + yaws[i] * with_rows[m][s.YAW]
-                + sum((M_dt[i][k] * of_twist[k][m] for k in range(count)), start=0.0)
+                + sum((M_dt[i][k] * twist_covariance[k][m] for k in range(count)), start=0.0)
                 for m in range(count)
             ]
             for k in range(i, count):
@@ -537,6 +537,7 @@ def _noise_of_pose(
         for i in range(count)
     ]
     squares = [part * part for part in sigma]
+    integrals = [square * fade.integral for square, fade in zip(squares, fades, strict=True)]
     for i in range(count):
         for j in walk:
             noise[i, j] = by_state[i][j] * walk[j] * half
@@ -545,11 +546,8 @@ def _noise_of_pose(
             noise[i, s.SLIP.start + axis] = slipped
         for k in range(i, count):
             walked = sum((by_state[i][j] * by_state[k][j] * walk[j] for j in walk), start=0.0)
-            parts = [
-                by_slip[i][a] * by_slip[k][a] * (squares[a] * fades[a].integral) for a in range(3)
-            ]
-            slipped = sum(parts, start=0.0)
-            noise[i, k] = walked * third + slipped
+            slips = [by_slip[i][a] * by_slip[k][a] * integrals[a] for a in range(3)]
+            noise[i, k] = walked * third + sum(slips, start=0.0)
     return noise
 
 

@@ -108,7 +108,7 @@ def work_through(
             constants[c] = table[k, c]
         constants[places.interval] = table[k, PER_STEP]
         step_inputs = inputs[k]
-        is_tick, when = extras[k] & TICK, time_of_fix(kinds[k], extras[k])
+        is_tick, fix_time = extras[k] & TICK, time_of_fix(kinds[k], extras[k])
         if kinds[k] != AHEAD:
             quiet = False
             for lane in range(width):
@@ -120,12 +120,12 @@ def work_through(
                 kernel = kernels.update
             run_kernel(kernel, workspace, step_inputs, constants)
         if extras[k] & POSITION:
-            kernel = kernels.positions[when]
+            kernel = kernels.positions[fix_time]
             process_position(kernel, workspace, step_inputs, constants, fixes, stamps[k], places)
         if extras[k] & HEADING:
             for lane in range(width):
                 let_wander(workspace, lane, fixes[lane], stamps[k], places)
-            run_kernel(kernels.headings[when], workspace, step_inputs, constants)
+            run_kernel(kernels.headings[fix_time], workspace, step_inputs, constants)
         if is_tick:
             for row in range(len(places.estimate)):
                 for lane in range(output_lanes):
@@ -184,9 +184,9 @@ def process_position(
             x, y, variance = position_of_lane(step_inputs, lane, stated_variances)
             z, S = (innovation[0, lane], innovation[1, lane]), three_rows(innovation, lane, 2)
             places_of_antenna = three_rows(predicted, lane, 0), three_rows(updated, lane, 0)
-            taken = TakenFix(stamp, x, y, variance, z, S, *places_of_antenna, is_used)
+            fix_after_update = TakenFix(stamp, x, y, variance, z, S, *places_of_antenna, is_used)
             is_inflated |= follow_in_lane(
-                workspace, lane, fixes[lane].scatter, taken, before[:, lane], places
+                workspace, lane, fixes[lane].scatter, fix_after_update, before[:, lane], places
             )
         if is_used or modes[lane] == SKIPPED:
             fixes[lane].rejected.count = 0

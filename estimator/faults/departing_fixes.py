@@ -115,7 +115,7 @@ def departure_after(
 
 
 def beyond_noise(innovation: Any, variance: Any) -> Any:
-    """Part of an innovation [m] that noise of a variance [m²] does not explain, signed."""
+    """Part of an innovation [m] beyond noise of a variance [m²], with its sign."""
     excess = innovation * innovation - DEPARTURE_SIGMAS * DEPARTURE_SIGMAS * variance
     return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(max(0.0, excess))
 

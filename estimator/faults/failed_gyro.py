@@ -116,7 +116,7 @@ def watch_gyro(
 
 
 def count_repeats(gyro: GyroRecord, turning: float, repeated: bool) -> None:
-    """Count changes of the tracks' `turning` [m/s] over equal readings, see `GyroRecord`.
+    """Count changes of the tracks' `turning` [m/s] over equal readings.
 
     `repeated` is True if the newest reading equals the one before. Otherwise the count begins again.
     """

@@ -206,8 +206,7 @@ def take_side(
 ) -> None:
     """Add a sample of one side to its record.
 
-    `speed` is that of `side_speed` [m/s], `is_decided` the result of `is_certain`. After some time of
-    agreement the record begins again.
+    `speed` is by `side_speed` [m/s], `is_decided` by `is_certain`. Agreement resets the record.
     """
     if possible.agrees:
         if side.since != NEVER and (stamp - side.newest) * NANOSECOND > AGREEMENT_TIME:

@@ -121,7 +121,7 @@ def innovation_correlation(scatter: ScatterRecord) -> float | None:
 
 
 def count_innovation(scatter: ScatterRecord, x: float, y: float) -> None:
-    """Average squares and successive products with the newest normalised innovation [-]."""
+    """Add the newest normalised innovation [-] to averaged squares and products."""
     scatter.judged = min(MOST_AVERAGED, scatter.judged + 1)
     product, square = x * scatter.innovation_x + y * scatter.innovation_y, x * x + y * y
     scatter.innovation_x, scatter.innovation_y = x, y
@@ -141,7 +141,7 @@ class TakenFix(NamedTuple):
     # place of the antenna before the update, x and y, and yaw [m, m, rad]
     predicted: tuple[float, float, float]
     updated: tuple[float, float, float]  # the same after the update
-    used: bool  # True if the gate let it pass
+    used: bool  # True if it has updated the filter
 
 
 def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
@@ -304,8 +304,7 @@ def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
     """Residuals that are expected of white errors and of a random walk.
 
     The fit of `residual_spread` removes the mean, and a turn and stretch of the path. The residuals of a
-    unit error at one fix (white), and of one from that fix on (walk), are squared and summed over all
-    fixes.
+    unit error at one fix (white), or from that fix on (walk), are squared and summed over all fixes.
     """
     n, centre, extent = scatter.laid, 0j, 0.0
     for k in range(n):

@@ -102,7 +102,7 @@ def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIG
 
 
 def learn_width(spin: SpinRecord, dt: float) -> None:
-    """Add a sample of ordinary driving, `dt` [s] after the one before, to the robot's bends."""
+    """Add a sample of ordinary driving that lasts `dt` [s] to the robot's bends."""
     turned = abs(spin.rate) * dt
     decay = math.exp(-turned / MEMORY_OF_TURNING)
     spin.turned = decay * spin.turned + turned

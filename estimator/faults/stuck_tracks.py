@@ -44,7 +44,7 @@ class Repeating(msgspec.Struct):
 def repeating_after(
     track: Repeating, stamp: int, reading: float, other: float, hold: float
 ) -> bool:
-    """Add a sample to a track's record; return True if it is the first one found stuck.
+    """Add a sample of a track; return True if it is the first one found stuck.
 
     Another reading, or a gap, starts the repetition again; the time of one that was not a fault counts in
     `longest`.

@@ -343,7 +343,7 @@ def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
 
 
 def _make_room(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
-    """Inflate the states that a re-acquired measurement is to move; return its noise R.
+    """Inflate the states that a re-acquired measurement is to move; return its R.
 
     A considered state cannot be moved: R of its component is inflated instead.
     """

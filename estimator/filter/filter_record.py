@@ -139,8 +139,6 @@ def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> t
 def may_be_pushed(record: FilterRecord) -> bool:
     """Return True if a robot that does not stand may turn with its tracks at rest."""
     tracks, settings = record.tracks, record.settings
-    return (
-        max(abs(tracks.left), abs(tracks.right)) < settings.track_speed
-        and record.stood_at < record.stamp
-        and is_alive(record.imu, record.stamp, settings.hold)
-    )
+    is_slow = max(abs(tracks.left), abs(tracks.right)) < settings.track_speed
+    has_imu = is_alive(record.imu, record.stamp, settings.hold)
+    return is_slow and has_imu and record.stood_at < record.stamp

@@ -182,16 +182,15 @@ class Gate:
         """Counts for people."""
         counts = self.counts
         return SensorHealth(
-            counts.used,
-            {"gate": counts.rejected} if counts.rejected else {},
-            counts.nis_sum,
-            counts.degrees,
-            0,
-            counts.judged,
-            counts.newest_nis,
-            counts.recent_nis,
-            self.newest,
-            counts.reacquired,
+            used=counts.used,
+            rejected={"gate": counts.rejected} if counts.rejected else {},
+            nis_sum=counts.nis_sum,
+            degrees=counts.degrees,
+            judged_count=counts.judged,
+            newest_nis=counts.newest_nis,
+            recent_nis=counts.recent_nis,
+            newest_judged=self.newest,
+            reacquired=counts.reacquired,
         )
 
 

@@ -59,10 +59,10 @@ class Functions:
         names = list(inspect.signature(function).parameters)
         hints = get_type_hints(function)
         used_types = []
-        for name, of_argument in zip(names, types, strict=True):
+        for name, argument_type in zip(names, types, strict=True):
             annotated = self.of_annotation(hints.get(name))
-            counts = annotated in NUMBERS or (annotated and annotated.kind == "tuple")
-            used_types.append(annotated if annotated and counts else of_argument)
+            is_used = annotated is not None and (annotated in NUMBERS or annotated.kind == "tuple")
+            used_types.append(annotated if annotated and is_used else argument_type)
         key = function, tuple(used_types)
         if key not in self._translated:
             name = function.__name__.lstrip("_")
@@ -87,7 +87,7 @@ class Functions:
             return self.records[hint]
         if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
             fields = get_type_hints(hint).items()
-            typed = [(name, self.of_annotation(of_field) or REAL) for name, of_field in fields]
+            typed = [(name, self.of_annotation(field_hint) or REAL) for name, field_hint in fields]
             return self.tuple_type(typed, hint.__name__)
         if get_origin(hint) is tuple and Ellipsis not in get_args(hint):
             types = [self.of_annotation(element) for element in get_args(hint)]
