@@ -183,8 +183,8 @@ class BatchFilter:
                 machine's registers; or the kernel of a step was not compiled.
         """
         workspace, per_lane = lanes.workspace, (lanes.workspace, inputs)
-        is_wrong = any(one.dtype != self.number for one in (*per_lane, lanes.constants))
-        is_wrong |= any(one.ctypes.data % LINE for one in per_lane)  # not aligned
+        is_wrong = any(array.dtype != self.number for array in (*per_lane, lanes.constants))
+        is_wrong |= any(array.ctypes.data % LINE for array in per_lane)  # not aligned
         if is_wrong or workspace.shape[1] != self.width:
             raise ValueError(WRONG_SIZE)
         since_first = steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0)
@@ -243,6 +243,7 @@ def work_places(layout: Layout, wander: FixWander) -> Places:
     rows = layout.rows
     pose = [rows[f"x{i}"] for i in range(3)]
     covariance = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
+    innovation = [f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")]
     uncertain = [i for i in layout.states if i < s.SIZE]
     replaced = (*range(3), *(i for i in layout.states if i >= s.SIZE))
     states = (*layout.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
@@ -265,9 +266,7 @@ def work_places(layout: Layout, wander: FixWander) -> Places:
         used=rows["position_used"],
         predicted=named_rows(PLACES[:3]),
         updated=named_rows(PLACES[3:]),
-        innovation=named_rows(
-            [f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")]
-        ),
+        innovation=named_rows(innovation),
         interval=layout.constants["interval"],
         row_count=len(rows),
         constant_count=len(layout.constants),

@@ -106,7 +106,7 @@ class Lane:
         self.fixed_for_imu = (*imu_fixed(shape.model.taught), *shape.considered, *wander)
         self.fixed_for_gyro = (*gyro_fixed(shape.model.taught), *shape.considered, *wander)
         size = s.SIZE + len(wander)
-        self.x = np.array([self._start(i) for i in range(size)], dtype=object)
+        self.x = np.array([self._initial_value(i) for i in range(size)], dtype=object)
         pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]
         if shape.compact and with_fast_slip:
             rows = {pair: self.rows[covariance_name(*pair)] for pair in pairs}
@@ -117,7 +117,7 @@ class Lane:
         # Number of sharp updates.
         self._sharp: Any = 0.0
 
-    def _start(self, index: int) -> Any:
+    def _initial_value(self, index: int) -> Any:
         """Value of a state before the kernel: of the workspace, a constant, or zero."""
         if index in self._states:
             return self.row(f"x{index}")
@@ -245,7 +245,7 @@ class Lane:
         self, z: Any, H: Vector, R: Any, *parts: Part, fixed: Iterable[int] = (), only: Any = True
     ) -> None:
         """Update with a scalar measurement, without a gate; for the arguments see `gated`."""
-        cross = self.P.times(_rest(H, parts), *parts)
+        cross = self.P.times(_without_parts(H, parts), *parts)
         inverse_S = 1.0 / (dot(cross, H) + R)
         self._apply(z, H, cross, R, select(only, inverse_S, 0.0), fixed)
 
@@ -301,7 +301,7 @@ class Lane:
         """
         patience = self.constant("imu_patience") if patience is None else patience
         interval = self.constant("interval") if interval is None else interval
-        cross = self.P.times(_rest(H, parts), *parts)
+        cross = self.P.times(_without_parts(H, parts), *parts)
         S = dot(cross, H) + R
         inverse_S = 1.0 / S
         square = z * z
@@ -335,9 +335,8 @@ class Lane:
         """Add to the counts of a gate, in the lanes (`only`; None for all) that measure."""
         before = self.row(f"{sensor}_rejected_for")
         after = select(used, 0.0, before + interval)
-        self.stores[f"{sensor}_rejected_for"] = (
-            after if only is None else select(only, after, before)
-        )
+        after = after if only is None else select(only, after, before)
+        self.stores[f"{sensor}_rejected_for"] = after
         for count, increase in (
             ("used", trace.truth_as_number(trace.both(only, used))),
             ("rejected", trace.truth_as_number(trace.both(only, ~used))),
@@ -387,9 +386,8 @@ class Lane:
         x, moving = self.x, [i for i in states if i not in fixed]
         outside: Any = False
         for direction, certain_sum, least in bounds:
-            outside = outside | (
-                least - certain_sum - dot(values_for(x, direction), direction) > tolerance
-            )
+            short = least - certain_sum - dot(values_for(x, direction), direction)
+            outside = outside | (short > tolerance)
 
         def a_round(*values: Any) -> Any:
             """Project onto each bound in turn; the states, and True if any has moved."""
@@ -409,9 +407,8 @@ class Lane:
         inside = trace.repeat(outside, before, a_round, BOUND_ROUNDS)[:-1]
         for i, value in zip(states, inside, strict=True):
             x[i] = value
-        self.report(
-            "projected", [after - x for after, x in zip(inside, before, strict=True)], states
-        )
+        changes = [after - earlier for after, earlier in zip(inside, before, strict=True)]
+        self.report("projected", changes, states)
 
     def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
         """Bounds: weights of uncertain states, sum over the other states, lower limit."""
@@ -448,7 +445,7 @@ def plain_kernel(make: Any, of_user: MotionModel | None = None) -> Any:
     return kernel
 
 
-def _rest(row: Vector, parts: Iterable[Part]) -> Vector:
+def _without_parts(row: Vector, parts: Iterable[Part]) -> Vector:
     """Entries of a row that are in none of its parts."""
     shared = {i for _, part in parts for i in part}
     return {i: value for i, value in row.items() if i not in shared}

@@ -243,9 +243,8 @@ class LaneSteps:
     def _step(self, kernel_number: int, stamp: int, rejected_for: float = 0.0) -> int:
         """Take a step to a stamp [ns], or an update; see `take_step`."""
         yaw, places, arrays = self._ekf.x.item(s.YAW), self._lane.places, self._all_arrays()
-        result: int = self._take_step(
-            places, kernel_number, self._records, arrays, stamp, rejected_for
-        )
+        step = places, kernel_number, self._records, arrays, stamp, rejected_for
+        result: int = self._take_step(*step)
         if result >= 0 and self._has_watchers():
             self._report(kernel_number, yaw)
         return result

@@ -244,9 +244,8 @@ def feed_samples(
     if angular_velocities.shape != (count, 3) or forces.shape != (count, 3):
         raise ValueError(WRONG_SIZE)
     while tracks < len(track_stamps) or samples < count:
-        is_track = samples == count or (
-            tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
-        )
+        has_tracks = tracks < len(track_stamps)
+        is_track = samples == count or (has_tracks and track_stamps[tracks] <= imu_stamps[samples])
         stamp = track_stamps[tracks] if is_track else imu_stamps[samples]
         if is_row_due(rows, stamp, record.stamp):
             write_row(places, records, arrays, rows)
@@ -296,6 +295,7 @@ def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:
     model = (x, memory, lane, inputs, constants)
     indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *results)
     with_states, shares = np.zeros((3, n)), np.ones(3)
+    # Covariance J P J' of the twist, where the regressors are its derivatives by the parameters.
     for axis in range(3):
         for k in range(s.PARAMETER_COUNT):
             jacobian[axis, PARAMETERS + k] = regressors[axis, k]

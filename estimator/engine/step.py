@@ -149,6 +149,7 @@ class Step:
     def _shares(self) -> list[Any]:
         """Factors on the slip: its mean over the step is measured and moves the robot."""
         kind = self.kind
+        # An IMU sample without a step shows the slip of its moment.
         is_moment = kind.imu and not (kind.moves or kind.in_step)
         return [1.0, 1.0, 1.0] if is_moment else [fade.mean for fade in self._fades()]
 

@@ -405,7 +405,7 @@ def add_fault(kind: type[OwnFault]) -> None:
         raise EstimatorError(
             f"a fault is a class of OwnFault with a name and an effect, found {kind!r}"
         )
-    if kind.name in (*OWN_FAULTS, *RESERVED, *(one.name for one in FAULTS)):
+    if kind.name in (*OWN_FAULTS, *RESERVED, *(fault.name for fault in FAULTS)):
         raise EstimatorError(f"{kind.name!r}: there is such a fault already")
     try:
         kind()

@@ -46,9 +46,8 @@ def patience_for(squared_distance: Any, patience: Any, fastest: Any) -> Any:
         patience: that of the settings [s].
         fastest: highest track speed of the robot [m/s].
     """
-    return max(
-        patience, min(LARGEST_PATIENCE_FACTOR * patience, math.sqrt(squared_distance) / fastest)
-    )
+    driving_time = math.sqrt(squared_distance) / fastest
+    return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, driving_time))
 
 
 def inflation(square: float, expected: float) -> float:

@@ -312,7 +312,7 @@ class Health:
         self.noise.update(other.noise)
         for fault, count in other.times.items():
             self.times[fault] = self.times.get(fault, 0) + count
-        for name in (one.name for one in fields(self)):
+        for name in [attribute.name for attribute in fields(self)]:
             value, default = getattr(other, name), getattr(Health(), name)
             if isinstance(value, int):
                 setattr(self, name, getattr(self, name) + value)

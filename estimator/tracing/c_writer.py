@@ -135,29 +135,9 @@ class FunctionWriter:
         self._indent = outer
 
     def _for(self, name: str, over: ast.expr, body: Sequence[ast.stmt]) -> None:
-        """Loop over a range, unrolled if it indexes a tuple, or over an array (n,)."""
+        """Loop over a range or over an array (n,)."""
         if isinstance(over, ast.Call) and _name_of(over.func) == "range":
-            bounds = [self._code(arg) for arg in over.args]
-            start, stop = bounds[:2] if len(bounds) > 1 else (Code("0", INT, 0), bounds[0])
-            if self._indexes_tuple(name, body):
-                for k in range(start.value, stop.value):
-                    self._unrolled[name] = k
-                    for statement in body:
-                        self._statement(statement)
-                    del self._unrolled[name]
-                return
-            stride = bounds[2].value if len(bounds) > 2 else 1
-            if stride not in (1, -1):
-                raise self._fail(over)
-            stop = stop if stop.value is not None else self._in_variable(stop)
-            relation, step = (">", "--") if stride < 0 else ("<", "++")
-            self._local(name, INT)
-            index = _safe(name)
-            self._add(
-                f"for ({index} = {start.text}; {index} {relation} {stop.text}; {index}{step}) {{"
-            )
-            self._block(body)
-            self._add("}")
+            self._for_range(name, over, body)
             return
         array = self._code(over)
         if array.type.kind != "array" or len(array.type.shape) != 1:
@@ -171,14 +151,35 @@ class FunctionWriter:
         self._block(body)
         self._add("}")
 
+    def _for_range(self, name: str, over: ast.Call, body: Sequence[ast.stmt]) -> None:
+        """Loop over a range; unrolled if its variable is the index of a tuple."""
+        bounds = [self._code(arg) for arg in over.args]
+        start, stop = bounds[:2] if len(bounds) > 1 else (Code("0", INT, 0), bounds[0])
+        if self._indexes_tuple(name, body):
+            for k in range(start.value, stop.value):
+                self._unrolled[name] = k
+                for statement in body:
+                    self._statement(statement)
+                del self._unrolled[name]
+            return
+        stride = bounds[2].value if len(bounds) > 2 else 1
+        if stride not in (1, -1):
+            raise self._fail(over)
+        stop = stop if stop.value is not None else self._in_variable(stop)
+        relation, step = (">", "--") if stride < 0 else ("<", "++")
+        self._local(name, INT)
+        index = _safe(name)
+        self._add(f"for ({index} = {start.text}; {index} {relation} {stop.text}; {index}{step}) {{")
+        self._block(body)
+        self._add("}")
+
     def _indexes_tuple(self, name: str, body: Sequence[ast.stmt]) -> bool:
         """Return True if a loop's variable is the index of a tuple."""
         nodes = [node for statement in body for node in ast.walk(statement)]
-        indexed = [
-            one for one in nodes if isinstance(one, ast.Subscript) and _name_of(one.slice) == name
-        ]
-        owner_types = [self._locals.get(_name_of(one.value)) for one in indexed]
-        return any(owner is not None and owner.kind == "tuple" for owner in owner_types)
+        subscripts = [node for node in nodes if isinstance(node, ast.Subscript)]
+        owners = [_name_of(one.value) for one in subscripts if _name_of(one.slice) == name]
+        types = [self._locals.get(owner, NONE) for owner in owners]
+        return any(c_type.kind == "tuple" for c_type in types)
 
     def _return(self, value: ast.expr) -> None:
         code = self._code(value, self.result)
