@@ -108,7 +108,7 @@ INDICES, DERIVATIVES = 9, 12
 def _first_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make the kernel of the first track speeds: a moving robot may slip already."""
     lane = Lane(shape)
-    slip = model.SlipConstants(*(lane.constant(field) for field in model.SlipConstants._fields))
+    slip = lane.slip
     smooth, factor = (
         (lane.input("smooth_left"), lane.input("smooth_right")),
         lane.row("slip_factor"),

@@ -7,11 +7,10 @@ import numpy as np
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.engine.lane import FilterShape
 from icreckon.estimator.engine.layout import SLIP_SHARES, STEP_CONSTANTS
-from icreckon.estimator.engine.model import SlipConstants
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, imu_patience
 from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.motion.motion_model import MotionModel
-from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.robot.robot_file import Robot, Slip
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 
@@ -50,7 +49,7 @@ def shared_constants(
         **model.vehicle._asdict(),
         "slope_forgetting": disturbances.slope_forgetting,
         "fastest": robot.vehicle.max_track_speed,
-        **{name: getattr(slip, name) for name in SlipConstants._fields},
+        **{name: getattr(slip, name) for name in Slip.__struct_fields__},
         "imu_x": imu_x,
         "imu_y": imu_y,
         "threshold": CHI_SQUARE_1E4[1],
@@ -77,6 +76,6 @@ def all_walks(disturbances: Disturbances) -> Floats:
 def aligned(count: int, number: Any = np.float64) -> Any:
     """Zeros (count,) of a type, aligned with the machine's registers."""
     size = np.dtype(number).itemsize
-    room = np.zeros(count + LINE // size, dtype=number)
-    skip = (-room.ctypes.data % LINE) // size
-    return room[skip : skip + count]
+    padded = np.zeros(count + LINE // size, dtype=number)
+    first = (-padded.ctypes.data % LINE) // size  # the first that is at a multiple of LINE
+    return padded[first : first + count]

@@ -49,7 +49,7 @@ class Covariance:
 
     def entry(self, a: int, b: int) -> Any:
         """Covariance of two states."""
-        value = self._base(a, b)
+        value = self._before_updates(a, b)
         for gain, cross, _ in self._updates:
             # Gains are zero or optimal; in both cases this equals the Joseph form. `update` adds what
             # the gain of a stand-in changes to the entries.
@@ -87,18 +87,18 @@ class Covariance:
             for a, value in error.items():
                 result[a] = result[a] + value * (weight * moved)
         for gain, cross, inverse_S in self._updates:
-            of_all: Any = 0.0
-            of_fixed: Any = 0.0
+            along_all: Any = 0.0
+            along_fixed: Any = 0.0
             for factor, part in all_parts:
                 fixed = {b: value for b, value in part.items() if b not in gain}
-                of_all = of_all + factor * dot(cross, part)
-                of_fixed = of_fixed + factor * dot(cross, fixed)
-            of_moved = (of_all - of_fixed) * inverse_S
+                along_all = along_all + factor * dot(cross, part)
+                along_fixed = along_fixed + factor * dot(cross, fixed)
+            along_moved = (along_all - along_fixed) * inverse_S
             for a in self.states:
                 if a in gain:
-                    result[a] = result[a] - gain[a] * of_all
+                    result[a] = result[a] - gain[a] * along_all
                 else:
-                    result[a] = result[a] - cross.get(a, 0.0) * of_moved
+                    result[a] = result[a] - cross.get(a, 0.0) * along_moved
         return result
 
     def add(self, a: int, b: int, value: Any) -> None:
@@ -130,9 +130,9 @@ class Covariance:
         if stand_in is None:
             return gain
         state, _ = stand_in
-        of_fixed, missing = _missing(cross, fixed, *stand_in)
+        fixed_entries, missing = _missing(cross, fixed, *stand_in)
         added_gain = missing * inverse_S
-        for i, value in of_fixed.items():
+        for i, value in fixed_entries.items():
             self.add(state, i, -(added_gain * value))
         self.add(state, state, added_gain * missing)
         return gain | {state: gain[state] + added_gain}
@@ -152,7 +152,7 @@ class Covariance:
         Returns:
             State -> what was added to its variance.
         """
-        added = {i: share * self._base(i, i) for i in self.states}
+        added = {i: share * self._before_updates(i, i) for i in self.states}
         for i, variance in added.items():
             self.add(i, i, variance)
         return added
@@ -161,7 +161,7 @@ class Covariance:
         """Stored entry of a pair of states, without postponed updates and errors."""
         return self._entries.get((a, b) if a <= b else (b, a), 0.0)
 
-    def _base(self, a: int, b: int) -> Any:
+    def _before_updates(self, a: int, b: int) -> Any:
         """Entry of a pair of states with the added errors, before the postponed updates."""
         value = self._stored(a, b)
         for weight, error in self._errors:
@@ -175,8 +175,9 @@ def _missing(cross: Vector, fixed: Iterable[int], state: int, H: Vector) -> tupl
 
     The latter, times the stand-in's derivative in H, is the part of fixed states in H P H'.
     """
-    of_fixed = {i: cross[i] for i in fixed if i in cross}
-    return of_fixed, dot(of_fixed, {i: by for i, by in H.items() if i in of_fixed}) / H[state]
+    fixed_entries = {i: cross[i] for i in fixed if i in cross}
+    fixed_row = {i: by for i, by in H.items() if i in fixed_entries}
+    return fixed_entries, dot(fixed_entries, fixed_row) / H[state]
 
 
 def combined(row: Vector, *parts: tuple[Any, Vector]) -> Vector:

@@ -35,6 +35,7 @@ from icreckon.estimator.engine.work import ESTIMATE, LaneKernels, Places, time_o
 from icreckon.estimator.filter.fault_table import OWN_FAULTS
 from icreckon.estimator.filter.filter_record import FixesRecord
 from icreckon.estimator.filter.initial_state import assumptions, considered_states
+from icreckon.estimator.filter.process_noise import slip_at
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import FixWander, Settings, wander_of
 from icreckon.estimator.robot.variants import Variant
@@ -89,12 +90,10 @@ class BatchFilter:
             raise BatchError(f"numbers have 64 or 32 bits, found bits = {bits!r}")
         self._wander = wander_of(robot, settings)
         assumed = assumptions(robot, variant, settings)
-        model = traced_model(assumed.model)
+        self._model, self._prior, self._sigmas, self._disturbances = assumed
+        model = traced_model(self._model)
         if model is None:
             raise BatchError(f"the motion model of {variant.name!r} cannot run side by side")
-        motion = assumed.model
-        self._model, self._prior, self._sigmas = motion, assumed.state, assumed.sigmas
-        self._disturbances = assumed.disturbances
         self.robot, self.variant, self.settings = robot, variant, settings
         self._uses_force = settings.use_accelerometer and variant.accelerometers
         self.width, self.number = width or lanes_of_machine(bits), PRECISIONS[bits]
@@ -160,10 +159,11 @@ class BatchFilter:
         """Add the slip variance of each lane: the robot may be moving already, with slip."""
         eta = self._model.steering_efficiency(self._prior[s.PARAMETERS])
         for lane, (left, right) in enumerate(first_speeds.tolist()):
-            slip = self._disturbances.slip_of(left, right, eta)
+            gauge = self.robot.vehicle.track_gauge
+            sigmas = slip_at(left, right, self._disturbances.slip, gauge, eta, False, 1.0)
             for axis in range(3):
                 row = self.rows[f"P{s.SLIP_X + axis}_{s.SLIP_X + axis}"]
-                workspace[row, lane] += slip[axis] ** 2
+                workspace[row, lane] += sigmas[axis] ** 2
 
     def work_through(
         self, lanes: Lanes, inputs: Floats, steps: Steps, table: Floats, estimates: Floats
@@ -183,9 +183,9 @@ class BatchFilter:
                 machine's registers; or the kernel of a step was not compiled.
         """
         workspace, per_lane = lanes.workspace, (lanes.workspace, inputs)
-        is_odd = any(one.dtype != self.number for one in (*per_lane, lanes.constants))
-        is_odd |= any(one.ctypes.data % LINE for one in per_lane)
-        if is_odd or workspace.shape[1] != self.width:
+        is_wrong = any(array.dtype != self.number for array in (*per_lane, lanes.constants))
+        is_wrong |= any(array.ctypes.data % LINE for array in per_lane)  # not aligned
+        if is_wrong or workspace.shape[1] != self.width:
             raise ValueError(WRONG_SIZE)
         since_first = steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0)
         entry(work_through)(
@@ -225,12 +225,10 @@ class BatchFilter:
                 f"the IMU is silent for {longest:.2f} s, longer than Settings.hold, which filters side "
                 "by side cannot bridge; use run"
             )
-        when, moves = time_of_fix(steps.kinds, steps.extras), steps.kinds == MOVE
-        times = (
-            (steps.extras[moves] & TICK) > 0,
-            *(when[(steps.extras & bit) > 0] for bit in (POSITION, HEADING)),
-        )
-        used = (frozenset(one.tolist()) for one in times)
+        fix_times = time_of_fix(steps.kinds, steps.extras)
+        moves_to_tick = (steps.extras[steps.kinds == MOVE] & TICK) > 0
+        by_kind = [fix_times[(steps.extras & bit) > 0] for bit in (POSITION, HEADING)]
+        used = (frozenset(one.tolist()) for one in (moves_to_tick, *by_kind))
         self._kernels = _kernels(self.shape, self.width, self._uses_force, *used)
         if self._prepared is None or self._prepared[0] is not steps:
             table = np.zeros((len(steps.starts), STEP_COLUMNS))
@@ -245,33 +243,35 @@ def work_places(layout: Layout, wander: FixWander) -> Places:
     rows = layout.rows
     pose = [rows[f"x{i}"] for i in range(3)]
     covariance = [rows[covariance_name(i, j)] for i in range(3) for j in range(i, 3)]
+    innovation = [f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")]
+    uncertain = [i for i in layout.states if i < s.SIZE]
     replaced = (*range(3), *(i for i in layout.states if i >= s.SIZE))
     states = (*layout.states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
 
-    def pairs(of: Sequence[int], others: Sequence[int]) -> Any:
-        return np.array([[rows[covariance_name(i, j)] for j in others] for i in of])
+    def covariance_rows(some: Sequence[int], others: Sequence[int]) -> Any:
+        return np.array([[rows[covariance_name(i, j)] for j in others] for i in some])
 
-    def of_names(names: Sequence[str]) -> Any:
+    def named_rows(names: Sequence[str]) -> Any:
         return np.array([rows[name] for name in names])
 
     return Places(
-        np.array([*pose, *covariance, *(rows[name] for name in TWIST)]),
-        np.array([i for i in layout.states if i < s.SIZE]),
-        of_names([f"x{i}" for i in layout.states if i < s.SIZE]),
-        of_names([f"P{i}_{i}" for i in layout.states if i < s.SIZE]),
-        of_names([f"x{i}" for i in replaced]),
-        pairs(replaced, states),
-        pairs(replaced, replaced),
-        rows["position_rejected_for"],
-        rows["position_used"],
-        of_names(PLACES[:3]),
-        of_names(PLACES[3:]),
-        of_names([f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")]),
-        layout.constants["interval"],
-        len(rows),
-        len(layout.constants),
-        wander.sigma,
-        wander.time,
+        estimate=np.array([*pose, *covariance, *(rows[name] for name in TWIST)]),
+        states=np.array(uncertain),
+        x=named_rows([f"x{i}" for i in uncertain]),
+        variances=named_rows([f"P{i}_{i}" for i in uncertain]),
+        replaced=named_rows([f"x{i}" for i in replaced]),
+        with_replaced=covariance_rows(replaced, states),
+        of_replaced=covariance_rows(replaced, replaced),
+        rejected=rows["position_rejected_for"],
+        used=rows["position_used"],
+        predicted=named_rows(PLACES[:3]),
+        updated=named_rows(PLACES[3:]),
+        innovation=named_rows(innovation),
+        interval=layout.constants["interval"],
+        row_count=len(rows),
+        constant_count=len(layout.constants),
+        wander_sigma=wander.sigma,
+        wander_time=wander.time,
     )
 
 

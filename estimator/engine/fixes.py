@@ -22,7 +22,7 @@ from icreckon.estimator.engine.model import (
     turn,
 )
 from icreckon.estimator.engine.step import PredictedPose, Step, StepKind
-from icreckon.estimator.faults.departing_fixes import Departure, errors_of
+from icreckon.estimator.faults.departing_fixes import Departure, errors_by_cause
 from icreckon.estimator.filter.ekf import LEAST_VARIANCE
 from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.filter.gate import LARGEST_INFLATION
@@ -52,28 +52,30 @@ def position_kernel(
     lane = Lane(shape, numbers, with_fast_slip=kind.fast_slip)
     x, P = lane.x, lane.P
     variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
-    values, rows, covariance = _antenna(lane, _predicted(lane, kind))
-    predicted, values = list(values), list(values)
+    predicted, rows, covariance = _antenna(lane, _predicted(lane, kind))
+    values = list(predicted)  # with the wander of the fixes
     if s.WANDER_X in shape.states:
         for axis, wander in ((s.X, s.WANDER_X), (s.Y, s.WANDER_Y)):
             values[axis], rows[axis][wander] = values[axis] + x[wander], 1.0
     before = x.copy()
-    z = lane.input("fix_x") - values[s.X], lane.input("fix_y") - values[s.Y]
+    fix = lane.input("fix_x"), lane.input("fix_y")
+    z = z_x, z_y = fix[0] - values[s.X], fix[1] - values[s.Y]
     R = [maximum(variance + covariance[axis][axis], LEAST_VARIANCE) for axis in (s.X, s.Y)]
     smooth = lane.input("smooth_left"), lane.input("smooth_right")
     interval, heading = lane.input("fix_interval"), turn(values[s.YAW])
 
     def innovation_spread() -> tuple[Any, Any, Any, Any]:
         """Innovation covariance xx, xy, yy, and normalised innovation squared."""
-        of_x, of_y = P.times(rows[s.X]), P.times(rows[s.Y])
-        xx = dot(of_x, rows[s.X]) + R[s.X]
-        xy = dot(of_x, rows[s.Y]) + covariance[s.X][s.Y]
-        yy = dot(of_y, rows[s.Y]) + R[s.Y]
-        by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
-        return xx, xy, yy, (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
+        with_x, with_y = P.times(rows[s.X]), P.times(rows[s.Y])
+        xx = dot(with_x, rows[s.X]) + R[s.X]
+        xy = dot(with_x, rows[s.Y]) + covariance[s.X][s.Y]
+        yy = dot(with_y, rows[s.Y]) + R[s.Y]
+        by_x, by_y = z_x * yy - z_y * xy, z_y * xx - z_x * xy
+        return xx, xy, yy, (z_x * by_x + z_y * by_y) / (xx * yy - xy * xy)
 
     # Modes of a fix (`gate`): 0 skipped, 1 gated, 2 forced.
-    judged = (mode > 0.5) & (mode < 1.5)
+    is_tried, is_forced = mode > 0.5, mode > 1.5
+    judged = is_tried & (mode < 1.5)
 
     def inflate(states: Sequence[int], error: Sequence[Any], only: Any) -> None:
         """Inflate by an error that moves several states, in some lanes."""
@@ -87,25 +89,23 @@ def position_kernel(
     *S, nis = innovation_spread()
     is_off = judged & ~(nis <= lane.constant("position_threshold"))
     earlier = Departure(*(lane.row(name) for name in DEPARTURE))
-    fix = lane.input("fix_x"), lane.input("fix_y")
     fastest, gauge = lane.constant("fastest"), lane.constant("gauge")
-    departure, is_clear, indicated = departure_after(
+    departure, is_followed, indicated = departure_after(
         earlier, fix, z, tuple(S), heading, fastest, gauge, interval
     )
-    departs = is_off & is_clear
-    for states, error in errors_of(indicated):
+    departs = is_off & is_followed
+    for states, error in errors_by_cause(indicated):
         # A considered bias, the last state of an error, is not inflated.
         inflate(states[: len(states) - (states[-1] in shape.considered)], error, departs)
     # Gate: admit or reject. After some time a forced fix is re-acquired; a gated one marks a lost lane.
     xx, xy, yy, nis = innovation_spread()
     admitted = nis <= lane.constant("position_threshold")
-    square = z[0] * z[0] + z[1] * z[1]
+    square = z_x * z_x + z_y * z_y
     patience = patience_for(square, lane.constant("patience"), fastest)
     patience_ends = lane.row("position_rejected_for") >= patience
     reacquires = ~admitted & patience_ends
-    lost = (mode > 0.5) & reacquires & (mode < 1.5)
-    reacquired = reacquires & (mode > 1.5)
-    tested = (mode > 0.5) & ~lost
+    lost, reacquired = judged & reacquires, is_forced & reacquires
+    tested = is_tried & ~lost
     used = tested & (admitted | reacquired)
     at_fix, at_path = Departure(0.0, *fix, *z), Departure(0.0, values[s.X], values[s.Y], *z)
     choices = zip(DEPARTURE, at_fix, departure, at_path, earlier, strict=True)
@@ -120,7 +120,7 @@ def position_kernel(
     for axis in (s.X, s.Y):
         residual = z[axis] - shift_of(rows[axis], x, before)
         lane.update(residual, rows[axis], R[axis], fixed=shape.considered, only=used)
-    lane.cover_rounding(of_fix=True)
+    lane.cover_rounding(after_fix=True)
     lane.keep_inside_bounds()
     lane.count("position", nis, admitted, admitted | reacquired, tested, interval)
     # Factors on the slip: innovations to the same side increase them, a departure sets the largest.
@@ -128,8 +128,8 @@ def position_kernel(
         select(departs, LARGEST_FACTOR, lane.row(name)) for name in FACTORS
     )
     forward, left, size = (lane.row(name) for name in TREND)
-    of_forward, of_left = normalised(z, (xx, xy, yy), heading)
-    trend = trend_after((forward, left, size), of_forward, of_left)
+    innovation_forward, innovation_left = normalised(z, (xx, xy, yy), heading)
+    trend = trend_after((forward, left, size), innovation_forward, innovation_left)
     present_after = present_factor_after(present_factor, trend, *smooth)
     counts = tested & admitted
     slip_after = slip_factor_after(slip_factor, present_after, *smooth)
@@ -140,12 +140,12 @@ def position_kernel(
     # Outputs: places of the antenna, and the innovation.
     places = {"predicted": predicted}
     if kind.updated:
-        places["updated"] = list(_antenna(lane, _predicted(lane, kind)).values)
+        places["updated"] = _antenna(lane, _predicted(lane, kind)).values
     for when, place in places.items():
         lane.stores |= {f"{when}_{axis}": value for axis, value in zip(PLACE, place, strict=True)}
-    innovation = {"z_x": z[0], "z_y": z[1], "S_xx": xx, "S_xy": xy, "S_yy": yy}
+    innovation = {"z_x": z_x, "z_y": z_y, "S_xx": xx, "S_xy": xy, "S_yy": yy}
     for part, value in innovation.items():
-        lane.stores[f"position_{part}"] = select(mode > 0.5, value, lane.row(f"position_{part}"))
+        lane.stores[f"position_{part}"] = select(is_tried, value, lane.row(f"position_{part}"))
     return _finished(lane, name, (lost, used), kind)
 
 
@@ -164,7 +164,7 @@ def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:
         patience=lane.constant("patience"),
         interval=lane.input("heading_interval"),
     )
-    lane.cover_rounding(of_fix=True)
+    lane.cover_rounding(after_fix=True)
     lane.keep_inside_bounds()
     return _finished(lane, name, (), kind)
 
@@ -184,24 +184,21 @@ def _predicted(lane: Lane, kind: FixKind) -> PredictedPose:
 
 def _antenna(lane: Lane, pose: PredictedPose) -> PredictedPose:
     """Predicted position of the antenna and yaw, see `predictions.point_on_robot`."""
-    values, (of_x, of_y, of_yaw), covariance = pose
+    values, (x_row, y_row, yaw_row), covariance = pose
     forward, left = lane.input("fix_forward"), lane.input("fix_left")
     cos, sin = turn(values[s.YAW])
     ahead, beside = cos * forward - sin * left, sin * forward + cos * left
-    rows = [combined(of_x, (-beside, of_yaw)), combined(of_y, (ahead, of_yaw)), of_yaw]
+    rows = [combined(x_row, (-beside, yaw_row)), combined(y_row, (ahead, yaw_row)), yaw_row]
     by_pose = [{s.X: 1.0, s.YAW: -beside}, {s.Y: 1.0, s.YAW: ahead}, {s.YAW: 1.0}]
-    of_antenna = [
-        [dot(a, {i: dot(b, dict(enumerate(covariance[i]))) for i in range(3)}) for b in by_pose]
-        for a in by_pose
-    ]
+    # J C J' of the pose's covariance C, one row of J after another.
+    with_pose = [[dot(by, dict(enumerate(row))) for row in covariance] for by in by_pose]
+    antenna_covariance = [[dot(a, dict(enumerate(row))) for row in with_pose] for a in by_pose]
     place = [values[s.X] + ahead, values[s.Y] + beside, values[s.YAW]]
-    return PredictedPose(place, rows, of_antenna)
+    return PredictedPose(place, rows, antenna_covariance)
 
 
 def _finished(lane: Lane, name: str, flags: Sequence[Any], kind: FixKind) -> Kernel:
     """Make the kernel of a lane after a fix, with the twist if the kind has it."""
     if kind.twist:
-        speeds = lane.input("now_left"), lane.input("now_right")
-        now = lane.twist_model(*speeds)
-        lane.store_twist(lane.with_smoothed_derivatives(now))
+        lane.store_twist()
     return lane.kernel(name, flags, with_fast_slip=kind.fast_slip)

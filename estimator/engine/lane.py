@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cache
+from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -22,6 +23,7 @@ from icreckon.estimator.filter.gate import LARGEST_INFLATION
 from icreckon.estimator.motion import linear_model
 from icreckon.estimator.motion.bounds import BOUND_ROUNDS, ROUNDING
 from icreckon.estimator.motion.motion_model import MotionModel, VehicleConstants
+from icreckon.estimator.robot.robot_file import Slip
 from icreckon.estimator.sensors.measurement_models import POSE_FIXED, gyro_fixed, imu_fixed
 from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.kernel import FLAG_BITS, Kernel, Store
@@ -95,8 +97,8 @@ class Lane:
         self.layout = shape.layout
         self.rows, self._places = self.layout.rows, self.layout.constants
         self._states = states = (*shape.states, *FAST) if with_fast_slip else shape.states
-        names: Any = VehicleConstants._fields
-        vehicle = VehicleConstants(*(cast(Any, self.constant(name)) for name in names))
+        constant: Any = self.constant
+        vehicle = VehicleConstants(*map(constant, VehicleConstants._fields))
         memory = [self.row(f"memory{k}") for k in range(shape.model.memory)]
         of_user = None if numbers is None else numbers.of_user
         self.model_inputs = ModelInputs(shape.model, vehicle, memory, of_user)
@@ -104,7 +106,7 @@ class Lane:
         self.fixed_for_imu = (*imu_fixed(shape.model.taught), *shape.considered, *wander)
         self.fixed_for_gyro = (*gyro_fixed(shape.model.taught), *shape.considered, *wander)
         size = s.SIZE + len(wander)
-        self.x = np.array([self._start(i) for i in range(size)], dtype=object)
+        self.x = np.array([self._initial_value(i) for i in range(size)], dtype=object)
         pairs = [(min(i, j), max(i, j)) for n, i in enumerate(states) for j in states[n:]]
         if shape.compact and with_fast_slip:
             rows = {pair: self.rows[covariance_name(*pair)] for pair in pairs}
@@ -115,7 +117,7 @@ class Lane:
         # Number of sharp updates.
         self._sharp: Any = 0.0
 
-    def _start(self, index: int) -> Any:
+    def _initial_value(self, index: int) -> Any:
         """Value of a state before the kernel: of the workspace, a constant, or zero."""
         if index in self._states:
             return self.row(f"x{index}")
@@ -153,9 +155,10 @@ class Lane:
         if self.shape.reports:
             self.events.append(Event(kind, tuple(states), tuple(fixed), tuple(values)))
 
-    def of_states(self, vector: Vector) -> list[Any]:
-        """Entries of a vector for all states of the covariance."""
-        return [vector.get(i, 0.0) for i in self.P.states]
+    @property
+    def slip(self) -> Any:
+        """Constants of the slip, as fields with the names of `Slip`."""
+        return SimpleNamespace(**{name: self.constant(name) for name in Slip.__struct_fields__})
 
     @property
     def eta(self) -> Any:
@@ -179,8 +182,18 @@ class Lane:
         states = self.shape.states
         return model.twist_model(self.x, self.model_inputs, left, right, slip_shares, states)
 
-    def store_twist(self, now: TracedTwist) -> None:
-        """Store a body velocity and its covariance, limited by the fastest drive."""
+    def smoothed_twist(self, left: Any, right: Any, slip_shares: Any = WHOLE) -> TracedTwist:
+        """Body velocity, with the regressors as its derivatives by the parameters."""
+        now = self.twist_model(left, right, slip_shares)
+        for axis, row in enumerate(now.rows):
+            for i in row.keys() & self.layout.parameters:
+                name = f"r{axis}_{i}"
+                row[i] = self.stores[name] if name in self.stores else self.row(name)
+        return now
+
+    def store_twist(self) -> None:
+        """Store present body velocity and covariance, limited by the fastest drive."""
+        now = self.smoothed_twist(self.input("now_left"), self.input("now_right"))
         with_rows = [self.P.times(row) for row in now.rows]
         pairs = [(i, j) for i in range(3) for j in range(i, 3)]
         covariance = {(i, j): dot(with_rows[i], now.rows[j]) for i, j in pairs}
@@ -200,14 +213,6 @@ class Lane:
         for axis, row in zip(TWIST[:3], now.rows, strict=True):
             for i in (*self.shape.states, *FAST):
                 self.stores[f"{axis}_by_{i}"] = row.get(i, 0.0)
-
-    def with_smoothed_derivatives(self, now: TracedTwist) -> TracedTwist:
-        """Replace derivatives by the parameters with the regressors; `now` is changed."""
-        for axis, row in enumerate(now.rows):
-            for i in row.keys() & self.layout.parameters:
-                name = f"r{axis}_{i}"
-                row[i] = self.stores[name] if name in self.stores else self.row(name)
-        return now
 
     def kernel(
         self, name: str, flags: Sequence[Any] = (), *, with_fast_slip: bool = False
@@ -240,7 +245,7 @@ class Lane:
         self, z: Any, H: Vector, R: Any, *parts: Part, fixed: Iterable[int] = (), only: Any = True
     ) -> None:
         """Update with a scalar measurement, without a gate; for the arguments see `gated`."""
-        cross = self.P.times(_rest(H, parts), *parts)
+        cross = self.P.times(_without_parts(H, parts), *parts)
         inverse_S = 1.0 / (dot(cross, H) + R)
         self._apply(z, H, cross, R, select(only, inverse_S, 0.0), fixed)
 
@@ -258,10 +263,11 @@ class Lane:
         sharp_share, _ = SHARP_UPDATES[self.shape.bits]
         is_sharp = select((R * inverse_S < sharp_share) & (inverse_S > 0.0), 1.0, 0.0)
         self._sharp, fixed = self._sharp + is_sharp, tuple(fixed)
-        instead = None if stand_in is None else (stand_in, H)
-        gains = self.P.correct(self.x, z, cross, inverse_S, fixed, instead)
-        vectors = (value for vector in (H, cross, gains) for value in self.of_states(vector))
-        self.report("updated", (z, R, inverse_S, is_sharp, *vectors), self.P.states, fixed)
+        stand_in_row = None if stand_in is None else (stand_in, H)
+        gains = self.P.correct(self.x, z, cross, inverse_S, fixed, stand_in_row)
+        states = self.P.states
+        vectors = [vector.get(i, 0.0) for vector in (H, cross, gains) for i in states]
+        self.report("updated", (z, R, inverse_S, is_sharp, *vectors), states, fixed)
 
     def gated(
         self,
@@ -295,7 +301,7 @@ class Lane:
         """
         patience = self.constant("imu_patience") if patience is None else patience
         interval = self.constant("interval") if interval is None else interval
-        cross = self.P.times(_rest(H, parts), *parts)
+        cross = self.P.times(_without_parts(H, parts), *parts)
         S = dot(cross, H) + R
         inverse_S = 1.0 / S
         square = z * z
@@ -329,9 +335,8 @@ class Lane:
         """Add to the counts of a gate, in the lanes (`only`; None for all) that measure."""
         before = self.row(f"{sensor}_rejected_for")
         after = select(used, 0.0, before + interval)
-        self.stores[f"{sensor}_rejected_for"] = (
-            after if only is None else select(only, after, before)
-        )
+        after = after if only is None else select(only, after, before)
+        self.stores[f"{sensor}_rejected_for"] = after
         for count, increase in (
             ("used", trace.truth_as_number(trace.both(only, used))),
             ("rejected", trace.truth_as_number(trace.both(only, ~used))),
@@ -356,13 +361,13 @@ class Lane:
         else:
             self.report("motion", (yaw,), (s.YAW,))
 
-    def cover_rounding(self, *, of_fix: bool = False) -> None:
+    def cover_rounding(self, *, after_fix: bool = False) -> None:
         """Inflate the states after sharp updates, as `Ekf.update_scalar` after each.
 
         In single precision only fixes are sharp, after hours without any: standstills, which come often,
         would inflate all states for no reason.
         """
-        if self.shape.bits == 32 and not of_fix:
+        if self.shape.bits == 32 and not after_fix:
             return
         share = SHARP_UPDATES[self.shape.bits][1]
         for i, added in self.P.inflate(share * self._sharp).items():
@@ -373,27 +378,26 @@ class Lane:
         if isinstance(self.P, CovarianceInC) and not by_imu:
             self.P.change(self.x, "(void)inside(lanes, inputs, constants)")
             return
-        states, least_short = self.P.states, OUTSIDE[self.shape.bits]
+        states, tolerance = self.P.states, OUTSIDE[self.shape.bits]
         fixed = self.fixed_for_gyro if by_imu else (*POSE_FIXED, *self.shape.considered)
         bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*fixed}]
         if not bounds:
             return
         x, moving = self.x, [i for i in states if i not in fixed]
         outside: Any = False
-        for direction, of_certain, least in bounds:
-            outside = outside | (
-                least - of_certain - dot(x_of(x, direction), direction) > least_short
-            )
+        for direction, certain_sum, least in bounds:
+            short = least - certain_sum - dot(values_for(x, direction), direction)
+            outside = outside | (short > tolerance)
 
         def a_round(*values: Any) -> Any:
             """Project onto each bound in turn; the states, and True if any has moved."""
             now, moved = dict(zip(states, values, strict=True)), cast(Any, False)
-            for direction, of_certain, least in bounds:
+            for direction, certain_sum, least in bounds:
                 free = {i: weight for i, weight in direction.items() if i not in fixed}
                 cross = self.P.times(free)
                 variance = dot(cross, free)
-                short = least - of_certain - dot(now, direction)
-                moves = (short > least_short) & (variance > 0.0)
+                short = least - certain_sum - dot(now, direction)
+                moves = (short > tolerance) & (variance > 0.0)
                 per_cross = select(moves, short / select(moves, variance, 1.0), 0.0)
                 now |= {i: now[i] + cross[i] * per_cross for i in moving}
                 moved = moved | moves
@@ -403,9 +407,8 @@ class Lane:
         inside = trace.repeat(outside, before, a_round, BOUND_ROUNDS)[:-1]
         for i, value in zip(states, inside, strict=True):
             x[i] = value
-        self.report(
-            "projected", [after - x for after, x in zip(inside, before, strict=True)], states
-        )
+        changes = [after - earlier for after, earlier in zip(inside, before, strict=True)]
+        self.report("projected", changes, states)
 
     def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
         """Bounds: weights of uncertain states, sum over the other states, lower limit."""
@@ -442,12 +445,12 @@ def plain_kernel(make: Any, of_user: MotionModel | None = None) -> Any:
     return kernel
 
 
-def _rest(row: Vector, parts: Iterable[Part]) -> Vector:
+def _without_parts(row: Vector, parts: Iterable[Part]) -> Vector:
     """Entries of a row that are in none of its parts."""
     shared = {i for _, part in parts for i in part}
     return {i: value for i, value in row.items() if i not in shared}
 
 
-def x_of(x: Any, row: Vector) -> Vector:
+def values_for(x: Any, row: Vector) -> Vector:
     """Values of the states that a row has."""
     return {i: x[i] for i in row}

@@ -19,18 +19,18 @@ from icreckon.estimator.engine.lane_functions import (
     POSITION,
     POSITION_AHEAD,
     TIME_STEP,
+    add_to_scatter,
+    add_track_speeds,
     evaluate_twist,
     feed_samples,
+    fill_move,
     kernel_of_sample,
-    move_of,
-    scatter_of,
     take_sample,
     take_step,
-    take_tracks_of,
     write_row,
 )
 from icreckon.estimator.engine.layout import INPUTS, PLACES
-from icreckon.estimator.engine.one_lane import kernel_of, one_lane
+from icreckon.estimator.engine.one_lane import kernel_maker, one_lane
 from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.changes import Events
 from icreckon.estimator.filter.ekf import Ekf
@@ -50,7 +50,7 @@ FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_varia
 FORWARD, LEFT = INPUTS["fix_forward"], INPUTS["fix_left"]
 MODE, INTERVAL = INPUTS["fix_mode"], INPUTS["fix_interval"]
 # Rows with the innovation of a position fix, and the number of admitted ones.
-OF_FIX = ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")
+FIX_RESULTS = ("z_x", "z_y", "S_xx", "S_xy", "S_yy", "admitted")
 NO_FORCE = (math.nan, math.nan, math.nan)
 
 
@@ -72,7 +72,7 @@ class LaneSteps:
         *,
         compiles: bool,
     ) -> None:
-        self._made_of = ekf, disturbances, robot, settings, record, readings
+        self._arguments = ekf, disturbances, robot, settings, record, readings
         self._compiles, self._ekf, self._readings = compiles, ekf, readings
         self._record = record
         self._lane = lane = one_lane(
@@ -80,12 +80,12 @@ class LaneSteps:
         )
         compiled = lane.compiled or (lambda function: function)
         self._take_step, self._feed_samples = compiled(take_step), compiled(feed_samples)
-        self._evaluate_twist, self._fill_move = compiled(evaluate_twist), compiled(move_of)
-        self._follow_scatter, self._write_row = compiled(scatter_of), compiled(write_row)
+        self._evaluate_twist, self._fill_move = compiled(evaluate_twist), compiled(fill_move)
+        self._follow_scatter, self._write_row = compiled(add_to_scatter), compiled(write_row)
         rows = lane.shape.layout.rows
         self._first_report = rows["report0"]
-        of_fix = (*(f"position_{part}" for part in OF_FIX), *PLACES)
-        self._of_fix = np.array([rows[name] for name in of_fix])
+        result_names = (*(f"position_{part}" for part in FIX_RESULTS), *PLACES)
+        self._fix_rows = np.array([rows[name] for name in result_names])
         # Functions in Python take the record itself.
         is_shared = isinstance(record, SharedRecord) and lane.compiled is not None
         self._records: Any = array_on(record) if is_shared else [record]
@@ -98,12 +98,12 @@ class LaneSteps:
         ekf.evaluation = self.evaluate
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return partial(LaneSteps, compiles=self._compiles), self._made_of
+        return partial(LaneSteps, compiles=self._compiles), self._arguments
 
     @cached_property
     def take_track_speeds(self) -> Callable[[int, float, float, bool], int]:
-        """Function that adds track speeds, see `lane_functions.take_tracks_of`."""
-        return partial(self._lane.direct(take_tracks_of), self._records)
+        """Function that adds track speeds, see `lane_functions.add_track_speeds`."""
+        return partial(self._lane.direct(add_track_speeds), self._records)
 
     @cached_property
     def _take_sample(self) -> Callable[..., int]:
@@ -114,12 +114,12 @@ class LaneSteps:
     ) -> int:
         """Add an IMU sample, and take the step that it ends, see `take_sample`."""
         readings, force = self._readings, m.linear_acceleration or NO_FORCE
-        which = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
+        kernel_number = IMU_STEP if m.stamp > self._record.stamp else IMU_UPDATE
         yaw, result = self._ekf.x.item(s.YAW), FULL
         while result == FULL:
             result = self._take_sample(
                 self._lane.places,
-                which,
+                kernel_number,
                 self._records,
                 self._all_arrays(),
                 m.stamp,
@@ -134,16 +134,16 @@ class LaneSteps:
             if result == FULL:
                 readings.make_room()
         if result >= 0 and self._has_watchers():
-            self._report(kernel_of_sample(which, self._record), yaw)
+            self._report(kernel_of_sample(kernel_number, self._record), yaw)
         return result
 
-    def move(self, stamp: int, which: int = TIME_STEP) -> None:
+    def move(self, stamp: int, kernel_number: int = TIME_STEP) -> None:
         """Take a step without an IMU sample to a later stamp [ns].
 
         With `BEGIN` it only begins, with a new fast slip; with `PROPAGATE` to the same stamp it ends.
         """
         self._fill_move(self._records, self._inputs, stamp)
-        self._step(which, stamp)
+        self._step(kernel_number, stamp)
 
     def take_samples(
         self, samples: SampleArrays, mounting: Floats, rows: RunRows, *, uses_force: bool
@@ -203,7 +203,7 @@ class LaneSteps:
         inputs[[FORWARD, LEFT], 0] = antenna
         inputs[[MODE, INTERVAL], 0] = mode, interval
         flags = self._step(POSITION_AHEAD if ahead else POSITION, stamp, rejected_for)
-        z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[self._of_fix, 0].tolist()
+        z_x, z_y, xx, xy, yy, admitted, *places = self._workspace[self._fix_rows, 0].tolist()
         places_of_antenna = (places[0], places[1], places[2]), (places[3], places[4], places[5])
         lost, used = bool(flags & 1), bool(flags >> FLAG_BITS & 1)
         return (
@@ -240,26 +240,27 @@ class LaneSteps:
         ekf = self._ekf
         return (ekf.x, ekf.P, ekf.regressors, ekf.model.memory, *self._arrays)
 
-    def _step(self, which: int, stamp: int, rejected_for: float = 0.0) -> int:
+    def _step(self, kernel_number: int, stamp: int, rejected_for: float = 0.0) -> int:
         """Take a step to a stamp [ns], or an update; see `take_step`."""
         yaw, places, arrays = self._ekf.x.item(s.YAW), self._lane.places, self._all_arrays()
-        result: int = self._take_step(places, which, self._records, arrays, stamp, rejected_for)
+        step = places, kernel_number, self._records, arrays, stamp, rejected_for
+        result: int = self._take_step(*step)
         if result >= 0 and self._has_watchers():
-            self._report(which, yaw)
+            self._report(kernel_number, yaw)
         return result
 
     def _has_watchers(self) -> bool:
         """Return True if clones or the smoother follow the changes of the filter."""
         return self._ekf.clones is not None or self._ekf.observer is not None
 
-    def _report(self, which: int, yaw: float) -> None:
+    def _report(self, kernel_number: int, yaw: float) -> None:
         """Report the changes of the filter by a kernel, from a yaw before it [rad]."""
         values, ekf = self._workspace[self._first_report :, 0], self._ekf
-        events_of(self._lane.shape, which).report(values, len(ekf.x), yaw, ekf)
+        events_of(self._lane.shape, kernel_number).report(values, len(ekf.x), yaw, ekf)
 
 
 @cache
-def events_of(shape: FilterShape, which: int) -> Events:
+def events_of(shape: FilterShape, kernel_number: int) -> Events:
     """Changes that a kernel reports; their values are those of a filter of zeros."""
     if shape.model.kind == "plain":
         # What a user's model reports does not depend on its equations.
@@ -268,7 +269,7 @@ def events_of(shape: FilterShape, which: int) -> Events:
     zeros = Numbers(
         np.zeros(len(layout.rows)), np.zeros(len(INPUTS)), np.zeros(len(layout.constants))
     )
-    make, arguments = kernel_of(which, shape)
+    make, arguments = kernel_maker(kernel_number, shape)
     with np.errstate(all="ignore"):
         kernel = make(*arguments, numbers=zeros)
     return Events(kernel.events)

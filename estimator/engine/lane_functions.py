@@ -46,7 +46,7 @@ LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 # Results of functions that did nothing: a step is needed before, as after a gap; the buffers are full.
 REFUSED, FULL = -1, -2
 # Place of the inputs among the arrays of a lane, see `take_step`.
-OF_INPUTS = 5
+INPUTS_PLACE = 5
 # Most states of a filter with a fast slip.
 MOST_STATES = s.WANDER.stop
 # Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, of a robot that does not stand
@@ -115,15 +115,17 @@ def move_inputs(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
 
 def fill_tracks(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
     """Fill the inputs of a step from the track speeds, and the noise of the IMU."""
-    of_tracks = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
+    track_inputs = step_inputs(record.tracks, record.still, record.stamp, stamp, record.settings)
     for row in range(TRACK_ROWS):
-        inputs[row, lane] = of_tracks[row]
+        inputs[row, lane] = track_inputs[row]
     noise = noise_of_step(record.noise, record.still, record.settings)
     for axis in range(3):
         inputs[NOISE + axis, lane] = noise[axis]
 
 
-def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_usual: bool) -> int:
+def add_track_speeds(
+    records: Any, stamp: int, left: float, right: float, only_if_usual: bool
+) -> int:
     """Add track speeds to the record in an array (1,), see `take_track_speeds`.
 
     With `only_if_usual` it adds nothing and returns `REFUSED` if the filter has to take a step before: at
@@ -145,7 +147,7 @@ def take_tracks_of(records: Any, stamp: int, left: float, right: float, only_if_
 
 def take_sample(
     places: Any,
-    which: int,
+    kernel_number: int,
     records: Any,
     arrays: Any,
     stamp: int,
@@ -176,7 +178,7 @@ def take_sample(
         return REFUSED
     if is_full(record.still, stamps):
         return FULL
-    inputs = arrays[OF_INPUTS]
+    inputs = arrays[INPUTS_PLACE]
     if inputs.shape != (ROWS, 1) or mounting.shape != (6, 3):
         raise ValueError(WRONG_SIZE)
     rate = float(mounting[0, 0] * w_x + mounting[0, 1] * w_y + mounting[0, 2] * w_z)
@@ -188,22 +190,22 @@ def take_sample(
     add_rate(record.yaw_rates, stamp, rate)
     sample = (stamp, (rate, roll, pitch, reading), forward, left, uses_force)
     sample_inputs(record, stamps, rates, inputs, 0, *sample)
-    return take_step(places, kernel_of_sample(which, record), records, arrays, stamp, 0.0)
+    return take_step(places, kernel_of_sample(kernel_number, record), records, arrays, stamp, 0.0)
 
 
-def kernel_of_sample(which: int, record: Any) -> int:
+def kernel_of_sample(kernel_number: int, record: Any) -> int:
     """Kernel of an IMU sample that was added; most robots drive most of the time."""
-    return DRIVING_STEP if which == IMU_STEP and not record.stands else which
+    return DRIVING_STEP if kernel_number == IMU_STEP and not record.stands else kernel_number
 
 
-def move_of(records: Any, inputs: Floats, stamp: int) -> None:
+def fill_move(records: Any, inputs: Floats, stamp: int) -> None:
     """Fill the inputs of one filter, see `move_inputs`."""
     if inputs.shape != (ROWS, 1):
         raise ValueError(WRONG_SIZE)
     move_inputs(records[0], inputs, 0, stamp)
 
 
-def scatter_of(records: Any, fix: TakenFix, correction: Floats) -> bool:
+def add_to_scatter(records: Any, fix: TakenFix, correction: Floats) -> bool:
     """Add a position fix to the scatter of one filter, see `follow_scatter`."""
     if len(correction) != s.SIZE:
         raise ValueError(WRONG_SIZE)
@@ -242,9 +244,8 @@ def feed_samples(
     if angular_velocities.shape != (count, 3) or forces.shape != (count, 3):
         raise ValueError(WRONG_SIZE)
     while tracks < len(track_stamps) or samples < count:
-        is_track = samples == count or (
-            tracks < len(track_stamps) and track_stamps[tracks] <= imu_stamps[samples]
-        )
+        has_tracks = tracks < len(track_stamps)
+        is_track = samples == count or (has_tracks and track_stamps[tracks] <= imu_stamps[samples])
         stamp = track_stamps[tracks] if is_track else imu_stamps[samples]
         if is_row_due(rows, stamp, record.stamp):
             write_row(places, records, arrays, rows)
@@ -253,7 +254,7 @@ def feed_samples(
             if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
                 break
             if ends_step(record):
-                move_inputs(record, arrays[OF_INPUTS], 0, newest)
+                move_inputs(record, arrays[INPUTS_PLACE], 0, newest)
                 take_step(places, TIME_STEP, records, arrays, newest, 0.0)
             wheels = (left_wheels[tracks], right_wheels[tracks])
             take_track_sample(record, stamp, speeds[tracks], *wheels)
@@ -263,8 +264,8 @@ def feed_samples(
         w, f = angular_velocities[samples], forces[samples]
         if stamp <= record.stamp:
             break
-        of_sample = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
-        sample: Any = (records, arrays, stamp, *of_sample)
+        readings = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
+        sample: Any = (records, arrays, stamp, *readings)
         result = take_sample(places, IMU_STEP, *sample)
         if result < 0:
             break
@@ -275,9 +276,9 @@ def feed_samples(
 
 
 def is_row_due(rows: Any, stamp: int, reached: int) -> bool:
-    """Return True if a row is due before a measurement at a stamp [ns].
+    """Note the stamp of a measurement [ns]; return True if a row is due before it.
 
-    The estimate has reached another one [ns].
+    It is due once for each stamp that the estimate has `reached` [ns], with new track speeds.
     """
     progress = rows.progress
     is_later, progress[NEWEST] = stamp > progress[NEWEST], stamp
@@ -294,6 +295,7 @@ def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:
     model = (x, memory, lane, inputs, constants)
     indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *results)
     with_states, shares = np.zeros((3, n)), np.ones(3)
+    # Covariance J P J' of the twist, where the regressors are its derivatives by the parameters.
     for axis in range(3):
         for k in range(s.PARAMETER_COUNT):
             jacobian[axis, PARAMETERS + k] = regressors[axis, k]
@@ -394,8 +396,9 @@ def fill_constants(record: Any, lane: Floats, constants: Floats, stamp: int, pla
 
 
 def set_gate(counts: Any, lane: Floats, rows: Any) -> None:
-    """Copy the rejections of a gate into the workspace."""
-    lane[rows[0], 0], lane[rows[1], 0] = counts.rejected_for, 0.0
+    """Copy the rejections of a gate into the workspace; its `rows` are in `imu_gates`."""
+    rejected_for, admitted = rows[0], rows[1]
+    lane[rejected_for, 0], lane[admitted, 0] = counts.rejected_for, 0.0
 
 
 def count_sample(counts: Any, stamp: int, interval: float, lane: Floats, rows: Any) -> bool:
@@ -415,13 +418,13 @@ def count_sample(counts: Any, stamp: int, interval: float, lane: Floats, rows: A
 
 
 def take_step(
-    all_places: Any, which: int, records: Any, arrays: Any, stamp: int, rejected_for: float
+    all_places: Any, kernel_number: int, records: Any, arrays: Any, stamp: int, rejected_for: float
 ) -> int:
     """Take a step or an update of one filter, in place.
 
     Args:
         all_places: (1,) `LanePlaces`.
-        which: `IMU_STEP` or another of the kernels.
+        kernel_number: `IMU_STEP` or another of the kernels.
         records: (1,) record of the filter, see `FilterRecord`.
         arrays: (SIZE,) the state, (SIZE, SIZE) its covariance, (3, 10) regressors, see `Ekf`, the memory
             of the motion model, and workspace, (n, 1) inputs and constants of the kernel.
@@ -442,24 +445,24 @@ def take_step(
     fill_state(lane, constants, x, memory, places)
     fill_covariance(lane, P, regressors, places)
     fill_constants(record, lane, constants, stamp, places)
-    if which <= IMU_UPDATE:
+    if kernel_number <= IMU_UPDATE:
         set_gate(record.gyro, lane, places.imu_gates[0])
         set_gate(record.accelerometer_x, lane, places.imu_gates[1])
         set_gate(record.accelerometer_y, lane, places.imu_gates[2])
-    elif which < POSITION:
+    elif kernel_number < POSITION:
         lane[places.stood, 0] = 0.0
     else:
         lane[places.position_rejected_for, 0] = rejected_for
         lane[places.position_admitted, 0] = 0.0
         begin_position(record, lane, places.of_record)
-    flags = call_kernel(places.kernels[which], lane, inputs, constants)
+    flags = call_kernel(places.kernels[kernel_number], lane, inputs, constants)
     empty_lane(lane, x, P, regressors, memory, places)
-    if which >= POSITION:
+    if kernel_number >= POSITION:
         end_position(record, lane, places.of_record)
         return flags
-    if which != BEGIN:
+    if kernel_number != BEGIN:
         record.stamp = stamp
-    if which > IMU_UPDATE:
+    if kernel_number > IMU_UPDATE:
         return 0
     interval, gates = record.imu.interval, places.imu_gates
     count_sample(record.accelerometer_x, stamp, interval, lane, gates[1])

@@ -65,14 +65,8 @@ BOUND = range(s.PARAMETER_COUNT + 1)
 # Counts of each gate, the time of rejections first.
 IMU_GATES = ("gyro", "accelerometer_x", "accelerometer_y")
 GATES = (*IMU_GATES, "position", "heading")
-COUNTS = (
-    *(
-        f"{gate}_{count}"
-        for gate in GATES
-        for count in ("rejected_for", "used", "rejected", "nis", "admitted")
-    ),
-    "standstill",
-)
+GATE_COUNTS = ("rejected_for", "used", "rejected", "nis", "admitted")
+COUNTS = (*(f"{gate}_{count}" for gate in GATES for count in GATE_COUNTS), "standstill")
 # Values from the step before: 1 if the robot stood, the factors on the slip, the departure of fixes from
 # the path, the trend of their innovations, and the place of the antenna and the yaw before and after the
 # newest one.

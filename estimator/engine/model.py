@@ -86,9 +86,9 @@ class Tilting(NamedTuple):
 
     # acceleration of gravity towards the ground [m/s²]; 0 if the rates are not known
     down: Any = 0.0
-    roll_rate: Any = 0.0  # without bias [rad/s]; 0 likewise
-    pitch_rate: Any = 0.0  # likewise
-    is_known: Any = False  # the rates are known
+    roll_rate: Any = 0.0  # without bias [rad/s]; 0 if it is not known
+    pitch_rate: Any = 0.0  # without bias [rad/s]; 0 if it is not known
+    is_known: Any = False  # True if the rates are known
 
 
 class Climb(NamedTuple):
@@ -98,10 +98,10 @@ class Climb(NamedTuple):
     by_twist: tuple[Any, Any]  # (2,) its derivatives by the speeds forward and left
     by_gravity: tuple[Any, Any]  # (2,) those by gravity along the ground
 
-    def times(self, of_twist: Sequence[Vector], of_gravity: dict[int, Vector]) -> Vector:
-        """Combine vectors of the twist and of gravity as they contribute to the height."""
-        parts = (*zip(self.by_twist, of_twist[:2], strict=True),)
-        parts += (*zip(self.by_gravity, of_gravity.values(), strict=True),)
+    def times(self, twist_vectors: Sequence[Vector], gravity_vectors: dict[int, Vector]) -> Vector:
+        """Combine vectors, by twist and gravity, as these contribute to the height."""
+        parts = (*zip(self.by_twist, twist_vectors[:2], strict=True),)
+        parts += (*zip(self.by_gravity, gravity_vectors.values(), strict=True),)
         return combined({}, *parts)
 
 
@@ -112,19 +112,6 @@ class ModelInputs(NamedTuple):
     vehicle: VehicleConstants  # constants of the vehicle
     memory: Any  # (m,) its memory
     of_user: MotionModel | None = None  # the model itself, if only plain numbers can evaluate it
-
-
-class SlipConstants(NamedTuple):
-    """Values of `icreckon.estimator.robot.robot_file.Slip`."""
-
-    turning_x: Any
-    turning_y: Any
-    turning_w: Any
-    driving_x: Any
-    driving_y: Any
-    driving_w: Any
-    time_constant: Any
-    white_time: Any
 
 
 def twist_model(
@@ -140,26 +127,20 @@ def twist_model(
         slip_shares: (3,) factors on the slip.
         states: uncertain states, by which derivatives are wanted.
     """
-    factors = track_factors(x)
-    slip = [
+    left_factor, right_factor = track_factors(x)
+    slip_x, slip_y, slip_w = (
         share * slow + fast
         for share, slow, fast in zip(slip_shares, x[s.SLIP], x[s.FAST_SLIP], strict=True)
-    ]
-    in_paper = (-slip[1], slip[0], slip[2])
-    of_state = (
-        left * factors[0],
-        right * factors[1],
-        tuple(x[s.PARAMETERS]),
-        in_paper,
-        gravity_in(x),
     )
-    vehicle, memory = inputs.vehicle, inputs.memory
+    paper_slip = -slip_y, slip_x, slip_w
+    speeds, parameters = (left * left_factor, right * right_factor), tuple(x[s.PARAMETERS])
+    arguments = *speeds, parameters, paper_slip, gravity_in(x)
     if inputs.of_user is not None:
-        motion, derivatives = inputs.of_user.linearise(*of_state)
+        motion, derivatives = inputs.of_user.linearise(*arguments)
     elif inputs.model.kind == "linear":
-        motion, derivatives = _linearise_linear(*of_state, vehicle)
+        motion, derivatives = _linearise_linear(*arguments, inputs.vehicle)
     else:
-        motion, derivatives = _linearise_indices(*of_state, vehicle, memory)
+        motion, derivatives = _linearise_indices(*arguments, inputs.vehicle, inputs.memory)
     wanted_states = (*states, *range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
     twist, by_speeds = np.empty(3, dtype=object), np.empty((3, 2), dtype=object)
     rows: list[Vector] = []
@@ -175,31 +156,24 @@ def twist_model(
             row[s.PARAMETERS.start + j] = sign * derivatives.by_parameters[axis][j]
         by_right, by_forward = derivatives.by_gravity[axis]
         row[s.GRAVITY_X], row[s.GRAVITY_Y] = sign * by_forward, -sign * by_right
-        by_left, by_right = (
-            sign * derivatives.by_speeds[axis][0],
-            sign * derivatives.by_speeds[axis][1],
-        )
+        by_left, by_right = (sign * by_speed for by_speed in derivatives.by_speeds[axis])
         row[s.TRACK_SCALE] = by_left * left + by_right * right
         row[s.TRACK_DIFFERENCE] = 0.5 * (by_right * right - by_left * left)
-        by_speeds[i] = factors[0] * by_left, factors[1] * by_right
-        # A zero of a user's model may be one for now.
-        keeps_zeros = inputs.of_user is not None
-        rows.append(
-            {
-                k: row[k]
-                for k in wanted_states
-                if k in row and (keeps_zeros or not trace.is_zero(row[k]))
-            }
-        )
+        by_speeds[i] = left_factor * by_left, right_factor * by_right
+        wanted = {k: row[k] for k in wanted_states if k in row}
+        if inputs.of_user is None:  # a zero of a user's model may be one for now
+            wanted = {k: value for k, value in wanted.items() if not trace.is_zero(value)}
+        rows.append(wanted)
     return TracedTwist(twist, (rows[0], rows[1], rows[2]), by_speeds, motion)
 
 
 def tilting(x: Any, roll_rate: Any, pitch_rate: Any) -> Tilting:
     """Compute the turning of a tilted body; rates that are not known are NaN."""
-    known = roll_rate == roll_rate  # not NaN
-    down = select(known, down_of((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
-    roll = select(known, roll_rate - x[s.GYRO_BIAS_X], 0.0)
-    return Tilting(down, roll, select(known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0), known)
+    is_known = roll_rate == roll_rate  # not NaN
+    down = select(is_known, down_of((x[s.GRAVITY_X], x[s.GRAVITY_Y])), 0.0)
+    roll = select(is_known, roll_rate - x[s.GYRO_BIAS_X], 0.0)
+    pitch = select(is_known, pitch_rate - x[s.GYRO_BIAS_Y], 0.0)
+    return Tilting(down, roll, pitch, is_known)
 
 
 def climb(now: TracedTwist, gravity: Any) -> Climb:
@@ -237,14 +211,13 @@ def advanced_memory(x: Any, inputs: ModelInputs, left: Any, right: Any, dt: Any)
         right: mean speed of the right track [m/s].
         dt: length of the step [s].
     """
-    of_left, of_right = track_factors(x)
+    left_factor, right_factor = track_factors(x)
+    speeds, parameters = (left * left_factor, right * right_factor), tuple(x[s.PARAMETERS])
     if inputs.of_user is not None:
-        of_user, speeds = inputs.of_user, (left * of_left, right * of_right)
-        of_user.recall(np.array(inputs.memory, dtype=float))
-        of_user.begin_step(dt, *speeds, tuple(x[s.PARAMETERS]), gravity_in(x))
-        return list(of_user.memory)
+        inputs.of_user.recall(np.array(inputs.memory, dtype=float))
+        inputs.of_user.begin_step(dt, *speeds, parameters, gravity_in(x))
+        return list(inputs.of_user.memory)
     keep = exponential(-dt / inputs.vehicle.load_lag)
-    speeds, parameters = (left * of_left, right * of_right), tuple(x[s.PARAMETERS])
     return list(_advanced(inputs.memory, keep, speeds, parameters, gravity_in(x), inputs.vehicle))
 
 

@@ -35,7 +35,7 @@ from icreckon.estimator.engine.layout import (
     TWIST,
     covariance_name,
 )
-from icreckon.estimator.engine.model import TracedModel, described
+from icreckon.estimator.engine.model import described
 from icreckon.estimator.engine.step import StepKind, step_kernel, twist_kernel
 from icreckon.estimator.filter.filter_record import DEPARTURE
 from icreckon.estimator.motion.motion_model import MotionModel
@@ -124,90 +124,85 @@ def one_lane(
     and the model has a traced form; otherwise Python executes them.
     """
     traced = described(model)
-    if traced.kind == "plain" or not compiles:
-        return _plain(traced, considered, wanders, model if traced.kind == "plain" else None)
-    return _compiled(traced, considered, wanders)
-
-
-def shape_of(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> FilterShape:
-    """Shape of a filter at one lane."""
-    parameters = tuple(PARAMETERS + k for k in model.parameters)
+    parameters = (PARAMETERS + k for k in traced.parameters)
     others = (i for i in range(FAST_SLIP) if not PARAMETERS <= i < s.PARAMETERS.stop)
     wander = (s.WANDER_X, s.WANDER_Y) if wanders else ()
     states = tuple(sorted((*others, *parameters, *wander)))
-    return FilterShape(states, (), model, considered, reports=True)
+    shape = FilterShape(states, (), traced, considered, reports=True)
+    if traced.kind == "plain":
+        return _plain(shape, of_user=model)
+    return _compiled(shape) if compiles else _plain(shape)
 
 
-def kernel_of(which: int, shape: FilterShape) -> tuple[Callable[..., Kernel], tuple[Any, ...]]:
-    """Function that makes a kernel of `lane_functions`, and its arguments."""
-    if which == EVALUATION:
+def kernel_maker(number: int, shape: FilterShape) -> tuple[Callable[..., Kernel], tuple[Any, ...]]:
+    """Function that makes kernel `number` of `lane_functions`, and its arguments."""
+    if number == EVALUATION:
         return twist_kernel, ("twist", shape)
-    if which in FIXES:
-        name, kind = FIXES[which]
+    if number in FIXES:
+        name, kind = FIXES[number]
         return position_kernel, (name, shape, kind)
-    named, step = STEPS[which]
+    named, step = STEPS[number]
     return step_kernel, (named, shape, step)
 
 
 @cache
-def _compiled(model: TracedModel, considered: tuple[int, ...], wanders: bool) -> OneLane:
+def _compiled(shape: FilterShape) -> OneLane:
+    """Compile the kernels of a shape, or load them, with their places."""
     from icreckon.estimator.tracing.jit_kernel import entry
     from icreckon.estimator.tracing.machine_code import address_of
 
-    shape = shape_of(model, considered, wanders)
-    kernels = [address_of(*kernel_of(which, shape), 1) for which in range(EVALUATION + 1)]
-    return OneLane(shape, record_array(places_of(shape, np.array(kernels)), 1), entry)
+    kernels = [address_of(*kernel_maker(number, shape), 1) for number in range(EVALUATION + 1)]
+    return OneLane(shape, record_array(lane_places(shape, np.array(kernels)), 1), entry)
 
 
-def _plain(
-    model: TracedModel, considered: tuple[int, ...], wanders: bool, of_user: MotionModel | None
-) -> OneLane:
-    shape = shape_of(model, considered, wanders)
+def _plain(shape: FilterShape, of_user: MotionModel | None = None) -> OneLane:
+    """Make kernels that Python executes; for `of_user` see `Numbers`."""
 
-    def plain(which: int) -> Any:
-        make, arguments = kernel_of(which, shape)
+    def plain(number: int) -> Any:
+        make, arguments = kernel_maker(number, shape)
         return plain_kernel(lambda numbers: make(*arguments, numbers=numbers), of_user)
 
-    kernels = [plain(which) for which in range(EVALUATION + 1)]
-    return OneLane(shape, [places_of(shape, kernels)], None)
+    kernels = [plain(number) for number in range(EVALUATION + 1)]
+    return OneLane(shape, [lane_places(shape, kernels)], None)
 
 
-def places_of(shape: FilterShape, kernels: Any) -> LanePlaces:
+def lane_places(shape: FilterShape, kernels: Any) -> LanePlaces:
     """Places in the workspace of a filter shape, with its kernels."""
     layout, rows, constants = shape.layout, shape.layout.rows, shape.layout.constants
     states, parameters = (*shape.states, *FAST), layout.parameters
 
     def padded(values: Any) -> Any:
-        found = np.array(values, np.uint64)
+        found = np.array(values, np.uint64)  # unsigned: compiled code tests no sign
         return np.pad(found, [(0, MOST_STATES - count) for count in found.shape])
 
     by_state = [padded([rows[f"{axis}_by_{i}"] for i in states]) for axis in TWIST[:3]]
     gate = ("rejected_for", "admitted", "z", "S")
     memory = shape.model.memory
+    gate_rows = [[rows[f"{name}_{part}"] for part in gate] for name in IMU_SENSORS]
     return LanePlaces(
-        kernels,
-        max(states) + 1,
-        len(states),
-        len(parameters),
-        padded(states),
-        padded(parameters),
-        padded([rows[f"x{i}"] for i in states]),
-        padded([[rows[covariance_name(i, j)] for j in states] for i in states]),
-        np.array(by_state),
-        layout.regressors,
-        rows["memory0"] if memory else 0,
-        memory,
-        rows["stood"],
-        rows["slip_factor"],
-        np.array([rows[name] for name in OF_RECORD], np.uint64),
-        np.array([[rows[f"{name}_{part}"] for part in gate] for name in IMU_SENSORS], np.uint64),
-        rows["position_rejected_for"],
-        rows["position_admitted"],
-        rows[TWIST[0]],
-        rows[MOTION[0]],
-        constants[f"fixed{PARAMETERS}"],
-        constants["interval"],
-        constants[SLIP_SHARES[0]],
-        len(rows),
-        len(constants),
+        kernels=kernels,
+        size=max(states) + 1,
+        state_count=len(states),
+        parameter_count=len(parameters),
+        states=padded(states),
+        parameters=padded(parameters),
+        x=padded([rows[f"x{i}"] for i in states]),
+        P=padded([[rows[covariance_name(i, j)] for j in states] for i in states]),
+        by_state=np.array(by_state),
+        regressors=layout.regressors,
+        memory=rows["memory0"] if memory else 0,
+        memory_size=memory,
+        stood=rows["stood"],
+        slip_factor=rows["slip_factor"],
+        of_record=np.array([rows[name] for name in OF_RECORD], np.uint64),
+        imu_gates=np.array(gate_rows, np.uint64),
+        position_rejected_for=rows["position_rejected_for"],
+        position_admitted=rows["position_admitted"],
+        twist=rows[TWIST[0]],
+        motion=rows[MOTION[0]],
+        fixed=constants[f"fixed{PARAMETERS}"],
+        interval=constants["interval"],
+        slip_shares=constants[SLIP_SHARES[0]],
+        row_count=len(rows),
+        constant_count=len(constants),
     )

@@ -90,7 +90,7 @@ def steps_of(tracks: Stamps, imu: Stamps, fixes: Stamps, ticks: Stamps, *, headi
         raise BatchError(f"filters cannot run side by side over these runs: {reason}")
     headings = np.full(len(fixes), heading, dtype=np.int8)
     begin, until_end = int(imu[0]), tracks[tracks <= imu[-1]]
-    steps = _walked(SensorStamps(until_end, imu, fixes, headings))
+    steps = _walk_from_first_tracks(SensorStamps(until_end, imu, fixes, headings))
     absolute = steps.ends + begin
     is_tick = np.isin(absolute, ticks) & (steps.kinds <= UPDATE)
     return steps._replace(
@@ -118,7 +118,7 @@ class Walk(msgspec.Struct):
     fails: int = 0  # 1 if there is an IMU sample at a stamp that the filter has reached without it
 
 
-def _walked(stamps: SensorStamps) -> Steps:
+def _walk_from_first_tracks(stamps: SensorStamps) -> Steps:
     """Walk through stamps [ns] from the first track speeds on."""
     tracks, imu, fixes, headings = stamps
     begin = int(tracks[0])
@@ -174,7 +174,7 @@ def walk_stamps(state: Any, clocks: Any, stamps: SensorStamps, steps: Steps) -> 
 def walk_to_tracks(
     walk: Walk, tracks: ClockRecord, imu: ClockRecord, stamp: int, steps: Steps
 ) -> None:
-    """Add track speeds: old ones hold up to their stamp."""
+    """Add track speeds at a stamp [ns]: the ones before hold up to their own stamp."""
     if walk.tracks > 0 and not is_due_after(imu, tracks.stamp):
         move(walk, imu, tracks.stamp, steps)
     take_stamp(tracks, stamp, LONGEST_TIME)
@@ -182,7 +182,7 @@ def walk_to_tracks(
 
 
 def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, steps: Steps) -> None:
-    """Add an IMU sample, which ends a step."""
+    """Add an IMU sample at a stamp [ns], which ends a step."""
     number = walk.samples
     walk.samples += 1
     if walk.tracks == 0:
@@ -198,13 +198,14 @@ def walk_to_sample(walk: Walk, imu: ClockRecord, stamp: int, steps: Steps) -> No
 
 
 def walk_to_fix(walk: Walk, imu: ClockRecord, stamp: int, bits: int, steps: Steps) -> None:
-    """Add a fix: at the end of a step, or before the end of a step under way."""
+    """Add a fix with its `bits` at the end of a step, or ahead of one."""
     number = walk.fixes
     walk.fixes += 1
     if walk.tracks == 0:
         return
     # Before the first step, no step ends at the stamp of the fix.
-    waits = walk.steps == 0 if stamp == walk.now else stamp > walk.now and is_due_after(imu, stamp)
+    is_first = stamp == walk.now and walk.steps == 0
+    waits = is_first or (stamp > walk.now and is_due_after(imu, stamp))
     if not waits:
         move(walk, imu, stamp, steps)
     step = add_step(walk, imu, stamp, AHEAD, steps) if waits else walk.steps - 1
@@ -253,11 +254,8 @@ def fill_table(table: Floats, starts: Stamps, ends: Stamps, intervals: Floats) -
         elapsed = ends[k] - starts[k]
         if k == 0 or elapsed != ends[k - 1] - starts[k - 1]:
             constants = step_constants(elapsed * NANOSECOND)
-            for c in range(PER_STEP):
-                table[k, c] = constants[c]
-        else:
-            for c in range(PER_STEP):
-                table[k, c] = table[k - 1, c]
+        for c in range(PER_STEP):
+            table[k, c] = constants[c]
         table[k, PER_STEP] = intervals[k]
 
 

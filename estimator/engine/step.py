@@ -18,7 +18,7 @@ from icreckon.estimator.engine.covariance import (
     dot,
     shift_of,
 )
-from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, x_of
+from icreckon.estimator.engine.lane import FAST, FilterShape, Lane, Numbers, values_for
 from icreckon.estimator.engine.layout import IMU_GATES, SLIP_SHARES, TURN
 from icreckon.estimator.filter.changes import moved_values
 from icreckon.estimator.motion.propagation import GaussMarkov
@@ -92,7 +92,7 @@ def step_kernel(
     if kind.moves:
         step.propagate()
     if kind.twist:
-        step.store_twist()
+        lane.store_twist()
     return lane.kernel(name, with_fast_slip=kind.fast_slip)
 
 
@@ -112,7 +112,7 @@ class Step:
         self.lane, self.kind = lane, kind
         step_input: Any = lane.input
         constant: Any = lane.constant
-        self.slip = model.SlipConstants(*map(constant, model.SlipConstants._fields))
+        self.slip = lane.slip
         self.imu_position = constant("imu_x"), constant("imu_y")
         self.noise = ImuNoise(*(step_input(f"{gate}_density") for gate in IMU_GATES))
         self.smooth = step_input("smooth_left"), step_input("smooth_right")
@@ -123,21 +123,19 @@ class Step:
             step_input("age"),
         )
         self.stands: Any = False
-        slow = step_input("slow") > 0.5
+        self.pushed = step_input("slow") > 0.5
         if kind.stands:
             mean = step_input("quiet_mean")
-            self.stands = mean == mean
-            slow = slow & ~self.stands
+            self.stands = mean == mean  # not NaN
+            self.pushed = self.pushed & ~self.stands
         elif not kind.imu or kind.in_step:
-            slow = slow & (lane.row("stood") < 0.5)
+            self.pushed = self.pushed & (lane.row("stood") < 0.5)
         else:
             lane.stores["stood"] = 0.0
-        self.pushed = slow
         left, right = step_input("left"), step_input("right")
         if kind.draws and lane.shape.model.memory:
             lane.advance_model(constant("dt"), left, right)
-        now = lane.twist_model(left, right, self._shares())
-        self.model = lane.with_smoothed_derivatives(now)
+        self.model = lane.smoothed_twist(left, right, self._shares())
         self.regressors = tuple(
             {i: row[i] for i in lane.layout.parameters if i in row} for row in self.model.rows
         )
@@ -151,11 +149,12 @@ class Step:
     def _shares(self) -> list[Any]:
         """Factors on the slip: its mean over the step is measured and moves the robot."""
         kind = self.kind
+        # An IMU sample without a step shows the slip of its moment.
         is_moment = kind.imu and not (kind.moves or kind.in_step)
         return [1.0, 1.0, 1.0] if is_moment else [fade.mean for fade in self._fades()]
 
     def _sigma(self) -> Any:
-        """Standard deviation (3,) of the slip."""
+        """Standard deviation (3,) of the slip [m/s, m/s, rad/s]."""
         lane = self.lane
         gauge = lane.constant("gauge")
         factor = lane.row("slip_factor")
@@ -166,12 +165,11 @@ class Step:
         lane, now = self.lane, self.model
         density = self.density(now)
         per_dt = 1.0 / lane.constant("dt")
-        entries = {
-            (FAST[i], FAST[j]): density[i][j] * per_dt for i in range(3) for j in range(i, 3)
-        }
-        for pair, value in entries.items():
-            lane.P.add(*pair, value)
-        lane.report("renewed", entries.values())
+        pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+        variances = [density[i][j] * per_dt for i, j in pairs]
+        for (i, j), value in zip(pairs, variances, strict=True):
+            lane.P.add(FAST[i], FAST[j], value)
+        lane.report("renewed", variances)
         lane.P.states = sorted({*lane.P.states, *FAST})
 
     def _follow_regressors(self, now: model.TracedTwist, speeds: Any, shares: Any) -> None:
@@ -184,19 +182,22 @@ class Step:
         slip = shares[2] * x[s.SLIP_W] + x[s.FAST_SLIP.stop - 1]
         by_left, by_right = now.by_speeds[2]
         # The smaller one of the yaw rates with and without slip; zero if their signs differ.
-        estimated, of_tracks = now.twist[2], now.twist[2] - slip
-        same_sign, square = estimated * of_tracks > 0.0, by_left * by_left + by_right * by_right
-        shown = select(
-            same_sign, select(abs(estimated) < abs(of_tracks), estimated, of_tracks), 0.0
-        )
+        estimated, track_rate = now.twist[2], now.twist[2] - slip
+        has_same_sign = estimated * track_rate > 0.0
+        square = by_left * by_left + by_right * by_right
+        smaller = select(abs(estimated) < abs(track_rate), estimated, track_rate)
+        shown = select(has_same_sign, smaller, 0.0)
         # Least change of the track speeds that gives that yaw rate.
-        scale = (shown - of_tracks) / select(square > 0.0, square, 1.0)
+        scale = (shown - track_rate) / select(square > 0.0, square, 1.0)
         x[s.SLIP] = x[s.FAST_SLIP] = 0.0
         parameters = lane.layout.parameters
         left, right = speeds[0] + by_left * scale, speeds[1] + by_right * scale
-        at = model.twist_model(x, lane.model_inputs, left, right, shares, parameters)
+        at_turn = model.twist_model(x, lane.model_inputs, left, right, shares, parameters)
         regressors = {
-            f"r{a}_{i}": row[i] for a, row in enumerate(at.rows) for i in parameters if i in row
+            f"r{axis}_{i}": value
+            for axis, row in enumerate(at_turn.rows)
+            for i, value in row.items()
+            if i in parameters
         }
         for name, value in (*regressors.items(), (TURN, shown)):
             before = lane.row(name)
@@ -262,9 +263,8 @@ class Step:
         stands = trace.truth_as_number(self.stands)
         lane.stores["standstill"] = lane.row("standstill") + stands
         lane.stores["stood"] = stands
-        speeds = lane.input("left"), lane.input("right")
-        now = lane.twist_model(*speeds, self._shares())
-        self.model = lane.with_smoothed_derivatives(now)
+        left, right = lane.input("left"), lane.input("right")
+        self.model = lane.smoothed_twist(left, right, self._shares())
 
     def update_gyro(self) -> None:
         """Update with the yaw rate: that of the robot times scale, plus bias."""
@@ -342,7 +342,7 @@ class Step:
         missing = lane.input("missing")
         left, right = lane.input("left") + missing, lane.input("right") + missing
         shares = [fade.mean for fade in fades]
-        now = lane.with_smoothed_derivatives(lane.twist_model(left, right, shares))
+        now = lane.smoothed_twist(left, right, shares)
         self._follow_regressors(now, (left, right), shares)
         tilt = model.Tilting()
         if self.kind.accelerometer:
@@ -372,7 +372,11 @@ class Step:
         for axis in range(3):
             own[s.SLIP.start + axis] = sigma[axis] * sigma[axis] * fades[axis].final
         kept = exponential(-constant("slope_forgetting") * travel * dt)
-        faded = _transition(lane.P.states, fades)
+        # Rows of the transition of all states but the pose: slip fades, gravity turns with the body.
+        faded: dict[int, Vector] = {i: {i: 1.0} for i in lane.P.states}
+        faded |= {
+            s.SLIP.start + axis: {s.SLIP.start + axis: fades[axis].decay} for axis in range(3)
+        }
         for i, row in model.gravity_rows(now.twist[2] * dt, tilt, kept, dt).items():
             faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
         motion = Motion(rows, [[part * dt for part in row] for row in M], yaws, faded, noise, own)
@@ -386,7 +390,7 @@ class Step:
         before = x.copy()
         for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
             along = {k: faded[i][k] for k in GRAVITY}
-            x[i] = dot(x_of(before, along), along) + tilt.down * rate * dt
+            x[i] = dot(values_for(before, along), along) + tilt.down * rate * dt
         for i, by in enumerate(step):
             x[i] = x[i] + by
         for i in range(3):
@@ -408,16 +412,16 @@ class Step:
     def _moved(self, motion: Motion, with_rows: Sequence[Vector]) -> dict[tuple[int, int], Any]:
         """Entries of the covariance F P F' + Q.
 
-        With J the derivatives of the twist: with_rows = P J', of_twist = J P J', carried = F P in the
-        rows of pose and height.
+        With J the derivatives of the twist: with_rows = P J', twist_covariance = J P J', carried = F P in
+        the rows of pose and height.
         """
         P, states = self.lane.P, self.lane.shape.states
         rows, M_dt, yaws, faded, noise, own = motion
         count = len(rows)
-        of_twist = np.empty((count, count), dtype=object)
+        twist_covariance = np.empty((count, count), dtype=object)
         for k in range(count):
             for m in range(k, count):
-                of_twist[k, m] = of_twist[m, k] = dot(with_rows[k], rows[m])
+                twist_covariance[k, m] = twist_covariance[m, k] = dot(with_rows[k], rows[m])
         carried: dict[tuple[int, int], Any] = {}
         for i in range(count):
             for j in P.states:
@@ -429,7 +433,7 @@ class Step:
             times = [
                 with_rows[m][i]
                 + yaws[i] * with_rows[m][s.YAW]
-                + sum((M_dt[i][k] * of_twist[k][m] for k in range(count)), start=0.0)
+                + sum((M_dt[i][k] * twist_covariance[k][m] for k in range(count)), start=0.0)
                 for m in range(count)
             ]
             for k in range(i, count):
@@ -465,29 +469,23 @@ class Step:
     ) -> None:
         """Report a propagation, see `Moved`."""
         lane, states = self.lane, self.lane.P.states
-        rows, M_dt, yaws, faded, of_pose, own = motion
+        rows, M_dt, yaws, faded, pose_noise, own = motion
 
         def times_M(vectors: Sequence[Vector]) -> list[list[Any]]:
             """Product of M dt with the rows `vectors`, by pose or height and by state."""
-            terms = [
-                [
-                    [factor * row.get(j, 0.0) for factor, row in zip(factors, vectors, strict=True)]
-                    for j in states
-                ]
-                for factors in M_dt
-            ]
-            return [[sum(of_entry, start=0.0) for of_entry in row] for row in terms]
+            moved = [combined({}, *zip(factors, vectors, strict=True)) for factors in M_dt]
+            return [[row.get(j, 0.0) for j in states] for row in moved]
 
         moved = range(len(rows))
-        noise = [[of_pose.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
+        noise = [[pose_noise.get((min(i, j), max(i, j)), 0.0) for j in states] for i in moved]
         own_noise = [own[i] for i in states]
-        of_gravity = [[faded[k].get(i, 0.0) for i in states] for k in GRAVITY]
+        gravity = [[faded[k].get(i, 0.0) for i in states] for k in GRAVITY]
         values = moved_values(
             lane.x[s.YAW],
             step,
             yaws[:2],
             [fade.decay for fade in fades],
-            [*times_M(rows), *times_M(with_rows), *noise, own_noise, *of_gravity],
+            [*times_M(rows), *times_M(with_rows), *noise, own_noise, *gravity],
         )
         lane.report("moved", values, states)
 
@@ -504,13 +502,6 @@ class Step:
                 if i in GRAVITY:
                     walks[i] = walks[i] * travel + by_gyros
         return walks
-
-    def store_twist(self) -> None:
-        """Store the body velocity at the end of the step, and its covariance."""
-        lane = self.lane
-        speeds = lane.input("now_left"), lane.input("now_right")
-        now = lane.with_smoothed_derivatives(lane.twist_model(*speeds))
-        lane.store_twist(now)
 
 
 def _move_in_c(P: CovarianceInC, motion: Motion, states: Sequence[int]) -> None:
@@ -547,6 +538,7 @@ def _noise_of_pose(
         for i in range(count)
     ]
     squares = [part * part for part in sigma]
+    integrals = [square * fade.integral for square, fade in zip(squares, fades, strict=True)]
     for i in range(count):
         for j in walk:
             noise[i, j] = by_state[i][j] * walk[j] * half
@@ -555,25 +547,11 @@ def _noise_of_pose(
             noise[i, s.SLIP.start + axis] = slipped
         for k in range(i, count):
             walked = sum((by_state[i][j] * by_state[k][j] * walk[j] for j in walk), start=0.0)
-            parts = [
-                by_slip[i][a] * by_slip[k][a] * (squares[a] * fades[a].integral) for a in range(3)
-            ]
-            slipped = sum(parts, start=0.0)
-            noise[i, k] = walked * third + slipped
+            slips = [by_slip[i][a] * by_slip[k][a] * integrals[a] for a in range(3)]
+            noise[i, k] = walked * third + sum(slips, start=0.0)
     return noise
-
-
-def _transition(states: Sequence[int], fades: Sequence[GaussMarkov]) -> dict[int, Vector]:
-    """Rows of the transition of all states but the pose, and gravity: slip fades."""
-    rows: dict[int, Vector] = {i: {i: 1.0} for i in states}
-    rows |= {i: {i: fades[i - s.SLIP.start].decay} for i in states if _is_slip(i)}
-    return rows
 
 
 def _product(a: Any, b: Any) -> list[list[Any]]:
     """Product of two matrices (3, 3)."""
     return [[sum(row[k] * b[k][j] for k in range(3)) for j in range(3)] for row in a]
-
-
-def _is_slip(state: int) -> bool:
-    return s.SLIP.start <= state < s.SLIP.stop

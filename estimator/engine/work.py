@@ -108,7 +108,7 @@ def work_through(
             constants[c] = table[k, c]
         constants[places.interval] = table[k, PER_STEP]
         step_inputs = inputs[k]
-        is_tick, when = extras[k] & TICK, time_of_fix(kinds[k], extras[k])
+        is_tick, fix_time = extras[k] & TICK, time_of_fix(kinds[k], extras[k])
         if kinds[k] != AHEAD:
             quiet = False
             for lane in range(width):
@@ -120,12 +120,12 @@ def work_through(
                 kernel = kernels.update
             run_kernel(kernel, workspace, step_inputs, constants)
         if extras[k] & POSITION:
-            kernel = kernels.positions[when]
+            kernel = kernels.positions[fix_time]
             process_position(kernel, workspace, step_inputs, constants, fixes, stamps[k], places)
         if extras[k] & HEADING:
             for lane in range(width):
                 let_wander(workspace, lane, fixes[lane], stamps[k], places)
-            run_kernel(kernels.headings[when], workspace, step_inputs, constants)
+            run_kernel(kernels.headings[fix_time], workspace, step_inputs, constants)
         if is_tick:
             for row in range(len(places.estimate)):
                 for lane in range(output_lanes):
@@ -152,11 +152,8 @@ def process_position(
     inputs of the step are changed, and restored at the end.
     """
     width, before = workspace.shape[1], rows_of(workspace, places.x)
-    stated_variances, modes, wandered = (
-        step_inputs[FIX_VARIANCE].copy(),
-        step_inputs[MODE].copy(),
-        np.zeros(width),
-    )
+    stated_variances, modes = step_inputs[FIX_VARIANCE].copy(), step_inputs[MODE].copy()
+    wandered = np.zeros(width)
     for lane in range(width):
         if modes[lane] != SKIPPED:
             wandered[lane] = let_wander(workspace, lane, fixes[lane], stamp, places)
@@ -168,8 +165,8 @@ def process_position(
     predicted = rows_of(workspace, places.predicted)
     for lane in range(width):
         if modes[lane] != SKIPPED:
-            fix = fix_of(step_inputs, lane, step_inputs[FIX_VARIANCE])
-            place = three_of(predicted, lane, 0)
+            fix = position_of_lane(step_inputs, lane, step_inputs[FIX_VARIANCE])
+            place = three_rows(predicted, lane, 0)
             add_rejected(fixes[lane].rejected, fix, place, wandered[lane])
     if lost:
         for lane in range(width):
@@ -184,12 +181,12 @@ def process_position(
     for lane in range(width):
         is_used = (used >> lane) & 1 == 1
         if modes[lane] != SKIPPED and not places.wander_sigma:
-            x, y, variance = fix_of(step_inputs, lane, stated_variances)
-            z, S = (innovation[0, lane], innovation[1, lane]), three_of(innovation, lane, 2)
-            places_of_antenna = three_of(predicted, lane, 0), three_of(updated, lane, 0)
-            taken = TakenFix(stamp, x, y, variance, z, S, *places_of_antenna, is_used)
+            x, y, variance = position_of_lane(step_inputs, lane, stated_variances)
+            z, S = (innovation[0, lane], innovation[1, lane]), three_rows(innovation, lane, 2)
+            places_of_antenna = three_rows(predicted, lane, 0), three_rows(updated, lane, 0)
+            fix_after_update = TakenFix(stamp, x, y, variance, z, S, *places_of_antenna, is_used)
             is_inflated |= follow_in_lane(
-                workspace, lane, fixes[lane].scatter, taken, before[:, lane], places
+                workspace, lane, fixes[lane].scatter, fix_after_update, before[:, lane], places
             )
         if is_used or modes[lane] == SKIPPED:
             fixes[lane].rejected.count = 0
@@ -199,10 +196,8 @@ def process_position(
             step_inputs[MODE, lane] = SKIPPED
         run_kernel(kernel, workspace, step_inputs, constants)
     for lane in range(width):
-        step_inputs[FIX_VARIANCE, lane], step_inputs[MODE, lane] = (
-            stated_variances[lane],
-            modes[lane],
-        )
+        step_inputs[FIX_VARIANCE, lane] = stated_variances[lane]
+        step_inputs[MODE, lane] = modes[lane]
 
 
 def run_kernel(kernel: int, workspace: Floats, step_inputs: Floats, constants: Floats) -> int:
@@ -225,13 +220,15 @@ def rows_of(workspace: Floats, rows: Any) -> Floats:
     return copied
 
 
-def fix_of(step_inputs: Floats, lane: int, variances: Floats) -> tuple[float, float, float]:
-    """Position fix of a lane: x, y [m] and its variance [m²]."""
+def position_of_lane(
+    step_inputs: Floats, lane: int, variances: Floats
+) -> tuple[float, float, float]:
+    """Position fix of a lane: x, y [m], and its variance of those given [m²]."""
     return float(step_inputs[FIX_X, lane]), float(step_inputs[FIX_Y, lane]), float(variances[lane])
 
 
-def three_of(rows: Floats, lane: int, first: int) -> tuple[float, float, float]:
-    """Three numbers of a lane, in successive rows."""
+def three_rows(rows: Floats, lane: int, first: int) -> tuple[float, float, float]:
+    """Numbers of a lane in three successive rows, from row `first` on."""
     return rows[first, lane], rows[first + 1, lane], rows[first + 2, lane]
 
 
@@ -279,11 +276,12 @@ def follow_in_lane(
     correction = np.zeros(s.SIZE)
     for k in range(len(before)):
         correction[places.states[k]] = workspace[places.x[k], lane] - before[k]
-    found = follow_scatter(scatter, fix, correction)
-    for k in range(len(before) * found):  # none if scatter is not found
+    if not follow_scatter(scatter, fix, correction):
+        return False
+    for k in range(len(before)):
         moved = scatter.moved[places.states[k]]
         # A correction of x or y may be one of the other.
         first, end = (0, s.Y + 1) if k <= s.Y else (k, k + 1)
         for place in range(first, end):
             workspace[places.variances[place], lane] += moved * moved
-    return found
+    return True

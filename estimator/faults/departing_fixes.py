@@ -33,20 +33,20 @@ class Departure(NamedTuple):
 
     # time for which rejected fixes have departed [s]; 0 after a fix that does not depart
     time: Any = 0.0
-    from_x: Any = 0.0  # place on the path of the newest fix that does not depart [m]
-    from_y: Any = 0.0  # see above
-    by_x: Any = 0.0  # innovation of the newest fix [m]
-    by_y: Any = 0.0  # see above
+    from_x: Any = 0.0  # place on the path of the newest fix that does not depart, x [m]
+    from_y: Any = 0.0  # y of that place [m]
+    by_x: Any = 0.0  # innovation of the newest fix, along x [m]
+    by_y: Any = 0.0  # along y [m]
 
 
 class Indicated(NamedTuple):
     """Standard deviations of the errors that a departure indicates, with signs."""
 
     along: tuple[Any, Any]  # error of the position along the path, in x and y [m]
-    slip: Any  # with it, that of the slip of v_x [m/s]
-    beside: tuple[Any, Any]  # error of the position to a side, in x and y [m]
-    yaw: Any  # with it, the error of a yaw that was wrong from the start of the departure on [rad]
-    # or that of the gyro's bias, which has turned the yaw by twice as much until now [rad/s]
+    slip: Any  # error of the slip of v_x, if that causes `along` [m/s]
+    beside: tuple[Any, Any]  # error of the position across the path, in x and y [m]
+    yaw: Any  # error of the yaw, if it causes `beside` and has been the same all the time [rad]
+    # error of the gyro's bias, if it causes `beside`; the yaw is off by twice `yaw` by now then [rad/s]
     bias: Any
 
 
@@ -65,9 +65,9 @@ def departure_after(
     Args:
         before: departure before it.
         fix: the fix, x and y [m].
-        z: its innovation [m].
-        S: covariance of that, xx, xy and yy [m²].
-        heading: cosine and sine of the yaw.
+        z: its innovation, x and y [m].
+        S: covariance of the innovation, xx, xy and yy [m²].
+        heading: cosine and sine of the robot's yaw.
         fastest: highest speed of a track [m/s].
         gauge: distance between the tracks [m].
         interval: time since the fix before [s].
@@ -76,32 +76,34 @@ def departure_after(
         The departure with this fix; True if it has lasted long enough to be followed; the errors that it
         indicates.
     """
+    (z_x, z_y), (xx, xy, yy) = z, S
     time = max(LEAST_TIME, before.time + interval)
-    place = fix[0] - z[0], fix[1] - z[1]
-    # Distance and direction driven since the newest fix that does not depart.
-    x, y = place[0] - before.from_x, place[1] - before.from_y
-    distance = max(LEAST_DISTANCE, math.sqrt(x * x + y * y))
-    cos, sin = x / distance, y / distance
+    path_x, path_y = fix[0] - z_x, fix[1] - z_y
+    # Distance and direction (cosine, sine) driven since the newest fix that does not depart.
+    driven_x, driven_y = path_x - before.from_x, path_y - before.from_y
+    distance = max(LEAST_DISTANCE, math.sqrt(driven_x * driven_x + driven_y * driven_y))
+    cos, sin = driven_x / distance, driven_y / distance
     distance = min(distance, max(LEAST_DISTANCE, fastest * time))
-    ahead, left = cos * z[0] + sin * z[1], cos * z[1] - sin * z[0]
-    shared = 2.0 * cos * sin * S[1]
-    variance_ahead = max(0.0, cos * cos * S[0] + shared + sin * sin * S[2])
-    variance_left = max(0.0, sin * sin * S[0] - shared + cos * cos * S[2])
-    size = math.sqrt(z[0] * z[0] + z[1] * z[1])
+    # Innovation along that direction and to its left.
+    ahead, left = cos * z_x + sin * z_y, cos * z_y - sin * z_x
+    shared = 2.0 * cos * sin * xy
+    variance_ahead = max(0.0, cos * cos * xx + shared + sin * sin * yy)
+    variance_left = max(0.0, sin * sin * xx - shared + cos * cos * yy)
+    size = math.sqrt(z_x * z_x + z_y * z_y)
     noise = DEPARTURE_SIGMAS * math.sqrt(max(variance_ahead, variance_left))
-    departs = size < DEPARTURE_SHARE * distance + noise
-    # It continues to the side of the fix before.
+    is_in_reach = size < DEPARTURE_SHARE * distance + noise
+    # The departure continues to the side of the fix before, and is not much smaller.
     least = SAME_SIDE * math.sqrt(before.by_x * before.by_x + before.by_y * before.by_y)
-    continues = (z[0] * before.by_x + z[1] * before.by_y >= least * size) & (size >= least)
-    departs = departs & ((before.time <= 0.0) | continues)
-    is_clear = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))
+    continues = (z_x * before.by_x + z_y * before.by_y >= least * size) & (size >= least)
+    departs = is_in_reach & ((before.time <= 0.0) | continues)
+    is_followed = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))
     after = Departure(
         select(departs, time, 0.0),
-        select(departs, before.from_x, place[0]),
-        select(departs, before.from_y, place[1]),
+        select(departs, before.from_x, path_x),
+        select(departs, before.from_y, path_y),
         *z,
     )
-    ahead, left = beyond(ahead, variance_ahead), beyond(left, variance_left)
+    ahead, left = beyond_noise(ahead, variance_ahead), beyond_noise(left, variance_left)
     # A yaw error that grows with time moves the path half as far as one from the start on. A robot that
     # has slipped and turns on the spot departs as far: over a short distance only a slow turn counts.
     yaw = left / distance
@@ -109,17 +111,17 @@ def departure_after(
     yaw = select(is_slow | (distance > gauge), yaw, 0.0)
     slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
     along, beside = (cos * ahead, sin * ahead), (-sin * left, cos * left)
-    return after, is_clear, Indicated(along, slip, beside, yaw, -2.0 * yaw / time)
+    return after, is_followed, Indicated(along, slip, beside, yaw, -2.0 * yaw / time)
 
 
-def beyond(innovation: Any, variance: Any) -> Any:
-    """Part of an innovation that its noise does not explain, with its sign."""
+def beyond_noise(innovation: Any, variance: Any) -> Any:
+    """Part of an innovation [m] beyond noise of a variance [m²], with its sign."""
     excess = innovation * innovation - DEPARTURE_SIGMAS * DEPARTURE_SIGMAS * variance
     return select(innovation < 0.0, -1.0, 1.0) * math.sqrt(max(0.0, excess))
 
 
-def errors_of(indicated: Indicated) -> tuple[tuple[tuple[int, ...], tuple[Any, ...]], ...]:
-    """States and their errors by cause: slip; wrong yaw; wrong yaw and gyro bias."""
+def errors_by_cause(indicated: Indicated) -> tuple[tuple[tuple[int, ...], tuple[Any, ...]], ...]:
+    """Pairs of states and their errors, for each cause: slip; wrong yaw; gyro bias."""
     return (
         ((s.X, s.Y, s.SLIP_X), (*indicated.along, indicated.slip)),
         ((s.X, s.Y, s.YAW), (*indicated.beside, indicated.yaw)),

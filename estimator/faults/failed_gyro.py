@@ -103,11 +103,11 @@ def watch_gyro(
     elif fault_before == WORKS and not is_gap:
         size = min(abs(change), MOST_OF_MEAN * gyro.size)
         gyro.size += min(1.0, dt / AVERAGING) * (size - gyro.size)
-    if fault != WORKS and fault_before == WORKS:
-        gyro.since = stamp
-        gyro.times += 1
     if fault == WORKS:
         gyro.since = NEVER
+    elif fault_before == WORKS:
+        gyro.since = stamp
+        gyro.times += 1
     gyro.fault = fault
     gyro.jumped += fault == JUMPED
     gyro.repeated += fault == REPEATS
@@ -118,17 +118,17 @@ def watch_gyro(
 def count_repeats(gyro: GyroRecord, turning: float, repeated: bool) -> None:
     """Count changes of the tracks' `turning` [m/s] over equal readings.
 
-    `repeated` is True if the newest reading equals the one before.
+    `repeated` is True if the newest reading equals the one before. Otherwise the count begins again.
     """
-    turned = turning != gyro.turning
+    has_changed = turning != gyro.turning
     gyro.turning = turning
     if repeated:
-        gyro.repeats += turned
+        gyro.repeats += has_changed
         return
     if gyro.fault != REPEATS:
         gyro.most_repeats = max(gyro.most_repeats, gyro.repeats)
     gyro.repeats = 0
-    if turned and gyro.changes < LEARNT:
+    if has_changed and gyro.changes < LEARNT:
         gyro.changes += 1
 
 
@@ -144,20 +144,22 @@ def least_jump(gyro: GyroRecord, dt: float, acceleration: float) -> float:
 
 
 def is_jump_over(
-    gyro: GyroRecord, dt: float, change: float, by_tracks: float, by_tracks_before: float
+    gyro: GyroRecord, dt: float, change: float, track_rate: float, track_rate_before: float
 ) -> bool:
     """Return True if the gyro reads a yaw rate again, after a jump.
 
+    It does once it jumps back, the tracks have jumped along, or both have agreed for `AGREEMENT_TIME`.
+
     Args:
-        gyro: record, changed in place.
+        gyro: record; its time of agreement is changed.
         dt: time since the reading before [s].
         change: change of the reading since then [rad/s].
-        by_tracks: yaw rate by the tracks [rad/s].
-        by_tracks_before: the same a moment before [rad/s].
+        track_rate: yaw rate by the tracks [rad/s].
+        track_rate_before: the same a moment before [rad/s].
     """
     limit = JUMP_SHARE * abs(gyro.jump)
-    towards = 1.0 if gyro.jump > 0.0 else -1.0
-    if -towards * change > limit or towards * (by_tracks - by_tracks_before) > limit:
+    jump_sign = 1.0 if gyro.jump > 0.0 else -1.0
+    if -jump_sign * change > limit or jump_sign * (track_rate - track_rate_before) > limit:
         return True
-    gyro.agreed = gyro.agreed + dt if abs(gyro.rate - by_tracks) < limit else 0.0
+    gyro.agreed = gyro.agreed + dt if abs(gyro.rate - track_rate) < limit else 0.0
     return gyro.agreed > AGREEMENT_TIME

@@ -80,18 +80,23 @@ def side_speeds(mean: float, wheels: Wheels, limit: float) -> SideSpeeds:
         wheels: speeds of the wheels [m/s]; fewer than two show nothing.
         limit: least distance of two that disagree [m/s].
     """
-    if len(wheels) < 2:
+    if len(wheels) < 2 or range_of(wheels) <= limit:
         return SideSpeeds(mean, mean, True)
-    if nth_of(wheels, len(wheels) - 1) - nth_of(wheels, 0) <= limit:
-        return SideSpeeds(mean, mean, True)
-    low, high = nth_of(wheels, (len(wheels) - 1) // 2), nth_of(wheels, len(wheels) // 2)
+    # The two middle wheels; of an odd number both are the median.
+    low = nth_smallest(wheels, (len(wheels) - 1) // 2)
+    high = nth_smallest(wheels, len(wheels) // 2)
     if high - low > limit:
         return SideSpeeds(low, high, False)
     return SideSpeeds(0.5 * (low + high), 0.5 * (low + high), False)
 
 
-def nth_of(wheels: Wheels, n: int) -> float:
-    """Return the n-th smallest speed, counted from 0."""
+def range_of(wheels: Wheels) -> float:
+    """Fastest less slowest wheel [m/s]."""
+    return nth_smallest(wheels, len(wheels) - 1) - nth_smallest(wheels, 0)
+
+
+def nth_smallest(wheels: Wheels, n: int) -> float:
+    """Return the n-th smallest speed, counted from 0, without a sorted copy (for C)."""
     for speed in wheels:
         lower = equal = 0
         for other in wheels:
@@ -134,23 +139,23 @@ def take_wheels(
     limit = least_apart(fastest)
     on_left = side_speeds(speeds[0], left_wheels, limit)
     on_right = side_speeds(speeds[1], right_wheels, limit)
-    turning, error = turning_of(spin, stamp)
+    turning, error = turning_by_gyro(spin, stamp)
     expected_left = on_right.low - turning if on_right.low == on_right.high else math.nan
     expected_right = on_left.low + turning if on_left.low == on_left.high else math.nan
-    of_left = speed_of(left, on_left, left_wheels, expected_left, error)
-    of_right = speed_of(right, on_right, right_wheels, expected_right, error)
+    left_speed = side_speed(left, on_left, left_wheels, expected_left, error)
+    right_speed = side_speed(right, on_right, right_wheels, expected_right, error)
     if keeps:
-        decides_left = decides(on_left, expected_left, error)
-        take_side(left, stamp, on_left, left_wheels, of_left, decides_left)
-        decides_right = decides(on_right, expected_right, error)
-        take_side(right, stamp, on_right, right_wheels, of_right, decides_right)
-    return of_left, of_right
+        is_left_certain = is_certain(on_left, expected_left, error)
+        take_side(left, stamp, on_left, left_wheels, left_speed, is_left_certain)
+        is_right_certain = is_certain(on_right, expected_right, error)
+        take_side(right, stamp, on_right, right_wheels, right_speed, is_right_certain)
+    return left_speed, right_speed
 
 
-def turning_of(spin: SpinRecord, stamp: int) -> tuple[float, float]:
+def turning_by_gyro(spin: SpinRecord, stamp: int) -> tuple[float, float]:
     """Difference of the sides by the gyro, right less left, and its error [m/s].
 
-    It is NaN if the gyro shows nothing: it is silent, it fails, or a whole track spins.
+    The difference is NaN if the gyro shows nothing: it is silent or fails, or a whole track spins.
     """
     is_recent = spin.stamp != NEVER and abs(stamp - spin.stamp) * NANOSECOND <= LONGEST_INTERVAL
     if not is_recent or is_found(spin):
@@ -162,27 +167,27 @@ def turning_of(spin: SpinRecord, stamp: int) -> tuple[float, float]:
     return turning, max(LEAST_ERROR_SHARE, SIGMAS * spread_of_bends(spin)) * abs(turning)
 
 
-def decides(possible: SideSpeeds, expected: float, error: float) -> bool:
+def is_certain(possible: SideSpeeds, expected: float, error: float) -> bool:
     """Return True if it is certain which speed of a side is right.
 
-    The wheels alone decide, or the speed `expected` by gyro and other side, with its `error` [m/s]; it is
-    NaN, which decides nothing, if these show nothing.
+    Either the wheels leave one speed, or one is near the speed `expected` by gyro and other side, with
+    its `error` [m/s]. An expected speed of NaN, which is not known, makes nothing certain.
     """
     distance = min(abs(possible.low - expected), abs(possible.high - expected))
     limit = NEAR_SHARE * (possible.high - possible.low)
     return possible.low == possible.high or distance + error < limit
 
 
-def speed_of(
+def side_speed(
     side: WheelsRecord, possible: SideSpeeds, wheels: Wheels, expected: float, error: float
 ) -> float:
-    """Speed of one side: nearest to the expected one, or without the odd wheel.
+    """Speed of one side [m/s]: of the two that are possible the one that is right.
 
-    The expected speed with its error counts if it `decides`. If it does not and no wheel is known to be
-    odd, it is the mean of the two possible speeds [m/s].
+    If it `is_certain`, that is the one nearest to the expected speed; otherwise the one further from the
+    wheel that is known to be odd. If none is, it is the mean of the two.
     """
     low, high = possible.low, possible.high
-    if decides(possible, expected, error):
+    if is_certain(possible, expected, error):
         return low if abs(low - expected) < abs(high - expected) else high
     if 0 <= side.odd < len(wheels):
         # The wheel that was certainly wrong stays excluded; the doubt grows.
@@ -197,12 +202,17 @@ def take_side(
     possible: SideSpeeds,
     wheels: Wheels,
     speed: float,
-    is_certain: bool,
+    is_decided: bool,
 ) -> None:
-    """Add a sample of one side, with its speed [m/s], by `speed_of` and `decides`."""
+    """Add a sample of one side to its record.
+
+    `speed` is by `side_speed` [m/s], `is_decided` by `is_certain`. Agreement resets the record.
+    """
     if possible.agrees:
         if side.since != NEVER and (stamp - side.newest) * NANOSECOND > AGREEMENT_TIME:
-            agree_again(side)
+            side.since = side.newest = side.decided = NEVER
+            side.odd, side.samples = NO_WHEEL, 0
+            side.apart = side.doubt = side.way = 0.0
         return
     if side.since == NEVER:
         side.since = side.newest = stamp
@@ -210,25 +220,19 @@ def take_side(
     side.newest = stamp
     side.samples += 1
     interval = min(AGREEMENT_TIME, (stamp - before) * NANOSECOND)
-    side.way += (nth_of(wheels, len(wheels) - 1) - nth_of(wheels, 0)) * interval
+    side.way += range_of(wheels) * interval
     side.times += are_found(side) and not was_found
     side.doubt = half = 0.5 * (possible.high - possible.low)
-    if is_certain:
+    if is_decided:
         side.doubt, side.decided = 0.0, stamp
     elif not 0 <= side.odd < len(wheels):
         side.apart = half
         return
+    # The odd wheel is the one furthest from the speed of the side.
     side.odd, side.apart = 0, abs(wheels[0] - speed)
     for k in range(1, len(wheels)):
         if abs(wheels[k] - speed) > side.apart:
             side.odd, side.apart = k, abs(wheels[k] - speed)
-
-
-def agree_again(side: WheelsRecord) -> None:
-    """Reset the record: the wheels agree again."""
-    side.since = side.newest = side.decided = NEVER
-    side.odd, side.samples = NO_WHEEL, 0
-    side.apart = side.doubt = side.way = 0.0
 
 
 def wheel_density(side: WheelsRecord, newest: int, start: int, end: int) -> float:

@@ -113,14 +113,15 @@ def wanders(scatter: ScatterRecord) -> bool:
     return scatter.variance > 0.0 and scatter.likeness > 0.5 * (WHITE_UP_TO + WALKS_FROM)
 
 
-def correlation_of(scatter: ScatterRecord) -> float | None:
-    """Correlation of successive innovations; None before `FEWEST_AVERAGED`."""
-    counts = scatter.judged >= FEWEST_AVERAGED and scatter.squares
-    return scatter.products / scatter.squares if counts else None
+def innovation_correlation(scatter: ScatterRecord) -> float | None:
+    """Correlation of successive innovations [-]; None before `FEWEST_AVERAGED` fixes."""
+    if scatter.judged < FEWEST_AVERAGED or scatter.squares == 0.0:
+        return None
+    return scatter.products / scatter.squares
 
 
 def count_innovation(scatter: ScatterRecord, x: float, y: float) -> None:
-    """Add the normalised innovation of the newest fix [-]."""
+    """Add the newest normalised innovation [-] to averaged squares and products."""
     scatter.judged = min(MOST_AVERAGED, scatter.judged + 1)
     product, square = x * scatter.innovation_x + y * scatter.innovation_y, x * x + y * y
     scatter.innovation_x, scatter.innovation_y = x, y
@@ -136,11 +137,11 @@ class TakenFix(NamedTuple):
     y: float  # measured [m]
     variance: float  # variance that it states [m²]
     z: tuple[float, float]  # its innovation, x and y [m]
-    S: tuple[float, float, float]  # covariance of that, xx, xy and yy [m²]
-    # place of the antenna before the update, and yaw [m, m, rad]
+    S: tuple[float, float, float]  # covariance of the innovation, xx, xy and yy [m²]
+    # place of the antenna before the update, x and y, and yaw [m, m, rad]
     predicted: tuple[float, float, float]
-    updated: tuple[float, float, float]  # the same after it
-    used: bool  # it was used
+    updated: tuple[float, float, float]  # the same after the update
+    used: bool  # True if it has updated the filter
 
 
 def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
@@ -157,23 +158,24 @@ def add_fix(scatter: ScatterRecord, fix: TakenFix, correction: Floats) -> bool:
     if scatter.newest == NEVER or not 0.0 <= elapsed <= LONGEST_GAP:
         begin_path(scatter, fix.stamp)
     else:
+        # The path is not turned by fixes: the step of the estimate is turned back.
         x, y, _ = fix.predicted
         step = complex(x - scatter.antenna_x, y - scatter.antenna_y)
-        step *= turn_by(-scatter.turn)
+        step *= unit_number(-scatter.turn)
         scatter.newest_x += step.real
         scatter.newest_y += step.imag
         weight = 0.1 if scatter.interval > 0.0 else 1.0
         scatter.interval += weight * (elapsed - scatter.interval)
     scatter.newest = fix.stamp
-    is_laid = lay_out(scatter, fix)
-    kept = 1.0 - 1.0 / MOST_ALIGNED if is_laid else 1.0
+    is_aligned = align_newest(scatter, fix)
+    kept_share = 1.0 - 1.0 / MOST_ALIGNED if is_aligned else 1.0
     for k in range(len(correction)):
-        scatter.moved[k] = kept * scatter.moved[k] + correction[k]
-    scatter.antenna_x, scatter.antenna_y = fix.updated[0], fix.updated[1]
-    scatter.turn += fix.updated[2] - fix.predicted[2]
+        scatter.moved[k] = kept_share * scatter.moved[k] + correction[k]
+    scatter.antenna_x, scatter.antenna_y, yaw = fix.updated
+    scatter.turn += yaw - fix.predicted[2]
     scatter.used += fix.used and variance_before > fix.variance
-    if is_laid and scatter.laid >= FEWEST_ALIGNED:
-        measure(scatter, fix.variance)
+    if is_aligned and scatter.laid >= FEWEST_ALIGNED:
+        measure_scatter(scatter, fix.variance)
     return variance_before == 0.0 < scatter.variance
 
 
@@ -186,8 +188,8 @@ def begin_path(scatter: ScatterRecord, stamp: int) -> None:
         scatter.moved[k] = 0.0
 
 
-def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
-    """Align the newest fix with the path, or let it wait; True if it is aligned.
+def align_newest(scatter: ScatterRecord, fix: TakenFix) -> bool:
+    """Add the newest fix to the aligned ones, or let it wait; True if it is aligned.
 
     A fix too soon after the one before is left out. A used fix drops those that wait. The last of
     `REJECTED_IN_ROW` rejected ones is aligned with them. Beyond `MOST_ALIGNED` the oldest are dropped.
@@ -207,29 +209,30 @@ def lay_out(scatter: ScatterRecord, fix: TakenFix) -> bool:
         return False
     surplus = max(0, count + 1 - MOST_ALIGNED)
     scatter.laid, scatter.waiting = count + 1 - surplus, 0
-    for k in range(scatter.laid * (surplus > 0)):  # none without surplus
-        scatter.time[k], scatter.yaw[k] = scatter.time[k + surplus], scatter.yaw[k + surplus]
-        scatter.x[k], scatter.y[k] = scatter.x[k + surplus], scatter.y[k + surplus]
-        scatter.path_x[k] = scatter.path_x[k + surplus]
-        scatter.path_y[k] = scatter.path_y[k + surplus]
+    if surplus > 0:
+        for k in range(scatter.laid):
+            scatter.time[k], scatter.yaw[k] = scatter.time[k + surplus], scatter.yaw[k + surplus]
+            scatter.x[k], scatter.y[k] = scatter.x[k + surplus], scatter.y[k + surplus]
+            scatter.path_x[k] = scatter.path_x[k + surplus]
+            scatter.path_y[k] = scatter.path_y[k + surplus]
     return True
 
 
-def measure(scatter: ScatterRecord, stated: float) -> None:
+def measure_scatter(scatter: ScatterRecord, stated: float) -> None:
     """Update `scatter.variance` and `scatter.likeness` by the aligned fixes.
 
     The variance follows a larger scatter at once and fades if fixes scatter less. It is 0 if it is not
     above that which the newest fix states, `stated` [m²].
     """
     factor = FACTOR_STILL if scatter.variance > 0.0 else FACTOR_FOUND
-    spread = spread_of(scatter)
-    slides = spread.second <= SLIDING_RATIO * spread.successive
-    aligned_interval = max(spread.apart, SHORTEST_INTERVAL)
+    spread = residual_spread(scatter)
+    is_sliding = spread.second_differences <= SLIDING_RATIO * spread.differences
+    aligned_interval = max(spread.interval, SHORTEST_INTERVAL)
     white_variance, walk_over_white = 0.0, 1.0
-    if not slides and steps_scatter(scatter, stated, factor):
+    if not is_sliding and steps_scatter(scatter, stated, factor):
         expected = expected_residuals(scatter)
         if scatter.laid >= FEWEST_IN_ORDER:
-            ratio = spread.successive / spread.squares
+            ratio = spread.differences / spread.squares
             likeness = (expected.white_ratio - ratio) / (expected.white_ratio - expected.walk_ratio)
             scatter.likeness += LIKENESS_WEIGHT * (likeness - scatter.likeness)
         # A walk grows with each aligned fix for WANDER_TIME, and all fixes of that time share its error.
@@ -247,7 +250,8 @@ def measure(scatter: ScatterRecord, stated: float) -> None:
 def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
     """Return True if most of the newest steps are off, along and across.
 
-    They are, if no turn and stretch of the path makes half of its steps fit those of the fixes.
+    They are if no turn and stretch of the path makes half of its steps fit those of the fixes. Tried are
+    those that make one of the steps fit.
 
     Args:
         scatter: the record.
@@ -255,30 +259,35 @@ def steps_scatter(scatter: ScatterRecord, stated: float, least: float) -> bool:
         least: factor on the expected variance of a step, of many fixes.
     """
     first = max(1, scatter.laid - NEWEST_STEPS)
-    fit = steps_fit(scatter, first, 1.0 + 0j, stated, least)
+    do_fit = steps_fit(scatter, first, 1.0 + 0j, stated, least)
     for k in range(first, scatter.laid):
         path, fixes = path_step(scatter, k), fix_step(scatter, k)
-        if not fit and min(size_of(path), size_of(fixes)) > LEAST_DISTANCE:
-            stretch = fixes * path.conjugate() * (1.0 / square_of(path))
-            fit = steps_fit(scatter, first, stretch, stated, least)
-    return not fit
+        if not do_fit and min(magnitude(path), magnitude(fixes)) > LEAST_DISTANCE:
+            stretch = fixes * path.conjugate() * (1.0 / squared_magnitude(path))
+            do_fit = steps_fit(scatter, first, stretch, stated, least)
+    return not do_fit
 
 
 def steps_fit(
     scatter: ScatterRecord, first: int, stretch: complex, stated: float, least: float
 ) -> bool:
-    """Return True if half of the steps of the turned path fit, along or across."""
-    turn_back, count = stretch.conjugate() * (1.0 / size_of(stretch)), scatter.laid - first
+    """Return True if half of the steps of the turned path fit, along or across.
+
+    `stretch` is the complex factor on the path's steps from fix `first` on; the others as above.
+    """
+    turn_back, count = stretch.conjugate() * (1.0 / magnitude(stretch)), scatter.laid - first
     factor = MEDIAN_SQUARE * least * (1.0 + FACTOR_OF_FEW / (count - 1.0) ** 2)
     along = across = 0
     for k in range(first, scatter.laid):
         path = path_step(scatter, k)
         seconds = (scatter.time[k] - scatter.time[k - 1]) * NANOSECOND
-        of_path = STEP_ERROR * size_of(path) * max(1.0, seconds)
-        axes = (fix_step(scatter, k) - stretch * path) * turn_by(-scatter.yaw[k]) * turn_back
-        limit = factor * (2.0 * stated + of_path**2)
-        along += axes.real**2 <= limit
-        across += axes.imag**2 <= limit
+        path_error = STEP_ERROR * magnitude(path) * max(1.0, seconds)
+        # In the robot's axes: the real part is along it, the imaginary part across.
+        residual = fix_step(scatter, k) - stretch * path
+        residual = residual * unit_number(-scatter.yaw[k]) * turn_back
+        limit = factor * (2.0 * stated + path_error**2)
+        along += residual.real**2 <= limit
+        across += residual.imag**2 <= limit
     return 2 * max(along, across) >= count
 
 
@@ -294,14 +303,14 @@ class ExpectedResiduals(NamedTuple):
 def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
     """Residuals that are expected of white errors and of a random walk.
 
-    The fit of `spread_of` removes the mean, and a turn and stretch of the path. The residuals of a unit
-    error at one fix (white), and of one from that fix on (walk), are squared and summed over all fixes.
+    The fit of `residual_spread` removes the mean, and a turn and stretch of the path. The residuals of a
+    unit error at one fix (white), or from that fix on (walk), are squared and summed over all fixes.
     """
     n, centre, extent = scatter.laid, 0j, 0.0
     for k in range(n):
         centre += path_at(scatter, k) * (1.0 / n)
     for k in range(n):
-        extent += square_of(path_at(scatter, k) - centre)
+        extent += squared_magnitude(path_at(scatter, k) - centre)
     # A shorter path shows no stretch.
     inverse_extent = 1.0 / extent if extent > n * LEAST_DISTANCE**2 else 0.0
     white_squares = white_differences = walk_squares = walk_differences = 0.0
@@ -315,11 +324,11 @@ def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
             lever = path_at(scatter, k) - centre
             white = (1.0 if k == source else 0.0) - 1.0 / n - lever * white_stretch
             walk = (1.0 if k >= source else 0.0) - (n - source) / n - lever * walk_stretch
-            white_squares += square_of(white)
-            walk_squares += square_of(walk)
+            white_squares += squared_magnitude(white)
+            walk_squares += squared_magnitude(walk)
             if k > 0:
-                white_differences += square_of(white - white_before)
-                walk_differences += square_of(walk - walk_before)
+                white_differences += squared_magnitude(white - white_before)
+                walk_differences += squared_magnitude(walk - walk_before)
             white_before, walk_before = white, walk
     white_ratio, walk_ratio = white_differences / white_squares, walk_differences / walk_squares
     return ExpectedResiduals(white_ratio, walk_ratio, walk_squares / (n - 2.0))
@@ -328,51 +337,51 @@ def expected_residuals(scatter: ScatterRecord) -> ExpectedResiduals:
 class Spread(NamedTuple):
     """Sums of squares of the residuals of fixes that are aligned with the path."""
 
-    squares: float  # sum of their own squares [m²]
-    successive: float  # sum of the squares of successive differences [m²]
-    second: float  # that of second differences [m²]
+    squares: float  # sum of the squares of the residuals [m²]
+    differences: float  # sum of the squares of their successive differences [m²]
+    second_differences: float  # sum of the squares of their second differences [m²]
     freedom: float  # degrees of freedom of each axis
-    apart: float  # time between two fixes [s]
+    interval: float  # mean time between two fixes [s]
 
 
-def spread_of(scatter: ScatterRecord) -> Spread:
+def residual_spread(scatter: ScatterRecord) -> Spread:
     """Spread of the fixes about the path that is aligned with them (least squares)."""
-    n, fixes, path = scatter.laid, 0j, 0j
+    n, mean_fix, mean_path = scatter.laid, 0j, 0j
     for k in range(n):
-        fixes += fix_at(scatter, k) * (1.0 / n)
-        path += path_at(scatter, k) * (1.0 / n)
+        mean_fix += fix_at(scatter, k) * (1.0 / n)
+        mean_path += path_at(scatter, k) * (1.0 / n)
     extent, shared = 0.0, 0j
     for k in range(n):
-        off = path_at(scatter, k) - path
-        extent += square_of(off)
-        shared += (fix_at(scatter, k) - fixes) * off.conjugate()
+        lever = path_at(scatter, k) - mean_path
+        extent += squared_magnitude(lever)
+        shared += (fix_at(scatter, k) - mean_fix) * lever.conjugate()
     stretch = shared * (1.0 / extent) if extent > n * LEAST_DISTANCE**2 else 1.0 + 0j
-    squares = successive = second = 0.0
-    before = step = 0j
+    squares = differences = second_differences = 0.0
+    before = difference_before = 0j
     for k in range(n):
-        off = fix_at(scatter, k) - fixes - stretch * (path_at(scatter, k) - path)
-        squares += square_of(off)
+        residual = fix_at(scatter, k) - mean_fix - stretch * (path_at(scatter, k) - mean_path)
+        squares += squared_magnitude(residual)
         if k > 0:
-            successive += square_of(off - before)
+            differences += squared_magnitude(residual - before)
         if k > 1:
-            second += square_of(off - before - step)
-        before, step = off, off - before
-    apart = (scatter.time[n - 1] - scatter.time[0]) * NANOSECOND / (n - 1.0)
-    return Spread(squares, successive, second, n - 2.0, apart)
+            second_differences += squared_magnitude(residual - before - difference_before)
+        before, difference_before = residual, residual - before
+    interval = (scatter.time[n - 1] - scatter.time[0]) * NANOSECOND / (n - 1.0)
+    return Spread(squares, differences, second_differences, n - 2.0, interval)
 
 
-def turn_by(angle: float) -> complex:
-    """Factor that turns a number x + iy by an angle [rad]."""
+def unit_number(angle: float) -> complex:
+    """Complex number of length 1, which turns others by an angle [rad] as a factor."""
     return complex(math.cos(angle), math.sin(angle))
 
 
 def fix_at(scatter: ScatterRecord, k: int) -> complex:
-    """Measured place x + iy of a fix [m]."""
+    """Measured place x + iy of aligned fix k [m]."""
     return complex(scatter.x[k], scatter.y[k])
 
 
 def path_at(scatter: ScatterRecord, k: int) -> complex:
-    """Place x + iy of a fix on the path [m]."""
+    """Place x + iy of aligned fix k on the path [m]."""
     return complex(scatter.path_x[k], scatter.path_y[k])
 
 
@@ -386,11 +395,11 @@ def path_step(scatter: ScatterRecord, k: int) -> complex:
     return path_at(scatter, k) - path_at(scatter, k - 1)
 
 
-def size_of(number: complex) -> float:
+def magnitude(number: complex) -> float:
     """Absolute value."""
-    return math.sqrt(square_of(number))
+    return math.sqrt(squared_magnitude(number))
 
 
-def square_of(number: complex) -> float:
+def squared_magnitude(number: complex) -> float:
     """Square of the absolute value."""
     return number.real * number.real + number.imag * number.imag

@@ -65,7 +65,7 @@ def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> 
     """
     dt = (stamp - slide.stamp) * NANOSECOND if slide.stamp != NEVER else 0.0
     change = tracks - slide.tracks
-    if force != force:
+    if force != force:  # NaN
         return
     slide.stamp, slide.tracks = stamp, tracks
     if dt == 0.0:
@@ -73,7 +73,8 @@ def watch_slide(slide: SlideRecord, stamp: int, force: float, tracks: float) -> 
     if not 0.0 < dt < LONGEST_INTERVAL:
         slide.difference = 0.0
         return
-    difference = force * dt - change  # of the changes of velocity by accelerometer and tracks
+    # Change of velocity by the accelerometer less that by the tracks.
+    difference = force * dt - change
     slide.difference += difference - slide.mean * dt - min(1.0, dt / FORGETTING) * slide.difference
     slide.mean += (difference - slide.mean * dt) / GRAVITY_AVERAGING
     limit = max(LEAST_SPEED, SIGMAS * math.sqrt(slide.square))

@@ -95,13 +95,14 @@ def unexplained(spin: SpinRecord, left: float, right: float, sigmas: float = SIG
     share = sigmas * spread_of_bends(spin) if width_of_bends(spin) > 0.0 else MOST_ABOVE
     below = min(MOST_BELOW, max(LEAST_SHARE, share)) * abs(expected)
     above = min(MOST_ABOVE, max(LEAST_SHARE, share)) * abs(expected)
-    low, high = (below, above) if expected > 0.0 else (above, below)
+    # Slip explains an excess from -least to most, which is subtracted.
+    least, most = (below, above) if expected > 0.0 else (above, below)
     excess = turning - expected
-    return excess - high if excess > high else min(0.0, excess + low)
+    return excess - most if excess > most else min(0.0, excess + least)
 
 
 def learn_width(spin: SpinRecord, dt: float) -> None:
-    """Add a sample of ordinary driving, after a time [s], to the robot's bends."""
+    """Add a sample of ordinary driving that lasts `dt` [s] to the robot's bends."""
     turned = abs(spin.rate) * dt
     decay = math.exp(-turned / MEMORY_OF_TURNING)
     spin.turned = decay * spin.turned + turned
@@ -113,9 +114,7 @@ def learn_width(spin: SpinRecord, dt: float) -> None:
 def side_that_changed(
     mismatch: float, change_left: float, change_right: float, limit: float
 ) -> int:
-    """Find the track whose speed jumped when a mismatch began.
-
-    It is `LEFT`, `RIGHT`, or `UNKNOWN` if none did.
+    """Find the track whose speed jumped when a mismatch began; `UNKNOWN` if none did.
 
     Args:
         mismatch: difference of the track speeds that no slip explains, right less left [m/s].
@@ -123,11 +122,12 @@ def side_that_changed(
         change_right: newest change of the right track's speed [m/s].
         limit: least change that is a jump [m/s].
     """
-    towards = 1.0 if mismatch > 0.0 else -1.0
-    left, right = -towards * change_left, towards * change_right
-    if max(left, right) < limit:
+    # Jumps towards the mismatch count: a slower left or a faster right track, if it is positive.
+    sign = 1.0 if mismatch > 0.0 else -1.0
+    left_jump, right_jump = -sign * change_left, sign * change_right
+    if max(left_jump, right_jump) < limit:
         return UNKNOWN
-    return LEFT if left > right else RIGHT
+    return LEFT if left_jump > right_jump else RIGHT
 
 
 def least_mismatch(fastest: float) -> float:
@@ -136,7 +136,7 @@ def least_mismatch(fastest: float) -> float:
 
 
 def side_with_less_load(force: float) -> int:
-    """Find the track with less load, at an averaged specific force to the left [m/s²]."""
+    """Track with less load, by an averaged specific force to the left [m/s²]."""
     if abs(force) < LEAST_FORCE:
         return UNKNOWN
     return LEFT if force > 0.0 else RIGHT
@@ -153,7 +153,7 @@ def certain_side(spin: SpinRecord) -> int:
 
 
 def is_likely(spin: SpinRecord) -> bool:
-    """Return True if a track is found spinning or is likely to be."""
+    """Return True if a track is found spinning or is likely to spin."""
     return spin.way >= LIKELY_SPIN_DISTANCE
 
 
@@ -214,8 +214,8 @@ def watch_spin(
     # Tracks at rest do not begin to spin; the robot is pushed or carried.
     may_spin = was_found or max(abs(spin.left), abs(spin.right)) > limit_now
     is_mismatch = may_spin and not spin.gyro_jumped and abs(mismatch) > limit_now
-    same_sign = spin.since == NEVER or mismatch * spin.mismatch > 0.0
-    if is_mismatch and same_sign:
+    has_same_sign = spin.since == NEVER or mismatch * spin.mismatch > 0.0
+    if is_mismatch and has_same_sign:
         if spin.since == NEVER:
             spin.since, spin.way = stamp, 0.0
             spin.side = side_that_changed(mismatch, change_left, change_right, limit)

@@ -44,22 +44,25 @@ class Repeating(msgspec.Struct):
 def repeating_after(
     track: Repeating, stamp: int, reading: float, other: float, hold: float
 ) -> bool:
-    """Add a sample; return True if the track is found stuck by it.
+    """Add a sample of a track; return True if it is the first one found stuck.
+
+    Another reading, or a gap, starts the repetition again; the time of one that was not a fault counts in
+    `longest`.
 
     Args:
         track: record of the track, changed in place.
         stamp: stamp of the sample [ns].
         reading: reading of the track [m/s].
         other: reading of the other track [m/s].
-        hold: a longer gap between samples starts a new record [s].
+        hold: longest time between samples that is no gap [s].
     """
     after_gap = (stamp - track.newest) * NANOSECOND > hold
     if after_gap or reading != track.reading:
         if not after_gap:
-            repeated = track.since != track.newest and track.reading != 0.0
+            has_repeated = track.since != track.newest and track.reading != 0.0
             duration = (track.newest - track.since) * NANOSECOND
             is_usual = duration < LEAST_FROZEN_TIME or abs(reading - track.reading) < STEADY_CHANGE
-            if repeated and is_usual and stuck_from(track, hold) == NEVER:
+            if has_repeated and is_usual and stuck_from(track, hold) == NEVER:
                 track.longest = max(track.longest, duration)
             if track.changes < OWN_READINGS:
                 track.changes += 1
@@ -97,11 +100,7 @@ def stuck_from(track: Repeating, hold: float) -> int:
         track: record of the track.
         hold: age up to which a reading is valid in any case [s].
     """
-    if (
-        track.since == track.newest
-        or track.other_count < OTHER_READINGS
-        or track.changes < OWN_READINGS
-    ):
+    if track.other_count < OTHER_READINGS or track.changes < OWN_READINGS:
         return NEVER
     start = track.since + int(max(hold, UNUSUAL_FACTOR * track.longest) / NANOSECOND)
     return start if track.newest > start and track.reading != 0.0 else NEVER

@@ -91,8 +91,8 @@ class Events:
         if not self._events:
             return
         is_nonzero = np.logical_or.reduceat(values[: self._ends[-1]] != 0.0, self._begins)
-        places = zip(self._begins.tolist(), self._ends.tolist(), is_nonzero.tolist(), strict=True)
-        for (kind, states, fixed), (begin, end, changes) in zip(self._events, places, strict=True):
+        spans = zip(self._begins.tolist(), self._ends.tolist(), is_nonzero.tolist(), strict=True)
+        for (kind, states, fixed), (begin, end, changes) in zip(self._events, spans, strict=True):
             if kind == "renewed":
                 listener.renewed(_symmetric(values[begin:end], 3))
             elif not changes:
@@ -112,8 +112,8 @@ class Events:
                 change[states] = values[begin:end]
                 listener.projected(change)
             else:
-                at = yaw if kind == "motion" else None
-                listener.inflated(states, _symmetric(values[begin:end], len(states)), at)
+                motion_yaw = yaw if kind == "motion" else None
+                listener.inflated(states, _symmetric(values[begin:end], len(states)), motion_yaw)
 
 
 def moved_values(
@@ -126,7 +126,7 @@ def moved_values(
     """Numbers of a step, in the order of `_moved`.
 
     Args:
-        yaw: yaw before the step.
+        yaw: yaw before the step [rad].
         step: (4,) increment of pose and height.
         by_yaw: (2,) derivative of its x and y by the yaw.
         decay: (3,) factors on the slip.

@@ -48,7 +48,7 @@ class RelativeMotion(NamedTuple):
 
         GTSAM's `BetweenFactorPose2` takes this covariance, and g2o's `EDGE_SE2` its inverse.
         """
-        turn = _turns(-self.pose[2:])[0]
+        turn = _rotations(-self.pose[2:])[0]
         return np.asarray(turn @ self.covariance @ turn.T)
 
 
@@ -86,7 +86,7 @@ class Clones(msgspec.Struct, frozen=True):
             P: (SIZE, SIZE) the filter's covariance.
         """
         cross = by_state @ P
-        with_others = (_each(self.cross) @ by_state.T).reshape(-1, 3)
+        with_others = (_by_clone(self.cross) @ by_state.T).reshape(-1, 3)
         own = cross @ by_state.T
         return Clones(
             (*self.stamps, stamp),
@@ -111,19 +111,19 @@ class Clones(msgspec.Struct, frozen=True):
     def moved(self, move: Moved) -> Clones:
         """Propagate over a step of the filter."""
         step, F, Q = move.step, move.F, move.Q
-        turns = _turns(self.poses[:, 2] - move.yaw)
+        turns = _rotations(self.poses[:, 2] - move.yaw)
         steps = turns @ step
         by_state, with_state = turns @ move.by_state, turns @ move.with_state
-        carried = _carried(self.cross, steps)
+        carried = _after_steps(self.cross, steps)
         # Half of what the step adds to the covariance; the other half is its transpose.
-        of_step = np.concatenate(
-            [_each(carried) + 0.5 * with_state, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
+        with_step = np.concatenate(
+            [_by_clone(carried) + 0.5 * with_state, turns @ (0.5 * Q[s.POSE, s.POSE])], 2
         )
         by_step = np.concatenate([by_state, turns], 2)
-        mixed = of_step[:, None] @ by_step.transpose(0, 2, 1)
-        mixed = mixed.transpose(0, 2, 1, 3).reshape(self.covariance.shape)
-        covariance = _carried(_carried(self.covariance, steps).T, steps) + (mixed + mixed.T)
-        cross = (_each(carried) + with_state) @ F.T + turns @ Q[s.POSE]
+        half = with_step[:, None] @ by_step.transpose(0, 2, 1)
+        half = half.transpose(0, 2, 1, 3).reshape(self.covariance.shape)
+        covariance = _after_steps(_after_steps(self.covariance, steps).T, steps) + (half + half.T)
+        cross = (_by_clone(carried) + with_state) @ F.T + turns @ Q[s.POSE]
         return Clones(
             self.stamps,
             self.poses + steps,
@@ -154,10 +154,10 @@ class Clones(msgspec.Struct, frozen=True):
         size = self.cross.shape[1]
         added = np.zeros((size, size))
         added[np.ix_(states, states)] = covariance
-        turns = _turns(self.poses[:, 2] - yaw).reshape(-1, 3)
+        turns = _rotations(self.poses[:, 2] - yaw).reshape(-1, 3)
         cross = turns @ added[s.POSE]
-        of_pose = (turns @ added[s.POSE, s.POSE]).reshape(-1, 3)
-        own = np.block([[of_pose @ turn.T for turn in turns.reshape(-1, 3, 3)]])
+        with_pose = (turns @ added[s.POSE, s.POSE]).reshape(-1, 3)
+        own = np.block([[with_pose @ turn.T for turn in turns.reshape(-1, 3, 3)]])
         total = self.covariance + 0.5 * (own + own.T)
         return Clones(self.stamps, self.poses, self.cross + cross, total)
 
@@ -201,7 +201,7 @@ class Clones(msgspec.Struct, frozen=True):
         # Motion from the first mark to now, and back to the second.
         end = self.place(to_stamp)
         back = self.poses[end]
-        turn = _turns(np.array([pose[2] - back[2]]))[0]
+        turn = _rotations(np.array([pose[2] - back[2]]))[0]
         x, y, _ = turn @ back
         jacobian = np.zeros((3, len(self.cross)))
         jacobian[:, rows] += np.array([[1.0, 0.0, y], [0.0, 1.0, -x], [0.0, 0.0, 1.0]])
@@ -225,12 +225,12 @@ class Clones(msgspec.Struct, frozen=True):
         return self.stamps.index(stamp)
 
 
-def _each(rows: Floats) -> Floats:
+def _by_clone(rows: Floats) -> Floats:
     """Rows (3m, n) of m clones as (m, 3, n)."""
     return rows.reshape(-1, 3, rows.shape[1])
 
 
-def _carried(rows: Floats, steps: Floats) -> Floats:
+def _after_steps(rows: Floats, steps: Floats) -> Floats:
     """Covariances (3m, n) of m clones' errors with others, after steps (m, 3).
 
     An error in yaw moves the position by the step, turned by a right angle.
@@ -241,7 +241,7 @@ def _carried(rows: Floats, steps: Floats) -> Floats:
     return carried
 
 
-def _turns(angles: Floats) -> Floats:
+def _rotations(angles: Floats) -> Floats:
     """Rotations (n, 3, 3) of x, y and yaw by (n,) angles [rad]."""
     turns = np.zeros((len(angles), 3, 3))
     for turn, angle in zip(turns, angles.tolist(), strict=True):

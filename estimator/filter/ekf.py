@@ -302,22 +302,24 @@ def update(
     Returns:
         True if the measurement was used.
     """
-    linearised = _resolved(linearised)
+    # The state does not resolve smaller variances.
+    shortfall = np.maximum(LEAST_VARIANCE - linearised.R.diagonal(), 0.0)
+    linearised = linearised._replace(R=linearised.R + np.diag(shortfall))
     z, H, R = linearised
     S = np.asarray(H.dot(ekf.P).dot(H.T) + R)
     nis = normalised_square(z, S)
     square = float(z[:2] @ z[:2]) if model.is_place else 0.0
     verdict = gate.judge(nis, interval, patience_for(square, gate.patience, fastest))
     if verdict == REACQUIRED:
-        R = _inflated(ekf, model, linearised, S)
+        R = _make_room(ekf, model, linearised, S)
     if verdict != REJECTED:
         if model.correlated and len(z) > 1:
             z, H, R = decorrelated(z, H, R)
-        x = ekf.x.copy()
+        x_before = ekf.x.copy()
         for k in range(len(z)):
             # Each component is linearised at the state before the first.
-            moved = shift(H[k], ekf.x, x) if k else 0.0
-            ekf.update_scalar(z.item(k) - moved, H[k], R.item(k, k), fixed=model.fixed)
+            explained = shift(H[k], ekf.x, x_before) if k else 0.0
+            ekf.update_scalar(z.item(k) - explained, H[k], R.item(k, k), fixed=model.fixed)
     gate.keep(stamp, verdict, linearised.z, S)
     return verdict != REJECTED
 
@@ -340,16 +342,8 @@ def decorrelated(z: Floats, H: Floats, R: Floats) -> Linearised:
     return Linearised(np.asarray(mixed[:, 0]), mixed[:, 1:], np.diag(sigmas * sigmas))
 
 
-def _resolved(linearised: Linearised) -> Linearised:
-    """Limit the variances of a measurement to those that the state resolves."""
-    shortfall = LEAST_VARIANCE - linearised.R.diagonal()
-    if shortfall.max() <= 0.0:
-        return linearised
-    return linearised._replace(R=linearised.R + np.diag(np.maximum(shortfall, 0.0)))
-
-
-def _inflated(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
-    """Inflate the states that the measurement is to move; return R.
+def _make_room(ekf: Ekf, model: MeasurementModel, linearised: Linearised, S: Floats) -> Floats:
+    """Inflate the states that a re-acquired measurement is to move; return its R.
 
     A considered state cannot be moved: R of its component is inflated instead.
     """

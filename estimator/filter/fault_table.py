@@ -17,7 +17,7 @@ from icreckon.estimator.faults.departing_fixes import DEPARTURE_TIME
 from icreckon.estimator.faults.failed_gyro import BEYOND, JUMPED, REPEATS, WORKS
 from icreckon.estimator.faults.odd_wheels import NO_WHEEL, are_found
 from icreckon.estimator.faults.repeating_fixes import most_driven
-from icreckon.estimator.faults.scattering_fixes import correlation_of, wanders
+from icreckon.estimator.faults.scattering_fixes import innovation_correlation, wanders
 from icreckon.estimator.faults.sliding_robot import slides
 from icreckon.estimator.faults.spinning_tracks import LEFT, RIGHT, is_found
 from icreckon.estimator.faults.stuck_tracks import frozen_from, reads_zero, stuck_from
@@ -89,7 +89,10 @@ class Fault(NamedTuple):
     times: Callable[[Any], int] | None = None
 
 
-def _stuck(record: Any) -> Iterator[Found]:
+# --- rules: each reads a `FilterRecord` and finds one fault of the table while it lasts ----------------
+
+
+def _find_stuck(record: Any) -> Iterator[Found]:
     tracks, settings = record.tracks, record.settings
     frozen_since = frozen_from(tracks.repeating_left, tracks.repeating_right, settings.track_speed)
     if frozen_since != NEVER:
@@ -104,7 +107,7 @@ def _stuck(record: Any) -> Iterator[Found]:
             yield Found("tracks", f"the {part} repeats its reading", part, since)
 
 
-def _silent(record: Any) -> Iterator[Found]:
+def _find_silent(record: Any) -> Iterator[Found]:
     tracks, imu, hold, now = record.tracks, record.imu, record.settings.hold, record.stamp
     if tracks.stamp != NEVER and (now - tracks.stamp) * NANOSECOND > hold:
         yield Found("tracks", "no track speeds", since=tracks.stamp)
@@ -113,7 +116,7 @@ def _silent(record: Any) -> Iterator[Found]:
         yield Found("imu", f"no IMU samples: {effect}", since=imu.stamp, effect=effect)
 
 
-def _spinning(record: Any) -> Iterator[Found]:
+def _find_spinning(record: Any) -> Iterator[Found]:
     tracks, spin = record.tracks, record.tracks.spin
     if is_found(spin):
         part = {LEFT: "left track", RIGHT: "right track"}.get(spin.side, "")
@@ -125,7 +128,7 @@ def _spinning(record: Any) -> Iterator[Found]:
         yield Found("tracks", text, part, spin.since, size)
 
 
-def _wheel_off(record: Any) -> Iterator[Found]:
+def _find_wheel_off(record: Any) -> Iterator[Found]:
     tracks = record.tracks
     for side, wheels in (("left", tracks.left_wheels), ("right", tracks.right_wheels)):
         if are_found(wheels) and wheels.odd == NO_WHEEL:
@@ -138,7 +141,7 @@ def _wheel_off(record: Any) -> Iterator[Found]:
             yield Found("tracks", text, part, wheels.since, wheels.apart)
 
 
-def _sliding(record: Any) -> Iterator[Found]:
+def _find_sliding(record: Any) -> Iterator[Found]:
     slide = record.tracks.forward
     if slides(slide):
         comparison = "slower" if slide.speed < 0.0 else "faster"
@@ -146,28 +149,28 @@ def _sliding(record: Any) -> Iterator[Found]:
         yield Found("robot", text, since=slide.since, size=slide.speed)
 
 
-def _carried(record: Any) -> Iterator[Found]:
+def _find_carried(record: Any) -> Iterator[Found]:
     if record.still.carried_since != NEVER:
         text = "the robot is shaken or turned with its tracks at rest: it may be carried"
         yield Found("robot", text, since=record.still.carried_since)
 
 
-def _slipping(record: Any) -> Iterator[Found]:
+def _find_slipping(record: Any) -> Iterator[Found]:
     factor = float(record.slip_factor)
     if factor > LARGE_SLIP:
         text = f"position fixes show {factor:.1f} times the slip expected, or they wander"
         yield Found("robot", text, size=factor)
 
 
-def _failing(record: Any) -> Iterator[Found]:
+def _find_failing(record: Any) -> Iterator[Found]:
     gyro = record.tracks.gyro
     if gyro.fault != WORKS:
-        verb = "is " * (gyro.fault == BEYOND)
+        verb = "is " if gyro.fault == BEYOND else ""
         text = f"the reading of the gyro {verb}{GYRO_FAULTS[gyro.fault]}"
         yield Found("gyro", text, since=gyro.since)
 
 
-def _repeating(record: Any) -> Iterator[Found]:
+def _find_repeating(record: Any) -> Iterator[Found]:
     for sensor, place in (("position", record.positions), ("pose", record.poses)):
         size = abs(place.driven)
         if size > most_driven(place):
@@ -175,30 +178,30 @@ def _repeating(record: Any) -> Iterator[Found]:
             yield Found(sensor, text, size=size)
 
 
-def _rejected(record: Any) -> Iterator[Found]:
+def _find_rejected(record: Any) -> Iterator[Found]:
     count = record.fixes.rejected.count
     if count >= REJECTED_IN_A_ROW:
         text = f"the last {count} fixes or more were rejected: they or the pose are wrong"
         yield Found("position", text)
 
 
-def _scattering(record: Any) -> Iterator[Found]:
+def _find_scattering(record: Any) -> Iterator[Found]:
     scatter = record.fixes.scatter
     sigma = math.sqrt(scatter.variance)
     if sigma > 0.0:
-        wander = ", as their errors wander" * wanders(scatter)
+        wander = ", as their errors wander" if wanders(scatter) else ""
         text = f"fixes scatter more than stated: used with a sigma of {sigma:.2g} m{wander}"
         yield Found("position", text, size=sigma)
 
 
-def _wandering(record: Any) -> Iterator[Found]:
-    correlation = correlation_of(record.fixes.scatter)
+def _find_wandering(record: Any) -> Iterator[Found]:
+    correlation = innovation_correlation(record.fixes.scatter)
     if correlation is not None and correlation > CORRELATED and not record.fixes.scatter.variance:
         text = f"errors of fixes wander: successive innovations have a correlation of {correlation:.2f}"
         yield Found("position", text, size=correlation)
 
 
-def _departing(record: Any) -> Iterator[Found]:
+def _find_departing(record: Any) -> Iterator[Found]:
     if record.departed_for >= DEPARTURE_TIME:
         size = math.hypot(record.departed_by_x, record.departed_by_y)
         text = f"fixes depart from the path, now by {size:.2f} m"
@@ -211,7 +214,7 @@ FAULTS = (
         "a track speed repeats itself while the other changes, or both do",
         "the speed stays in use with an error that grows with time; accelerometers are excluded",
         "faults/stuck_tracks.py",
-        _stuck,
+        _find_stuck,
         lambda record: record.tracks.stuck,
     ),
     Fault(
@@ -219,14 +222,14 @@ FAULTS = (
         "no sample for longer than `Settings.hold`",
         "the last track speeds fade within seconds and their error grows",
         "sensors/held_tracks.py",
-        _silent,
+        _find_silent,
     ),
     Fault(
         "spinning",
         "track speeds differ by more than the gyro and the robot's own bends explain",
         "the speed of that track is replaced by the speed of the other one and the gyro's turning",
         "faults/spinning_tracks.py",
-        _spinning,
+        _find_spinning,
         lambda record: record.tracks.spin.times,
     ),
     Fault(
@@ -234,7 +237,7 @@ FAULTS = (
         "a wheel differs from the others of its side",
         "the wheel is excluded; as long as it is unclear which, their mean is used with a larger error",
         "faults/odd_wheels.py",
-        _wheel_off,
+        _find_wheel_off,
         lambda record: record.tracks.left_wheels.times + record.tracks.right_wheels.times,
     ),
     Fault(
@@ -242,7 +245,7 @@ FAULTS = (
         "the accelerometer shows a change of velocity that the tracks do not, or the reverse",
         "the error of the forward speed grows by the size of the slide",
         "faults/sliding_robot.py",
-        _sliding,
+        _find_sliding,
         lambda record: record.tracks.forward.times,
     ),
     Fault(
@@ -250,7 +253,7 @@ FAULTS = (
         "the gyro is not quiet for a second while the tracks rest",
         "the speed is unknown; accelerometers are excluded",
         "sensors/standstill.py",
-        _carried,
+        _find_carried,
         lambda record: record.still.carries,
     ),
     Fault(
@@ -258,7 +261,7 @@ FAULTS = (
         "innovations of position fixes point to one side of the robot again and again",
         "the standard deviation of the slip is larger by this factor",
         "filter/slip_factor.py",
-        _slipping,
+        _find_slipping,
     ),
     Fault(
         "failing",
@@ -266,7 +269,7 @@ FAULTS = (
         "turning changes, or is at the end of `gyro_range`",
         "readings of the gyro are excluded; only the tracks turn the pose",
         "faults/failed_gyro.py",
-        _failing,
+        _find_failing,
         lambda record: record.tracks.gyro.times,
     ),
     Fault(
@@ -274,7 +277,7 @@ FAULTS = (
         "fixes repeat a position while the tracks drive",
         "fixes are excluded",
         "faults/repeating_fixes.py",
-        _repeating,
+        _find_repeating,
         lambda record: record.positions.rejected + record.poses.rejected,
     ),
     Fault(
@@ -282,14 +285,14 @@ FAULTS = (
         "the gate rejects three position fixes in a row",
         "fixes are excluded until the path can be aligned with them, or `Settings.gates.patience` ends",
         "filter/reacquisition.py",
-        _rejected,
+        _find_rejected,
     ),
     Fault(
         "scattering",
         "fixes scatter about the path along and across by more than they state",
         "fixes are used with the larger variance, and what they have moved becomes uncertain",
         "faults/scattering_fixes.py",
-        _scattering,
+        _find_scattering,
         lambda record: record.fixes.scatter.used,
     ),
     Fault(
@@ -297,14 +300,14 @@ FAULTS = (
         "successive innovations of position fixes are correlated",
         "none; `wander_sigma` in `[log.fixes]` accounts for it",
         "faults/scattering_fixes.py",
-        _wandering,
+        _find_wandering,
     ),
     Fault(
         "departing",
         "rejected fixes depart from the path to one side, no faster than the robot",
         "slip, yaw and gyro bias become uncertain by what explains it; fixes are used then",
         "faults/departing_fixes.py",
-        _departing,
+        _find_departing,
     ),
 )
 """Faults in the order in which `Health.findings` has them."""
@@ -402,7 +405,7 @@ def add_fault(kind: type[OwnFault]) -> None:
         raise EstimatorError(
             f"a fault is a class of OwnFault with a name and an effect, found {kind!r}"
         )
-    if kind.name in (*OWN_FAULTS, *RESERVED, *(one.name for one in FAULTS)):
+    if kind.name in (*OWN_FAULTS, *RESERVED, *(fault.name for fault in FAULTS)):
         raise EstimatorError(f"{kind.name!r}: there is such a fault already")
     try:
         kind()
@@ -428,12 +431,12 @@ def findings_of(record: Any) -> list[Finding]:
 
 def finding(fault: Fault | OwnFault, found: Found) -> Finding:
     """Complete what a rule found with the name and the effect of its fault."""
-    since = None if found.since in (None, NEVER) else int(found.since or 0)
+    since = None if found.since is None or found.since == NEVER else int(found.since)
     effect = found.effect or fault.effect
     return Finding(found.sensor, found.part, fault.name, since, found.size, found.text, effect)
 
 
 def times_of(record: Any) -> dict[str, int]:
     """Number of times that each fault was found, if it was, by its name."""
-    counts = {one.name: int(one.times(record)) for one in FAULTS if one.times is not None}
+    counts = {fault.name: int(fault.times(record)) for fault in FAULTS if fault.times is not None}
     return {name: count for name, count in counts.items() if count}

@@ -25,9 +25,7 @@ from icreckon.estimator.sensors.standstill import StandstillRecord, stopped_afte
 from icreckon.estimator.sensors.track_latency import RateRecord
 
 # Fields of the departure of position fixes from the path, see `faults.departing_fixes.Departure`.
-DEPARTURE = ("departed_for", *(f"departed_{part}" for part in ("from_x", "from_y", "by_x", "by_y")))
-
-
+DEPARTURE = ("departed_for", "departed_from_x", "departed_from_y", "departed_by_x", "departed_by_y")
 # Factor on the slip.
 Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]
 
@@ -141,8 +139,6 @@ def wander_after(fixes: FixesRecord, stamp: int, sigma: float, time: float) -> t
 def may_be_pushed(record: FilterRecord) -> bool:
     """Return True if a robot that does not stand may turn with its tracks at rest."""
     tracks, settings = record.tracks, record.settings
-    return (
-        max(abs(tracks.left), abs(tracks.right)) < settings.track_speed
-        and record.stood_at < record.stamp
-        and is_alive(record.imu, record.stamp, settings.hold)
-    )
+    is_slow = max(abs(tracks.left), abs(tracks.right)) < settings.track_speed
+    has_imu = is_alive(record.imu, record.stamp, settings.hold)
+    return is_slow and has_imu and record.stood_at < record.stamp

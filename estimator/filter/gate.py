@@ -38,15 +38,16 @@ LARGEST_PATIENCE_FACTOR = 6.0
 LARGEST_INFLATION = 1e10
 
 
-def patience_for(square: Any, patience: Any, fastest: Any) -> Any:
+def patience_for(squared_distance: Any, patience: Any, fastest: Any) -> Any:
     """Time of rejections after which a position is re-acquired [s].
 
     Args:
-        square: square of its distance from the predicted one [m²].
+        squared_distance: of the position from the predicted one [m²].
         patience: that of the settings [s].
         fastest: highest track speed of the robot [m/s].
     """
-    return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, math.sqrt(square) / fastest))
+    driving_time = math.sqrt(squared_distance) / fastest
+    return max(patience, min(LARGEST_PATIENCE_FACTOR * patience, driving_time))
 
 
 def inflation(square: float, expected: float) -> float:
@@ -148,9 +149,8 @@ class Gate:
 
         Its innovation z [m] has the covariance S, xx, xy and yy [m²]. A rejection counts `interval` [s].
         """
-        xx, xy, yy = S
-        by_x, by_y = z[0] * yy - z[1] * xy, z[1] * xx - z[0] * xy
-        nis = (z[0] * by_x + z[1] * by_y) / (xx * yy - xy * xy)
+        (z_x, z_y), (xx, xy, yy) = z, S
+        nis = (z_x * (z_x * yy - z_y * xy) + z_y * (z_y * xx - z_x * xy)) / (xx * yy - xy * xy)
         count_verdict(self.counts, verdict, nis, self._degrees, interval)
         self.keep(stamp, verdict, np.array(z), np.array([[xx, xy], [xy, yy]]))
 
@@ -181,16 +181,15 @@ class Gate:
         """Counts for people."""
         counts = self.counts
         return SensorHealth(
-            counts.used,
-            {"gate": counts.rejected} if counts.rejected else {},
-            counts.nis_sum,
-            counts.degrees,
-            0,
-            counts.judged,
-            counts.newest_nis,
-            counts.recent_nis,
-            self.newest,
-            counts.reacquired,
+            used=counts.used,
+            rejected={"gate": counts.rejected} if counts.rejected else {},
+            nis_sum=counts.nis_sum,
+            degrees=counts.degrees,
+            judged_count=counts.judged,
+            newest_nis=counts.newest_nis,
+            recent_nis=counts.recent_nis,
+            newest_judged=self.newest,
+            reacquired=counts.reacquired,
         )
 
 

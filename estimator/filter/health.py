@@ -177,10 +177,10 @@ def noise_health(
 
     While the tracks rest (`at_rest`), the assumed noise follows a measured one sooner.
     """
-    health, of_accelerometers = {}, settings.accelerometer_noise_density
+    health, accelerometer_density = {}, settings.accelerometer_noise_density
     for name, squared_density in imu_noise(record, at_rest, settings)._asdict().items():
         measured = measured_noise(getattr(record, name)) or None  # 0 before there is one
-        of_file = settings.gyro_noise_density if name == "gyro" else of_accelerometers
+        of_file = settings.gyro_noise_density if name == "gyro" else accelerometer_density
         health[name] = NoiseHealth(measured, of_file, math.sqrt(squared_density))
     return health
 
@@ -279,15 +279,15 @@ class Health:
 
     def sensor(self, name: str) -> SensorHealth:
         """Counts of one sensor; new ones if there are none yet."""
-        found = self.sensors.get(name)
-        if found is None:
-            found = self.sensors[name] = SensorHealth()
-        return found
+        counts = self.sensors.get(name)
+        if counts is None:
+            counts = self.sensors[name] = SensorHealth()
+        return counts
 
     def finding(self, fault: str) -> Finding | None:
         """Newest finding of a fault by its name; None if the fault does not last."""
-        of_fault = [one for one in self.findings if one.fault == fault]
-        return max(of_fault, key=lambda one: one.since or 0, default=None)
+        findings = [finding for finding in self.findings if finding.fault == fault]
+        return max(findings, key=lambda finding: finding.since or 0, default=None)
 
     def rejections(self) -> dict[str, int]:
         """Number of rejected measurements, by "sensor: reason"."""
@@ -312,7 +312,7 @@ class Health:
         self.noise.update(other.noise)
         for fault, count in other.times.items():
             self.times[fault] = self.times.get(fault, 0) + count
-        for name in (one.name for one in fields(self)):
+        for name in [attribute.name for attribute in fields(self)]:
             value, default = getattr(other, name), getattr(Health(), name)
             if isinstance(value, int):
                 setattr(self, name, getattr(self, name) + value)

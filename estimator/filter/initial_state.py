@@ -56,8 +56,8 @@ def assumptions(robot: Robot, variant: Variant, settings: Settings) -> Assumptio
     disturbances = Disturbances(robot, slip, sigmas[s.PARAMETERS] * adaptation.walk)
     if robot.imu.gyro_axes == "xyz":
         # Biases of roll and pitch rate may be as large as that of the yaw rate is.
-        of_tilt = math.hypot(robot.imu.gyro_bias, robot.imu.gyro_bias_sigma)
-        sigmas[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]] = of_tilt
+        largest_bias = math.hypot(robot.imu.gyro_bias, robot.imu.gyro_bias_sigma)
+        sigmas[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]] = largest_bias
         disturbances.bias_walk[[s.GYRO_BIAS_X, s.GYRO_BIAS_Y]] = robot.imu.gyro_bias_walk
     for index in considered_states(variant, settings):
         disturbances.bias_walk[index] = disturbances.parameter_walk[index] = 0.0
@@ -71,7 +71,7 @@ def considered_states(variant: Variant, settings: Settings) -> tuple[int, ...]:
         EstimatorError: there is no such parameter, bias or scale; the message names the nearest.
     """
     names = state_names(variant)
-    allowed = [*filter(None, names[s.LEARNT])]
+    allowed = [name for name in names[s.LEARNT] if name]  # unused parameters have no name
     for name in settings.considered:
         if name not in allowed:
             raise SettingError(

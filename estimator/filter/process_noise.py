@@ -75,12 +75,6 @@ class Disturbances:
             factor: factor on the slip that the fixes have shown, see `filter.slip_factor`.
         """
         left, right = tracks.smooth_left, tracks.smooth_right
-        return self.slip_of(left, right, eta, pushed=pushed, factor=factor)
-
-    def slip_of(
-        self, left: float, right: float, eta: float, *, pushed: bool = False, factor: float = 1.0
-    ) -> Vector3:
-        """Standard deviation of the slip at given track speeds [m/s]."""
         return slip_at(left, right, self.slip, self._track_gauge, eta, pushed, factor)
 
     def fast_slip_density(

@@ -133,21 +133,21 @@ def aligned_path(rejected: RejectedRecord) -> Alignment:
         y += rejected.predicted_y[k] / count
     extent = along = across = 0.0
     for k in range(count):
-        p_x, p_y = rejected.predicted_x[k] - x, rejected.predicted_y[k] - y
-        z_x, z_y = rejected.x[k] - to_x, rejected.y[k] - to_y
-        extent += p_x * p_x + p_y * p_y
-        along += p_x * z_x + p_y * z_y
-        across += p_x * z_y - p_y * z_x
+        path_x, path_y = rejected.predicted_x[k] - x, rejected.predicted_y[k] - y
+        fix_x, fix_y = rejected.x[k] - to_x, rejected.y[k] - to_y
+        extent += path_x * path_x + path_y * path_y
+        along += path_x * fix_x + path_y * fix_y
+        across += path_x * fix_y - path_y * fix_x
     if count < FEWEST or extent <= 0.0:
         return no_fit
     turn = math.atan2(across, along)
     cos, sin = math.cos(turn), math.sin(turn)
     squares = 0.0
     for k in range(count):
-        p_x, p_y = rejected.predicted_x[k] - x, rejected.predicted_y[k] - y
-        rest_x = rejected.x[k] - to_x - (cos * p_x - sin * p_y)
-        rest_y = rejected.y[k] - to_y - (sin * p_x + cos * p_y)
-        squares += rest_x * rest_x + rest_y * rest_y
+        path_x, path_y = rejected.predicted_x[k] - x, rejected.predicted_y[k] - y
+        residual_x = rejected.x[k] - to_x - (cos * path_x - sin * path_y)
+        residual_y = rejected.y[k] - to_y - (sin * path_x + cos * path_y)
+        squares += residual_x * residual_x + residual_y * residual_y
     residual_variance = squares / (2.0 * count - 3.0)
     warp_variance = LARGEST_WARP * LARGEST_WARP * extent / count
     if residual_variance > LARGEST_VARIANCE_FACTOR * variance + warp_variance:

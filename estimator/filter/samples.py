@@ -31,13 +31,13 @@ class SampleArrays(NamedTuple):
     def newest(self, tracks: int, imu: int) -> tuple[int, int]:
         """Key of the newest of the first `tracks` track speeds and `imu` IMU samples."""
         streams = (TrackSpeeds, self.track_stamps, tracks), (ImuSample, self.imu_stamps, imu)
-        return max((int(at[count - 1]), RANKS[kind]) for kind, at, count in streams if count)
+        return max((int(stamps[n - 1]), RANKS[kind]) for kind, stamps, n in streams if n)
 
     @property
     def first(self) -> int | None:
         """Stamp of the first sample [ns]; None if there is none."""
-        firsts = [int(one[0]) for one in (self.track_stamps, self.imu_stamps) if len(one)]
-        return min(firsts) if firsts else None
+        filled = [stamps for stamps in (self.track_stamps, self.imu_stamps) if len(stamps)]
+        return min((int(stamps[0]) for stamps in filled), default=None)
 
     def split(self, stamp: int) -> tuple[SampleArrays, SampleArrays]:
         """Samples up to a stamp [ns], and those after it."""
@@ -103,7 +103,8 @@ def wheels_of(tracks: TrackSpeedSeries) -> tuple[Floats, Floats]:
 
 def are_in_order(samples: SampleArrays) -> bool:
     """Return True if the stamps of both streams rise."""
-    return all((np.diff(one) > 0).all() for one in (samples.track_stamps, samples.imu_stamps))
+    streams = samples.track_stamps, samples.imu_stamps
+    return all((np.diff(stamps) > 0).all() for stamps in streams)
 
 
 def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
@@ -117,4 +118,5 @@ def has_absurd_readings(log: Log, max_track_speed: float) -> bool:
         readings.append((imu.angular_velocity, ABSURD_RATE))
         if imu.linear_acceleration is not None:
             readings.append((imu.linear_acceleration, ABSURD_FORCE))
+    # Not "larger": NaN counts as absurd, too.
     return any(not np.abs(values).max(initial=0.0) <= most for values, most in readings)

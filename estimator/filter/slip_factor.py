@@ -75,13 +75,14 @@ def trend_after(trend: tuple[Any, Any, Any], ahead: Any, beside: Any) -> tuple[A
     Args:
         trend: mean before it, to the front and to the left of the robot, and size: mean NIS of a degree
             of freedom [-].
-        ahead: normalised innovation to the front, see `normalised`.
-        beside: innovation to the left.
+        ahead: normalised innovation to the front, see `normalised` [-].
+        beside: normalised innovation to the left [-].
     """
+    forward, left, size = trend
     return (
-        trend[0] + TREND_WEIGHT * (ahead - trend[0]),
-        trend[1] + TREND_WEIGHT * (beside - trend[1]),
-        trend[2] + SIZE_WEIGHT * (0.5 * (ahead * ahead + beside * beside) - trend[2]),
+        forward + TREND_WEIGHT * (ahead - forward),
+        left + TREND_WEIGHT * (beside - left),
+        size + SIZE_WEIGHT * (0.5 * (ahead * ahead + beside * beside) - size),
     )
 
 
@@ -98,12 +99,13 @@ def present_factor_after(factor: Any, trend: tuple[Any, Any, Any], left: Any, ri
         left: speed of the left track [m/s].
         right: speed of the right track [m/s].
     """
-    trend_square = (trend[0] * trend[0] + trend[1] * trend[1]) / (2.0 * WHITE_TREND_VARIANCE)
-    size = min(1.0, trend[2] / FULL_SIZE)
-    weight = FACTOR_WEIGHT * is_moving(left, right)
-    factor_square = factor * factor
+    trend_forward, trend_left, trend_size = trend
+    trend_square = trend_forward * trend_forward + trend_left * trend_left
+    trend_square = trend_square / (2.0 * WHITE_TREND_VARIANCE)
+    size = min(1.0, trend_size / FULL_SIZE)
+    weight = FACTOR_WEIGHT * share_of_moving(left, right)
     excess = min(LARGEST_SQUARE, size * size * trend_square) - EXPECTED_SQUARE
-    grown = math.sqrt(factor_square * (1.0 + weight * excess))
+    grown = math.sqrt(factor * factor * (1.0 + weight * excess))
     return min(LARGEST_FACTOR, max(1.0, grown))
 
 
@@ -119,17 +121,12 @@ def slip_factor_after(factor: Any, present: Any, left: Any, right: Any) -> Any:
         left: speed of the left track [m/s].
         right: speed of the right track [m/s].
     """
-    forgotten = is_moving(left, right) / MEMORY
+    forgotten = share_of_moving(left, right) / MEMORY
     return max(present, factor - forgotten * (factor - 1.0))
 
 
-def is_moving(left: Any, right: Any) -> Any:
-    """Weight of the motion: 0 at rest, 1 above `MOVING`, linear in the speed between.
-
-    Args:
-        left: speed of the left track [m/s].
-        right: speed of the right track [m/s].
-    """
+def share_of_moving(left: Any, right: Any) -> Any:
+    """Weight of the motion at track speeds [m/s]: from 0 at rest to 1 above `MOVING`."""
     return min(1.0, travel_speed(left, right) / MOVING)
 
 
@@ -148,8 +145,8 @@ def follow_scatter(scatter: ScatterRecord, fix: TakenFix, correction: Floats) ->
     Once scatter is found, the caller inflates the states by their corrections with the fixes, see
     `inflate_by_corrections`.
     """
-    of_x, of_y = normalised(fix.z, fix.S)
-    count_innovation(scatter, of_x, of_y)
+    x, y = normalised(fix.z, fix.S)
+    count_innovation(scatter, x, y)
     return add_fix(scatter, fix, correction)
 
 

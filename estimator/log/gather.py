@@ -40,16 +40,10 @@ def gathered(measurements: Iterable[Measurement]) -> dict[str, Any]:
     tracks = [m for m in ordered if isinstance(m, TrackSpeeds)]
     samples = [m for m in ordered if isinstance(m, ImuSample)]
     positions = [m for m in ordered if isinstance(m, PositionFix)]
-    at_positions = {m.stamp for m in positions}
-    headings = {
-        m.stamp: m for m in ordered if isinstance(m, HeadingFix) and m.stamp in at_positions
-    }
-    others = [
-        m
-        for m in ordered
-        if not isinstance(m, TrackSpeeds | ImuSample | PositionFix)
-        and not (isinstance(m, HeadingFix) and m.stamp in at_positions)
-    ]
+    stamps = {m.stamp for m in positions}
+    headings = {m.stamp: m for m in ordered if isinstance(m, HeadingFix) and m.stamp in stamps}
+    rest = [m for m in ordered if not isinstance(m, TrackSpeeds | ImuSample | PositionFix)]
+    others = [m for m in rest if not (isinstance(m, HeadingFix) and m.stamp in headings)]
     return {
         "tracks": _tracks(tracks),
         "imu": _imu(samples) if samples else None,
@@ -74,7 +68,7 @@ def _tracks(speeds: list[TrackSpeeds]) -> TrackSpeedSeries:
             "track speeds of one log have as many wheels in each sample; found (left, right) "
             f"{', '.join(map(str, sorted(counts)))}"
         )
-    ((left, right),) = counts
+    ((left, right),) = counts  # the only one
     return TrackSpeedSeries(
         _stamps(speeds),
         means,
@@ -84,10 +78,11 @@ def _tracks(speeds: list[TrackSpeeds]) -> TrackSpeedSeries:
 
 
 def _imu(samples: list[ImuSample]) -> ImuSeries:
+    """Series of IMU samples; without forces if no sample has one."""
     forces: Floats | None = None
     if any(m.linear_acceleration is not None for m in samples):
-        none = (np.nan, np.nan, np.nan)
-        forces = _array([m.linear_acceleration or none for m in samples], 3)
+        no_force = (np.nan, np.nan, np.nan)
+        forces = _array([m.linear_acceleration or no_force for m in samples], 3)
     return ImuSeries(_stamps(samples), _array([m.angular_velocity for m in samples], 3), forces)
 
 

@@ -149,10 +149,10 @@ def as_stamp(name: str, stamp: Any) -> int:
 
 def stamp_of_mark(stamp: object) -> int:
     """Stamp of a mark as a plain integer in range [ns]."""
-    found = as_stamp("mark", stamp)
-    if not EARLIEST <= found <= LATEST:
+    plain_stamp = as_stamp("mark", stamp)
+    if not EARLIEST <= plain_stamp <= LATEST:
         raise EstimatorError(f"there is no mark of this stamp: {OUT_OF_RANGE}")
-    return found
+    return plain_stamp
 
 
 def event_row(event: Event) -> tuple[Any, ...]:
@@ -235,17 +235,15 @@ def _float(value: Any) -> float:
 
 
 def _three(values: Any) -> Vector3:
+    """Convert three numbers; a ValueError for more or fewer."""
     first, second, third = values
     return _float(first), _float(second), _float(third)
 
 
 def _three_rows(rows: Any) -> Matrix3:
+    """Convert three rows of three numbers; a ValueError for more or fewer."""
     first, second, third = rows
     return _three(first), _three(second), _three(third)
-
-
-def _speeds(values: Any) -> Speeds:
-    return tuple(map(_float, values))
 
 
 # Allowed values and their conversion, by type of field.
@@ -254,7 +252,7 @@ CONVERTERS: dict[Any, tuple[str, Callable[[Any], Any]]] = {
     Vector3: ("three numbers", _three),
     Vector3 | None: ("three numbers", lambda values: None if values is None else _three(values)),
     Matrix3: ("three rows of three numbers", _three_rows),
-    Speeds: ("numbers", _speeds),
+    Speeds: ("numbers", lambda values: tuple(map(_float, values))),
 }
 
 
@@ -290,24 +288,24 @@ class Admission:
 
     def checked(self, measurement: Measurement) -> tuple[Measurement, str | None]:
         """Measurement by `as_plain`, and the reason to reject it by `objection`."""
-        # Samples of plain numbers come hundreds of times a second.
+        # A shortcut for samples of plain numbers, which come hundreds of times a second.
         m: Any = measurement
-        kind, usual = type(m), False
+        kind, is_usual = type(m), False
         if kind is ImuSample:
             force = m.linear_acceleration
-            usual = _are_usual(m.angular_velocity, ABSURD_RATE) and (
+            is_usual = _are_usual(m.angular_velocity, ABSURD_RATE) and (
                 force is None or _are_usual(force, ABSURD_FORCE)
             )
         elif kind is TrackSpeeds:
             left, right, most = m.left, m.right, self._absurd
-            usual = (
+            is_usual = (
                 type(left) is type(right) is float
                 and -most <= left <= most
                 and -most <= right <= most
                 and type(m.left_wheels) is type(m.right_wheels) is tuple
                 and not (m.left_wheels or m.right_wheels)
             )
-        if usual and type(m.stamp) is int and EARLIEST <= m.stamp <= LATEST:
+        if is_usual and type(m.stamp) is int and EARLIEST <= m.stamp <= LATEST:
             return measurement, None
         plain = as_plain(measurement)
         return plain, self.objection(plain)
@@ -349,10 +347,11 @@ class Admission:
             return _objection_to_size(speeds, self._absurd, "absurdly fast")
         if isinstance(measurement, ImuSample):
             rates, force = measurement.angular_velocity, measurement.linear_acceleration
-            of_rates = _objection_to_size(rates, ABSURD_RATE, "absurd rate")
-            of_force = force and _objection_to_size(force, ABSURD_FORCE, "absurd force")
+            objections = [_objection_to_size(rates, ABSURD_RATE, "absurd rate")]
+            if force is not None:
+                objections.append(_objection_to_size(force, ABSURD_FORCE, "absurd force"))
             # A value that is not finite is the first reason, in either.
-            return of_force if of_force == NOT_FINITE else of_rates or of_force
+            return NOT_FINITE if NOT_FINITE in objections else objections[0] or objections[-1]
         if isinstance(measurement, BodyVelocity):
             speeds = measurement.v_x, measurement.v_y
             objection = _objection_to_size(speeds, self._absurd, "absurdly fast")
@@ -400,8 +399,8 @@ def _are_usual(values: Any, most: float) -> bool:
     if type(values) is not tuple or len(values) != 3:
         return False
     x, y, z = values
-    is_plain = type(x) is type(y) is type(z) is float
-    return is_plain and -most <= x <= most and -most <= y <= most and -most <= z <= most
+    are_plain = type(x) is type(y) is type(z) is float
+    return are_plain and -most <= x <= most and -most <= y <= most and -most <= z <= most
 
 
 def _objection_to_fields(measurement: Measurement) -> str | None:
@@ -410,15 +409,15 @@ def _objection_to_fields(measurement: Measurement) -> str | None:
     values = [value for name, value in fields.items() if name not in NOISE]
     if not all(value is None or _is_finite(value) for value in values):
         return NOT_FINITE
-    objections = (check(fields[name]) for name, check in NOISE.items() if name in fields)
-    return next(filter(None, objections), None)
+    objections = [check(fields[name]) for name, check in NOISE.items() if name in fields]
+    return next((objection for objection in objections if objection is not None), None)
 
 
 def _objection_to_sigma(sigma: float | Sequence[float]) -> str | None:
-    # Neither the standard deviation nor its square may be zero or infinite.
+    """Reason to reject sigmas that, or whose squares, are zero or infinite."""
     sigmas = sigma if isinstance(sigma, tuple) else (sigma,)
-    positive = all(one > 0.0 < one * one < math.inf for one in sigmas)
-    return None if positive else "sigma not positive"
+    are_positive = all(one > 0.0 < one * one < math.inf for one in sigmas)
+    return None if are_positive else "sigma not positive"
 
 
 def _objection_to_covariance(covariance: Matrix3) -> str | None:
@@ -444,4 +443,5 @@ NOISE: dict[str, Callable[[Any], str | None]] = {
 
 
 def _is_finite(value: Any) -> bool:
+    """Return True for a float, or a tuple of such values, without NaN and infinity."""
     return math.isfinite(value) if type(value) is float else all(map(_is_finite, value))

@@ -168,8 +168,10 @@ def _search(
         return NOWHERE
     # Jackknife: lags from all windows but one block, for each block.
     blocks = np.array_split(np.arange(len(starts)), BLOCKS)
-    without = [_lowest(np.delete(residuals, block, axis=1).mean(axis=1), lags) for block in blocks]
-    best = Lag(_lowest(costs, lags), float(jackknife_sigma(np.array(without))))
+    estimates = [
+        _lowest(np.delete(residuals, block, axis=1).mean(axis=1), lags) for block in blocks
+    ]
+    best = Lag(_lowest(costs, lags), float(jackknife_sigma(np.array(estimates))))
     if best.sigma > CERTAIN and abs(best.seconds) <= BEYOND * best.sigma:
         return NoLag(f"{best.seconds:.2f} ± {best.sigma:.2f} s is within its error")
     return best

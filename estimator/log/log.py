@@ -196,9 +196,9 @@ class Log:
         if self.fixes is not None:
             fixes, headed = self.fixes, np.flatnonzero(np.isfinite(self.fixes.poses[:, 2]))
             streams.append((fixes.stamps, partial(_positions, fixes)))
-            streams.append((fixes.stamps[headed], lambda which: _headings(fixes, headed[which])))
+            streams.append((fixes.stamps[headed], lambda rows: _headings(fixes, headed[rows])))
         stamps_of_others = np.array([one.stamp for one in self.others], dtype=np.int64)
-        streams.append((stamps_of_others, lambda which: [self.others[k] for k in which.tolist()]))
+        streams.append((stamps_of_others, lambda rows: [self.others[k] for k in rows.tolist()]))
         stamps = np.concatenate([stream[0] for stream in streams])
         ends = np.cumsum([len(stream[0]) for stream in streams])
         order = np.argsort(stamps, kind="stable")
@@ -208,9 +208,9 @@ class Log:
             wanted = order[start : start + AT_A_TIME]
             stream_of = np.searchsorted(ends, wanted, side="right")
             made = []
-            for number, (own, make) in enumerate(streams):
-                which = wanted[stream_of == number] - (ends[number] - len(own))
-                made.append(iter(make(which)))
+            for number, (own_stamps, make) in enumerate(streams):
+                first = ends[number] - len(own_stamps)
+                made.append(iter(make(wanted[stream_of == number] - first)))
             for number in stream_of.tolist():
                 yield next(made[number])
 
@@ -240,12 +240,12 @@ def screen(
     if count == 0:
         return keep, reasons
 
-    def drop(bad: NDArray[np.bool_], reason: str) -> None:
-        bad = bad & keep
-        if bad.any():
+    def drop(is_bad: NDArray[np.bool_], reason: str) -> None:
+        newly_bad = is_bad & keep
+        if newly_bad.any():
             key = f"{stream}: {reason}"
-            reasons[key] = reasons.get(key, 0) + int(bad.sum())
-            keep[bad] = False
+            reasons[key] = reasons.get(key, 0) + int(newly_bad.sum())
+            keep[newly_bad] = False
 
     for value in values:
         finite = np.isfinite(np.asarray(value, dtype=float)).reshape(count, -1).all(axis=1)
@@ -295,33 +295,33 @@ def _longest_rising(stamps: Stamps, allowed: NDArray[np.bool_]) -> NDArray[np.bo
     return chosen
 
 
-def _track_speeds(tracks: TrackSpeedSeries, which: NDArray[np.int64]) -> list[Measurement]:
-    columns = [tracks.stamps[which].tolist(), *tracks.speeds[which].T.tolist()]
+def _track_speeds(tracks: TrackSpeedSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+    columns = [tracks.stamps[rows].tolist(), *tracks.speeds[rows].T.tolist()]
     wheels = (tracks.left_wheels, tracks.right_wheels)
-    columns += [list(map(tuple, one[which].tolist())) for one in wheels if one is not None]
+    columns += [list(map(tuple, one[rows].tolist())) for one in wheels if one is not None]
     return [TrackSpeeds(*row) for row in zip(*columns, strict=True)]
 
 
-def _imu_samples(imu: ImuSeries, which: NDArray[np.int64]) -> list[Measurement]:
-    rates = [tuple(row) for row in imu.angular_velocity[which].tolist()]
+def _imu_samples(imu: ImuSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+    rates = [tuple(row) for row in imu.angular_velocity[rows].tolist()]
     forces: list[Any] = [None] * len(rates)
     if imu.linear_acceleration is not None:
-        read = imu.linear_acceleration[which]
-        absent = np.asarray(np.isnan(read).all(axis=1)).tolist()
-        rows = zip(read.tolist(), absent, strict=True)
-        forces = [None if none else tuple(row) for row, none in rows]
-    return [ImuSample(*row) for row in zip(imu.stamps[which].tolist(), rates, forces, strict=True)]
+        read = imu.linear_acceleration[rows]
+        is_absent = np.asarray(np.isnan(read).all(axis=1)).tolist()
+        pairs = zip(read.tolist(), is_absent, strict=True)
+        forces = [None if absent else tuple(force) for force, absent in pairs]
+    return [ImuSample(*row) for row in zip(imu.stamps[rows].tolist(), rates, forces, strict=True)]
 
 
-def _positions(fixes: FixSeries, which: NDArray[np.int64]) -> list[Measurement]:
-    place, variances = fixes.poses[which, :2].T, fixes.variances[which, 0]
-    return _made(PositionFix, fixes.stamps[which], *place, variances, *fixes.lever_arms[which].T)
+def _positions(fixes: FixSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+    place, variances = fixes.poses[rows, :2].T, fixes.variances[rows, 0]
+    return _each_row(PositionFix, fixes.stamps[rows], *place, variances, *fixes.lever_arms[rows].T)
 
 
-def _headings(fixes: FixSeries, which: NDArray[np.int64]) -> list[Measurement]:
-    yaw, variances = fixes.poses[which, 2], fixes.variances[which, 1]
-    return _made(HeadingFix, fixes.stamps[which], yaw, variances)
+def _headings(fixes: FixSeries, rows: NDArray[np.int64]) -> list[Measurement]:
+    yaw, variances = fixes.poses[rows, 2], fixes.variances[rows, 1]
+    return _each_row(HeadingFix, fixes.stamps[rows], yaw, variances)
 
 
-def _made(kind: Callable[..., Measurement], *columns: NDArray[Any]) -> list[Measurement]:
+def _each_row(kind: Callable[..., Measurement], *columns: NDArray[Any]) -> list[Measurement]:
     return [kind(*row) for row in zip(*(one.tolist() for one in columns), strict=True)]

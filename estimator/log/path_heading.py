@@ -75,14 +75,14 @@ def heading_fault(truth: Truth, gyro: tuple[Stamps, Floats] | None = None) -> st
         return None
     middle = poses.stamps[(ends[1:] + ends[:-1]) // 2]
     course = np.arctan2(steps[:, 1], steps[:, 0])
-    off = course - interpolate(poses.stamps, yaw[:, None], middle)[:, 0]
+    difference = course - interpolate(poses.stamps, yaw[:, None], middle)[:, 0]
     # Without twists the robot may drive backwards: differences of half a turn count as none.
     multiple = 2.0
     if truth.twists is not None:
         v_x, v_y, _ = interpolate(truth.twists.stamps, truth.twists.twists, middle).T
         if (np.hypot(v_x, v_y) > SLOW).all():
-            off, multiple = off - np.arctan2(v_y, v_x), 1.0
-    if abs(np.mean(np.exp(1j * multiple * off))) >= LEAST_AGREEMENT:
+            difference, multiple = difference - np.arctan2(v_y, v_x), 1.0
+    if abs(np.mean(np.exp(1j * multiple * difference))) >= LEAST_AGREEMENT:
         return None
     if gyro is not None and _turns_like(poses, *gyro):
         return None
@@ -166,17 +166,17 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
         # Errors are alike over some way: a lever arm, slip, multipath.
         span = way[np.minimum(last, len(way)) - 1] - way[first]
         sigma = np.sqrt(variance * count / square_r / np.maximum(span / ALIKE, 2.0))
-        good = (square_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)
-    if not good.any():
+        is_good = (square_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)
+    if not is_good.any():
         return None
-    turn = np.unwrap(np.angle(cross[good]))
-    at = np.flatnonzero(good)
+    turn = np.unwrap(np.angle(cross[is_good]))
+    known = np.flatnonzero(is_good)
     everywhere = np.arange(len(stamps))
-    sigmas = np.interp(everywhere, at, sigma[good])
-    headed = np.column_stack([places.poses[inside, :2], yaw + np.interp(everywhere, at, turn)])
+    sigmas = np.interp(everywhere, known, sigma[is_good])
+    headed = np.column_stack([places.poses[inside, :2], yaw + np.interp(everywhere, known, turn)])
     return PathHeadings(
         PoseSeries(stamps, headed),
         float(np.median(sigmas)),
         float(sigmas[0]),
-        float(np.sqrt(np.median(variance[good]))),
+        float(np.sqrt(np.median(variance[is_good]))),
     )

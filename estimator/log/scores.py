@@ -98,8 +98,8 @@ def mean_ratio(errors: Floats, distances: Floats, horizon: float) -> Floats:
 
 def interpolate(known: Stamps, values: Floats, stamps: Stamps) -> Floats:
     """Columns (n, k) at `stamps`, linear between those (m, k) at `known` stamps [ns]."""
-    at, seconds = ((one - known[0]) * NANOSECOND for one in (stamps, known))
-    return np.stack([np.interp(at, seconds, column) for column in values.T], axis=-1)
+    wanted, seconds = (stamps - known[0]) * NANOSECOND, (known - known[0]) * NANOSECOND
+    return np.stack([np.interp(wanted, seconds, column) for column in values.T], axis=-1)
 
 
 def interpolate_poses(series: PoseSeries, stamps: Stamps) -> Floats:

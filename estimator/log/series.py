@@ -101,7 +101,7 @@ class PoseSeries:
         return rpy_to_quaternion(tilt[:, 0], tilt[:, 1], self.poses[:, 2])
 
     def rows(self, which: Any) -> PoseSeries:
-        """Poses of some rows."""
+        """Poses of the rows that an index, a mask or a slice selects."""
         spatial = None if self.spatial is None else self.spatial[which]
         return PoseSeries(self.stamps[which], self.poses[which], spatial)
 
@@ -202,10 +202,10 @@ def require_part(name: str, value: object, kind: type, *, or_none: bool = False)
 
 def _check_shape(name: str, stamps: Stamps, values: Floats, width: tuple[int, ...]) -> None:
     """Reject arrays that are no series: stamps (n,) in order, values (n, *width)."""
-    for what, array in (("stamps", stamps), (name, values)):
+    for field, array in (("stamps", stamps), (name, values)):
         if not isinstance(array, np.ndarray):
             raise EstimatorError(
-                f"{what} must be a numpy array, found {type(array).__name__}; use numpy.asarray"
+                f"{field} must be a numpy array, found {type(array).__name__}; use numpy.asarray"
             )
     if stamps.dtype.kind not in "iu":
         raise EstimatorError(

@@ -473,7 +473,7 @@ def require_robot(robot: object) -> None:
         EstimatorError: it is not a `Robot`; the message gives the call that loads one.
     """
     if not isinstance(robot, Robot):
-        given = f"{str(robot)!r}" if isinstance(robot, str | Path) else "path"
+        argument = f"{str(robot)!r}" if isinstance(robot, str | Path) else "path"
         raise EstimatorError(
-            f"robot must be a Robot, found {type(robot).__name__} {robot!r}; use load_robot({given})"
+            f"robot must be a Robot, found {type(robot).__name__} {robot!r}; use load_robot({argument})"
         )

@@ -44,13 +44,10 @@ def robot_toml(
 
 def _table_lines(name: str, values: msgspec.Struct, comments: Mapping[str, str]) -> list[str]:
     """Lines of a table after a blank one; a value of None is left out."""
-    lines = ["", f"[{name}]"]
-    for field in msgspec.structs.fields(values):
-        value = getattr(values, field.name)
-        if value is None:
-            continue
-        lines.append(_line(field.name, value, comments.get(field.name, "")))
-    return lines
+    fields = {key: getattr(values, key) for key in values.__struct_fields__}
+    present = {key: value for key, value in fields.items() if value is not None}
+    lines = [_line(key, value, comments.get(key, "")) for key, value in present.items()]
+    return ["", f"[{name}]", *lines]
 
 
 def _tree_lines(name: str, table: Any) -> list[str]:
@@ -64,6 +61,7 @@ def _tree_lines(name: str, table: Any) -> list[str]:
 
 
 def _line(key: str, value: Any, comment: str) -> str:
+    """Line of a key and its value, with a comment if there is one."""
     line = f"{key} = {toml_value(value)}"
     return f"{line:{COMMENT_AT}} # {comment}" if comment else line
 

@@ -190,15 +190,14 @@ def default_adaptation(variant: str, **changes: float) -> Adaptation:
 
 def parameter_names(variant: Variant) -> tuple[str, ...]:
     """Names (9,) of a variant's parameters, `NO_NAME` for unused places."""
-    names: tuple[str, ...] = INDEX_PARAMETERS
-    if variant.model == "linear":
-        names = linear_model.PARAMETER_NAMES
-    return (*names, *(s.NO_NAME for _ in range(len(INDEX_PARAMETERS) - len(names))))
+    is_linear = variant.model == "linear"
+    names: tuple[str, ...] = linear_model.PARAMETER_NAMES if is_linear else INDEX_PARAMETERS
+    return (*names, *[s.NO_NAME] * (len(INDEX_PARAMETERS) - len(names)))
 
 
 def used_parameters(variant: Variant) -> tuple[str, ...]:
     """Names of the parameters that the variant's model uses."""
-    return tuple(filter(None, parameter_names(variant)))
+    return tuple(name for name in parameter_names(variant) if name != s.NO_NAME)
 
 
 def state_names(variant: Variant | str) -> tuple[str, ...]:
@@ -232,7 +231,7 @@ def initial_parameters(robot: Robot, variant: Variant) -> Floats:
             if robot.indices.epsilon_F is None:
                 zeta1, parameters[EPSILON_F] = coulomb_gains(robot)
                 if not parameters[list(GAINS)].any():
-                    parameters[GAINS[0]] = zeta1
+                    parameters[s.ZETA1 - s.PARAMETERS.start] = zeta1
             return parameters
         case "linear":
             _, zeta, _, epsilon, _, eta, *_ = robot.constant_indices.as_array()

@@ -59,10 +59,10 @@ class Functions:
         names = list(inspect.signature(function).parameters)
         hints = get_type_hints(function)
         used_types = []
-        for name, of_argument in zip(names, types, strict=True):
+        for name, argument_type in zip(names, types, strict=True):
             annotated = self.of_annotation(hints.get(name))
-            counts = annotated in NUMBERS or (annotated and annotated.kind == "tuple")
-            used_types.append(annotated if annotated and counts else of_argument)
+            is_used = annotated is not None and (annotated in NUMBERS or annotated.kind == "tuple")
+            used_types.append(annotated if annotated and is_used else argument_type)
         key = function, tuple(used_types)
         if key not in self._translated:
             name = function.__name__.lstrip("_")
@@ -70,9 +70,8 @@ class Functions:
                 name += "_"
             self._names.add(name)
             result = self.of_annotation(hints.get("return"))
-            writer = FunctionWriter(
-                self, function, dict(zip(names, used_types, strict=True)), result
-            )
+            parameters = dict(zip(names, used_types, strict=True))
+            writer = FunctionWriter(self, function, parameters, result)
             text = writer.function(name)
             self._translated[key] = name, writer.result or NONE
             self.text.append(text)
@@ -87,19 +86,19 @@ class Functions:
             return self.records[hint]
         if isinstance(hint, type) and issubclass(hint, tuple) and hasattr(hint, "_fields"):
             fields = get_type_hints(hint).items()
-            typed = [(name, self.of_annotation(of_field) or REAL) for name, of_field in fields]
+            typed = [(name, self.of_annotation(field_hint) or REAL) for name, field_hint in fields]
             return self.tuple_type(typed, hint.__name__)
         if get_origin(hint) is tuple and Ellipsis not in get_args(hint):
             types = [self.of_annotation(element) for element in get_args(hint)]
-            if all(types):
-                return self.tuple_type([(f"_{k}", of or REAL) for k, of in enumerate(types)])
+            known = [c_type for c_type in types if c_type is not None]
+            if len(known) == len(types):
+                return self.tuple_type([(f"_{k}", c_type) for k, c_type in enumerate(known)])
         return None
 
     def tuple_type(self, fields: Sequence[tuple[str, Type]], name: str = "") -> Type:
         """Type of a tuple, which is defined if it is new."""
-        types = [c_type for _, c_type in fields]
-        letters = [of.kind[0] if of in NUMBERS else of.name for of in types]
-        name = name or "tuple_" + "".join(letters)
+        parts = [c_type.kind[0] if c_type in NUMBERS else c_type.name for _, c_type in fields]
+        name = name or "tuple_" + "".join(parts)
         result = Type("tuple", name, tuple(fields))
         if result not in self.tuples:
             lines = "".join(f"    {c_type.c} {field};\n" for field, c_type in fields)

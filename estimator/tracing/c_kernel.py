@@ -58,8 +58,9 @@ class _Writer:
                 loads[node.extra].append(node)
         last_uses = _last_uses(nodes, kernel.flags)
         for node in sorted(nodes, key=IN_ORDER):
-            for place in node.extra[1] if node.op == "effect" else ():
-                earlier = [load for load in loads[place] if load.number < node.number]
+            _, written = node.extra if node.op == "effect" else ("", ())
+            for row in written:
+                earlier = [load for load in loads[row] if load.number < node.number]
                 self._keep_before(earlier, node, last_uses)
             self._name(node)
             for store in waiting.get(node, ()):
@@ -121,6 +122,7 @@ class _Writer:
         return name
 
     def _code(self, node: Traced) -> str:
+        """Expression of an operation on nodes that are computed."""
         args = [self._name(arg) for arg in node.args]
         match node.op:
             case "code":
@@ -198,17 +200,15 @@ def _last_uses(nodes: Iterable[Traced], flags: Iterable[Traced]) -> dict[Traced,
 
 def _needs_of_body(loop_node: Traced, top: set[Traced]) -> set[Traced]:
     """Nodes that the rounds of a loop read, down to those that are computed before it."""
-    seen: set[Traced] = set()
-    to_visit = [loop_node]
+    loop, _ = loop_node.extra
+    seen, to_visit = {loop_node}, [*loop.results, loop.again]
     while to_visit:
         node = to_visit.pop()
-        if node in seen:
-            continue
+        is_new = node not in seen
         seen.add(node)
-        if node is not loop_node and node in top and node.number < loop_node.number:
-            continue
-        to_visit += node.args if node is not loop_node else ()
-        if node.op == "loop":
-            loop, _ = node.extra
-            to_visit += [*loop.results, loop.again]
+        if is_new and not (node in top and node.number < loop_node.number):
+            to_visit += node.args
+            if node.op == "loop":
+                inner, _ = node.extra
+                to_visit += [*inner.results, inner.again]
     return seen

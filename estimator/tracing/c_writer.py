@@ -5,7 +5,6 @@ import inspect
 import math
 import textwrap
 from collections.abc import Callable, Sequence
-from itertools import chain
 from operator import add, mul, sub, truediv
 from typing import Any, get_type_hints
 
@@ -45,6 +44,7 @@ class FunctionWriter:
         result: Type | None,
     ) -> None:
         self._functions, self._function, self._parameters = functions, function, parameters
+        self._bits = functions.bits
         self.result = result  # without annotation None, until a return statement has been written
         self._globals = function.__globals__
         tree = ast.parse(textwrap.dedent(inspect.getsource(function)))
@@ -128,33 +128,16 @@ class FunctionWriter:
                 raise self._fail(node)
 
     def _block(self, body: Sequence[ast.stmt]) -> None:
+        """Write the statements of a block, indented once more."""
         outer, self._indent = self._indent, self._indent + "    "
         for statement in body:
             self._statement(statement)
         self._indent = outer
 
     def _for(self, name: str, over: ast.expr, body: Sequence[ast.stmt]) -> None:
-        """Loop over a range, unrolled if it indexes a tuple, or over an array (n,)."""
+        """Loop over a range or over an array (n,)."""
         if isinstance(over, ast.Call) and _name_of(over.func) == "range":
-            bounds = [self._code(arg) for arg in over.args]
-            start, stop = bounds[:2] if len(bounds) > 1 else (Code("0", INT, 0), bounds[0])
-            if self._indexes_tuple(name, body):
-                for k in range(start.value, stop.value):
-                    self._unrolled[name] = k
-                    for statement in body:
-                        self._statement(statement)
-                    del self._unrolled[name]
-                return
-            stride = bounds[2].value if len(bounds) > 2 else 1
-            if stride not in (1, -1):
-                raise self._fail(over)
-            stop = stop if stop.value is not None else self._in_variable(stop)
-            relation, step = (">", "--") if stride < 0 else ("<", "++")
-            self._local(name, INT)
-            at = _safe(name)
-            self._add(f"for ({at} = {start.text}; {at} {relation} {stop.text}; {at}{step}) {{")
-            self._block(body)
-            self._add("}")
+            self._for_range(name, over, body)
             return
         array = self._code(over)
         if array.type.kind != "array" or len(array.type.shape) != 1:
@@ -168,18 +151,35 @@ class FunctionWriter:
         self._block(body)
         self._add("}")
 
+    def _for_range(self, name: str, over: ast.Call, body: Sequence[ast.stmt]) -> None:
+        """Loop over a range; unrolled if its variable is the index of a tuple."""
+        bounds = [self._code(arg) for arg in over.args]
+        start, stop = bounds[:2] if len(bounds) > 1 else (Code("0", INT, 0), bounds[0])
+        if self._indexes_tuple(name, body):
+            for k in range(start.value, stop.value):
+                self._unrolled[name] = k
+                for statement in body:
+                    self._statement(statement)
+                del self._unrolled[name]
+            return
+        stride = bounds[2].value if len(bounds) > 2 else 1
+        if stride not in (1, -1):
+            raise self._fail(over)
+        stop = stop if stop.value is not None else self._in_variable(stop)
+        relation, step = (">", "--") if stride < 0 else ("<", "++")
+        self._local(name, INT)
+        index = _safe(name)
+        self._add(f"for ({index} = {start.text}; {index} {relation} {stop.text}; {index}{step}) {{")
+        self._block(body)
+        self._add("}")
+
     def _indexes_tuple(self, name: str, body: Sequence[ast.stmt]) -> bool:
         """Return True if a loop's variable is the index of a tuple."""
-        for node in chain.from_iterable(map(ast.walk, body)):
-            if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name):
-                owner_type = self._locals.get(node.value.id)
-                if (
-                    owner_type is not None
-                    and owner_type.kind == "tuple"
-                    and _name_of(node.slice) == name
-                ):
-                    return True
-        return False
+        nodes = [node for statement in body for node in ast.walk(statement)]
+        subscripts = [node for node in nodes if isinstance(node, ast.Subscript)]
+        owners = [_name_of(one.value) for one in subscripts if _name_of(one.slice) == name]
+        types = [self._locals.get(owner, NONE) for owner in owners]
+        return any(c_type.kind == "tuple" for c_type in types)
 
     def _return(self, value: ast.expr) -> None:
         code = self._code(value, self.result)
@@ -259,16 +259,14 @@ class FunctionWriter:
             return code
         if wanted == REAL and code.type in (INT, BOOL):
             if code.value is not None:
-                return Code(
-                    literal(float(code.value), self._functions.bits), REAL, float(code.value)
-                )
+                return Code(literal(float(code.value), self._bits), REAL, float(code.value))
             return Code(f"(real)({code.text})", REAL)
         if wanted == INT and code.type == BOOL:
             return Code(f"(int64_t)({code.text})", INT)
         if wanted == BOOL:
             return Code(f"{code.text} != 0", BOOL)
         if wanted == COMPLEX:
-            zero = literal(0.0, self._functions.bits)
+            zero = literal(0.0, self._bits)
             return Code(f"complex_of({self._as(code, REAL).text}, {zero})", COMPLEX)
         raise NotImplementedError(
             f"{self._function.__qualname__}: {code.text} is {code.type.kind}, not {wanted.kind}"
@@ -284,11 +282,9 @@ class FunctionWriter:
         if isinstance(value, int | np.integer):
             return Code(_whole(int(value)), INT, int(value))
         if isinstance(value, float):
-            return Code(literal(value, self._functions.bits), REAL, value)
+            return Code(literal(value, self._bits), REAL, value)
         if isinstance(value, complex):
-            parts = ", ".join(
-                literal(one, self._functions.bits) for one in (value.real, value.imag)
-            )
+            parts = ", ".join(literal(one, self._bits) for one in (value.real, value.imag))
             return Code(f"complex_of({parts})", COMPLEX)
         raise self._fail(node)
 
@@ -390,10 +386,11 @@ class FunctionWriter:
         if power.value == 2:
             kept = self._in_variable(base) if not base.text.isidentifier() else base
             return Code(f"({kept.text} * {kept.text})", REAL)
-        name = function_name("pow", self._functions.bits)
+        name = function_name("pow", self._bits)
         return Code(f"{name}({base.text}, {self._as(power, REAL).text})", REAL)
 
     def _comparison(self, node: ast.Compare) -> Code:
+        """Comparison of two numbers, or a chain of them as in `a < b < c`."""
         operands = [self._code(one) for one in (node.left, *node.comparators)]
         parts = []
         for op, a, b in zip(node.ops, operands, operands[1:], strict=False):
@@ -406,6 +403,7 @@ class FunctionWriter:
         return Code(parts[0] if len(parts) == 1 else f"({') && ('.join(parts)})", BOOL)
 
     def _choice(self, test: ast.expr, body: ast.expr, orelse: ast.expr) -> Code:
+        """Conditional expression; its two numbers get the wider of their types."""
         first, other = self._code(body), self._code(orelse)
         common = first.type
         if common in NUMBERS:
@@ -414,6 +412,7 @@ class FunctionWriter:
         return Code(f"(({self._truth(test)}) ? {yes} : {no})", common)
 
     def _tuple(self, values: Sequence[Code], wanted: Type | None = None) -> Code:
+        """Assign values to a new tuple, of the `wanted` type or that of the values."""
         if wanted is None or wanted.kind != "tuple":
             fields = [(f"_{k}", value.type) for k, value in enumerate(values)]
             wanted = self._functions.tuple_type(fields)
@@ -447,10 +446,9 @@ class FunctionWriter:
             case "min" | "max":
                 return self._extreme(name, args)
             case "int":
-                is_whole = args[0].type in (INT, BOOL)
-                return (
-                    self._as(args[0], INT) if is_whole else Code(f"(int64_t)({args[0].text})", INT)
-                )
+                number = args[0]
+                is_real = number.type == REAL
+                return Code(f"(int64_t)({number.text})", INT) if is_real else self._as(number, INT)
             case "float":
                 return self._as(args[0], REAL)
             case "complex":
@@ -491,7 +489,7 @@ class FunctionWriter:
             return Code("{0}", c_type)
         args = [self._code(arg) for arg in node.args]
         if owner == "math" and func.attr in OF_MATH:
-            name = function_name(func.attr, self._functions.bits)
+            name = function_name(func.attr, self._bits)
             return Code(f"{name}({', '.join(self._as(one, REAL).text for one in args)})", REAL)
         if func.attr == "conjugate":
             found = self._in_variable(self._code(func.value))
@@ -501,9 +499,7 @@ class FunctionWriter:
     def _absolute(self, code: Code) -> Code:
         if code.type == INT:
             return Code(f"larger_int({code.text}, -({code.text}))", INT)
-        return Code(
-            f"{function_name('fabs', self._functions.bits)}({self._as(code, REAL).text})", REAL
-        )
+        return Code(f"{function_name('fabs', self._bits)}({self._as(code, REAL).text})", REAL)
 
     def _extreme(self, name: str, args: Sequence[Code]) -> Code:
         common = max((arg.type for arg in args), key=NUMBERS.index)

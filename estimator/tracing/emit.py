@@ -148,6 +148,7 @@ class _Emitter:
         return self._call(INTRINSICS[node.op], args)
 
     def _call(self, name: str, args: list[Any]) -> Any:
+        """Call an intrinsic of LLVM, for vectors or single numbers as the arguments are."""
         kind = args[0].type
         number = "f64" if self.number == ir.DoubleType() else "f32"
         suffix = f"v{self.width}{number}" if kind == self.vector else number
@@ -179,18 +180,16 @@ class _Emitter:
         if node not in self.wide:
             kind = self.truths if node.truth else self.vector
             if node.constant is None:
-                self.wide[node] = self._broadcast(value, kind)
+                b = self.builder
+                first = b.insert_element(kind(ir.Undefined), value, INT(0))
+                everywhere = ir.VectorType(INT, self.width)([0] * self.width)
+                self.wide[node] = b.shuffle_vector(first, kind(ir.Undefined), everywhere)
             else:
                 self.wide[node] = kind([value.constant] * self.width)
         return self.wide[node]
 
-    def _broadcast(self, value: Any, kind: Any) -> Any:
-        b = self.builder
-        first = b.insert_element(kind(ir.Undefined), value, INT(0))
-        everywhere = ir.VectorType(INT, self.width)([0] * self.width)
-        return b.shuffle_vector(first, kind(ir.Undefined), everywhere)
-
     def _require_inside(self, array: str, row: int) -> None:
+        """Reject a row beyond an array, which the machine code would read all the same."""
         rows = self.rows[array]
         if not 0 <= row < rows:
             raise ValueError(
@@ -198,6 +197,7 @@ class _Emitter:
             )
 
     def _address(self, array: str, row: int) -> Any:
+        """Pointer to the numbers of all lanes in a row."""
         self._require_inside(array, row)
         b = self.builder
         place = b.gep(self.pointers[array], [LONG((row - MIDDLE_ROW) * self.width)])
@@ -209,6 +209,7 @@ class _Emitter:
         self.builder.store(value, self._address(store.array, store.row), align=self.align)
 
     def _bits(self, flag: Traced) -> Any:
+        """Whole number whose bit k is the flag of lane k."""
         b = self.builder
         lanes = b.bitcast(self._widened(flag), ir.IntType(self.width))
         return b.zext(lanes, LONG)

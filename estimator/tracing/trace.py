@@ -164,14 +164,14 @@ def select(condition: Any, yes: Any, no: Any) -> Any:
 
 def minimum(first: Any, second: Any) -> Any:
     """Smaller of two numbers, the first if they are equal."""
-    if _plain(first, second):
+    if not (isinstance(first, Traced) or isinstance(second, Traced)):
         return builtins.min(first, second)
     return select(lift(second) < first, second, first)
 
 
 def maximum(first: Any, second: Any) -> Any:
     """Larger of two numbers, the first if they are equal."""
-    if _plain(first, second):
+    if not (isinstance(first, Traced) or isinstance(second, Traced)):
         return builtins.max(first, second)
     return select(lift(second) > first, second, first)
 
@@ -226,13 +226,11 @@ def repeat(
         The final values, and the truth value of one more round.
     """
     if not isinstance(needed, Traced):
-        values = list(initial)
+        plain_values = initial
         for _ in range(most):
-            if not needed:
-                break
-            found, needed = a_round(*values)
-            values = list(found)
-        return [*values, needed]
+            if needed:
+                plain_values, needed = a_round(*plain_values)
+        return [*plain_values, needed]
     begin = [lift(value) for value in initial]
     carried = [_fresh("carried", index) for index in range(len(begin))]
     results, again = a_round(*carried)
@@ -320,15 +318,12 @@ def _fresh(op: str, extra: Any, args: tuple[Traced, ...] = ()) -> Traced:
 
 
 def _new(op: str, args: tuple[Traced, ...], extra: Any, uniform: bool, truth: bool) -> Traced:
+    """Make a number with the next place in the order of creation."""
     node = object.__new__(Traced)
     node.op, node.args, node.extra = op, args, extra
     node.uniform, node.truth = uniform, truth
     node.number = len(Traced._nodes)
     return node
-
-
-def _plain(*values: Any) -> bool:
-    return not any(isinstance(value, Traced) for value in values)
 
 
 def _add(a: Traced, b: Traced) -> Traced:
@@ -391,6 +386,7 @@ def _multiply(a: Traced, b: Traced) -> Traced:
         return _negate(_multiply(a.args[0], b))
     if b.op == "neg":
         return _negate(_multiply(a, b.args[0]))
+    # A number times a choice between 0 and 1 is a choice, which costs no product.
     for flag, other in ((a, b), (b, a)):
         if flag.op == "select" and {flag.args[1].constant, flag.args[2].constant} == {0.0, 1.0}:
             condition, yes, _ = flag.args
@@ -407,9 +403,9 @@ def _reciprocal(a: Traced) -> Traced:
     return _make("reciprocal", (a,))
 
 
-def _unary(op: str, a: Traced, of_plain: Callable[[float], float]) -> Traced:
+def _unary(op: str, a: Traced, plain_function: Callable[[float], float]) -> Traced:
     if a.constant is not None:
-        return lift(of_plain(a.constant))
+        return lift(plain_function(a.constant))
     if op == "abs" and a.op == "neg":
         a = a.args[0]
     return _make(op, (a,))

@@ -16,7 +16,7 @@ from icreckon.estimator.faults.departing_fixes import (
     Departure,
     Indicated,
     departure_after,
-    errors_of,
+    errors_by_cause,
 )
 from icreckon.estimator.filter.process_noise import GROUND_TIME, lasting_slip
 from icreckon.estimator.log.log import Log
@@ -136,7 +136,7 @@ def test_a_path_that_turns_too_far_left_shows_a_larger_bias() -> None:
     left = math.sqrt(0.9**2 - (DEPARTURE_SIGMAS * LEFT) ** 2)
     assert shown.yaw == pytest.approx(-left / 1.5)
     assert shown.bias == pytest.approx(2.0 * left / 1.5 / 3.0)
-    by_slip, by_yaw, by_bias = errors_of(shown)
+    by_slip, by_yaw, by_bias = errors_by_cause(shown)
     assert by_yaw == ((s.X, s.Y, s.YAW), (0.0, pytest.approx(-left), shown.yaw))
     assert by_bias[0] == (s.X, s.Y, s.YAW, s.GYRO_BIAS)
     assert by_bias[1][2:] == (2.0 * shown.yaw, shown.bias)
