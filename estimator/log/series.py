@@ -43,7 +43,7 @@ class TrackSpeedSeries:
 
     @property
     def dead_side(self) -> str:
-        """Side, "left" or "right", that reads zero while the other one drives; empty if none does."""
+        """Side, "left" or "right", that reads zero while the other drives; "" if none."""
         sizes = np.abs(self.speeds)
         for side, name in enumerate(("left", "right")):
             of_other = sizes[:, 1 - side]

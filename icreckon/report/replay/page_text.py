@@ -358,7 +358,7 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
 
 
 def all_rejections(results: Results) -> list[str]:
-    """Lines on the most rejections of each sensor and reason, and on faults, if there are any."""
+    """Lines on the most rejections of each sensor and reason, and on the faults."""
     most: dict[str, tuple[int, str]] = {}
     faults: dict[str, int] = {}
     for scores in filtered(results).values():
