@@ -97,8 +97,7 @@ def calibrate(
             f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
         )
     report_share = progress or (lambda _: None)
-    _check_sides(logs)
-    _check_truths(logs)
+    _check_logs(logs)
     headed = [_with_headings(log, robot) for log in logs]
     motions = [replace(motion_of(log, robot), own_headings=not remarks) for log, remarks in headed]
     recording = record(motions, robot, segment, difference=robot.tracks.difference)
@@ -160,19 +159,14 @@ def calibrate(
     return replace(calibration, notes=(*calibration.notes, *remarks))
 
 
-def _check_sides(logs: Sequence[Log]) -> None:
-    """Reject a log of which one side reads zero."""
+def _check_logs(logs: Sequence[Log]) -> None:
+    """Reject a side that reads zero, and a truth that stays, while the tracks drive."""
     for log in logs:
         if dead := log.tracks.dead_side:
             raise EstimatorError(
                 f"log {log.name!r}: the {dead} side reads zero all the time while the other one drives; "
                 "look at its sensor, cable and topic"
             )
-
-
-def _check_truths(logs: Sequence[Log]) -> None:
-    """Reject a truth that stays where it is while the tracks drive."""
-    for log in logs:
         if log.truth is None or len(log.tracks.stamps) < 2 or len(log.truth.poses.stamps) < 2:
             continue
         speeds = np.abs(log.tracks.speeds.mean(axis=1))

@@ -138,7 +138,7 @@ class ModelComparison:
     supported: str
 
     def score(self, model: str) -> ModelScore:
-        """Score of a model by its name."""
+        """Score of one of the models that were compared, by its name."""
         return next(one for one in self.scores if one.model == model)
 
     def difference(self, model: str, than: str) -> Difference:

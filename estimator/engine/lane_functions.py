@@ -105,6 +105,7 @@ def sample_inputs(
 
 def move_inputs(record: Any, inputs: Floats, lane: int, stamp: int) -> None:
     """Fill the inputs of a step without an IMU sample; see `sample_inputs`."""
+    # What is not measured is NaN; the yaw rate and the density, which enter sums, are zero.
     fill_tracks(record, inputs, lane, stamp)
     inputs[SLOW, lane] = 1.0 if may_be_pushed(record) and not record.stands else 0.0
     inputs[QUIET_MEAN, lane], inputs[RATE, lane] = math.nan, 0.0

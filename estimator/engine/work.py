@@ -269,9 +269,10 @@ def relocate_lane(workspace: Floats, lane: int, rejected: Any, places: Places) -
 def follow_in_lane(
     workspace: Floats, lane: int, scatter: Any, fix: TakenFix, before: Floats, places: Places
 ) -> bool:
-    """Add a fix to the scatter of one lane; return True if it is inflated by it.
+    """Add a fix to the scatter of one lane; return True if its covariance is inflated.
 
-    See `Reckoning._take_position`; `before` (n,) are the uncertain states before the update.
+    States that scattering fixes have moved become uncertain by as much, as in
+    `Reckoning._take_position`. `before` (n,) are the lane's states before the update, x and y first.
     """
     correction = np.zeros(s.SIZE)
     for k in range(len(before)):
@@ -280,7 +281,7 @@ def follow_in_lane(
         return False
     for k in range(len(before)):
         moved = scatter.moved[places.states[k]]
-        # A correction of x or y may be one of the other.
+        # Scatter has no direction: what moved x makes y uncertain, too, and the reverse.
         first, end = (0, s.Y + 1) if k <= s.Y else (k, k + 1)
         for place in range(first, end):
             workspace[places.variances[place], lane] += moved * moved

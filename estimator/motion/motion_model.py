@@ -91,7 +91,7 @@ class MotionModel(Protocol):
         """
 
     def steering_efficiency(self, parameters: Any) -> float:
-        """Typical steering efficiency index [-] at these parameters, without inertia."""
+        """Steering efficiency index [-] at parameters (9,), without the effect of inertia."""
 
     def linearise(
         self,

@@ -102,7 +102,7 @@ def upward(gravity: Any) -> tuple[Any, Any]:
 
 
 def turn(angle: float) -> tuple[float, float]:
-    """Cosine and sine of an angle [rad]."""
+    """Cosine and sine of an angle [rad], to the last bit as along an arc."""
     return turn_along_arc(angle, arc_with_slopes(angle))
 
 

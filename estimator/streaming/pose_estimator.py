@@ -434,7 +434,7 @@ class PoseEstimator:
             EstimatorError: there is no such mark.
         """
         mark = Mark(stamp_of_mark(stamp))
-        self._reckoning.clones.place(mark.stamp)
+        self._reckoning.clones.place(mark.stamp)  # raises if there is none
         self._history.forget_mark(mark)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:

@@ -494,7 +494,7 @@ class Reckoning:
         return self.ekf.twist_model(*self.track_speeds, (x, y, w))
 
     def pose_ahead(self, stamp: int) -> Prediction:
-        """Predict the pose at a later stamp [ns]."""
+        """Predict the pose at a later stamp [ns], with the present twist."""
         return self._predict("pose", stamp, ahead=True)
 
     def _fast_slip_density(self, stamp: int, model: TwistModel) -> Floats:

@@ -331,11 +331,14 @@ class FunctionWriter:
             return self._constant(getattr(self._globals[node.value.id], node.attr), node)
         owner = self._code(node.value)
         if owner.type == COMPLEX:
-            return Code(f"({owner.text}).{node.attr[:2]}", REAL)
+            part = {"real": "re", "imag": "im"}[node.attr]
+            return Code(f"({owner.text}).{part}", REAL)
+        # Some fields have the same value in every filter that is exported.
         replaced: Code | None = self._functions.constants.get((owner.type.name, node.attr))
         if replaced is not None:
             return replaced
         field_type = owner.type.field(node.attr)
+        # Records are pointers in C, tuples are values.
         text = f"{owner.text}{'->' if owner.type.kind == 'record' else '.'}{node.attr}"
         return Code(f"(&{text})" if field_type.kind == "record" else text, field_type)
 

@@ -268,7 +268,7 @@ def _radius_lines(logs: Sequence[Log], robot: Robot) -> list[str]:
 
 
 def _evidence(logs: Sequence[Log], estimates: Sequence[check.Estimate]) -> str:
-    """Comment on the estimates of a quantity by the logs, with the first one's source."""
+    """Source (one for all) and values, such as "by the gyro of this log 0.62"."""
     values = ", ".join(f"{one.value:.4g}{one.error}" for one in estimates)
     which = "this log" if len(logs) == 1 else "these logs"
     return f"by the {estimates[0].source} of {which} {values}"

@@ -103,9 +103,9 @@ def _planar(twist: Any) -> Row:
 
 
 def _variances(covariance: Any) -> Row:
-    """Variances of position (the larger one) and yaw; NaN if unset (zeros)."""
-    variances = (max(covariance[0], covariance[7]), covariance[35])
-    return variances if any(variances) else (NAN, NAN)
+    """Variances of position (the larger one) [m²] and yaw [rad²]; NaN if zero."""
+    # A zero is unset. The covariance (36,) has rows of x, y, z, roll, pitch, yaw.
+    return max(covariance[0], covariance[7]) or NAN, covariance[35] or NAN
 
 
 def _pose_row(pose: Any, variances: Row = (NAN, NAN), twist: Row = (NAN, NAN, NAN)) -> Row:

@@ -112,12 +112,14 @@ def test_fixes(tmp_path: Path) -> None:
         ("/fix", made.pose_with_covariance(5, (0.0, 0.0, 0.0), x=5.0)),
         ("/fix", made.pose_with_covariance(6, (0.04, 0.04, 0.01), x=float("nan"))),
         ("/fix", made.pose_with_covariance(2, (0.04, 0.04, 0.01), x=7.0)),
+        # As of a GPS receiver: no variance of a yaw is no yaw.
+        ("/fix", made.pose_with_covariance(8, (0.04, 0.04, 0.0), x=8.0)),
     ]
     path = write_bag(tmp_path / "bag", [*fixes, *SPEEDS])
     log = read_log(path, robot_with(tracks=JOINTS, fixes={"topic": "/fix"}))
-    np.testing.assert_allclose(log.fixes.poses[:, 0], [1.0, 2.0, 3.0])
-    np.testing.assert_allclose(log.fixes.poses[:, 2], [np.pi / 2, np.nan, np.nan])
-    np.testing.assert_allclose(log.fixes.variances[:, 0], [0.09, 0.04, 0.04])
+    np.testing.assert_allclose(log.fixes.poses[:, 0], [1.0, 2.0, 3.0, 8.0])
+    np.testing.assert_allclose(log.fixes.poses[:, 2], [np.pi / 2, np.nan, np.nan, np.nan])
+    np.testing.assert_allclose(log.fixes.variances[:, 0], [0.09, 0.04, 0.04, 0.04])
     assert log.dropped == {
         "fixes: not finite": 1,
         "fixes: no covariance, and no position_sigma given": 1,
