@@ -30,6 +30,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries, require_part, running_integral
+from icreckon.estimator.log.stuck_sides import stuck_sides, turning_at
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
@@ -97,7 +98,7 @@ def calibrate(
             f"segments must be {SHORTEST:g} to {LONGEST:g} s long, found {segment!r}"
         )
     report_share = progress or (lambda _: None)
-    _check_logs(logs)
+    _check_logs(logs, robot)
     headed = [_with_headings(log, robot) for log in logs]
     motions = [replace(motion_of(log, robot), own_headings=not remarks) for log, remarks in headed]
     recording = record(motions, robot, segment, difference=robot.tracks.difference)
@@ -159,13 +160,17 @@ def calibrate(
     return replace(calibration, notes=(*calibration.notes, *remarks))
 
 
-def _check_logs(logs: Sequence[Log]) -> None:
-    """Reject a side that reads zero, and a truth that stays, while the tracks drive."""
+def _check_logs(logs: Sequence[Log], robot: Robot) -> None:
+    """Reject a side that is stuck, and a truth that stays, while the tracks drive."""
+    width = robot.constant_indices.eta0 * robot.vehicle.track_gauge
     for log in logs:
-        if dead := log.tracks.dead_side:
+        turning = None
+        if log.imu is not None:
+            rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
+            turning = turning_at(log.tracks, log.imu, rates, width)
+        for stuck in stuck_sides(log.tracks, turning):
             raise EstimatorError(
-                f"log {log.name!r}: the {dead} side reads zero all the time while the other one drives; "
-                "look at its sensor, cable and topic"
+                f"log {log.name!r}: {stuck.text}; look at its sensor, cable and topic"
             )
         if log.truth is None or len(log.tracks.stamps) < 2 or len(log.truth.poses.stamps) < 2:
             continue

@@ -13,9 +13,6 @@ from icreckon.estimator.base.checks import require_kind, require_nanoseconds
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_quaternion
 
-# Fewest samples of a side that drives, and share of them that the other side reads zero if it is dead.
-FEWEST_DRIVING, DEAD_SHARE = 20, 0.95
-
 
 @dataclass(frozen=True)
 class TrackSpeedSeries:
@@ -40,17 +37,6 @@ class TrackSpeedSeries:
                 _check_shape(name, self.stamps, wheels, np.shape(wheels)[1:2] or (1,))
         if (self.left_wheels is None) != (self.right_wheels is None):
             raise EstimatorError("left_wheels and right_wheels go together, found one of them")
-
-    @property
-    def dead_side(self) -> str:
-        """Side, "left" or "right", that reads zero while the other drives; "" if none."""
-        sizes = np.abs(self.speeds)
-        for side, name in enumerate(("left", "right")):
-            of_other = sizes[:, 1 - side]
-            drives = of_other > 0.1 * of_other.max(initial=0.0)
-            if drives.sum() >= FEWEST_DRIVING and np.mean(sizes[drives, side] == 0.0) > DEAD_SHARE:
-                return name
-        return ""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,10 @@ LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
 # Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
 LEAST_DRIVING = 0.3
 FEWEST = 20  # fewest track speeds that show anything
+LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU = (
+    5.0,
+    0.05,
+)  # least time at the ends without an IMU: [s], share of the log
 LEVER = 0.3  # distance of the centre of turning from the robot's centre that is usual [m]
 # Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
 OFFSET_OF_GRAVITY = 0.3
@@ -50,6 +54,23 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
             if len(log.tracks.stamps)
             else "the topic in [log.tracks]; icreckon inspect lists those of the log",
         )
+    elif log.imu is not None and len(log.imu.stamps) >= FEWEST:
+        first, last = log.imu.stamps[[0, -1]].tolist()
+        begin, end = log.tracks.stamps[[0, -1]].tolist()
+        missing = (max(0, first - begin) + max(0, end - last)) * NANOSECOND
+        if missing > max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * log.duration):
+            known = (
+                f"from {(first - begin) * NANOSECOND:.0f} to {(last - begin) * NANOSECOND:.0f} s"
+            )
+            text = f"the IMU has samples {known} only, the tracks to {(end - begin) * NANOSECOND:.0f} s"
+            yield Check(
+                "IMU's span",
+                "whole log",
+                known,
+                text,
+                "look at its driver and cable, or cut the log",
+                lambda log, robot: (log.between(first, last), robot),
+            )
     source = robot.log.get("imu", {}).get("topic")
     if source is None and "imu" in robot.log.get("columns", {}):
         source = "its columns"

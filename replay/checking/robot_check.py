@@ -29,6 +29,7 @@ CHECKS = (
     imu_checks.check_gravity,
     imu_checks.check_mounting,
     track_checks.check_sides,
+    track_checks.check_ratio,
     track_checks.check_turning,
     imu_checks.check_forward,
     track_checks.check_latency,
@@ -37,7 +38,7 @@ CHECKS = (
     imu_checks.check_bias,
     imu_checks.check_noise,
 )
-# These compare both sides with the gyro, which stands in for a dead side.
+# These compare both sides with the gyro, which stands in for a stuck one.
 OF_BOTH_SIDES = {track_checks.check_turning, track_checks.check_latency, track_checks.check_track}
 
 
@@ -47,9 +48,8 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
     The log comes from `read_log` with this robot, or is made of arrays.
     """
     checks: list[Check] = []
-    is_dead = bool(log.tracks.dead_side)
     for function in CHECKS:
-        if is_dead and function in OF_BOTH_SIDES:
+        if function in OF_BOTH_SIDES and any(one.name == track_checks.SIDES for one in checks):
             continue
         for check in function(log, robot):
             checks.append(replace(check, remedy=with_column_keys(check.remedy, robot)))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from msgspec import structs
@@ -13,6 +14,7 @@ from icreckon.estimator.base.lag_search import BLOCKS
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.stuck_sides import RIGHT, stuck_sides, turning_at
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import (
     LATENCY,
@@ -46,6 +48,9 @@ OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.07
 # Least error of the scale by the accelerometer that is reported [-]: suspensions squat.
 SCALE_BY_FORCE = 0.35
+SIDES = "sides"  # name of the check of `check_sides`
+# Turning over speed of a straight stretch [-], least time of them [s], and difference that counts [-].
+STRAIGHT_SHARE, LEAST_STRAIGHT, LEAST_RATIO = 0.1, 5.0, 0.2
 # Usual errors of a scale, as true over assumed.
 RADIUS_ERRORS = (
     (0.5, "is the radius a diameter?"),
@@ -72,23 +77,58 @@ FEWEST, CLEARLY_TURNS = 20, 0.05
 
 
 def check_sides(log: Log, robot: Robot) -> Iterator[Check]:
-    """Side that reads zero while the other one drives."""
-    dead = log.tracks.dead_side
-    if not dead or log.imu is None:
+    """Sides that repeat one reading while the other one drives."""
+    if log.imu is None:
         return
     vertical, _ = in_base(log.imu, robot)
-    turning = np.interp(log.tracks.stamps, log.imu.stamps, vertical) * effective_track(robot)
+    turning = turning_at(log.tracks, log.imu, vertical, effective_track(robot))
+    for stuck in stuck_sides(log.tracks, turning):
+        speeds = log.tracks.speeds.copy()
+        for rows in stuck.spans:
+            towards = turning[rows] if stuck.side == RIGHT else -turning[rows]
+            speeds[rows, stuck.side] = speeds[rows, 1 - stuck.side] + towards
+        yield Check(
+            SIDES,
+            "both change",
+            stuck.text,
+            stuck.text,
+            "look at its sensor and cable; corrected here by the other side and the gyro",
+            with_speeds(partial(_replaced, speeds)),
+        )
+
+
+def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
+    """Ratio of the sides where the robot drives straight on by the gyro."""
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+        return
+    vertical, _ = in_base(log.imu, robot)
+    turning = turning_at(log.tracks, log.imu, vertical, effective_track(robot))
     left, right = log.tracks.speeds.T
-    sides = (right - turning, right) if dead == "left" else (left, left + turning)
-    yield Check(
-        "sides",
-        "both drive",
-        f"the {dead} one reads zero",
-        f"the {dead} side reads zero all the time while the other one drives: filters use the other "
-        "one and the gyro",
-        f"look at its sensor and cable, or name its speeds in [{tracks_table(robot)}]",
-        with_speeds(lambda _: np.stack(sides, axis=1)),
+    speed = np.abs(log.tracks.speeds).max(axis=1)
+    is_straight = (speed > 0.3 * speed.max()) & (np.abs(turning) < STRAIGHT_SHARE * speed)
+    is_straight &= left * right > 0.0
+    seconds = float(is_straight.mean()) * log.duration
+    ratio = (
+        float(np.median(right[is_straight] / left[is_straight]))
+        if seconds > LEAST_STRAIGHT
+        else 1.0
     )
+    slower, size = ("right", ratio) if ratio < 1.0 else ("left", 1.0 / ratio)
+    if size < 1.0 - LEAST_RATIO:
+        factors = (1.0, 1.0 / size) if slower == "right" else (1.0 / size, 1.0)
+        yield Check(
+            "ratio of the sides",
+            "1 straight on",
+            f"{ratio:.2f}, right over left",
+            f"straight on by the gyro, the {slower} side reads {size:.2f} times what the other one reads",
+            "look at counts, gears, radius and wheels of both sides: one of them is wrong",
+            with_speeds(lambda speeds: speeds * factors),
+        )
+
+
+def _replaced(speeds: Floats, _: Floats) -> Floats:
+    """Return track speeds in the place of others."""
+    return speeds
 
 
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:

@@ -19,6 +19,7 @@ from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.series import ImuSeries
+from icreckon.estimator.log.stuck_sides import stuck_sides
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
@@ -396,8 +397,7 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             f"{mounting.turning_correlation:.2f}): left and right may be swapped, or the IMU is "
             "upside down"
         )
-    if dead := log.tracks.dead_side:
-        yield f"tracks: the {dead} side reads zero all the time while the other one drives"
+    yield from (f"tracks: {stuck.text}" for stuck in stuck_sides(log.tracks, None))
     if len(log.tracks.stamps):
         stops = wheels.standstills(log)
         total = sum(end - begin for begin, end in stops)

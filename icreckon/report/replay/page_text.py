@@ -182,9 +182,11 @@ def _apart(results: Results) -> str:
 def calibration_hint(results: Results) -> list[str]:
     """Command that calibrates the robot, as one line; empty if it does not apply.
 
-    It applies to `icreckon replay` with a truth other than the fixes, and a robot file whose index gains
-    are all zero: no calibration has set them.
+    It applies to `icreckon replay` with a truth other than the fixes, and a robot file that the log does
+    not contradict and whose index gains are all zero: no calibration has set them.
     """
+    if doubts(results):
+        return []
     truth, configuration = results["truth"], results["configuration"]
     indices = results["robot"]["indices"]
     gains = [indices[name] for name in ("zeta1", "epsilon1", "eta1", "eta2", "epsilon_F")]
@@ -357,6 +359,10 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
     return f" ({before}{number(interval[0])} to {number(interval[1])})"
 
 
+# Findings of which the name says less than what they may be.
+FAULT_TEXTS = {"spinning": "a track spinning, or its sensor failing"}
+
+
 def all_rejections(results: Results) -> list[str]:
     """Lines on the most rejections of each sensor and reason, and on the faults."""
     most: dict[str, tuple[int, str]] = {}
@@ -369,7 +375,7 @@ def all_rejections(results: Results) -> list[str]:
             so_far = most.get(sensor_and_reason, (0, ""))
             most[sensor_and_reason] = max(so_far, (count, text))
     texts = [text for _, text in most.values()]
-    found = [f"{times} × {fault}" for fault, times in faults.items()]
+    found = [f"{times} × {FAULT_TEXTS.get(fault, fault)}" for fault, times in faults.items()]
     lines = {"Rejected": texts, "Faults found": found}
     return [
         f"{name}, at most by any variant: {', '.join(parts)}"

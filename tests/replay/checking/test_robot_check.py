@@ -12,6 +12,7 @@ from icreckon import Log, ReplayError, Scenario, calibrate, compare, read_log, s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.stuck_sides import stuck_sides, turning_at
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
@@ -176,17 +177,57 @@ def test_the_remedy_names_the_table_of_the_file(log: Log, error: str):
     assert "[log.columns.tracks]" in found.remedy
 
 
-@pytest.mark.parametrize(("side", "columns"), [("left", [0.0, 1.0]), ("right", [1.0, 0.0])])
-def test_a_side_that_reads_zero_is_named_alone_and_replaced_by_the_gyro(log, side, columns):
-    dead = speeds(log, lambda found: found * columns)
+def dead_from(log: Log, side: int, share: float, factor: float = 0.0) -> Log:
+    """Log of which a side repeats a reading, a factor times its own, after a share of its samples."""
+    first = int(share * len(log.tracks.stamps))
+
+    def change(found):
+        found = found.copy()
+        found[first:, side] = factor * found[first, side]
+        return found
+
+    return speeds(log, change)
+
+
+@pytest.mark.parametrize(("side", "name"), [(0, "left"), (1, "right")])
+@pytest.mark.parametrize(("share", "factor"), [(0.0, 0.0), (0.5, 0.0), (0.52, 1.0)])
+def test_a_stuck_side_is_named_alone_and_replaced_by_the_gyro(log, side, name, share, factor):
+    dead = dead_from(log, side, share, factor)
     found = problems(dead, ALPHA)
     assert list(found) == ["sides"]
-    assert f"the {side} side reads zero all the time" in found["sides"]
+    assert f"the {name} side repeats one reading" in found["sides"]
     mended, _ = corrected(dead, ALPHA)
     error = (mended.tracks.speeds - log.tracks.speeds).std()
-    assert error < 0.1 * (dead.tracks.speeds - log.tracks.speeds).std()
-    with pytest.raises(EstimatorError, match=f"the {side} side reads zero"):
+    assert error < 0.2 * (dead.tracks.speeds - log.tracks.speeds).std()
+    with pytest.raises(EstimatorError, match=f"the {name} side repeats one reading"):
         calibrate([dead], ALPHA)
+
+
+@pytest.mark.parametrize(("factors", "name"), [((0.5, 1.0), "left"), ((1.0, 0.5), "right")])
+def test_half_the_counts_of_a_side_are_no_radius(log, factors, name):
+    found = problems(speeds(log, lambda found: found * factors), ALPHA)
+    assert list(found) == ["ratio of the sides"]
+    assert f"the {name} side reads 0.5" in found["ratio of the sides"]
+
+
+def test_a_robot_that_turns_about_a_side_that_it_holds_has_no_fault() -> None:
+    stamps = np.arange(0, 60_000_000_000, 20_000_000)
+    right = 0.5 + 0.2 * np.sin(1e-9 * stamps)
+    width = ALPHA.constant_indices.eta0 * ALPHA.vehicle.track_gauge
+    tracks = TrackSpeedSeries(stamps, np.column_stack([0.0 * right, right]))
+    assert stuck_sides(tracks, right) == []
+    assert [one.side for one in stuck_sides(tracks, 0.3 * right)] == [0]
+    rates = right / width
+    imu = ImuSeries(stamps, np.column_stack([0.0 * rates, 0.0 * rates, rates]))
+    np.testing.assert_allclose(turning_at(tracks, imu, rates, width), right)
+
+
+def test_an_imu_that_stops_is_named_alone(log: Log):
+    rows = slice(0, len(log.imu.stamps) // 2)
+    forces = log.imu.linear_acceleration[rows]
+    half = ImuSeries(log.imu.stamps[rows], log.imu.angular_velocity[rows], forces)
+    found = problems(replace(log, imu=half), ALPHA)
+    assert list(found) == ["IMU's span"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,64 @@
+"""Sides whose sensor repeats one reading while the other side drives, over a whole log."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+
+LEFT, RIGHT = 0, 1
+# Least time of one reading [s], and distance of the other side meanwhile [m].
+LEAST_TIME, LEAST_DISTANCE = 3.0, 1.0
+# Least difference between the turning of tracks and gyro, over the speed of the other side.
+LEAST_SHARE = 0.2
+# Without a gyro: least share of the log, since a robot may turn about a side that it holds.
+SHARE_WITHOUT_GYRO = 0.3
+
+
+class StuckSide(NamedTuple):
+    """Side that is stuck during some spans."""
+
+    side: int  # `LEFT` or `RIGHT`
+    spans: tuple[slice, ...]  # rows of the track speeds
+    text: str  # which side, what it reads, from when and for how long
+
+
+def stuck_sides(tracks: TrackSpeedSeries, turning: Floats | None) -> list[StuckSide]:
+    """Sides that repeat one reading while the other side drives, and the gyro contradicts it.
+
+    Args:
+        tracks: the track speeds.
+        turning: (n,) right speed less left speed by the gyro [m/s]; None without a gyro.
+    """
+    if not len(tracks.stamps):
+        return []
+    times = (tracks.stamps - tracks.stamps[0]) * NANOSECOND
+    left, right = tracks.speeds.T
+    difference = np.zeros(len(times)) if turning is None else np.abs(right - left - turning)
+    found = []
+    for side, (own, other) in enumerate(((left, right), (right, left))):
+        changes = np.flatnonzero(np.diff(own)) + 1
+        spans = []
+        for first, end in pairwise([0, *changes.tolist(), len(own)]):
+            rows, lasts = slice(first, end), float(times[end - 1] - times[first])
+            speed = float(np.abs(other[rows]).mean())
+            drives = speed * lasts > LEAST_DISTANCE and np.ptp(other[rows]) > 0.0
+            contradicted = turning is None or difference[rows].mean() > LEAST_SHARE * speed
+            if lasts > LEAST_TIME and drives and contradicted:
+                spans.append(rows)
+        seconds = sum(float(times[rows.stop - 1] - times[rows.start]) for rows in spans)
+        if spans and (turning is not None or seconds > SHARE_WITHOUT_GYRO * times[-1]):
+            first, name = spans[0].start, ("left", "right")[side]
+            text = (
+                f"the {name} side repeats one reading ({own[first]:.3g} m/s at {times[first]:.0f} s) "
+                f"for {seconds:.0f} of {times[-1]:.0f} s while the other one drives"
+            )
+            found.append(StuckSide(side, tuple(spans), text))
+    return found
+
+
+def turning_at(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats, width: float) -> Floats:
+    """Turning by yaw rates (m,) [rad/s] of an IMU, at the stamps of the tracks (n,) [m/s]."""
+    return np.asarray(np.interp(tracks.stamps, imu.stamps, rates) * width)
