@@ -234,7 +234,7 @@ FAULTS = (
     ),
     Fault(
         "wheel off",
-        "a wheel differs from the others of its side",
+        "a wheel differs from the others of its side by 0.15 m/s, or a tenth of the fastest speed",
         "the wheel is excluded; as long as it is unclear which, their mean is used with a larger error",
         "faults/odd_wheels.py",
         _find_wheel_off,
