@@ -1,6 +1,5 @@
 """Sides whose sensor repeats one reading while the other side drives, over a whole log."""
 
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -39,16 +38,17 @@ def stuck_sides(tracks: TrackSpeedSeries, turning: Floats | None) -> list[StuckS
     difference = np.zeros(len(times)) if turning is None else np.abs(right - left - turning)
     found = []
     for side, (own, other) in enumerate(((left, right), (right, left))):
-        changes = np.flatnonzero(np.diff(own)) + 1
-        spans = []
-        for first, end in pairwise([0, *changes.tolist(), len(own)]):
-            rows, lasts = slice(first, end), float(times[end - 1] - times[first])
+        ends = np.array([*np.flatnonzero(np.diff(own)) + 1, len(own)])
+        firsts = np.array([0, *ends[:-1]])
+        lasts = times[ends - 1] - times[firsts]
+        spans, seconds = [], 0.0
+        for k in np.flatnonzero(lasts > LEAST_TIME):
+            rows = slice(int(firsts[k]), int(ends[k]))
             speed = float(np.abs(other[rows]).mean())
-            drives = speed * lasts > LEAST_DISTANCE and np.ptp(other[rows]) > 0.0
-            contradicted = turning is None or difference[rows].mean() > LEAST_SHARE * speed
-            if lasts > LEAST_TIME and drives and contradicted:
+            drives = speed * lasts[k] > LEAST_DISTANCE and np.ptp(other[rows]) > 0.0
+            if drives and (turning is None or difference[rows].mean() > LEAST_SHARE * speed):
                 spans.append(rows)
-        seconds = sum(float(times[rows.stop - 1] - times[rows.start]) for rows in spans)
+                seconds += lasts[k]
         if spans and (turning is not None or seconds > SHARE_WITHOUT_GYRO * times[-1]):
             first, name = spans[0].start, ("left", "right")[side]
             text = (

@@ -107,12 +107,9 @@ def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
     speed = np.abs(log.tracks.speeds).max(axis=1)
     is_straight = (speed > 0.3 * speed.max()) & (np.abs(turning) < STRAIGHT_SHARE * speed)
     is_straight &= left * right > 0.0
-    seconds = float(is_straight.mean()) * log.duration
-    ratio = (
-        float(np.median(right[is_straight] / left[is_straight]))
-        if seconds > LEAST_STRAIGHT
-        else 1.0
-    )
+    if float(is_straight.mean()) * log.duration < LEAST_STRAIGHT:
+        return
+    ratio = float(np.median(right[is_straight] / left[is_straight]))
     slower, size = ("right", ratio) if ratio < 1.0 else ("left", 1.0 / ratio)
     if size < 1.0 - LEAST_RATIO:
         factors = (1.0, 1.0 / size) if slower == "right" else (1.0 / size, 1.0)
