@@ -171,7 +171,7 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
     """Settings with the wander of the scenario's fixes, unless they have one.
 
-    It replaces that of a robot file, which describes the fixes of its logs; without wander, by none.
+    The wander of a robot file describes the fixes of its logs; the scenario's, or none, replaces it.
     """
     errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
     wanders = errors.wander_sigma > 0.0
@@ -264,7 +264,7 @@ def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
 
 
 def _with_outage(scenario: Scenario, length: Any) -> Scenario:
-    """Scenario without fixes in its last `length` seconds."""
+    """Scenario with one outage, its last `length` seconds; with none if that is 0."""
     if not (is_finite(length) and 0.0 <= length <= scenario.duration):
         raise SimulationError(
             f"outage must be from 0 to the duration of the run, {scenario.duration:g} s, "
