@@ -145,9 +145,8 @@ def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
     solved = _newton(start, V, contact, DIRECT_STEPS, TOLERANCE)
     unsolved = np.flatnonzero(solved.residual > TOLERANCE)
     if unsolved.size:
-        _keep_better(
-            solved, unsolved, _along_regularisation(start[:, unsolved], V[:, unsolved], contact)
-        )
+        softened = _along_regularisation(start[:, unsolved], V[:, unsolved], contact)
+        _keep_better(solved, unsolved, softened)
     for steps in SPEED_STEPS:
         unsolved = np.flatnonzero(solved.residual > CONVERGED)
         if not unsolved.size:

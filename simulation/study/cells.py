@@ -185,21 +185,22 @@ def _cell(
     study: Study, robot: Robot, index: int, values: dict[str, Value], changes: dict[str, Any]
 ) -> Cell:
     """Cell of a study from its changes (dotted key -> value) of scenario and robots."""
-    roots = {key: _root(key) for key in changes}
-    robot_changes = {
-        root: nest({key.partition(".")[2]: changes[key] for key in changes if roots[key] == root})
-        for root in ROBOTS
-    }
-    scenario_changes = {key: changes[key] for key in changes if roots[key] not in ROBOTS}
+    robot_changes: dict[str, dict[str, Any]] = {root: {} for root in ROBOTS}
+    scenario_changes = {}
+    for key, value in changes.items():
+        if (root := _root(key)) in ROBOTS:
+            robot_changes[root][key.removeprefix(f"{root}.")] = value
+        else:
+            scenario_changes[key] = value
     outage = scenario_changes.pop(OUTAGE, None)
     nested = nest(scenario_changes) | {"seed": study.seed}
     scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
     if outage is not None:
         scenario = _with_outage(scenario, outage)
-    robot = _changed_robot(robot, robot_changes[ROBOT], ROBOT)
-    true_robot = _changed_robot(robot, robot_changes[TRUE_ROBOT], TRUE_ROBOT)
+    robot = _changed_robot(robot, nest(robot_changes[ROBOT]), ROBOT)
+    true_robot = _changed_robot(robot, nest(robot_changes[TRUE_ROBOT]), TRUE_ROBOT)
     modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
-    modelled = _changed_robot(modelled, robot_changes[FILTER], FILTER)
+    modelled = _changed_robot(modelled, nest(robot_changes[FILTER]), FILTER)
     filters = []
     for spec in study.filters():
         own_robot = _changed_robot(modelled, spec.robot, f"robot of {spec.label}")

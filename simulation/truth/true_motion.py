@@ -181,7 +181,7 @@ def true_motion(
     step = 1.0 / rate
     distances = np.zeros_like(speeds)
     distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
-    poses = integrate_twists(twists, step)
+    poses = integrate_twists(twists, step)  # from the origin
     return TrueMotion(rate, poses, twists, speeds, distances, parameters, source)
 
 
