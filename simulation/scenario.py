@@ -222,7 +222,7 @@ def grid_rate(imu_rate: float) -> float:
 
 
 def merged(data: dict[str, Any], changes: dict[str, Any]) -> dict[str, Any]:
-    """Merge changes into nested tables."""
+    """Merge changes into a copy of nested tables; lists and numbers are replaced."""
     result = dict(data)
     for key, value in changes.items():
         old = result.get(key)

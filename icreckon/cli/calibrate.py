@@ -135,8 +135,7 @@ def command(
 
             write_calibration_figure(folder / FIGURE_FILE, summary)
         if write is not None:
-            names_of_logs = [log.name for log in read]
-            text = robot_file_text(found, names_of_logs, robot_name, gained)
+            text = robot_file_text(found, [log.name for log in read], robot_name, gained)
             write_file(write, text, FIRST_WORDS, what="robot file", overwrite=overwrite)
         if ros is not None:
             settings = ros_settings(again, found.robot, source=_origin(found))

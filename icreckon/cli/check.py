@@ -89,7 +89,7 @@ def _costs(checks: list[Check], worth: Worth | None) -> list[tuple[float, Check]
     """Contradictions with costs [% of distance], costliest first; NaN if unknown."""
     wrong = [check for check in checks if check.problem]
     costs = [*(worth.costs if worth is not None else ())]
-    costs += [math.nan] * (len(wrong) - len(costs))
+    costs += [math.nan] * (len(wrong) - len(costs))  # the filter was not run
     pairs = list(zip(costs, wrong, strict=True))
     return sorted(pairs, key=lambda pair: math.inf if math.isnan(pair[0]) else -pair[0])
 

@@ -145,14 +145,13 @@ def _show(found: Inspection, *, wide: bool, with_file: bool) -> None:
 
 
 def _numbers(topic: TopicReport) -> list[str]:
-    share = None if topic.repeated_share is None else 100.0 * topic.repeated_share
     return [
         str(topic.count),
         _number(topic.mean_rate, 1),
         "" if topic.gaps is None else str(topic.gaps),
         _number(topic.largest_gap, 2),
         _number(topic.clock_offset, 3),
-        "" if share is None else f"{share:.0f} %",
+        "" if topic.repeated_share is None else f"{100.0 * topic.repeated_share:.0f} %",
     ]
 
 

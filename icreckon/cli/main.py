@@ -63,10 +63,11 @@ class _Listed(TyperCommand):
             typer.echo(f"loading icreckon {self.name} ...", nl=False, err=True)
         command = load(str(self.name))
         if shown:
-            typer.echo("\r\x1b[2K", nl=False, err=True)
+            typer.echo("\r\x1b[2K", nl=False, err=True)  # erases the line
         return command.make_context(info_name, args, parent, **extra)
 
 
+# The functions are never called: `_Listed` calls those of the commands' files.
 for _name, _help in COMMANDS.items():
     app.command(_name, cls=_Listed, help=_help)(lambda: None)
 
@@ -98,6 +99,7 @@ def _options(
 def main() -> None:
     """Entry point; errors are one line and a non-zero exit, tracebacks by --debug."""
     debug = DEBUG in sys.argv
+    # Removed from the arguments, so that it may stand before or after the command.
     sys.argv = [word for word in sys.argv if word != DEBUG]
     for stream in (sys.stdout, sys.stderr):
         # Of characters that the terminal lacks question marks are shown.

@@ -53,14 +53,10 @@ class _Drive:
 
     def log(self) -> Log:
         """Read the log; its notes include contradictions to the robot file."""
-        with progress(f"reading {source_name(self.paths)}") as report_progress:
-            log = read_log(
-                self.paths, self.robot, definitions=self.definitions, progress=report_progress
-            )
-        say(
-            f"read {source_name(self.paths)}: {log.duration:.0f} s, "
-            f"{len(log.tracks.stamps)} track speeds"
-        )
+        source = source_name(self.paths)
+        with progress(f"reading {source}") as report:
+            log = read_log(self.paths, self.robot, definitions=self.definitions, progress=report)
+        say(f"read {source}: {log.duration:.0f} s, {len(log.tracks.stamps)} track speeds")
         # A stream that is missing has a note by the reader.
         checks = [check for check in check_robot(log, self.robot) if check.name != "IMU"]
         notes: list[str] = []
@@ -163,9 +159,8 @@ def command(
     with results_folder(out, f"icreckon-replay-{paths[0].stem}", overwrite=overwrite) as folder:
         if len(drives) == 1:
             drive = drives[0]
-            arguments = drive.all_options()
             failed = compare_and_report(
-                drive.log(), drive.robot, folder, as_json=as_json, wide=wide, **arguments
+                drive.log(), drive.robot, folder, as_json=as_json, wide=wide, **drive.all_options()
             )
         else:
             summary = _many(_labelled(drives, files_of, robots), folder, configuration)
@@ -205,6 +200,7 @@ def _many(
                 raise
             failed.append(many.failed_case(case, problem))
             shutil.rmtree(target)
+            # A log that failed with all robot files so far has no folder.
             if target.parent != folder and not any(target.parent.iterdir()):
                 target.parent.rmdir()
         else:

@@ -154,6 +154,7 @@ def command(
 
 
 def _given(**options: Any) -> dict[str, Any]:
+    """Options of the command line that were given: None stands for the others."""
     return {name: value for name, value in options.items() if value is not None}
 
 
@@ -169,6 +170,7 @@ def _setting(text: str) -> dict[str, Any]:
 
 
 def _value(written: str) -> Any:
+    """Value as in TOML, else a number that TOML refuses (as .5), else the text itself."""
     try:
         return tomllib.loads(f"value = {written}")["value"]
     except tomllib.TOMLDecodeError:

@@ -144,8 +144,7 @@ class _Reporter:
             text += f", {rate:.3g} runs/s, {duration(done.runs_left / rate)} left"
         if done.blocks == done.all_blocks:
             text += ", writing tables and page"
-        share = done.blocks / max(1, done.all_blocks)
-        self.bar.update(self._task, completed=share, text=text)
+        self.bar.update(self._task, completed=done.blocks / max(1, done.all_blocks), text=text)
         if not self.bar.console.is_terminal and elapsed - self._shown_at > LINE_EVERY:
             self._shown_at = elapsed
             self.remark(text)

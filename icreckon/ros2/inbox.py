@@ -32,7 +32,7 @@ class Received(NamedTuple):
         return int(self.info["source_timestamp"] or self.info["received_timestamp"] or 0)
 
     def arrival(self, now: int) -> int:
-        """Time of arrival [ns]: that of the middleware where it gives one.
+        """Time of arrival [ns]: that of the middleware if plausible, else `now`.
 
         Args:
             now: present time [ns], of this computer's clock.
@@ -50,11 +50,11 @@ class Queue(NamedTuple):
     depth: int  # longest length
 
     def take_all(self) -> list[Received]:
-        """Remove and return the messages that wait."""
+        """Remove and return the messages that wait, at most `depth`: more may be coming."""
         taken: list[Received] = []
         with self.ros.handle:
             while len(taken) < self.depth:
-                message_and_info = self.ros.handle.take_message(self.ros.msg_type, False)
+                message_and_info = self.ros.handle.take_message(self.ros.msg_type, False)  # not raw
                 if message_and_info is None:
                     break
                 taken.append(Received(self.subscription, self.msgtype, *message_and_info))

@@ -30,8 +30,8 @@ def fill_odometry(
 ) -> Any:
     """Fill a nav_msgs/Odometry of the robot's frame `child` in the odom frame `frame`.
 
-    Axes that are not estimated have a variance of 1e6. A planar message omits height, roll and pitch,
-    like robot_localization with `two_d_mode`.
+    Axes that are not estimated are zero with a variance of 1e6. A planar message omits height, roll and
+    pitch, like robot_localization with `two_d_mode`.
     """
     fill_header(message.header, estimate.stamp, frame)
     message.child_frame_id = child
@@ -88,12 +88,12 @@ def fill_diagnostics(
     hardware: str,
     new: Callable[[str], Any],
 ) -> Any:
-    """Fill a diagnostic_msgs/DiagnosticArray."""
+    """Fill a diagnostic_msgs/DiagnosticArray; `new` makes a message of a type."""
     fill_header(array.header, stamp, "")
     array.status = []
     for one in statuses:
         status = new(STATUS)
-        status.level = bytes([one.level])
+        status.level = bytes([one.level])  # rclpy has a `byte` as bytes
         status.name, status.message, status.hardware_id = one.name, one.message, hardware
         status.values = []
         for key, value in one.values.items():
@@ -116,7 +116,7 @@ def fill_icr_markers(
         marker.pose.orientation.w = 1.0
         marker.scale.x = marker.scale.y = marker.scale.z = size
         marker.color.r, marker.color.g, marker.color.a = 0.9, 0.4, 1.0
-        marker.frame_locked = True
+        marker.frame_locked = True  # moves with the frame between two messages
         for x, y in icrs:
             point = new(POINT)
             point.x, point.y = float(x), float(y)

@@ -151,6 +151,7 @@ class OdometryNode:
     # --- construction ----------------------------------------------------------------------------
 
     def _declared(self, robot: str | None, variant: str | None) -> parameters.NodeOptions:
+        """Declare all parameters; values of the command line win over those of ROS."""
         from rcl_interfaces.msg import ParameterDescriptor
 
         # Declaring them all instead would refuse empty lists.
@@ -252,8 +253,7 @@ class OdometryNode:
         from rclpy.clock_type import ClockType
         from rclpy.duration import Duration
 
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        timer = partial(self.node.create_timer, clock=steady)
+        timer = partial(self.node.create_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._discovery = timer(DISCOVERY_PERIOD, self._discover)
         timer(1.0 / self.options.diagnostics_rate, self._report)
         timer(0.5 * QUIET, self._flush_if_quiet)
@@ -270,12 +270,14 @@ class OdometryNode:
     # --- inputs ------------------------------------------------------------------------------------
 
     def _discover(self) -> None:
+        """Subscribe to the inputs that have a publisher by now, until all have one."""
         for subscription in list(self._missing):
             try:
                 found = find_topic(self.node, subscription)
                 if found is None:
                     continue
-                self._subscribe(subscription, found[0], reliable=found[1])
+                msgtype, is_reliable = found
+                self._subscribe(subscription, msgtype, reliable=is_reliable)
             except ReplayError as problem:
                 self._warn(str(problem))
                 continue
@@ -303,10 +305,9 @@ class OdometryNode:
     def _listen_for_pose(self) -> None:
         """Subscribe to initial poses, such as those from RViz, if there is a map."""
         if self.live.map is not None:
-            callback = self._on_initial_pose
             kind = message_class(ros.POSE_WITH_COVARIANCE)
             self.node.create_subscription(
-                kind, "initialpose", callback, 1, qos_overriding_options=overridable()
+                kind, "initialpose", self._on_initial_pose, 1, qos_overriding_options=overridable()
             )
 
     def _on_initial_pose(self, message: Any) -> None:
@@ -330,6 +331,7 @@ class OdometryNode:
         self._take_messages()
 
     def _take_messages(self) -> None:
+        """Feed the waiting messages and publish; what cannot be used is warned of."""
         for one in self._inbox.take():
             self._last_message = time.monotonic()
             arrival = one.arrival(self._now())
@@ -344,6 +346,7 @@ class OdometryNode:
             self._inbox.worked()
 
     def _flush_if_quiet(self) -> None:
+        """Feed what is held for later messages, if these no longer come."""
         self._take_messages()
         if self._inbox.settling:
             return
@@ -475,9 +478,11 @@ class OdometryNode:
             self._warn(self.live.set_aside)
 
     def _save_learnt(self) -> str | None:
-        """Write the state file; return the problem if it cannot be written."""
-        if self._state_file is None or self.live.odom.stamp is None:
-            return None if self._state_file is None else "nothing learnt yet"
+        """Write the state file; return the problem if it cannot be written, else None."""
+        if self._state_file is None:
+            return None  # nothing is to be saved
+        if self.live.odom.stamp is None:
+            return "nothing learnt yet"
         try:
             self._state_file.parent.mkdir(parents=True, exist_ok=True)
             self.live.save(self._state_file)

@@ -72,6 +72,7 @@ class NodeOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return self._pose("base_offset")
 
     def _pose(self, name: str) -> Pose:
+        """Value of a parameter that is a pose, checked; an EstimatorError if it is none."""
         values = getattr(self, name)
         if len(values) != 3 or not all(map(math.isfinite, values)):
             raise EstimatorError(
@@ -108,7 +109,6 @@ DESCRIPTIONS: Mapping[str, str] = {
     "base_offset": "Base frame on the robot, [forward, left, yaw] from the tracks' centre [m, rad].",
 }
 
-
 OF_ROS = ("use_sim_time", "start_type_description_service")
 """Parameters that each node has."""
 OF_QOS = "qos_overrides."
@@ -139,8 +139,8 @@ def check_qos(given: Mapping[str, Any], endpoints: Iterable[str]) -> list[str]:
     """
     policies = {f"{OF_QOS}{one}.{policy}": policy for one in endpoints for policy in QOS_POLICIES}
     for name, value in given.items():
-        policy = policies.get(name)
-        if policy == "depth" and (type(value) is not int or value < 0):
+        policy = policies.get(name)  # None for a parameter without effect, which is reported below
+        if policy == "depth" and (type(value) is not int or value < 0):  # True is an int, too
             raise EstimatorError(f"parameter {name} must be a whole number, found {value!r}")
         if (names := QOS_POLICIES.get(policy or "")) and value not in names:
             raise EstimatorError(

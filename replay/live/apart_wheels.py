@@ -8,7 +8,7 @@ from icreckon.replay.reading.wheels import TOGETHER, interpolated
 LONGEST = round(2.0 * TOGETHER / NANOSECOND)
 """Longest time between messages that belong together [ns]."""
 CLEARLY_SLOWER = 0.9
-"""Ratio of numbers of messages from which a wheel is the slowest in place of another."""
+"""Ratio of messages below which a wheel is the slowest instead; one message more or less is none."""
 
 
 class ApartWheels:
@@ -20,10 +20,10 @@ class ApartWheels:
 
     def __init__(self) -> None:
         self._rows: list[tuple[int, Floats]] = []
-        self._counts = np.zeros(0)
+        self._counts = np.zeros(0)  # messages of each wheel; empty before the first
         self._slowest = 0
-        self._newest = -1
-        self._together = False
+        self._newest = -1  # stamp of the last row [ns]
+        self._together = False  # True once a message has had all wheels
 
     def take(self, stamp: int, values: Floats, wrap: float | None) -> list[tuple[int, Floats]]:
         """Add a message; return the rows (k,) that it completes, with their stamps [ns].
@@ -47,7 +47,7 @@ class ApartWheels:
             self._slowest = int(self._counts.argmin())
         table = np.array([row for _, row in self._rows])
         if np.isnan(table).all(axis=0).any():
-            return []
+            return []  # a wheel has not come yet
         stamps = np.array([when for when, _ in self._rows])
         rows = zip(*interpolated(stamps, table, wrap, self._slowest), strict=True)
         ready = [(int(when), row) for when, row in rows if when > self._newest]

@@ -10,7 +10,6 @@ from typing import Generic, NamedTuple, TypeVar
 from icreckon.replay.bags.decoding import NANOSECONDS
 
 T = TypeVar("T")
-
 LEAST_STEP = 3 * NANOSECONDS
 """Least time by which a clock is found set forward [ns]; less is bridged as a hole."""
 WITNESSES = 5
@@ -68,6 +67,7 @@ class ClockWatch(Generic[T]):
         if stamp - came - known.ahead <= LEAST_STEP:
             return self._as_usual(known, stamp, came, message)
         held, lost = known.held, 0
+        # Stamps that do not advance at the pace of time are wrong, and no clock that was set.
         if held and abs(stamp - held[0].stamp - (came - held[0].came)) > LEAST_STEP:
             lost = len(held)
             held.clear()
@@ -78,6 +78,7 @@ class ClockWatch(Generic[T]):
         return Watched(self._stepped(step), step, lost)
 
     def _as_usual(self, known: _Stream[T], stamp: int, came: int, message: T) -> Watched[T]:
+        """Accept a message that is not ahead, which refutes those that are held back."""
         lost = len(known.held)
         known.held.clear()
         # Messages from before a step may still come: only several in a row are a clock set back.

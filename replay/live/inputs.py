@@ -60,8 +60,7 @@ class Subscription(NamedTuple):
     purpose: str  # "tracks", "imu", "fixes" or "heading"
     topic: str  # its name
     types: tuple[str, ...]  # supported message types; empty if any type is read by field paths
-    # whether late subscribers get the last messages (transient local), as of /tf_static
-    latched: bool = False
+    latched: bool = False  # True if late subscribers get the last messages, as of /tf_static
 
 
 class _Arrived(NamedTuple):
@@ -85,24 +84,21 @@ class LiveInputs:
 
     robot: Robot  # the robot
     mapping: TopicMap  # topics of its streams
-    # number of unusable messages, by "purpose: reason"
-    lost: dict[str, int] = field(default_factory=dict)
+    lost: dict[str, int] = field(default_factory=dict)  # unusable messages by "purpose: reason"
     clocks: dict[str, Choice] = field(default_factory=dict)  # chosen clock of each stream
     origin: Origin | None = None  # origin of NavSatFix: that of the robot file, or the first fix
     geodetic: bool = False  # whether fixes come as NavSatFix
     fix_frame: str = ""  # frame of the newest fix by its header, empty if it names none
-    # arrival of the first message on each topic [ns]
-    heard: dict[str, int] = field(default_factory=dict)
-    # time by which the clock of the stamps was set forward at the newest message [ns]
-    clock_step: int = 0
+    heard: dict[str, int] = field(default_factory=dict)  # first arrival on each topic [ns]
+    clock_step: int = 0  # by which the stamps' clock was set forward at the newest message [ns]
     _watch: ClockWatch[_Arrived] = field(default_factory=ClockWatch)
     _streams: dict[str, Stream] = field(default_factory=dict)
     _waiting: list[_Arrived] = field(default_factory=list)
-    _begun: int | None = None
+    _begun: int | None = None  # arrival of the first message [ns]
     _wheels: ApartWheels = field(default_factory=ApartWheels)
-    _counter: tuple[int, Floats] | None = None
-    _newest_transform: int = -1
-    _went_back: int | None = None
+    _counter: tuple[int, Floats] | None = None  # newest positions of wheels, with their stamp [ns]
+    _newest_transform: int = -1  # its stamp [ns]; -1 before the first
+    _went_back: int | None = None  # time to which the clock of arrivals went back [ns]
     _ahead_ns: int = 0  # header stamp minus arrival of the newest message
 
     def __post_init__(self) -> None:
@@ -211,6 +207,7 @@ class LiveInputs:
     # --- rows ------------------------------------------------------------------------------------
 
     def _arrived(self, stream: Stream, msgtype: str, message: Any, arrival: int) -> list[_Arrived]:
+        """Read a message to a list of one; to none if it has nothing that can be used."""
         reader = stream.readers.get(msgtype, stream.any_reader)
         if reader is None:
             raise ReplayError(unreadable(stream.topic, [msgtype], stream.purpose, stream.readers))
@@ -225,7 +222,7 @@ class LiveInputs:
         header = getattr(message, "header", None)
         if header is not None and stream.purpose == "fixes":
             self.fix_frame = header.frame_id.removeprefix("/")
-        stamp = None if header is None else stamp_of(header) or None
+        stamp = None if header is None else stamp_of(header) or None  # 0 is no stamp
         if stamp is not None and self._is_left_over(stamp, arrival):
             return self._lose(stream.purpose, "from before the clock went back")
         return [_Arrived(stream.purpose, msgtype, stamp, arrival, row)]
@@ -292,6 +289,7 @@ class LiveInputs:
     # --- clocks ----------------------------------------------------------------------------------
 
     def _ready(self, now: int) -> list[Measurement]:
+        """Measurements of all waiting messages; none until the clock of each is chosen."""
         if not all(one.purpose in self.clocks for one in self._waiting) and not self._choose(now):
             return []
         ready = [found for one in self._waiting for found in self._measurements(one)]
@@ -304,11 +302,9 @@ class LiveInputs:
         Earlier choices remain. If clocks disagree, the choice waits until `LONGEST_WAIT`: a computer that
         is busy at the start takes the messages of one topic seconds after those of another.
         """
-        counts = dict.fromkeys(("tracks", "imu") if self.mapping.imu else ("tracks",), 0)
-        for one in self._waiting:
-            if one.purpose in counts:
-                counts[one.purpose] += 1
-        known = all(purpose in self.clocks for purpose in counts)
+        watched = WATCHED if self.mapping.imu else ("tracks",)
+        counts = {name: sum(one.purpose == name for one in self._waiting) for name in watched}
+        known = all(name in self.clocks for name in watched)
         waited = (now - (self._begun or now)) * NANOSECOND
         may_wait = not known and waited < LONGEST_WAIT
         if may_wait and min(counts.values()) < WITNESSES:
@@ -337,6 +333,7 @@ class LiveInputs:
     # --- measurements ------------------------------------------------------------------------------
 
     def _measurements(self, one: _Arrived) -> Iterator[Measurement]:
+        """Measurements of a message, at its stamp less the latency of its stream."""
         clock: Literal["header", "recording"] = self.clocks[one.purpose].clock
         mapped = getattr(self.mapping, one.purpose)
         stamp = one.arrival if clock == "recording" or one.header is None else one.header
@@ -355,6 +352,7 @@ class LiveInputs:
     def _tracks(
         self, stamp: int, rows: Any, msgtype: str, mapped: TrackTopic
     ) -> Iterator[Measurement]:
+        """Track speeds, once all wheels have come; from positions, from the second on."""
         vehicle = self.robot.vehicle
         read = conversions.track_values(rows, msgtype, mapped, vehicle)
         for when, values in self._wheels.take(stamp, read.values[0], read.wrap):
@@ -418,6 +416,7 @@ def _prompt_offset(offsets: list[int]) -> float:
 
 
 def _imu_sample(stamp: int, row: Sequence[float]) -> ImuSample:
+    """IMU sample of rates [rad/s] and forces [m/s²]; three NaN are no accelerometer."""
     x, y, z, a_x, a_y, a_z = (float(value) for value in row)
     absent = np.isnan([a_x, a_y, a_z]).all()
     return ImuSample(stamp, (x, y, z), None if absent else (a_x, a_y, a_z))

@@ -67,7 +67,7 @@ class MapFrame:
             if isinstance(measurement, HeadingFix):
                 self._heading = measurement
         fix = next((one for one in group if isinstance(one, PositionFix)), None)
-        if fix is None or odom.stamp is None or not _is_finite(fix):
+        if fix is None or odom.stamp is None or not _is_usable(fix):
             return
         self.estimator = self._started(fix, odom, in_odom=in_odom)
         if self.estimator is not None:
@@ -109,6 +109,7 @@ class MapFrame:
         if in_odom and near and (heading is None or _agrees(heading, odom)):
             if not wander.sigma:
                 return odom.copy()
+            # A copy would be too certain of a position that wanders: only the heading is that of odom.
             heading = HeadingFix(fix.stamp, float(pose[2]), float(odom.pose_covariance[2, 2]))
         if heading is None:
             return None
@@ -128,6 +129,7 @@ class MapFrame:
         path = reckoned[:, :2] + rotate(arms, reckoned[:, 2])
         white = math.sqrt(float(np.median([one.variance for one in fixes])))
         wander = wander_of(odom.robot, odom.settings)
+        # Wander does not average out over the fixes, as white noise does.
         sigma = math.hypot(white, math.sqrt(len(fixes)) * wander.sigma)
         fitted = laid_over(path, np.array([(one.x, one.y) for one in fixes]), sigma)
         if fitted is None:
@@ -140,10 +142,11 @@ class MapFrame:
 
 
 def _agrees(heading: HeadingFix, odom: PoseEstimator) -> bool:
+    """True if a heading is that of `odom`, within `CLEAR` times both sigmas."""
     off = float(wrap_angle(heading.yaw - odom.pose[2]))
     spread = math.sqrt(heading.variance) + math.sqrt(float(odom.pose_covariance[2, 2]))
     return abs(off) <= CLEAR * spread
 
 
-def _is_finite(fix: PositionFix) -> bool:
+def _is_usable(fix: PositionFix) -> bool:
     return bool(np.isfinite([fix.x, fix.y, fix.variance]).all()) and fix.variance > 0.0

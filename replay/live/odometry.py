@@ -38,7 +38,6 @@ from icreckon.replay.mapping.topics import TopicMap, topic_map, writable_topics
 FIXES = (PositionFix, HeadingFix, HeightFix)
 START_SIGMA = (0.5, 0.5, math.pi / 12.0)
 """Standard deviations of a start whose own are unknown [m, m, rad], those of AMCL."""
-
 LOST_SIGMA = 10_000.0
 """Standard deviation of a position beyond which no filter recovers [m]."""
 
@@ -56,8 +55,7 @@ class LiveEstimate(NamedTuple):
     map_covariance: Floats | None  # (3, 3) its covariance, or None
     base: BaseFrame  # the base frame
     odom: Snapshot  # estimate in odom of the centre of the tracks' contact area
-    # state of the estimator in map and its covariance, or None
-    fixed: tuple[Floats, Floats] | None = None
+    fixed: tuple[Floats, Floats] | None = None  # state of the estimator in map, covariance; or None
 
     @property
     def pose3d(self) -> Pose3d:
@@ -112,15 +110,12 @@ class LiveOdometry:
         odom_frame: frame of fixes that are in `odom`.
 
     Attributes:
-        robot: the robot.
         inputs: converter of the messages.
-        odom_frame: frame of fixes that are in `odom`.
         odom: estimator without fixes.
         map: map frame; None without fixes and start.
         tracks: newest track speeds; None before the first.
         warm: whether parameters were read from a file.
         set_aside: warning of a file of learnt parameters that could not be used, or empty.
-        base: the base frame.
         assumed_topics: whether the robot file maps no track speeds, and topics are those of
             `icreckon simulate`.
 
@@ -189,6 +184,7 @@ class LiveOdometry:
         """
         measurements = self.inputs.take(subscription, msgtype, message, arrival, steady)
         before: list[LiveEstimate] = []
+        # What is held has stamps from before the step.
         if step := self.inputs.clock_step:
             before = list(self._estimates(self._buffer.take_all()))
             self.odom.set_clock(step)
@@ -272,7 +268,7 @@ class LiveOdometry:
         self.warm = saved is not None and saved.exists()
         if saved is None or not self.warm:
             return cold
-        off = max(0.0, time.time() - saved.stat().st_mtime)
+        off = max(0.0, time.time() - saved.stat().st_mtime)  # [s]; 0 by a clock that was set back
         try:
             return PoseEstimator.warm_start(
                 saved, robot, variant, off=off, settings=settings, latencies=latencies
@@ -285,6 +281,7 @@ class LiveOdometry:
         return list(self._estimates(self._buffer.put(measurements))) if measurements else []
 
     def _estimates(self, groups: list[list[Measurement]]) -> Iterator[LiveEstimate]:
+        """Feed the measurements, a group for each stamp; yield the estimates that are due."""
         for group in groups:
             for measurement in group:
                 if isinstance(measurement, TrackSpeeds):
@@ -300,6 +297,7 @@ class LiveOdometry:
                 yield self._estimate()
 
     def _is_due(self, stamp: int) -> bool:
+        """True if the estimate at a stamp [ns] is published: new, and not above the rate."""
         newest = self._newest
         if newest is None:
             return True
@@ -331,7 +329,7 @@ class LiveOdometry:
 
 
 def _level(pose: Floats, covariance: Floats, height: float = 0.0) -> Pose3d:
-    """Pose on level ground, of a planar one (3,)."""
+    """Pose on level ground, of a planar one (3,) with its covariance (3, 3)."""
     position, rpy = np.array([*pose[:2], height]), np.array([0.0, 0.0, pose[2]])
     return Pose3d(position, rpy, planar_covariance(covariance).reshape(6, 6))
 

@@ -42,8 +42,7 @@ class ReorderBuffer:
             before, self._last = self._last, measurement.stamp
             if before is not None and abs(measurement.stamp - before) > self._jump:
                 due += self.take_all()
-            held = _Held(key_of(measurement), next(self._numbers), measurement)
-            heapq.heappush(self._heap, held)
+            heapq.heappush(self._heap, _Held(key_of(measurement), next(self._numbers), measurement))
         if not self._wait:
             return due + self.take_all()
         # A stamp is complete only when a later one is there.
@@ -52,6 +51,6 @@ class ReorderBuffer:
     def take_all(self, until: float = math.inf) -> list[list[Measurement]]:
         """Remove all measurements before a stamp [ns]; return a list for each stamp."""
         ready = []
-        while self._heap and self._heap[0].key[0] < until:
+        while self._heap and self._heap[0].measurement.stamp < until:
             ready.append(heapq.heappop(self._heap).measurement)
         return [list(group) for _, group in groupby(ready, key=lambda one: one.stamp)]

@@ -55,10 +55,9 @@ class LiveStatuses:
             statuses.append(self._map(live.map))
         newest = live.newest
         health = newest.health
-        sensors = health.sensors
-        new = {name: self._new(name, sensor) for name, sensor in sensors.items()}
+        new = {name: self._new(name, sensor) for name, sensor in health.sensors.items()}
         gyro_now = new[GYRO].used if GYRO in new else 0
-        for name, sensor in sorted(sensors.items()):
+        for name, sensor in sorted(health.sensors.items()):
             # Samples that are used count as those of the gyro.
             used = gyro_now if name == IMU else new[name].used
             statuses.append(sensor_status(name, sensor, new[name]._replace(used=used)))
@@ -96,16 +95,16 @@ class LiveStatuses:
     ) -> DiagnosticStatus:
         """Status of an estimate, with faults of the tracks since the last report."""
         health, stamp = estimator.health, estimator.stamp or 0
-        now = stamp, health.track_gaps, health.times.get("stuck", 0)
-        before = self._estimates.get(frame, (-1, 0, 0))
-        self._estimates[frame] = now
-        if now == before:
+        gaps, stuck = health.track_gaps, health.times.get("stuck", 0)
+        stamp_before, gaps_before, stuck_before = self._estimates.get(frame, (-1, 0, 0))
+        self._estimates[frame] = stamp, gaps, stuck
+        if (stamp, gaps, stuck) == (stamp_before, gaps_before, stuck_before):
             text = f"no estimate since the last report; {status.message}"
             return status._replace(level=STALE, message=text)
         texts = []
-        if now[1] > before[1]:
+        if gaps > gaps_before:
             texts.append("a gap in the track speeds was bridged")
-        if now[2] > before[2]:
+        if stuck > stuck_before:
             texts.append("the sensor of a track repeats its reading and is not trusted")
         if not texts:
             return status
@@ -121,6 +120,7 @@ class LiveStatuses:
         return [DiagnosticStatus(ERROR, "icreckon: imu", text, {})]
 
     def _map(self, in_map: MapFrame) -> DiagnosticStatus:
+        """Status of the pose in map, also before there is one."""
         if in_map.waiting:
             text = f"{in_map.waiting} fixes do not show the heading yet: drive on"
             return DiagnosticStatus(WARN, "icreckon: pose in map", text, {})
@@ -202,7 +202,7 @@ class LiveStatuses:
 
 
 def sensor_status(name: str, sensor: SensorHealth, new: Counts) -> DiagnosticStatus:
-    """Status of a sensor."""
+    """Status of a sensor, from its counts since the last report."""
     values = {"used": str(sensor.used), "late": str(sensor.late)}
     values |= {
         f"rejected: {reason}": str(count) for reason, count in sorted(sensor.rejected.items())
@@ -241,7 +241,7 @@ def findings_status(
 
 
 def named_wheels(finding: Finding, left: Sequence[str], right: Sequence[str]) -> Finding:
-    """Finding with the joint's name of a wheel."""
+    """Finding with the joint's name in its text; unchanged if its part is no wheel."""
     for side, names in (("left", left), ("right", right)):
         for k, name in enumerate(names):
             if finding.part == f"{side} wheel {k + 1}":

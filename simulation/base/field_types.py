@@ -34,6 +34,7 @@ def settle_types(data: msgspec.Struct, field: str = "{}") -> None:
 
 @cache
 def _fields(kind: type[msgspec.Struct]) -> list[tuple[str, Any]]:
+    """Names and types of a structure's fields; cached, as finding them is slow."""
     return [(field.name, field.type) for field in msgspec.structs.fields(kind)]
 
 

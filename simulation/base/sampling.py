@@ -4,12 +4,13 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats, Stamps
 
-# Stamp of the start of every run [ns].
+# Stamp of the start of every run [ns]: a date as in real logs, since zero often means "no stamp".
 EPOCH = 1_700_000_000_000_000_000
 
 
 def sample_times(duration: float, rate: float) -> Floats:
     """Sample times (n,) [s] from zero to duration, both included if the rate allows."""
+    # The margin keeps the last sample where duration * rate is rounded to just below its index.
     return np.asarray(np.arange(int(np.floor(duration * rate + 1e-6)) + 1) / rate)
 
 

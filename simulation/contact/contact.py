@@ -42,7 +42,6 @@ from icreckon.estimator.robot.soil import Soil
 if TYPE_CHECKING:
     from icreckon.simulation.contact.contact_forces import Ground
 
-
 # A vehicle that tips over on less is a mistake of units: tangent of the slope's angle.
 LEAST_TIPPING_SLOPE = 0.05
 
@@ -170,7 +169,7 @@ def contact_points(geometry: ContactGeometry) -> ContactPoints:
         np.concatenate([weights, weights]) / (2.0 * weights.sum()),
     )
     for values in points:
-        values.setflags(write=False)
+        values.setflags(write=False)  # cached, so all callers share these arrays
     return points
 
 
@@ -192,6 +191,7 @@ def vertical_loads(contact: Contact, right: Any = 0.0, forward: Any = 0.0) -> Lo
     from icreckon.simulation.contact.contact_forces import loads_of_many
 
     packed = ground(contact)
+    # Complex forces are those of complex-step derivatives.
     number_type = np.result_type(right, forward, float)
     right, forward = np.array(np.broadcast_arrays(np.atleast_1d(right), forward), dtype=number_type)
     count = len(packed.x)
@@ -245,6 +245,7 @@ def _even_loads(geometry: ContactGeometry) -> Floats:
     """Inverse (3, 3) of the weighted sums of products of 1, x, y over all points."""
     points = contact_points(geometry)
     basis = np.stack([np.ones_like(points.x), points.x, points.y])
+    # Times (1, x, y) of the centre of pressure it is (a, b, c) of the planar loads.
     return np.asarray(np.linalg.inv((points.weight * basis) @ basis.T), dtype=float)
 
 

@@ -69,7 +69,8 @@ def point_loads(
     inside = 1.0 - TIPPING_MARGIN
     middle, reach = 0.5 * (rear + front), 0.5 * (front - rear) * inside
     x, y = x_CM + arm * right, y_CM + arm * forward
-    x_free = y_free = 1.0
+    x_free = y_free = 1.0  # 0.0 where the centre of pressure is held: it has no derivative
+    # 0.0 * x keeps the type, which may be complex.
     if abs(x.real) >= half * inside:
         x = 0.0 * x + (half * inside if x.real > 0.0 else -half * inside)
         x_free = 0.0
@@ -343,6 +344,7 @@ def newton_of_many(
                     break
                 for row in range(3):
                     jacobian[row] *= unit[row]
+                # A singular Jacobian gives a zero step, which improves nothing: the pair is stuck.
                 solve_3(jacobian, values, step)
                 step_share = 1.0
             else:
@@ -386,7 +388,7 @@ def _mobilised(
 
 @compiled
 def _invert_moments(ground: Ground, active: NDArray[np.bool_], inverse: Floats) -> None:
-    """Inverse (3, 3) of the active points' moments of 1, x, y, with a ridge."""
+    """Compute the inverse (3, 3) of the active points' moments of 1, x, y, in place."""
     n = s_x = s_y = xx = xy = yy = 0.0
     for i in range(len(active)):
         if active[i]:
@@ -439,7 +441,7 @@ def _inverse_of_touching(ground: Ground, x: float, y: float, plane: Floats) -> F
         for _ in range(LINE_SEARCH_HALVINGS):
             trial = plane + step_share * step
             value = _dual(ground, trial, moments, gradient, active)
-            if value <= previous + ARMIJO * step_share * descent + 1e-15:
+            if value <= previous + ARMIJO * step_share * descent + 1e-15:  # a rounding error
                 break
             step_share *= 0.5
         plane, previous = trial, value

@@ -43,6 +43,7 @@ def contact_of(robot: Robot) -> Contact:
 def slow_turns(contact: Contact) -> IndexValues:
     """Indices, (4,) each, of slow stationary turns, wide and narrow, to both sides."""
     V_l, V_r = CRAWL * TURNS.T
+    # Not strict: an inexact index still serves for a warning, which must not stop a run.
     twist = solve_steady(V_l, V_r, contact, strict=False).twist
     return IndexValues(
         twist.v_x / twist.w,

@@ -111,7 +111,7 @@ def solve_steady(
     if not np.isfinite(V).all():
         raise SimulationError("track speeds must be finite numbers, found NaN or infinity")
     twist, residual = _solve(_guess(V, contact), V, contact)
-    twist += 0.0  # no negative zeros
+    twist += 0.0  # turns -0.0 into 0.0, which tables would print with a sign
     v_x, v_y, w = (part.reshape(shape) for part in twist)
     inertia = steady_inertia(PaperTwist(*twist), contact.body)
     tipping = vertical_loads(contact, inertia[0], inertia[1]).tipping.reshape(shape)
@@ -145,9 +145,8 @@ def _solve(start: Floats, V: Floats, contact: Contact) -> _Solved:
     solved = _newton(start, V, contact, DIRECT_STEPS, TOLERANCE)
     unsolved = np.flatnonzero(solved.residual > TOLERANCE)
     if unsolved.size:
-        _keep_better(
-            solved, unsolved, _along_regularisation(start[:, unsolved], V[:, unsolved], contact)
-        )
+        softened = _along_regularisation(start[:, unsolved], V[:, unsolved], contact)
+        _keep_better(solved, unsolved, softened)
     for steps in SPEED_STEPS:
         unsolved = np.flatnonzero(solved.residual > CONVERGED)
         if not unsolved.size:
@@ -202,7 +201,7 @@ def _from_everywhere(V: Floats, contact: Contact) -> _Solved:
 
 
 def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: float) -> _Solved:
-    """Newton's iteration with step halving, until solved, stuck, or out of steps."""
+    """Newton's iteration with step halving; the best twists, solved or not."""
     from icreckon.simulation.contact.contact_forces import newton_of_many
 
     twist, residual = np.array(start.T, order="C"), np.full(V.shape[1], np.inf)
@@ -211,6 +210,6 @@ def _newton(start: Floats, V: Floats, contact: Contact, steps: int, tolerance: f
 
 
 def _guess(V: Floats, contact: Contact) -> Floats:
-    """Twist (3, n) of a typical vehicle that turns about a point next to its centre."""
+    """Twist (3, n) of a typical vehicle; its centre of mass moves straight ahead."""
     w = (V[1] - V[0]) / (TYPICAL_ETA * contact.geometry.gauge)
     return np.stack([contact.body.y_CM * w, V.mean(axis=0), w])

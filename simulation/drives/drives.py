@@ -238,7 +238,7 @@ def stop_and_go(
         events.append((start, (speed - half) * top, (speed + half) * top))
         events.append((start + ramp + drive, 0.0, 0.0))
         start, drives = start + 2.0 * ramp + drive + rest, drives + 1
-    return blends(events or [(STANDSTILL, 0.0, 0.0)])
+    return blends(events or [(STANDSTILL, 0.0, 0.0)])  # a run may end before the first drive
 
 
 def _random_blends(
@@ -246,6 +246,7 @@ def _random_blends(
 ) -> Blends:
     """Blends to drawn speeds, each held for an exponential time of mean `hold` [s]."""
     events, start, before = [], STANDSTILL, (0.0, 0.0)
+    # A hold of -0.0 is allowed, but none of numpy's: hence abs.
     while True:
         target = draw()
         events.append((start, *target))

@@ -124,6 +124,7 @@ def read_recording(path: Path) -> TrackSpeedSeries:
 
 
 def _numbers(row: list[str], places: list[int], where: str) -> list[float]:
+    """Numbers of a row in the order of `COLUMNS`; `where` names the row in messages."""
     try:
         return [float(row[place]) for place in places]
     except IndexError:

@@ -160,4 +160,5 @@ def _check_together(name: str, options: Mapping[str, Any]) -> None:
 
 
 def _maker(name: str) -> Maker:
+    """Function of a known trajectory; its keyword-only arguments are the options."""
     return recorded if name == RECORDED else TRAJECTORIES[name]

@@ -83,7 +83,7 @@ def block(
         BatchFilter(spec.robot, find_variant(spec.variant), spec.settings) for spec in filters
     ]
     schedule = _schedule(cell)
-    width = batch_filters[0].width
+    width = batch_filters[0].width  # lanes, as many for each filter
     slowest = min(spec.robot.vehicle.max_track_speed for spec in filters)
     for begin in range(0, count, width):
         used_lanes = min(width, count - begin)
@@ -136,6 +136,7 @@ def _stamps(scenario: Scenario) -> tuple[Stamps, Stamps, Stamps, Stamps]:
 
 
 def _schedule(cell: Cell) -> _Schedule:
+    """Schedule of a cell; its stamps do not depend on the run."""
     tracks, imu, fixes, truth = _stamps(cell.scenario)
     errors = fix_errors(cell.scenario.fixes, noise_preset(cell.scenario.noise))
     steps = steps_of(tracks, imu, fixes, truth, heading=errors.heading_sigma is not None)
@@ -168,7 +169,7 @@ def as_sensed_perfectly(scenario: Scenario) -> Scenario:
         encoders=defaults.encoders,
         gyro=defaults.gyro,
         accelerometer=defaults.accelerometer,
-        fixes=FixSpec(latency=latency),
+        fixes=FixSpec(latency=latency),  # decides which poses the fixes measure
     )
 
 
@@ -210,7 +211,7 @@ def _measured(
 def _losses(path: Trajectory, times: Floats) -> list[str]:
     """Reason why each lane failed, empty if it did not; `times` (ticks,) in seconds."""
     kinds = loss_kinds(path)
-    ticks = np.argmax(kinds > 0, axis=0)
+    ticks = np.argmax(kinds > 0, axis=0)  # the first loss of each lane; 0 for none
     return [
         reason_of(int(kind), float(times[tick])) if kind else ""
         for kind, tick in zip(kinds[ticks, np.arange(len(ticks))], ticks, strict=True)
@@ -219,7 +220,7 @@ def _losses(path: Trajectory, times: Floats) -> list[str]:
 
 @np.errstate(divide="ignore", invalid="ignore")
 def _consistency(batch_filter: BatchFilter, worked: Worked) -> list[Floats]:
-    """NIS and rejections (width,) of each sensor, and all rejections."""
+    """NIS (NaN if unused), rejections (width,) of each sensor, and all rejections."""
     counts = batch_filter.counts(worked.lanes)
     return [
         *(counts[f"{name}_nis"] / (DEGREES[name] * counts[f"{name}_admitted"]) for name in SENSORS),

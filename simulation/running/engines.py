@@ -37,7 +37,7 @@ class Block(Protocol):
             count: number of runs.
 
         Returns:
-            Label of the filter -> statistics of the runs, and reasons of those that failed.
+            Label of the filter -> statistics (count, n) of the runs, and reasons of those that failed.
         """
 
 
@@ -61,7 +61,7 @@ class Engine:
         return None if check is None else check(plan)
 
 
-# "auto" chooses the first engine that can run the study.
+# "auto" chooses the first engine that can run the study; the last one runs any.
 ENGINES = {
     engine.name: engine
     for engine in (

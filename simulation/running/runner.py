@@ -120,7 +120,7 @@ class Runner:
                     job = self._waiting[0]
                     block = (self._plan.cells[job.cell], job.first_run, job.count)
                     futures[workplace.executor.submit(work, self._engine, *block)] = job
-                    self._waiting.popleft()
+                    self._waiting.popleft()  # only now: `submit` raises if the workers have died
                 done, _ = wait(futures, timeout=POLL_SECONDS, return_when=FIRST_COMPLETED)
                 for future in done:
                     self._settle(future, futures.pop(future))

@@ -25,8 +25,6 @@ UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.Bad
 # Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
 MOST_LISTED = 4
 UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
-
-
 # Reasons of failed runs, by filter and run; empty for the others.
 Reasons = NDArray[np.str_]
 
@@ -162,7 +160,7 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
 
 
 def _throw_away_others(folder: Path, manifest: dict[str, Any]) -> None:
-    """Remove the files of another study, and nothing else."""
+    """Remove another study's blocks, and all tables, figures and pages next to them."""
     found = _read_manifest(folder)
     if found is None or found["digest"] == manifest["digest"]:
         return

@@ -83,6 +83,7 @@ def _run(log: Log, chosen: Filter, times: Floats) -> Run:
         names = state_names(estimator.variant)
         return rows.finish(count, estimator.variant.name, names, estimator.health)
 
+    # None, after the last measurement, releases the rows of the last stamp.
     for measurement in chain(log.measurements(), [None]):
         try:
             while stamps_left and (measurement is None or measurement.stamp > stamps_left[0]):
@@ -112,8 +113,8 @@ def study_log(cell: Cell, run_index: int) -> Log:
     """
     scenario, robot = cell.scenario, cell.robot
     # Encoded, as true motions are cached by their arguments.
-    drive, vehicle = encoded_drive(scenario), msgpack.encode(robot)
-    motion = true_motion(drive, vehicle, run_index % cell.truths)
+    scenario_data, robot_data = encoded_drive(scenario), msgpack.encode(robot)
+    motion = true_motion(scenario_data, robot_data, run_index % cell.truths)
     streams = random_streams(scenario.seed, run_index)
     read = sensed(perfect(motion, scenario, robot), scenario, robot, streams)
     truth = truth_of(motion, score_times(scenario))

@@ -16,7 +16,6 @@ from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.simulation.base.sampling import to_stamps
 
 DROPOUT_READINGS = ("nothing", "last", "zero")
-
 # A slower track counts as standing: a true one comes to rest exponentially, and never quite [m/s].
 STANDING = 1e-4
 
@@ -81,7 +80,7 @@ def with_encoder_errors(
 
 
 def _dropouts(times: Floats, errors: EncoderErrors, rng: Generator) -> NDArray[np.bool_]:
-    """Mask (n,) of samples in a dropout; the first sample of the run is never in one."""
+    """Mask (n,) of samples in a dropout; never the first one, which "last" may repeat."""
     lost = np.zeros(len(times), dtype=bool)
     if errors.dropouts_per_hour == 0.0:
         return lost

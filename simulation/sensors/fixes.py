@@ -72,11 +72,12 @@ def with_fix_errors(
     excess = errors.outlier_sigma * sizes.standard_normal((len(times), 2))
     poses[:, :2] += np.where(outlying[:, None], excess, 0.0)
     if errors.wander_sigma > 0.0 and len(times):
-        step = float(times[1] - times[0]) if len(times) > 1 else 1.0
+        step = float(times[1] - times[0]) if len(times) > 1 else 1.0  # a single fix has no step
         unit = gauss_markov(len(times), step, errors.wander_time, wanders)
         poses[:, :2] += errors.wander_sigma * unit[:, :2]
     if errors.heading_sigma is None:
         poses[:, 2] = np.nan
+    # Of a coordinate (y as x) and of yaw; an outlier states them too.
     stated_variances = np.maximum(sigmas[1:], SMALLEST_FIX_SIGMA) ** 2
     is_received = np.ones(len(times), dtype=bool)
     for start, end in outages:

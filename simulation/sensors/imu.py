@@ -66,17 +66,11 @@ class InertialErrors(msgspec.Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class Imu:
-    """IMU readings, and the part of them that is bias.
+    """IMU readings, and the part of them that is bias."""
 
-    Attributes:
-        series: the samples.
-        gyro_bias: (n, 3) in the IMU's axes [rad/s].
-        accelerometer_bias: (n, 3) in the IMU's axes [m/s²].
-    """
-
-    series: ImuSeries
-    gyro_bias: Floats
-    accelerometer_bias: Floats
+    series: ImuSeries  # the samples
+    gyro_bias: Floats  # (n, 3) in the IMU's axes [rad/s]
+    accelerometer_bias: Floats  # (n, 3) in the IMU's axes [m/s²]
 
 
 def perfect_readings(
@@ -209,7 +203,7 @@ def _read(
     constants, instabilities = rng.spawn(2)
     count = len(true)
     turn_on_bias = usual_bias + errors.bias_sigma * rng.standard_normal(3)
-    draws = rng.standard_normal((count, 2, 3))
+    draws = rng.standard_normal((count, 2, 3))  # of white noise and of the walk
     bias = np.zeros((count, 3))
     if errors.bias_instability > 0.0:
         unit = gauss_markov(count, 1.0 / rate, errors.bias_instability_time, instabilities)
@@ -220,6 +214,7 @@ def _read(
     white, walk = errors.noise_density * np.sqrt(rate), errors.bias_walk / np.sqrt(rate)
     bias += np.cumsum(np.vstack([turn_on_bias, walk * draws[1:, 1]]), axis=0)
     reading = white * draws[:, 0] + bias
+    # T u, column by column: a matrix product would sum in another order, and so round differently.
     for column, of_axis in zip(triad.T, true.T, strict=True):
         reading += of_axis[:, None] * column
     return np.clip(reading, -errors.range, errors.range), bias

@@ -200,9 +200,9 @@ def fix_errors(spec: FixSpec, preset: SensorSpecs) -> FixErrors:
 def _in_force(
     kind: type[Errors], scaled: tuple[str, ...], *specs: EncoderSpec | InertialSpec | FixSpec
 ) -> Errors:
-    """Errors, each from the first spec that has it; `scaled` ones times its factor."""
+    """Errors, each from the first of specs that sets it; `scaled` ones times `factor`."""
     parameters: dict[str, Any] = {}
-    for spec in reversed(specs):
+    for spec in reversed(specs):  # the first one overrides the others
         given = msgspec.structs.asdict(spec)
         parameters |= {name: value for name, value in given.items() if value is not None}
     factor = parameters.pop("factor", 1.0)

@@ -171,7 +171,7 @@ def latin_points(latin: LatinHypercube, seed: int) -> list[dict[str, float]]:
 def _aware_of_wander(settings: Settings, robot: Robot, scenario: Scenario) -> Settings:
     """Settings with the wander of the scenario's fixes, unless they have one.
 
-    It replaces that of a robot file, which describes the fixes of its logs; without wander, by none.
+    The wander of a robot file describes the fixes of its logs; the scenario's, or none, replaces it.
     """
     errors = fix_errors(scenario.fixes, noise_preset(scenario.noise))
     wanders = errors.wander_sigma > 0.0
@@ -185,21 +185,22 @@ def _cell(
     study: Study, robot: Robot, index: int, values: dict[str, Value], changes: dict[str, Any]
 ) -> Cell:
     """Cell of a study from its changes (dotted key -> value) of scenario and robots."""
-    roots = {key: _root(key) for key in changes}
-    robot_changes = {
-        root: nest({key.partition(".")[2]: changes[key] for key in changes if roots[key] == root})
-        for root in ROBOTS
-    }
-    scenario_changes = {key: changes[key] for key in changes if roots[key] not in ROBOTS}
+    robot_changes: dict[str, dict[str, Any]] = {root: {} for root in ROBOTS}
+    scenario_changes = {}
+    for key, value in changes.items():
+        if (root := _root(key)) in ROBOTS:
+            robot_changes[root][key.removeprefix(f"{root}.")] = value
+        else:
+            scenario_changes[key] = value
     outage = scenario_changes.pop(OUTAGE, None)
     nested = nest(scenario_changes) | {"seed": study.seed}
     scenario = change_scenario(study.scenario, nested, f"sweep of {study.name}")
     if outage is not None:
         scenario = _with_outage(scenario, outage)
-    robot = _changed_robot(robot, robot_changes[ROBOT], ROBOT)
-    true_robot = _changed_robot(robot, robot_changes[TRUE_ROBOT], TRUE_ROBOT)
+    robot = _changed_robot(robot, nest(robot_changes[ROBOT]), ROBOT)
+    true_robot = _changed_robot(robot, nest(robot_changes[TRUE_ROBOT]), TRUE_ROBOT)
     modelled = _with_noise_of(robot, true_robot, scenario) if study.filters_know_noise else robot
-    modelled = _changed_robot(modelled, robot_changes[FILTER], FILTER)
+    modelled = _changed_robot(modelled, nest(robot_changes[FILTER]), FILTER)
     filters = []
     for spec in study.filters():
         own_robot = _changed_robot(modelled, spec.robot, f"robot of {spec.label}")
@@ -264,7 +265,7 @@ def _changed_robot(robot: Robot, changes: dict[str, Any], source: str) -> Robot:
 
 
 def _with_outage(scenario: Scenario, length: Any) -> Scenario:
-    """Scenario without fixes in its last `length` seconds."""
+    """Scenario with one outage, its last `length` seconds; with none if that is 0."""
     if not (is_finite(length) and 0.0 <= length <= scenario.duration):
         raise SimulationError(
             f"outage must be from 0 to the duration of the run, {scenario.duration:g} s, "

@@ -60,7 +60,7 @@ def run_by_run(
 ) -> dict[str, RunScores]:
     """Score runs one at a time; an exception becomes the reason of a failed run.
 
-    Only MemoryError is raised.
+    Only MemoryError is raised: it is a failure of the worker, not of the run.
 
     Args:
         one_run: scores of a run (its index) by a filter (its label).
@@ -116,6 +116,7 @@ def _why_impossible(values: Floats, kinds: Sequence[Statistic]) -> str:
     for kind, value in zip(kinds, values.tolist(), strict=True):
         if math.isinf(value) or (math.isnan(value) and kind.name in required):
             return f"{kind.name} is not finite"
+        # Both comparisons are False for NaN, which a statistic that is not required may be.
         if value < 0.0:
             return f"{kind.name} is negative ({value:.3g})"
         if value > LARGEST[kind.unit]:

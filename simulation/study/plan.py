@@ -317,6 +317,7 @@ def _refuse_shared_keys(sweep: Sweep) -> None:
 
 
 def _require_name(what: str, name: str) -> None:
+    """Reject a name that cannot be a folder or column; `what` has it, for the message."""
     if not NAME.fullmatch(name):
         raise SimulationError(
             f"the {what} must be of letters, digits and . _ + -, the first a letter or digit, "

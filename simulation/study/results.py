@@ -74,13 +74,12 @@ def cell_summaries(runs: Runs) -> list[list[list[Summary]]]:
 
 def groups_of(plan: Plan, axis: Axis) -> list[Group]:
     """Cells by their value of an axis; of a Latin hypercube, `GROUPS` of neighbours."""
+    groups = []
     if not axis.sampled:
-        groups = []
         for value in axis.values:
             cells = tuple(cell.index for cell in plan.cells if cell.values[axis.name] == value)
             groups.append(Group(shown(value), value, cells))
         return groups
-    groups = []
     for part in np.array_split(np.array(axis.values, dtype=float), min(GROUPS, len(axis.values))):
         low, high = float(part[0]), float(part[-1])
         middle = float(np.sqrt(low * high) if axis.scale == "log" else 0.5 * (low + high))

@@ -41,7 +41,7 @@ DRIFT = "drift_percent_{:g}s"
 
 
 def score_times(scenario: Scenario) -> Floats:
-    """Times (n,) at which a run is scored [s]: IMU samples next to the truth's stamps.
+    """Times (n,) at which a run is scored [s]: IMU samples at or after truth stamps.
 
     A filter has an estimate there at any combination of rates.
     """
@@ -206,7 +206,7 @@ def _drift(estimate: Trajectory, truth: TrueTicks, segments: Segments) -> tuple[
 
 
 def _nees(errors: Floats, covariances: Floats) -> tuple[Floats, Floats]:
-    """Mean (...) and last (...) NEES of errors (n, ..., 3) with a regular covariance."""
+    """Mean and last NEES (...) of errors (n, ..., 3) with regular covariance, or NaN."""
     is_regular, values = regular(covariances), nees(errors, covariances)
     # The last regular row is the first one in reverse order.
     last = len(is_regular) - 1 - np.argmax(is_regular[::-1], axis=0)
@@ -216,7 +216,7 @@ def _nees(errors: Floats, covariances: Floats) -> tuple[Floats, Floats]:
 
 
 def _consistency(health: Health) -> list[float]:
-    """NIS and rejections by the gate of each of `SENSORS`, and all rejections."""
+    """NIS (NaN if unused) and gate rejections of each of `SENSORS`, all rejections."""
     sensors = [health.sensors.get(name) for name in SENSORS]
     nis = [math.nan if sensor is None else sensor.nis_per_degree for sensor in sensors]
     gated = [0 if sensor is None else sensor.rejected.get("gate", 0) for sensor in sensors]

@@ -101,7 +101,7 @@ def mean_interval(
 
 
 def ratio_interval(values: Floats, baseline: Floats, motions: Ints) -> tuple[float, float, float]:
-    """Ratio of two means over the same runs (n,) and its 95 % interval."""
+    """Ratio of two means over the same runs (n,), its 95 % interval; NaN if undefined."""
     mean_of_baseline = float(baseline.mean()) if len(baseline) else 0.0
     if mean_of_baseline == 0.0:
         return math.nan, math.nan, math.nan
@@ -145,7 +145,7 @@ def _half_width(residuals: Floats, motions: Ints) -> float:
     sums = np.bincount(np.unique(motions, return_inverse=True)[1], weights=residuals)
     clusters = len(sums)
     if clusters < 2:
-        return math.nan
+        return math.nan  # one true motion has no spread
     variance = clusters / (clusters - 1) * float(np.sum(sums**2)) / len(residuals) ** 2
     return _student(clusters - 1) * math.sqrt(variance)
 

@@ -124,8 +124,7 @@ class FrictionTruth:
                 "this truth cannot follow: lower the slope, the speed, or the centre of mass"
             )
         v_x, v_y = paper_to_rep103(driven.twists[:, 0], driven.twists[:, 1])
-        twists = np.stack([v_x, v_y, driven.twists[:, 2]], axis=-1)
-        twists += slip
+        twists = np.stack([v_x, v_y, driven.twists[:, 2]], axis=-1) + slip
         motion = true_motion(rate, twists, speeds, self.name)
         if surface.present:
             return on_surface(motion, surface, self.patches)
@@ -181,6 +180,7 @@ def drive(
         states[0] = start
         pose[2] = start[5]
     for first, last in _spans(payloads, count, step):
+        # Payloads change at grid points: half a step later it is certain which are carried.
         time = (first + 0.5) * step
         carried = [load for load in payloads if load.time[0] < time < load.time[1]]
         body, inertia = loaded(contact.body, yaw_inertia, carried)
@@ -239,7 +239,7 @@ def draw_contact(robot: Robot, spread: float, rng: Generator) -> Contact:
     Args:
         robot: the robot as described by its file.
         spread: see `FrictionTruth`.
-        rng: draws the changes, seven numbers whatever the spread.
+        rng: draws the changes: seven numbers, the last unused, so that later draws of a seed stay.
     """
     contact = contact_of(robot)
     friction, rolling, height, length, right, forward, _ = spread * rng.standard_normal(7)
@@ -299,7 +299,7 @@ def gravity_in_body(slopes: Floats, yaw: Floats) -> Floats:
 
 
 def _within(value: float, width: float) -> float:
-    """Clip a coordinate of the centre of mass to 40 % of the contact's extent."""
+    """Clip a coordinate to 40 % of the contact's extent: beyond 50 % it would tip."""
     return float(np.clip(value, -0.4 * width, 0.4 * width))
 
 

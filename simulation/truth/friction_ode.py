@@ -75,17 +75,11 @@ SMALLEST_STEP = 1e-10
 
 
 class Vehicle(NamedTuple):
-    """Constants of the moving vehicle.
+    """Constants of the moving vehicle."""
 
-    Attributes:
-        ground: the contact; its friction and rolling resistance (arrays) are overwritten in each step.
-        inverse_mass: (3, 3) inverse of the mass matrix about the origin.
-        load_lag: time constant T of the load transfer [s].
-    """
-
-    ground: Ground
-    inverse_mass: Floats
-    load_lag: float
+    ground: Ground  # its friction and rolling resistance (arrays) are overwritten in each step
+    inverse_mass: Floats  # (3, 3) inverse of the mass matrix about the origin
+    load_lag: float  # time constant T of the load transfer [s]
 
 
 class Forces(NamedTuple):
@@ -371,7 +365,7 @@ def _in_body(slope: Floats, yaw: float) -> tuple[float, float]:
 @compiled
 def _pressing(ground: Ground, slope: Floats) -> Ground:
     """Contact pressed by the part of the weight that is square to the slope."""
-    flat = ground.weight / ground.mass
+    flat = ground.weight / ground.mass  # acceleration of gravity [m/s²]
     down = np.sqrt(max(flat * flat - slope[0] * slope[0] - slope[1] * slope[1], 0.0))
     return Ground(
         ground.x,
@@ -395,7 +389,7 @@ def _pressing(ground: Ground, slope: Floats) -> Ground:
 def _speed_at(
     speeds: Floats, rates: Floats, k: int, side: int, step: float, share: float
 ) -> tuple[float, float]:
-    """Speed of a track and its rate, on the cubic after grid point k."""
+    """Speed of a track and its rate, on the cubic from grid point k, at a share of it."""
     s = share
     from_value, to_value = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * s * (3.0 - 2.0 * s)
     from_rate, to_rate = step * s * (1.0 - s) ** 2, step * s * s * (s - 1.0)

@@ -66,7 +66,7 @@ class KinematicTruth:
 def draw_parameters(robot: Robot, spread: float, rng: Generator) -> Indices:
     """Draw index parameters: those of the robot, each times its own log-normal factor.
 
-    H stays as it is; eta0 is at least 1.
+    H stays as it is; eta0 is at least 1, since the ICRs of turning tracks lie outside them.
 
     Args:
         robot: gives the nominal parameters.

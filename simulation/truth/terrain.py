@@ -23,7 +23,7 @@ from icreckon.simulation.base.field_types import settle_types
 from icreckon.simulation.contact.contact import Body
 
 EVERYWHERE = (-float("inf"), float("inf"))
-STEEPEST = 60.0
+STEEPEST = 60.0  # [deg]
 # Limit of rolling ground, and of the ramp that a kerb is to a vehicle [deg].
 STEEPEST_ROLLING = 30.0
 # Shortest waves, as a multiple of the length over which a vehicle touches the ground.
@@ -205,7 +205,7 @@ class Payload(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
 def patch_rows(patches: tuple[Patch, ...]) -> Floats:
     """Rows (k, PATCH_WIDTH) of patches for `icreckon.simulation.truth.surface_kernel`."""
-    nothing = float("nan")
+    nothing = float("nan")  # leaves a property unchanged
     rows = []
     for patch in patches:
         friction = nothing if patch.friction is None else patch.friction
@@ -216,7 +216,7 @@ def patch_rows(patches: tuple[Patch, ...]) -> Floats:
             uphill = np.radians(patch.uphill_deg or 0.0)
             downhill = (float(pull * np.cos(uphill)), float(pull * np.sin(uphill)))
         where = (*patch.x, *patch.y, *patch.time, patch.edge, patch.onset)
-        rows.append((*where, friction, friction, rolling, *downhill))
+        rows.append((*where, friction, friction, rolling, *downhill))  # across and along: the same
     return np.array(rows, dtype=float).reshape(len(rows), PATCH_WIDTH)
 
 
@@ -288,6 +288,7 @@ def draw_surface(terrain: Terrain, contact_length: float, rng: Generator) -> Sur
     uphill = np.radians(terrain.uphill_deg)
     # Both waves are steepest at the same places, where their slopes add up at right angles.
     waves = np.tan(np.radians(terrain.rolling_deg)) / np.sqrt(2.0)
+    # Kerbs go up and down in turn: their period is two distances.
     return Surface(
         True,
         (float(np.cos(uphill)), float(np.sin(uphill))),

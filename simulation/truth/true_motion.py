@@ -109,7 +109,7 @@ class TrueMotion:
         return np.concatenate([self.track_speeds_at(times[:1]), averages])
 
     def window(self, times: Floats, length: float) -> tuple[Floats, Floats]:
-        """Start and end (n,) [s] of a window about each time, within the motion."""
+        """Start and end (n,) [s] of a window about each time, cut at the motion's ends."""
         start = np.clip(times - 0.5 * length, 0.0, self.end)
         return start, np.clip(times + 0.5 * length, 0.0, self.end)
 
@@ -141,7 +141,7 @@ class TrueMotion:
         return index, np.where(np.abs(elapsed) <= SAME_TIME, 0.0, elapsed)
 
     def _linear(self, values: Floats, times: Floats) -> Floats:
-        """Values (n, k) at times (n,) [s], linear between grid points (m, k)."""
+        """Values (n, k) at times (n,) [s], linear in grid values (m, k), then constant."""
         index, elapsed = self._locate(times)
         following = np.minimum(index + 1, len(values) - 1)
         share = (elapsed * self.rate)[:, None]
@@ -181,7 +181,7 @@ def true_motion(
     step = 1.0 / rate
     distances = np.zeros_like(speeds)
     distances[1:] = np.cumsum(integrals(speeds, step), axis=0)
-    poses = integrate_twists(twists, step)
+    poses = integrate_twists(twists, step)  # from the origin
     return TrueMotion(rate, poses, twists, speeds, distances, parameters, source)
 
 
@@ -226,7 +226,7 @@ def gauss_markov(count: int, step: float, time_constant: float, rng: Generator) 
 
 
 def displacements(twists: Floats, step: float) -> Floats:
-    """Displacements (n - 1, 3) of each step in its own axes; see `integrate_twists`."""
+    """Displacements (n - 1, 3) in axes at each step's start; see `integrate_twists`."""
     motion = integrals(twists, step)
     (a_x, a_y, a_w), (b_x, b_y, b_w) = twists[:-1].T, twists[1:].T
     motion[:, 0] += step**2 / 12.0 * (b_w * a_y - a_w * b_y)

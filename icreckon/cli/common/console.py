@@ -133,7 +133,8 @@ class _Title(ProgressColumn):
     def __init__(self, compiles: int) -> None:
         super().__init__(table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"))
         self._compiles = compiles
-        self._before = self._moved = (-1, -1.0, 0.0)
+        # Kernels at the first look; and kernels, progress [-], time [s] when the bar moved last.
+        self._kernels_at_start, self._kernels, self._completed, self._moved = -1, -1, -1.0, 0.0
 
     def render(self, task: Task) -> Text:
         """Text of the column."""
@@ -143,12 +144,12 @@ class _Title(ProgressColumn):
 
         own = environment_digest("estimator")
         found, now = sum(one.parent.name == own for one in kernel_files()), task.elapsed or 0.0
-        if self._before[0] < 0:
-            self._before = self._moved = (found, task.completed, now)
-        if task.completed != self._moved[1]:
-            self._moved = (found, task.completed, now)
-        is_new = found > self._moved[0] or (not self._before[0] and not task.completed)
-        if not is_new or now - self._moved[2] > LONGEST_COMPILATION:
+        if self._kernels_at_start < 0:
+            self._kernels_at_start = found
+        if task.completed != self._completed:
+            self._kernels, self._completed, self._moved = found, task.completed, now
+        is_new = found > self._kernels or (not self._kernels_at_start and not task.completed)
+        if not is_new or now - self._moved > LONGEST_COMPILATION:
             return Text(task.description)
         of_all = f"/{self._compiles}" if found <= self._compiles else ""
         return Text(f"compiling filters (first run only) {found}{of_all}")
@@ -183,10 +184,7 @@ def _bar(*columns: ProgressColumn) -> Progress:
 
 @contextmanager
 def results_folder(wanted: Path | None, default: str, *, overwrite: bool) -> Iterator[Path]:
-    """Yield a temporary folder for results; move it into place on success.
-
-    Yields:
-        The folder, empty, under a temporary name.
+    """Yield an empty folder of a temporary name for results; rename it on success.
 
     Raises:
         ReplayError: the path exists and may not be replaced.
@@ -220,6 +218,7 @@ def write_file(path: Path, text: str, first_words: str, *, what: str, overwrite:
 
 
 def _first_free(default: str) -> Path:
+    """Folder of this name; or with -2, -3, ..., the first that nobody has or writes."""
     folder, number = Path(default), 1
     while folder.exists() or outputs.is_being_written(folder):
         number += 1
@@ -247,7 +246,7 @@ def explain(problem: Exception) -> int:
     elif isinstance(problem, OSError) and problem.errno in outputs.NO_ROOM:
         line = f"{problem.filename or 'output'}: cannot be written: {problem.strerror}"
     else:
-        status = 70
+        status = 70  # EX_SOFTWARE of sysexits.h
         line = (
             f"internal error: {type(problem).__name__}: {problem} "
             "(please report it, with what the same command prints with --debug)"

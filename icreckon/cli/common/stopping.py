@@ -17,7 +17,6 @@ NAMES = {
     "SIGTERM": "terminated",
     "SIGHUP": "terminated: its terminal is gone",
 }
-
 # Time after which a swallowed signal is sent again [s].
 SOON = 0.05
 
