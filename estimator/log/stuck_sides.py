@@ -1,4 +1,4 @@
-"""Sides whose sensor repeats one reading while the other side drives, over a whole log."""
+"""Sides of a log that repeat one reading while the other side drives."""
 
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ class StuckSide(NamedTuple):
 
 
 def stuck_sides(tracks: TrackSpeedSeries, turning: Floats | None) -> list[StuckSide]:
-    """Sides that repeat one reading while the other side drives, and the gyro contradicts it.
+    """Sides that repeat one reading, contradicted by the other side and the gyro.
 
     Args:
         tracks: the track speeds.
@@ -60,5 +60,5 @@ def stuck_sides(tracks: TrackSpeedSeries, turning: Floats | None) -> list[StuckS
 
 
 def turning_at(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats, width: float) -> Floats:
-    """Turning by yaw rates (m,) [rad/s] of an IMU, at the stamps of the tracks (n,) [m/s]."""
+    """Turning (n,) by yaw rates (m,) [rad/s], at the stamps of tracks [m/s]."""
     return np.asarray(np.interp(tracks.stamps, imu.stamps, rates) * width)

@@ -92,7 +92,8 @@ def groups_of(plan: Plan, axis: Axis) -> list[Group]:
 
 def shown(value: Value) -> str:
     """Format a value of an axis for people."""
-    return f"{value:g}" if isinstance(value, int | float) and value is not True else str(value)
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return f"{value:g}" if is_number else str(value)
 
 
 def study_results(
