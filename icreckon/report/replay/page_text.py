@@ -182,11 +182,9 @@ def _apart(results: Results) -> str:
 def calibration_hint(results: Results) -> list[str]:
     """Command that calibrates the robot, as one line; empty if it does not apply.
 
-    It applies to `icreckon replay` with a truth other than the fixes, and a robot file that the log does
-    not contradict and whose index gains are all zero: no calibration has set them.
+    It applies to `icreckon replay` with a truth other than the fixes, and a robot file whose index gains
+    are all zero: no calibration has set them.
     """
-    if doubts(results):
-        return []
     truth, configuration = results["truth"], results["configuration"]
     indices = results["robot"]["indices"]
     gains = [indices[name] for name in ("zeta1", "epsilon1", "eta1", "eta2", "epsilon_F")]
