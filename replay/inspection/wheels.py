@@ -12,6 +12,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import running_integral
+from icreckon.estimator.log.stuck_sides import stuck_sides
 from icreckon.replay.inspection import imu_mounting
 
 GRAVITY = 9.81
@@ -52,9 +53,10 @@ def wheel_estimates(
 
     `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], `correlation` that with
     V_r - V_l. Windows that turn by more than `straight` [rad] do not count for the radius, which needs a
-    truth, or else fixes. The track needs a clear correlation.
+    truth, or else fixes. The track needs a clear correlation. A stuck side shows neither.
     """
-    if vertical is None or log.imu is None or not imu_mounting.are_usable(log.tracks):
+    is_unusable = not imu_mounting.are_usable(log.tracks) or stuck_sides(log.tracks, None)
+    if vertical is None or log.imu is None or is_unusable:
         return NO_WHEELS
     track_ratio = track_sigma = None
     if (correlation or 0.0) > imu_mounting.CLEAR_TURNING:
