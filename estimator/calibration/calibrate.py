@@ -168,9 +168,9 @@ def _check_logs(logs: Sequence[Log], robot: Robot) -> None:
         if log.imu is not None:
             rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
             turning = turning_at(log.tracks, log.imu, rates, width)
-        for stuck in stuck_sides(log.tracks, turning):
+        if stuck := stuck_sides(log.tracks, turning):
             raise EstimatorError(
-                f"log {log.name!r}: {stuck.text}; look at its sensor, cable and topic"
+                f"log {log.name!r}: {stuck[0].text}; look at its sensor, cable and topic"
             )
         if log.truth is None or len(log.tracks.stamps) < 2 or len(log.truth.poses.stamps) < 2:
             continue

@@ -31,10 +31,8 @@ LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
 # Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
 LEAST_DRIVING = 0.3
 FEWEST = 20  # fewest track speeds that show anything
-LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU = (
-    5.0,
-    0.05,
-)  # least time at the ends without an IMU: [s], share of the log
+# Least time at both ends of a log without an IMU that is reported: [s], and as a share of the log.
+LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU = 5.0, 0.05
 LEVER = 0.3  # distance of the centre of turning from the robot's centre that is usual [m]
 # Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
 OFFSET_OF_GRAVITY = 0.3
@@ -43,7 +41,7 @@ FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that sho
 
 
 def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
-    """Report too few track speeds, absurd gyro rates and a mapped IMU without samples."""
+    """Report too few track speeds, absurd rates, and an IMU that is missing or stops."""
     if len(log.tracks.stamps) < FEWEST:
         yield Check(
             "track speeds",
@@ -59,9 +57,8 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
         begin, end = log.tracks.stamps[[0, -1]].tolist()
         missing = (max(0, first - begin) + max(0, end - last)) * NANOSECOND
         if missing > max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * log.duration):
-            known = (
-                f"from {(first - begin) * NANOSECOND:.0f} to {(last - begin) * NANOSECOND:.0f} s"
-            )
+            starts = max(0, first - begin) * NANOSECOND
+            known = f"from {starts:.0f} to {(last - begin) * NANOSECOND:.0f} s"
             text = f"the IMU has samples {known} only, the tracks to {(end - begin) * NANOSECOND:.0f} s"
             yield Check(
                 "IMU's span",

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from msgspec import structs
@@ -78,31 +77,37 @@ FEWEST, CLEARLY_TURNS = 20, 0.05
 
 def check_sides(log: Log, robot: Robot) -> Iterator[Check]:
     """Sides that repeat one reading while the other one drives."""
+    turning = _turning_by_gyro(log, robot)
+    if turning is not None and (stuck := stuck_sides(log.tracks, turning)):
+        text = "; ".join(one.text for one in stuck)
+        remedy = "look at its sensor and cable; corrected here by the other side and the gyro"
+        yield Check(SIDES, "both change", text, text, remedy, _without_stuck_sides)
+
+
+def _turning_by_gyro(log: Log, robot: Robot) -> Floats | None:
+    """Right less left speed (n,) by the gyro, at the tracks' stamps [m/s], or None."""
     if log.imu is None:
-        return
+        return None
     vertical, _ = in_base(log.imu, robot)
-    turning = turning_at(log.tracks, log.imu, vertical, effective_track(robot))
-    for stuck in stuck_sides(log.tracks, turning):
-        speeds = log.tracks.speeds.copy()
-        for rows in stuck.spans:
-            towards = turning[rows] if stuck.side == RIGHT else -turning[rows]
-            speeds[rows, stuck.side] = speeds[rows, 1 - stuck.side] + towards
-        yield Check(
-            SIDES,
-            "both change",
-            stuck.text,
-            stuck.text,
-            "look at its sensor and cable; corrected here by the other side and the gyro",
-            with_speeds(partial(_replaced, speeds)),
-        )
+    return turning_at(log.tracks, log.imu, vertical, effective_track(robot))
+
+
+def _without_stuck_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    """Give stuck sides the speed of the other side and the gyro's turning."""
+    turning, speeds = _turning_by_gyro(log, robot), log.tracks.speeds.copy()
+    if turning is not None:
+        for stuck in stuck_sides(log.tracks, turning):
+            sign = 1.0 if stuck.side == RIGHT else -1.0
+            for rows in stuck.spans:
+                speeds[rows, stuck.side] = speeds[rows, 1 - stuck.side] + sign * turning[rows]
+    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds)), robot
 
 
 def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
     """Ratio of the sides where the robot drives straight on by the gyro."""
-    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+    turning = _turning_by_gyro(log, robot)
+    if turning is None or not imu_mounting.are_usable(log.tracks):
         return
-    vertical, _ = in_base(log.imu, robot)
-    turning = turning_at(log.tracks, log.imu, vertical, effective_track(robot))
     left, right = log.tracks.speeds.T
     speed = np.abs(log.tracks.speeds).max(axis=1)
     is_straight = (speed > 0.3 * speed.max()) & (np.abs(turning) < STRAIGHT_SHARE * speed)
@@ -121,11 +126,6 @@ def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
             "look at counts, gears, radius and wheels of both sides: one of them is wrong",
             with_speeds(lambda speeds: speeds * factors),
         )
-
-
-def _replaced(speeds: Floats, _: Floats) -> Floats:
-    """Return track speeds in the place of others."""
-    return speeds
 
 
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:

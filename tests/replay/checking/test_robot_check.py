@@ -226,8 +226,13 @@ def test_an_imu_that_stops_is_named_alone(log: Log):
     rows = slice(0, len(log.imu.stamps) // 2)
     forces = log.imu.linear_acceleration[rows]
     half = ImuSeries(log.imu.stamps[rows], log.imu.angular_velocity[rows], forces)
-    found = problems(replace(log, imu=half), ALPHA)
-    assert list(found) == ["IMU's span"]
+    stopped = replace(log, imu=half)
+    assert list(problems(stopped, ALPHA)) == ["IMU's span"]
+    # With a stuck side, too, each is corrected in a log that the other correction has not cut.
+    both = dead_from(stopped, 0, 0.2)
+    checks = check_robot(both, ALPHA)
+    assert [one.name for one in checks if one.problem] == ["IMU's span", "sides"]
+    assert len(worth_of(both, ALPHA, checks).costs) == 2
 
 
 @pytest.mark.parametrize(
