@@ -12,6 +12,7 @@ from icreckon.estimator.base.records import NEVER
 from icreckon.estimator.engine.constants import PER_STEP, step_constants
 from icreckon.estimator.engine.layout import INPUTS
 from icreckon.estimator.faults.scattering_fixes import TakenFix
+from icreckon.estimator.filter.fault_table import put_faults
 from icreckon.estimator.filter.filter_record import (
     ends_step,
     may_be_pushed,
@@ -319,6 +320,7 @@ def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:
             covariance[i, j] *= shares[i] * shares[j]
     for i in range(n):
         rows.states[row, i], rows.sigmas[row, i] = x[i], np.sqrt(P[i, i])
+    put_faults(record, rows.faults[row])
     put_innovation(record.gyro, rows, row, 0)
     put_innovation(record.accelerometer_x, rows, row, 1)
     put_innovation(record.accelerometer_y, rows, row, 2)

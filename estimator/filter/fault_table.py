@@ -313,6 +313,49 @@ FAULTS = (
 """Faults in the order in which `Health.findings` has them."""
 
 
+# --- faults at the rows of a run -----------------------------------------------------------------------
+
+# Faults that a row of a run has, and their parts, by column.
+FAULT_COLUMNS = (
+    ("stuck", "both tracks"),
+    ("stuck", "left track"),
+    ("stuck", "right track"),
+    ("spinning", "left track"),
+    ("spinning", "right track"),
+    ("spinning", "one track"),
+    ("wheel off", "left wheels"),
+    ("wheel off", "right wheels"),
+    ("silent", "IMU"),
+    ("failing", "gyro"),
+    ("sliding", "robot"),
+    ("carried", "robot"),
+    ("departing", "fixes"),
+)
+
+
+def put_faults(record: Any, row: Any) -> None:
+    """Write the faults that last to a row (k,), see `FAULT_COLUMNS`.
+
+    For plain Python and for numba; the finders of the table read the same fields.
+    """
+    tracks, settings = record.tracks, record.settings
+    left, right, spin = tracks.repeating_left, tracks.repeating_right, tracks.spin
+    is_frozen = frozen_from(left, right, settings.track_speed) != NEVER
+    row[0] = is_frozen
+    row[1] = not is_frozen and stuck_from(left, settings.hold) != NEVER
+    row[2] = not is_frozen and stuck_from(right, settings.hold) != NEVER
+    row[3] = is_found(spin) and spin.side == LEFT
+    row[4] = is_found(spin) and spin.side == RIGHT
+    row[5] = is_found(spin) and spin.side != LEFT and spin.side != RIGHT
+    row[6] = are_found(tracks.left_wheels)
+    row[7] = are_found(tracks.right_wheels)
+    row[8] = record.imu.stamp != NEVER and not is_alive(record.imu, record.stamp, settings.hold)
+    row[9] = tracks.gyro.fault != WORKS
+    row[10] = slides(tracks.forward)
+    row[11] = record.still.carried_since != NEVER
+    row[12] = record.departed_for >= DEPARTURE_TIME
+
+
 # --- faults of users ----------------------------------------------------------------------------------
 
 

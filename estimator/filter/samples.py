@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.array_types import Flags, Floats, Stamps
 from icreckon.estimator.log.input_checks import ABSURD_FORCE, ABSURD_RATE, ABSURD_SPEED, RANKS
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
@@ -77,6 +77,7 @@ class RunRows(NamedTuple):
     # (n, 3) newest normalised innovation of each gate of the IMU since the row before, NaN if there was
     # none
     innovations: Floats
+    faults: Flags  # (n, k) 1 for each fault that lasts, see `FAULT_COLUMNS`
     judged: Stamps  # (3,) stamps of those in the newest row that has one [ns]
     # (4,) number of filled rows, stamp of the newest [ns], 1 if one is due, stamp of the newest
     # measurement [ns]

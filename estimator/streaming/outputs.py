@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from icreckon.estimator.base.array_types import Floats, Stamps
+from icreckon.estimator.base.array_types import Flags, Floats, Stamps
 from icreckon.estimator.base.frames import paper_to_rep103
+from icreckon.estimator.filter.fault_table import FAULT_COLUMNS
 from icreckon.estimator.filter.health import Health
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.motion.icr import IndexValues, icrs_from_indices
@@ -101,6 +102,8 @@ class Run:
         innovation_names: (k,) components of the sensors with innovations.
         innovations: (n, k) newest innovation of each component since the row before, over its predicted
             standard deviation [-]; NaN if there was none. A smoothed run has no innovations.
+        faults: (n, k) True for each fault that the filter finds at a row; columns as `FAULT_COLUMNS`. A
+            smoothed run has no faults.
     """
 
     variant: str
@@ -112,6 +115,7 @@ class Run:
     health: Health
     innovation_names: tuple[str, ...] = ()
     innovations: Singles = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    faults: Flags = field(default_factory=lambda: np.zeros((0, len(FAULT_COLUMNS)), bool))
 
     def __repr__(self) -> str:
         """One line: variant, duration, numbers of poses and of rejected measurements."""
@@ -123,3 +127,18 @@ class Run:
     def stamps(self) -> Stamps:
         """Stamps (n,) of the rows [ns]."""
         return self.trajectory.stamps
+
+    def fault_spans(self) -> dict[tuple[str, str], Stamps]:
+        """Spans (m, 2) of each fault and its part that was found [ns].
+
+        A span begins with the first row that has the fault, and ends with the first that has not.
+        Faults that begin and end between two rows are counted in `health.times` alone.
+        """
+        spans = {}
+        ends = np.append(self.stamps[1:], self.stamps[-1:])
+        for name, column in zip(FAULT_COLUMNS, self.faults.T, strict=True):
+            changes = np.diff(column.astype(int), prepend=0, append=0)
+            first, last = np.flatnonzero(changes > 0), np.flatnonzero(changes < 0) - 1
+            if len(first):
+                spans[name] = np.column_stack([self.stamps[first], ends[last]])
+        return spans

@@ -11,6 +11,7 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError, IcreckonError
 from icreckon.estimator.base.records import NEVER
+from icreckon.estimator.filter.fault_table import FAULT_COLUMNS
 from icreckon.estimator.filter.health import Health, Judged
 from icreckon.estimator.filter.samples import (
     COUNT,
@@ -268,6 +269,7 @@ class Rows:
             twist_covariances=np.zeros((most, 3, 3)),
             indices=np.zeros((most, 3)),
             innovations=np.full((most, 3), np.nan),
+            faults=np.zeros((most, len(FAULT_COLUMNS)), bool),
             judged=np.full(3, NEVER),
             progress=np.array([0, NEVER, 0, NEVER]),
         )
@@ -297,5 +299,6 @@ class Rows:
             rows.twist_covariances[filled],
             *spatial_of(states, sigmas),
         )
-        indices, innovations = rows.indices[filled], self.innovations.finish(count)
-        return Run(variant, trajectory, indices, state_names, states, sigmas, health, *innovations)
+        indices, faults = rows.indices[filled], rows.faults[filled]
+        counts = health, *self.innovations.finish(count), faults
+        return Run(variant, trajectory, indices, state_names, states, sigmas, *counts)

@@ -83,6 +83,11 @@ def summarise(
     else:
         for name, run in comparison.runs.items():
             variants[name] = differences(run, comparison.runs[reference])
+    for name, run in comparison.runs.items():
+        variants[name]["fault_spans_s"] = {
+            f"{fault}: {part}": ((spans - log.start) * NANOSECOND).tolist()
+            for (fault, part), spans in run.fault_spans().items()
+        }
     results: Results = {
         "format": FORMAT,
         "command": command,
@@ -145,12 +150,8 @@ def write_results(path: Path, results: Results) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def _times_text(count: int) -> str:
-    return "once" if count == 1 else f"{count} times"
-
-
 def _findings(comparison: Comparison) -> list[str]:
-    """Notes on the sensors by the filters: fixes, IMU tilt, gyro failures, carrying."""
+    """Notes on the sensors by the filters: fixes, IMU tilt."""
     runs, notes = comparison.runs, []
     healths = {name: runs[name].health for name in runs if not name.endswith(SMOOTHED)}
     wanders = [(name, one.wander) for name, one in healths.items() if one.wander is not None]
@@ -173,18 +174,6 @@ def _findings(comparison: Comparison) -> list[str]:
             f"successive innovations of the position fixes have a correlation of {least:.2f}, "
             "those of fixes with white errors have none: they wander, or come late; set wander_sigma and "
             "wander_time where icreckon inspect proposes them, else least_sigma: 2.0 for plain GPS"
-        )
-    # The gyro is the same for all filters: the first one's count.
-    failures = next(iter(healths.values())).times.get("failing") if healths else None
-    if failures:
-        notes.append(
-            f"the gyro failed {_times_text(failures)} (it jumped, repeated itself or was beyond its "
-            "range) and was not used meanwhile"
-        )
-    carries = max((one.times.get("carried", 0) for one in healths.values()), default=0)
-    if carries:
-        notes.append(
-            f"shaken {_times_text(carries)} with the tracks at rest: was the robot carried?"
         )
     return notes
 

@@ -22,6 +22,8 @@ MANIFEST = "manifest.json"
 RESULTS = "results.json"
 # Errors of reading a file with any byte changed.
 UNREADABLE = (OSError, ValueError, KeyError, EOFError, RuntimeError, zipfile.BadZipFile)
+# Key of the manifest with the names of the files that were written, for `--overwrite`.
+FILES = "files"
 # Most differences that a message lists; those of `UNLISTED` follow from others, or are harmless.
 MOST_LISTED = 4
 UNLISTED = ("cells:", "axes:", "name:", "configuration.name:", "runs:", "configuration.runs:")
@@ -116,22 +118,26 @@ def open_store(
         # Two commands may begin the same study at once.
         with alone_in(folder.parent):
             if overwrite:
-                _throw_away_others(folder, manifest)
+                _remove_other_study(folder, manifest)
             _refuse_others(folder, manifest)
             (folder / BLOCKS).mkdir(parents=True, exist_ok=True)
-            write_whole(folder / MANIFEST, as_json(manifest).encode())
+            _write_manifest(folder, manifest, _written_files(_read_manifest(folder)))
     except OSError as problem:
         raise SimulationError(f"{folder}: cannot be written: {problem.strerror}") from None
     return BlockStore(folder, manifest["digest"], shape)
 
 
 def write_files(folder: Path, files: dict[str, bytes]) -> None:
-    """Write files (name -> content) to a folder, each atomically.
+    """Write files (name -> content) to the folder of a study, each atomically.
+
+    The manifest lists them, so that `--overwrite` deletes these files alone.
 
     Raises:
         SimulationError: the folder cannot be written.
     """
+    manifest = _read_manifest(folder) or {}
     try:
+        _write_manifest(folder, manifest, sorted({*_written_files(manifest), *files}))
         for name, content in files.items():
             write_whole(folder / name, content)
     except OSError as problem:
@@ -149,6 +155,7 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
         )
     if manifest_there.get("digest") == manifest["digest"]:
         return
+    manifest_there.pop(FILES, None)
     all_changes = differences(manifest_there, json.loads(as_json(manifest)))
     changed = [change for change in all_changes if not change.startswith(UNLISTED)]
     listed = "; ".join(changed[:MOST_LISTED]) or "content of the robot or recording"
@@ -159,15 +166,26 @@ def _refuse_others(folder: Path, manifest: dict[str, Any]) -> None:
     )
 
 
-def _throw_away_others(folder: Path, manifest: dict[str, Any]) -> None:
-    """Remove another study's blocks, and all tables, figures and pages next to them."""
+def _remove_other_study(folder: Path, manifest: dict[str, Any]) -> None:
+    """Replace another study's manifest, and delete its blocks and the files listed."""
     found = _read_manifest(folder)
     if found is None or found["digest"] == manifest["digest"]:
         return
     shutil.rmtree(folder / BLOCKS, ignore_errors=True)
-    for path in folder.iterdir():
-        if path.suffix in {".parquet", ".json", ".png", ".html"} and path.is_file():
-            path.unlink()
+    for name in _written_files(found):
+        (folder / name).unlink(missing_ok=True)
+    _write_manifest(folder, manifest, [])
+
+
+def _write_manifest(folder: Path, manifest: dict[str, Any], files: list[str]) -> None:
+    write_whole(folder / MANIFEST, as_json(manifest | {FILES: files}).encode())
+
+
+def _written_files(manifest: dict[str, Any] | None) -> list[str]:
+    """Names of the files that a manifest lists; those in other folders are ignored."""
+    listed = (manifest or {}).get(FILES)
+    names = listed if isinstance(listed, list) else []
+    return [name for name in names if isinstance(name, str) and name == Path(name).name]
 
 
 def _read_manifest(folder: Path) -> dict[str, Any] | None:

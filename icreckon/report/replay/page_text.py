@@ -300,7 +300,7 @@ def notes(results: Results) -> list[str]:
             )
         else:
             lines.append(f"Truth: {truth['source']}, taken as it is.")
-    return lines + list(results["log"]["notes"])
+    return lines + list(results["log"]["notes"]) + fault_lines(results)
 
 
 def provenance(results: Results) -> str:
@@ -357,29 +357,46 @@ def interval_text(interval: list[float] | None, before: str = "") -> str:
     return f" ({before}{number(interval[0])} to {number(interval[1])})"
 
 
-# Findings of which the name says less than what they may be.
-FAULT_TEXTS = {"spinning": "a track spinning, or its sensor failing"}
-
-
 def all_rejections(results: Results) -> list[str]:
-    """Lines on the most rejections of each sensor and reason, and on the faults."""
+    """Line on the most rejections of each sensor and reason; none without rejections."""
     most: dict[str, tuple[int, str]] = {}
-    faults: dict[str, int] = {}
     for scores in filtered(results).values():
-        for fault, times in scores["faults"].items():
-            faults[fault] = max(times, faults.get(fault, 0))
         for sensor_and_reason, count in scores["rejected"].items():
             text = rejections_text(scores | {"rejected": {sensor_and_reason: count}})
             so_far = most.get(sensor_and_reason, (0, ""))
             most[sensor_and_reason] = max(so_far, (count, text))
-    texts = [text for _, text in most.values()]
-    found = [f"{times} × {FAULT_TEXTS.get(fault, fault)}" for fault, times in faults.items()]
-    lines = {"Rejected": texts, "Faults found": found}
-    return [
-        f"{name}, at most by any variant: {', '.join(parts)}"
-        for name, parts in lines.items()
-        if parts
-    ]
+    texts = ", ".join(text for _, text in most.values())
+    return [f"Rejected, at most by any variant: {texts}"] if texts else []
+
+
+# What the filters find of each fault; {} stands for the part of the sensor.
+FAULT_TEXTS = {
+    "stuck": "{} repeating the last reading",
+    "spinning": "{} spinning, or its sensor failing",
+    "wheel off": "{} disagreeing",
+    "silent": "no samples of the {}",
+    "failing": "{} failing (a jump, repeated readings or its range) and not used",
+    "sliding": "{} sliding along its tracks",
+    "carried": "{} shaken or turned with its tracks at rest: was it carried?",
+    "departing": "{} departing from the path",
+}
+
+
+def fault_lines(results: Results) -> list[str]:
+    """Faults that the best variant found: how often, how long and when."""
+    verdict, variants = results["verdict"], filtered(results)
+    if not variants:
+        return []
+    name = [*variants][-1] if verdict is None else verdict["best"]
+    lines = []
+    for fault_and_part, spans in variants[name]["fault_spans_s"].items():
+        fault, _, part = fault_and_part.partition(": ")
+        text = FAULT_TEXTS[fault].format(part)
+        times = "once" if len(spans) == 1 else f"{len(spans)} times"
+        seconds = sum(end - begin for begin, end in spans)
+        when = f"{number(seconds)} s in all between {spans[0][0]:.1f} and {spans[-1][1]:.1f} s"
+        lines.append(f"{name} found: {text}; {times}, {when}")
+    return lines
 
 
 def rejections_text(scores: Results) -> str:

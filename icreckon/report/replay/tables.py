@@ -186,7 +186,7 @@ def _footnotes(results: Results) -> list[str]:
             lines.append(page_text.level_text(results))
     lines += [f"Dropped from the log: {count} x {what}" for what, count in log["dropped"].items()]
     lines += [f"Note: {note}" for note in log["notes"] if not note.startswith(BANNERS)]
-    return lines + page_text.all_rejections(results)
+    return lines + page_text.all_rejections(results) + page_text.fault_lines(results)
 
 
 def _cell(scores: Results, column: Column, *, is_best: bool) -> Text:

@@ -21,7 +21,7 @@ from icreckon.report.printable import change, change_range
 from icreckon.report.replay.folder import write_views
 from icreckon.report.replay.page import replay_page
 from icreckon.report.replay.page_charts import constant_parameters, page_data
-from icreckon.report.replay.page_text import headline, number, remarks
+from icreckon.report.replay.page_text import fault_lines, headline, notes, number, remarks
 from icreckon.report.terms import TERMS
 
 VARIANTS = ["differential", "constant-online", "inertia-online"]
@@ -563,3 +563,18 @@ def test_a_parameter_that_one_variant_learns_is_a_chart(changed, change):
 @pytest.mark.parametrize(("seconds", "rows"), [(90.0, 1500), (600.0, 2400), (36_000.0, 4000)])
 def test_longer_logs_have_more_rows_up_to_a_limit(seconds: float, rows: int) -> None:
     assert plot_series.series_points(seconds) == rows
+
+
+def test_faults_are_named_with_their_times(changed) -> None:
+    assert not fault_lines(changed)
+    best = changed["verdict"]["best"]
+    changed["variants"][best]["fault_spans_s"] = {
+        "spinning: left track": [[10.0, 11.5], [40.0, 41.0]],
+        "silent: IMU": [[50.0, 60.0]],
+    }
+    assert fault_lines(changed) == [
+        f"{best} found: left track spinning, or its sensor failing; 2 times, 2.50 s in all between "
+        "10.0 and 41.0 s",
+        f"{best} found: no samples of the IMU; once, 10.0 s in all between 50.0 and 60.0 s",
+    ]
+    assert set(fault_lines(changed)) <= set(notes(changed))

@@ -194,9 +194,17 @@ def test_another_study_in_the_folder_is_refused_unless_it_may_be_thrown_away(tmp
     with pytest.raises(SimulationError, match=r"configuration\.seed: there 1, here 2.*--overwrite"):
         run_study(other, folder)
     assert contents(folder) == undisturbed
+    own, elsewhere = folder / "photo.png", tmp_path / "elsewhere.json"
+    for path in (own, elsewhere):
+        path.write_text("of the user", encoding="utf-8")
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    manifest["files"] += ["../elsewhere.json", 3]
+    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     told = []
     run_study(other, folder, workers=1, overwrite=True, report=told.append)
     assert told[0].found_blocks == 0
+    assert own.exists()
+    assert elsewhere.exists()
     # The same command again, with the same options, goes on.
     run_study(other, folder, executor=Failing(0, AssertionError()), overwrite=True)
 

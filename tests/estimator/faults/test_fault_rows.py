@@ -1,0 +1,100 @@
+"""The rows of a run have the faults that `Health.findings` names at their stamps."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import faulty_drives
+from faulty_drives import BEGINS, imu_of, with_free_track, with_free_wheel, with_rates, with_tracks
+from icreckon.estimator.filter.fault_table import FAULT_COLUMNS, Finding
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon.estimator.streaming.run import run, work_through
+
+DURATION = 36.0
+# Parts of columns whose findings have none, or another.
+PARTS = {
+    "stuck": "both tracks",
+    "spinning": "one track",
+    "silent": "IMU",
+    "failing": "gyro",
+    "sliding": "robot",
+    "carried": "robot",
+    "departing": "fixes",
+}
+
+
+@pytest.fixture(scope="module")
+def drive(robot: Robot) -> Log:
+    return faulty_drives.drive(robot, 1, DURATION)
+
+
+def with_stuck_track(log: Log) -> Log:
+    return with_tracks(
+        log, 3.0, lambda speeds: np.column_stack([np.full(len(speeds), 0.7), speeds[:, 1]])
+    )
+
+
+def with_frozen_gyro(log: Log) -> Log:
+    return with_rates(log, 3.0, lambda rates: np.full(len(rates), rates[0]))
+
+
+def without_imu(log: Log) -> Log:
+    imu = imu_of(log)
+    kept = (imu.stamps - log.start) * 1e-9 < BEGINS
+    return replace(
+        log,
+        imu=replace(
+            imu,
+            stamps=imu.stamps[kept],
+            angular_velocity=imu.angular_velocity[kept],
+            linear_acceleration=imu.linear_acceleration[kept],
+        ),
+    )
+
+
+def column_of(finding: Finding) -> tuple[str, str]:
+    if finding.fault == "wheel off":
+        return finding.fault, f"{finding.part.split()[0]} wheels"
+    return finding.fault, finding.part or PARTS[finding.fault]
+
+
+@pytest.mark.parametrize(
+    ("fault", "broken"),
+    [
+        (("spinning", "left track"), with_free_track),
+        (("stuck", "left track"), with_stuck_track),
+        (("failing", "gyro"), with_frozen_gyro),
+        (("silent", "IMU"), without_imu),
+        (
+            ("wheel off", "left wheels"),
+            lambda log: with_free_wheel(faulty_drives.with_wheels(log, 3)),
+        ),
+    ],
+    ids=lambda value: "-".join(value) if isinstance(value, tuple) else "",
+)
+def test_the_rows_have_the_faults_that_findings_name(
+    fault, broken, drive: Log, robot: Robot
+) -> None:
+    log, by_row = broken(drive), []
+    estimator = PoseEstimator(robot, "constant-online")
+
+    def at_row() -> None:
+        findings = {
+            column_of(one)
+            for one in estimator.health.findings
+            if one.fault in (*PARTS, "wheel off")
+        }
+        by_row.append(findings)
+
+    streamed = work_through(log, estimator, at_row=at_row)
+    for found, row in zip(by_row, streamed.faults, strict=True):
+        assert found == {name for name, lasts in zip(FAULT_COLUMNS, row, strict=True) if lasts}
+    spans = streamed.fault_spans()
+    assert set(spans) == {fault}
+    begin, end = (spans[fault][0] - log.start) * 1e-9
+    assert BEGINS < begin < BEGINS + 2.0
+    assert begin < end <= (DURATION if fault[0] == "silent" else BEGINS + 4.0)
+    assert np.array_equal(run(log, robot, "constant-online").faults, streamed.faults)
