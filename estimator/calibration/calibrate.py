@@ -18,6 +18,7 @@ from icreckon.estimator.calibration.models import MODELS, model_of
 from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Recording, motion_of, record
+from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
 from icreckon.estimator.log.lag import (
     LEAST_SPEEDING,
     NOWHERE,
@@ -30,7 +31,6 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault, headings_by_path
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries, require_part, running_integral
-from icreckon.estimator.log.stuck_sides import stuck_sides, turning_at
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 

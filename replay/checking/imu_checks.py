@@ -8,6 +8,7 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.log.failed_sensors import imu_span
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import LEAST_UPRIGHT, Robot
@@ -31,8 +32,6 @@ LEAST_TILT, ANOTHER_MOUNTING = 5.0, 45.0
 # Mean speed of the robot as a share of that of its tracks, from which accelerations show its axes [-].
 LEAST_DRIVING = 0.3
 FEWEST = 20  # fewest track speeds that show anything
-# Least time at both ends of a log without an IMU that is reported: [s], and as a share of the log.
-LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU = 5.0, 0.05
 LEVER = 0.3  # distance of the centre of turning from the robot's centre that is usual [m]
 # Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
 OFFSET_OF_GRAVITY = 0.3
@@ -53,18 +52,14 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
             else "the topic in [log.tracks]; icreckon inspect lists those of the log",
         )
     elif log.imu is not None and len(log.imu.stamps) >= FEWEST:
-        first, last = log.imu.stamps[[0, -1]].tolist()
-        begin, end = log.tracks.stamps[[0, -1]].tolist()
-        missing = (max(0, first - begin) + max(0, end - last)) * NANOSECOND
-        if missing > max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * log.duration):
-            starts = max(0, first - begin) * NANOSECOND
-            known = f"from {starts:.0f} to {(last - begin) * NANOSECOND:.0f} s"
-            text = f"the IMU has samples {known} only, the tracks to {(end - begin) * NANOSECOND:.0f} s"
+        span = imu_span(log)
+        if span is not None:
+            first, last, text = span
             yield Check(
                 "IMU's span",
                 "whole log",
-                known,
                 text,
+                f"the IMU has {text}",
                 "look at its driver and cable, or cut the log",
                 lambda log, robot: (log.between(first, last), robot),
             )

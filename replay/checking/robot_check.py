@@ -38,7 +38,7 @@ CHECKS = (
     imu_checks.check_bias,
     imu_checks.check_noise,
 )
-# These compare both sides with the gyro, which stands in for a stuck one.
+# These compare both sides with the gyro, which stands in for a side that is stuck or reads too little.
 OF_BOTH_SIDES = {track_checks.check_turning, track_checks.check_latency, track_checks.check_track}
 
 
@@ -49,7 +49,7 @@ def check_robot(log: Log, robot: Robot) -> list[Check]:
     """
     checks: list[Check] = []
     for function in CHECKS:
-        if function in OF_BOTH_SIDES and any(one.name == track_checks.SIDES for one in checks):
+        if function in OF_BOTH_SIDES and any(one.name in track_checks.FAILED for one in checks):
             continue
         for check in function(log, robot):
             checks.append(replace(check, remedy=with_column_keys(check.remedy, robot)))

@@ -10,10 +10,16 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.lag_search import BLOCKS
+from icreckon.estimator.log.failed_sensors import (
+    RIGHT,
+    UnequalSides,
+    stuck_sides,
+    turning_at,
+    unequal_sides,
+)
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.log.stuck_sides import RIGHT, stuck_sides, turning_at
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.checking.check import (
     LATENCY,
@@ -47,9 +53,7 @@ OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.07
 # Least error of the scale by the accelerometer that is reported [-]: suspensions squat.
 SCALE_BY_FORCE = 0.35
-SIDES = "sides"  # name of the check of `check_sides`
-# Turning over speed of a straight stretch [-], least time of them [s], and difference that counts [-].
-STRAIGHT_SHARE, LEAST_STRAIGHT, LEAST_RATIO = 0.1, 5.0, 0.2
+SIDES, RATIO = FAILED = "sides", "ratio of the sides"  # checks of a side that fails
 # Usual errors of a scale, as true over assumed.
 RADIUS_ERRORS = (
     (0.5, "is the radius a diameter?"),
@@ -105,27 +109,30 @@ def _without_stuck_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
 
 def check_ratio(log: Log, robot: Robot) -> Iterator[Check]:
     """Ratio of the sides where the robot drives straight on by the gyro."""
-    turning = _turning_by_gyro(log, robot)
-    if turning is None or not imu_mounting.are_usable(log.tracks):
-        return
-    left, right = log.tracks.speeds.T
-    speed = np.abs(log.tracks.speeds).max(axis=1)
-    is_straight = (speed > 0.3 * speed.max()) & (np.abs(turning) < STRAIGHT_SHARE * speed)
-    is_straight &= left * right > 0.0
-    if float(is_straight.mean()) * log.duration < LEAST_STRAIGHT:
-        return
-    ratio = float(np.median(right[is_straight] / left[is_straight]))
-    slower, size = ("right", ratio) if ratio < 1.0 else ("left", 1.0 / ratio)
-    if size < 1.0 - LEAST_RATIO:
-        factors = (1.0, 1.0 / size) if slower == "right" else (1.0 / size, 1.0)
+    found = _unequal_sides(log, robot)
+    if found is not None:
         yield Check(
-            "ratio of the sides",
+            RATIO,
             "1 straight on",
-            f"{ratio:.2f}, right over left",
-            f"straight on by the gyro, the {slower} side reads {size:.2f} times what the other one reads",
+            f"{found.ratio:.2f}, {('left over right', 'right over left')[found.side]}",
+            found.text,
             "look at counts, gears, radius and wheels of both sides: one of them is wrong",
-            with_speeds(lambda speeds: speeds * factors),
+            _with_equal_sides,
         )
+
+
+def _unequal_sides(log: Log, robot: Robot) -> UnequalSides | None:
+    if log.imu is None or not imu_mounting.are_usable(log.tracks):
+        return None
+    return unequal_sides(log.tracks, log.imu, in_base(log.imu, robot)[0])
+
+
+def _with_equal_sides(log: Log, robot: Robot) -> tuple[Log, Robot]:
+    """Scale the side that reads less, from the row on from which it does."""
+    found, speeds = _unequal_sides(log, robot), log.tracks.speeds.copy()
+    if found is not None:
+        speeds[found.begin :, found.side] /= found.ratio
+    return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds)), robot
 
 
 def check_turning(log: Log, robot: Robot) -> Iterator[Check]:

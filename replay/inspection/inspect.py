@@ -15,11 +15,11 @@ from msgspec.structs import replace
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.config import convert
+from icreckon.estimator.log.failed_sensors import imu_span, stuck_sides, unequal_sides
 from icreckon.estimator.log.lag import Lag, NoLag
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.path_heading import heading_fault
 from icreckon.estimator.log.series import ImuSeries
-from icreckon.estimator.log.stuck_sides import stuck_sides
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.replay.bags.bag_files import over_bag
 from icreckon.replay.bags.decoding import Definitions
@@ -397,7 +397,7 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
             f"{mounting.turning_correlation:.2f}): left and right may be swapped, or the IMU is "
             "upside down"
         )
-    yield from (f"tracks: {stuck.text}" for stuck in stuck_sides(log.tracks, None))
+    yield from _failed_sensors(log, estimates)
     if len(log.tracks.stamps):
         stops = wheels.standstills(log)
         total = sum(end - begin for begin, end in stops)
@@ -409,6 +409,19 @@ def _findings(estimates: robot_file.LogEstimates) -> Iterator[str]:
         bias = ", ".join(f"{value:.5f}" for value in mounting.gyro_bias)
         yield f"gyro bias at standstill: ({bias}) rad/s in the IMU's axes"
     yield from (f"suspicious: {text}" for text in unit_suspicions(estimates, log))
+
+
+def _failed_sensors(log: Log, estimates: robot_file.LogEstimates) -> Iterator[str]:
+    """Findings on sensors that fail in the log or a part of it."""
+    yield from (f"tracks: {stuck.text}" for stuck in stuck_sides(log.tracks, None))
+    rates, is_usable = estimates.vertical, imu_mounting.are_usable(log.tracks)
+    if log.imu is not None and rates is not None and is_usable and not estimates.from_twist:
+        found = unequal_sides(log.tracks, log.imu, rates)
+        if found is not None:
+            yield f"tracks: {found.text}: look at counts, gears and radius of both sides"
+    span = imu_span(log)
+    if span is not None:
+        yield f"imu: {span[2]}: look at its driver and cable"
 
 
 def _lag_finding(purpose: str, lag: Lag | NoLag, *, by_yaw_rate: bool) -> str:

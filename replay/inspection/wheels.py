@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.base.lag_search import BLOCKS, jackknife_sigma
+from icreckon.estimator.log.failed_sensors import stuck_sides
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix
 from icreckon.estimator.log.scores import even_grid
 from icreckon.estimator.log.series import running_integral
-from icreckon.estimator.log.stuck_sides import stuck_sides
 from icreckon.replay.inspection import imu_mounting
 
 GRAVITY = 9.81

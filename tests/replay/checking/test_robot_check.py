@@ -11,8 +11,8 @@ from conftest import inspected, sample_log
 from icreckon import Log, ReplayError, Scenario, calibrate, compare, read_log, simulate
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
+from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.log.stuck_sides import stuck_sides, turning_at
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
@@ -203,11 +203,20 @@ def test_a_stuck_side_is_named_alone_and_replaced_by_the_gyro(log, side, name, s
         calibrate([dead], ALPHA)
 
 
-@pytest.mark.parametrize(("factors", "name"), [((0.5, 1.0), "left"), ((1.0, 0.5), "right")])
-def test_half_the_counts_of_a_side_are_no_radius(log, factors, name):
-    found = problems(speeds(log, lambda found: found * factors), ALPHA)
+@pytest.mark.parametrize("share", [0.0, 0.5])
+@pytest.mark.parametrize(("side", "name"), [(0, "left"), (1, "right")])
+def test_half_the_counts_of_a_side_are_no_radius(log, side, name, share):
+    halved, begin = log.tracks.speeds.copy(), round(share * len(log.tracks.stamps))
+    halved[begin:, side] *= 0.5
+    broken = speeds(log, lambda _: halved)
+    found = problems(broken, ALPHA)
     assert list(found) == ["ratio of the sides"]
     assert f"the {name} side reads 0.5" in found["ratio of the sides"]
+    assert ("s on" in found["ratio of the sides"]) == (share > 0.0)
+    mended, _ = corrected(broken, ALPHA)
+    errors = [np.abs(one.tracks.speeds - log.tracks.speeds).mean() for one in (mended, broken)]
+    # Samples before the first straight stretch with half the counts are not corrected.
+    assert errors[0] < (0.4 if share else 0.1) * errors[1]
 
 
 def test_a_robot_that_turns_about_a_side_that_it_holds_has_no_fault() -> None:

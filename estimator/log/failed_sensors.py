@@ -1,0 +1,137 @@
+"""Sensors that fail in a log, or in a part of it, by the log alone."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from icreckon.estimator.base.array_types import NANOSECOND, Floats
+from icreckon.estimator.log.log import Log
+from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+
+LEFT, RIGHT = 0, 1
+# Least time of one reading [s], and distance of the other side meanwhile [m].
+LEAST_TIME, LEAST_DISTANCE = 3.0, 1.0
+# Least difference between the turning of tracks and gyro, or without a gyro least change of the other
+# side, over the speed of the other side.
+LEAST_SHARE = 0.2
+# Without a gyro: least share of the log, since a robot may turn about a side that it holds.
+SHARE_WITHOUT_GYRO = 0.3
+# Turning over speed of a straight stretch, and least speed in it over the highest [-]; difference of the
+# sides that counts [-]; the time with it less the time without it, since it began, is at least this [s],
+# and this share of both [-].
+STRAIGHT_SHARE, SPEED_SHARE = 0.1, 0.3
+LEAST_RATIO, LEAST_UNEQUAL, NEARLY_ALL = 0.2, 5.0, 0.8
+# Least time without the IMU that is reported [s], and its least share of the log [-].
+LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU = 5.0, 0.05
+
+
+class StuckSide(NamedTuple):
+    """Side that is stuck during some spans."""
+
+    side: int  # `LEFT` or `RIGHT`
+    spans: tuple[slice, ...]  # rows of the track speeds
+    text: str  # which side, what it reads, from when and for how long
+
+
+def stuck_sides(tracks: TrackSpeedSeries, turning: Floats | None) -> list[StuckSide]:
+    """Sides that repeat one reading, contradicted by the other side and the gyro.
+
+    Args:
+        tracks: the track speeds.
+        turning: (n,) right speed less left speed by the gyro [m/s]; None without a gyro.
+    """
+    if not len(tracks.stamps):
+        return []
+    times = (tracks.stamps - tracks.stamps[0]) * NANOSECOND
+    left, right = tracks.speeds.T
+    difference = np.zeros(len(times)) if turning is None else np.abs(right - left - turning)
+    found = []
+    for side, (own, other) in enumerate(((left, right), (right, left))):
+        ends = np.array([*np.flatnonzero(np.diff(own)) + 1, len(own)])
+        firsts = np.array([0, *ends[:-1]])
+        lasts = times[ends - 1] - times[firsts]
+        spans, seconds = [], 0.0
+        for k in np.flatnonzero(lasts > LEAST_TIME):
+            rows = slice(int(firsts[k]), int(ends[k]))
+            speed = float(np.abs(other[rows]).mean())
+            # Without a gyro, a steady speed that a coarse encoder repeats is no contradiction.
+            change = np.ptp(np.percentile(other[rows], [5, 95]))
+            contradiction = change if turning is None else difference[rows].mean()
+            drives = speed * lasts[k] > LEAST_DISTANCE and np.ptp(other[rows]) > 0.0
+            if drives and contradiction > LEAST_SHARE * speed:
+                spans.append(rows)
+                seconds += lasts[k]
+        if spans and (turning is not None or seconds > SHARE_WITHOUT_GYRO * times[-1]):
+            first, name = spans[0].start, ("left", "right")[side]
+            text = (
+                f"the {name} side repeats one reading ({own[first]:.3g} m/s at {times[first]:.0f} s) "
+                f"for {seconds:.0f} of {times[-1]:.0f} s while the other one drives"
+            )
+            found.append(StuckSide(side, tuple(spans), text))
+    return found
+
+
+class UnequalSides(NamedTuple):
+    """Side that reads less than the other one where the robot drives straight on."""
+
+    side: int  # `LEFT` or `RIGHT`, the one that reads less
+    ratio: float  # its speed over that of the other one [-]
+    begin: int  # row of the track speeds from which on it does
+    text: str  # which side, how much less, from when on
+
+
+def unequal_sides(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> UnequalSides | None:
+    """Compare the sides on straight stretches, of all the log or from some time on to its end.
+
+    Args:
+        tracks: the track speeds.
+        imu: gives the stamps (m,) of the yaw rates.
+        rates: (m,) yaw rates [rad/s].
+    """
+    left, right = tracks.speeds.T
+    speed, rate = np.abs(tracks.speeds).max(axis=1), turning_at(tracks, imu, rates, 1.0)
+    if np.ptp(rate) == 0.0:
+        return None
+    # Effective track where one side may read less: the difference that goes with the turning alone.
+    by_speed_and_rate = np.column_stack([tracks.speeds.mean(axis=1), rate])
+    width = abs(np.linalg.lstsq(by_speed_and_rate, right - left)[0][1])
+    is_straight = np.abs(rate) * width < STRAIGHT_SHARE * speed
+    is_straight &= speed > SPEED_SHARE * speed.max()
+    rows = np.flatnonzero(is_straight & (left * right > 0.0))
+    seconds = (tracks.stamps - tracks.stamps[0]) * NANOSECOND
+    for side, ratios in ((LEFT, left[rows] / right[rows]), (RIGHT, right[rows] / left[rows])):
+        # Straight samples that read less, less those that do not, from each on to the end.
+        signs = np.where(ratios < 1.0 - LEAST_RATIO, 1, -1)
+        excess = np.cumsum(signs[::-1])[::-1]
+        begin = int(np.argmax(excess)) if len(rows) else 0
+        least_count = LEAST_UNEQUAL * len(seconds) / seconds[-1]
+        # Slip makes the sides unequal now and then; what fails is unequal nearly always.
+        if not len(rows) or excess[begin] < max(least_count, NEARLY_ALL * (len(rows) - begin)):
+            continue
+        ratio, from_on = float(np.median(ratios[begin:])), seconds[rows[begin]]
+        is_later = seconds[rows[begin]] - seconds[rows[0]] > LEAST_UNEQUAL
+        text = (
+            f"straight on by the gyro, the {('left', 'right')[side]} side reads {ratio:.2f} times what "
+            f"the other one reads{f', from {from_on:.0f} s on' if is_later else ''}"
+        )
+        return UnequalSides(side, ratio, int(rows[begin]) if is_later else 0, text)
+    return None
+
+
+def imu_span(log: Log) -> tuple[int, int, str] | None:
+    """First and last stamp [ns] of an IMU that misses a part of the log, in words, too."""
+    if log.imu is None or not len(log.imu.stamps) or not len(log.tracks.stamps):
+        return None
+    first, last = log.imu.stamps[[0, -1]].tolist()
+    begin, end = log.tracks.stamps[[0, -1]].tolist()
+    late = max(0, first - begin)
+    missing = (late + max(0, end - last)) * NANOSECOND
+    if missing <= max(LEAST_WITHOUT_IMU, SHARE_WITHOUT_IMU * log.duration):
+        return None
+    span = f"from {late * NANOSECOND:.0f} to {(last - begin) * NANOSECOND:.0f} s"
+    return first, last, f"samples {span} only, the tracks to {(end - begin) * NANOSECOND:.0f} s"
+
+
+def turning_at(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats, width: float) -> Floats:
+    """Turning (n,) by yaw rates (m,) [rad/s], at the stamps of tracks [m/s]."""
+    return np.asarray(np.interp(tracks.stamps, imu.stamps, rates) * width)
