@@ -81,7 +81,7 @@ class UnequalSides(NamedTuple):
 
 
 def unequal_sides(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> UnequalSides | None:
-    """Compare the sides on straight stretches, of all the log or from some time on to its end.
+    """Compare the sides on straight stretches, from some time on to the end of the log.
 
     Args:
         tracks: the track speeds.
@@ -119,7 +119,7 @@ def unequal_sides(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> Un
 
 
 def imu_span(log: Log) -> tuple[int, int, str] | None:
-    """First and last stamp [ns] of an IMU that misses a part of the log, in words, too."""
+    """First and last stamp [ns] of an IMU that misses a part of the log, and in words."""
     if log.imu is None or not len(log.imu.stamps) or not len(log.tracks.stamps):
         return None
     first, last = log.imu.stamps[[0, -1]].tolist()

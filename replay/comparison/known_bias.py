@@ -14,7 +14,7 @@ from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot, changed_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.streaming.outputs import Run
-from icreckon.replay.inspection.gyro_bias import gyro_bias
+from icreckon.replay.inspection.gyro_bias import bias_while_driving
 
 GYRO = "gyro"
 UNLEARNT = 0.5
@@ -57,7 +57,7 @@ def known_bias(run: Run, log: Log, robot: Robot, within: list[tuple[int, int]]) 
         return None
     used = float(run.states[unlearnt, s.GYRO_BIAS].mean())
     rates = SensorModels(robot).yaw_rates(log.imu.angular_velocity)
-    found = gyro_bias(replace(log, truth=replace(log.truth, headings=True)), rates)
-    if found is None or found.source == "tracks" or abs(found.value) > LARGEST:
+    found = bias_while_driving(replace(log, truth=replace(log.truth, headings=True)), rates)
+    if found is None or found.source != "truth" or abs(found.value) > LARGEST:
         return None
     return KnownBias(used, found.value, found.sigma) if found.differs(used) else None

@@ -43,8 +43,7 @@ class GyroBias(NamedTuple):
 def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBias | None:
     """Estimate the bias of the gyro; None if the log does not show it.
 
-    A standstill is preferred, then the headings of a truth, then the tracks. While driving, turning by
-    the gyro in windows is fitted by a bias times the window, plus a factor times each reference.
+    A standstill is preferred, then the headings of a truth, then the tracks.
 
     Args:
         log: the log; its track speeds may be rates.
@@ -53,13 +52,22 @@ def gyro_bias(log: Log, vertical: Floats, noise_density: float = 0.0) -> GyroBia
     """
     if log.imu is None or len(log.imu.stamps) < 2:
         return None
-    tracks, imu = log.tracks, log.imu
-    is_still = standstill(tracks, imu.stamps)
-    seconds = float(is_still.sum()) * float(np.median(np.diff(imu.stamps))) * NANOSECOND
+    is_still = standstill(log.tracks, log.imu.stamps)
+    seconds = float(is_still.sum()) * float(np.median(np.diff(log.imu.stamps))) * NANOSECOND
     if seconds >= ENOUGH_STILL:
         sigma = noise_density / float(np.sqrt(seconds))
         return GyroBias(float(vertical[is_still].mean()), sigma, "standstill")
-    if not are_usable(tracks):
+    return bias_while_driving(log, vertical)
+
+
+def bias_while_driving(log: Log, vertical: Floats) -> GyroBias | None:
+    """Estimate the bias of the gyro by the headings of a truth, or else by the tracks.
+
+    Turning by the gyro in windows is fitted by a bias times the window, plus a factor times each
+    reference. Arguments and result are those of `gyro_bias`.
+    """
+    tracks, imu = log.tracks, log.imu
+    if imu is None or not are_usable(tracks):
         return None
     if log.truth is not None and log.truth.headings and heading_fault(log.truth) is None:
         source, stamps = "truth", log.truth.poses.stamps
