@@ -81,7 +81,7 @@ class UnequalSides(NamedTuple):
 
 
 def unequal_sides(tracks: TrackSpeedSeries, imu: ImuSeries, rates: Floats) -> UnequalSides | None:
-    """Compare the sides on straight stretches, from some time on to the end of the log.
+    """Compare the sides on straight stretches, from some time on to the log's end.
 
     Args:
         tracks: the track speeds.

@@ -84,10 +84,7 @@ def summarise(
         for name, run in comparison.runs.items():
             variants[name] = differences(run, comparison.runs[reference])
     for name, run in comparison.runs.items():
-        variants[name]["fault_spans_s"] = {
-            f"{fault}: {part}": ((spans - log.start) * NANOSECOND).tolist()
-            for (fault, part), spans in run.fault_spans().items()
-        }
+        variants[name]["fault_spans_s"] = _fault_spans(run, log.start)
     results: Results = {
         "format": FORMAT,
         "command": command,
@@ -96,21 +93,7 @@ def summarise(
         "versions": versions(),
         "inputs": {name: digest(path) for name, path in (inputs or {}).items()},
         "robot": msgspec.to_builtins(robot),
-        "log": {
-            "name": log.name,
-            "duration_s": log.duration,
-            "track_samples": len(log.tracks.stamps),
-            "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
-            "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
-            "dropped": log.dropped,
-            "holes_s": [
-                [(begin - log.start) * NANOSECOND, (end - log.start) * NANOSECOND]
-                for begin, end in holes
-            ],
-            "notes": [*log.notes, *_findings(comparison)],
-            "start_ns": log.start,
-            "origin": log.origin,
-        },
+        "log": _log_summary(comparison, holes),
         "truth": _truth_summary(comparison, robot, scored, lever_arm),
         "reference_variant": None if log.truth is not None else reference,
         "baseline_variant": None if log.truth is None else baseline,
@@ -148,6 +131,35 @@ def write_results(path: Path, results: Results) -> None:
     text = json.dumps(results, indent=1, allow_nan=False)
     text = NUMBERS.sub(lambda numbers: "".join(numbers[0].split()), text)
     path.write_text(text + "\n", encoding="utf-8")
+
+
+def _log_summary(comparison: Comparison, holes: Sequence[Interval]) -> Results:
+    log = comparison.log
+    return {
+        "name": log.name,
+        "duration_s": log.duration,
+        "track_samples": len(log.tracks.stamps),
+        "imu_samples": 0 if log.imu is None else len(log.imu.stamps),
+        "fixes": 0 if log.fixes is None else len(log.fixes.stamps),
+        "dropped": log.dropped,
+        "holes_s": _in_seconds(holes, log.start),
+        "notes": [*log.notes, *_findings(comparison)],
+        "start_ns": log.start,
+        "origin": log.origin,
+    }
+
+
+def _in_seconds(spans: Sequence[Interval], start: int) -> list[list[float]]:
+    """Intervals of stamps [ns] as seconds since the start of the log."""
+    return [[(begin - start) * NANOSECOND, (end - start) * NANOSECOND] for begin, end in spans]
+
+
+def _fault_spans(run: Run, start: int) -> dict[str, list[list[float]]]:
+    """Intervals of each fault and its part that the filter found [s]."""
+    found = run.fault_spans().items()
+    return {
+        f"{fault}: {part}": _in_seconds(spans.tolist(), start) for (fault, part), spans in found
+    }
 
 
 def _findings(comparison: Comparison) -> list[str]:
@@ -213,7 +225,6 @@ def _truth_summary(
     truth, alignment = comparison.log.truth, comparison.alignment
     if truth is None:
         return None
-    start = comparison.log.start
     return {
         "source": truth.source,
         "headings": truth.headings,
@@ -223,7 +234,7 @@ def _truth_summary(
         "lever_arm_m": list(lever_arm),
         "tilt_deg": 0.0 if alignment is None else math.degrees(alignment.tilt),
         "noise_drift_percent": noise_drifts(comparison, robot),
-        "scored_s": [[(a - start) * NANOSECOND, (b - start) * NANOSECOND] for a, b in scored],
+        "scored_s": _in_seconds(scored, comparison.log.start),
     }
 
 
