@@ -75,7 +75,7 @@ class UnequalSides(NamedTuple):
     """Side that reads less than the other one where the robot drives straight on."""
 
     side: int  # `LEFT` or `RIGHT`, the one that reads less
-    ratio: float  # its speed over that of the other one [-]
+    ratio: float  # its speed over the speed of the other side [-]
     begin: int  # row of the track speeds from which on it does
     text: str  # which side, how much less, from when on
 
