@@ -7,7 +7,6 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.common_values import (
     FRICTION_KEPT,
     KEPT,
@@ -130,12 +129,15 @@ def assembled(
             refitted[name], new, own_kept = _written(shared[name], name, new, common_values, refit)
             kept_names |= _result_names(name, own_kept)
     rows = _parameters(robot, new, fits, refitted, main, radii, speeds_by_radius)
-    names, correlations = _correlations(fits.get("inertia", fits["constant"]))
+    richest = fits.get("inertia", fits["constant"])
+    free = np.flatnonzero(richest.free)
+    covariance = richest.covariance[np.ix_(free, free)]
+    sigmas = np.sqrt(np.diag(covariance))
     return Calibration(
         robot=new,
         parameters=tuple(_completed(row, robot, new, kept_names, main) for row in rows),
-        correlation_names=names,
-        correlations=correlations,
+        correlation_names=tuple(richest.problem.names[place] for place in free),
+        correlations=covariance / np.outer(sigmas, sigmas),
         logs=_logs(main),
         comparison=comparison,
         verdict=_verdict(comparison),
@@ -171,7 +173,7 @@ def _written(
 def _completed(
     row: FoundParameter, robot: Robot, new: Robot, kept_names: set[str], main: Fit
 ) -> FoundParameter:
-    """Add to a row its error for other logs, a note if it is kept, and whether it is default."""
+    """Complete a row: error for other logs, note if it is kept, and `is_default`."""
     kept_note = ""
     if row.sigma and row.name in kept_names:
         table, _, key = row.name.rpartition(".")
@@ -398,15 +400,6 @@ def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
         before = getattr(indices, name)
         rows.append(_row(found, name, f"indices.{name}", unit, before=before, sigmas=sigmas))
     return rows
-
-
-def _correlations(found: Fit) -> tuple[tuple[str, ...], Floats]:
-    """Names (c,) and correlations (c, c) of the free parameters."""
-    places = np.flatnonzero(found.free)
-    covariance = found.covariance[np.ix_(places, places)]
-    sigma = np.sqrt(np.diag(covariance))
-    names = tuple(found.problem.names[place] for place in places)
-    return names, covariance / np.outer(sigma, sigma)
 
 
 def _logs(main: Fit) -> tuple[OfLog, ...]:

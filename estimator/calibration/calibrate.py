@@ -34,16 +34,12 @@ from icreckon.estimator.log.stuck_sides import stuck_sides, turning_at
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
-SEGMENT = 3.0
-"""Length of a segment [s]."""
-SHORTEST, LONGEST = 1.0, 20.0
-"""Limits of that length [s]."""
-LEAST_MOVED_SHARE = 0.02
-"""Distance of a truth over that of the tracks, below which the truth stands still [-]."""
+SEGMENT = 3.0  # length of a segment [s]
+SHORTEST, LONGEST = 1.0, 20.0  # limits of that length [s]
+LEAST_MOVED_SHARE = 0.02  # distance of a truth over that of the tracks, below which it stands [-]
 ALIKE, OTHER_UNIT = 0.8, 2.0
 """Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
-AGAINST = -0.3
-"""Correlation of turning by gyro and truth, or tracks, that indicates a wrong sign."""
+AGAINST = -0.3  # correlation of turning by gyro and truth, or tracks, that indicates a wrong sign
 
 
 def calibrate(
@@ -134,7 +130,7 @@ def calibrate(
 
 
 def _first_fit(problem: Problem) -> Fit:
-    """Fit with the initial lags of the truth; reject signs, units and clocks that are wrong."""
+    """Fit with the initial lags; reject signs, units and clocks that are wrong."""
     _check_signs(problem)
     for motion in problem.recording.motions:
         if motion.no_lag == NOWHERE:

@@ -18,14 +18,10 @@ from icreckon.estimator.calibration.result import Difference, ModelComparison, M
 from icreckon.estimator.calibration.segments import Recording
 
 FOLDS = 8
-WINDOW = 3
-"""Segments of a window, at most."""
-JUMPED = 0.15
-"""Weight of a truth's turning below which it is an outlier, six standard deviations off."""
-DRAWS, SEED = 4000, 1
-"""Number of draws of the bootstrap, and the seed of its random numbers."""
-LEVELS = (2.5, 97.5)
-"""Ends of a 95 % interval [%]."""
+WINDOW = 3  # segments of a window, at most
+JUMPED = 0.15  # weight of a truth's turning below which it is an outlier, six sigmas off
+DRAWS, SEED = 4000, 1  # number of draws of the bootstrap, and the seed of its random numbers
+LEVELS = (2.5, 97.5)  # ends of a 95 % interval [%]
 
 
 class HeldOutSums(NamedTuple):
@@ -74,7 +70,7 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
     window_blocks = np.array([recording.block[window[0]] for window in windows])
     window_distances = [segment_distances[window].sum() for window in windows]
     blocks = _Blocks(
-        distances=np.bincount(window_blocks, window_distances, minlength=count),
+        distances=np.asarray(np.bincount(window_blocks, window_distances, count), dtype=float),
         segments=int(recording.moving.sum()),
         drawn=np.random.default_rng(SEED).integers(0, count, (DRAWS, count)),
     )

@@ -32,18 +32,13 @@ from icreckon.estimator.calibration.noise import (
 )
 from icreckon.estimator.calibration.residuals import Problem, middle_of
 
-ROUNDS = 12
-"""Largest number of Gauss-Newton steps."""
-NOISE_ROUNDS = 5
-"""Number of first steps that re-estimate the noise."""
-SETTLED = 0.01
-"""The search ends with a step below this share of all standard errors."""
+ROUNDS = 12  # largest number of Gauss-Newton steps
+NOISE_ROUNDS = 5  # number of first steps that re-estimate the noise
+SETTLED = 0.01  # the search ends with a step below this share of all standard errors
 SOFT_BOUND = 10.0
 """Soft bound of unobservable parameters about their start while fitting, in threshold errors."""
-CHANCE = 0.01
-"""Probability below which chance does not explain how far values are off."""
-LEAST_INFORMATION = 1e-10
-"""Least information, in units of the threshold errors; below it counts as zero."""
+CHANCE = 0.01  # probability below which chance does not explain how far values are off
+LEAST_INFORMATION = 1e-10  # least information, in units of the threshold errors; less is zero
 
 
 @dataclass(frozen=True)
@@ -165,8 +160,11 @@ def fit(
     covariance[np.ix_(places, places)] = inverse * np.outer(threshold[places], threshold[places])
     sigmas = np.full(len(values), np.inf)
     result = Fit(problem, values, free, shown & free, sigmas, covariance, noise, *parts)
-    by_likelihood = np.sqrt(np.diag(covariance))
-    largest = np.maximum(by_likelihood, _jackknife(result)) * few_blocks(_effective_blocks(result))
+    largest, blocks = np.sqrt(np.diag(covariance)), np.arange(len(parts[2]))
+    if len(blocks) >= 3:
+        without = [result.without(blocks == number) for number in blocks]
+        largest = np.maximum(largest, jackknife_sigma(np.array(without)))
+    largest = largest * few_blocks(_effective_blocks(result))
     largest = np.where(shown, np.maximum(largest, sigmas_all_free), largest)
     result.sigmas[free] = largest[free]
     return result
@@ -175,7 +173,7 @@ def fit(
 def _linearised(
     problem: Problem, values: Floats, noise: Noise
 ) -> tuple[tuple[Floats, Floats, Floats, Floats], Floats]:
-    """Residuals, their derivatives, information and score, as in `Fit`; total information."""
+    """Parts of a `Fit` from its residuals on; total information (p, p)."""
     residuals, jacobian = problem.linearised(values)
     fisher, score = information(noise, residuals, jacobian, problem.recording.block)
     total = fisher.sum(axis=0) * flattening(noise, residuals)
@@ -329,12 +327,3 @@ def _effective_blocks(result: Fit) -> Floats:
     effective = np.ones(len(result.values))
     effective[places] = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
     return effective
-
-
-def _jackknife(result: Fit) -> Floats:
-    """Jackknife standard errors (p,), by leaving out each block; 0 for too few blocks."""
-    blocks = len(result.fisher)
-    if blocks < 3:
-        return np.zeros(len(result.values))
-    without = [result.without(np.arange(blocks) == number) for number in range(blocks)]
-    return jackknife_sigma(np.array(without))

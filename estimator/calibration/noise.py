@@ -15,12 +15,9 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.residuals import ACROSS, ALONG, BINS, FORCE, SLIP, YAW, Problem
 
-FREEDOM = 5.0
-"""Degrees of freedom of Student's t."""
-TOLERANCE = 0.02
-"""Tolerances of the logarithms of components, and of the log likelihood."""
-SMALLEST, LARGEST = 1e-5, 10.0
-"""Bounds of every component's standard deviation, in the units of its row."""
+FREEDOM = 5.0  # degrees of freedom of Student's t
+TOLERANCE = 0.02  # tolerances of the logarithms of components, and of the log likelihood
+SMALLEST, LARGEST = 1e-5, 10.0  # bounds of the components, in the units of their rows
 
 
 @dataclass(frozen=True)

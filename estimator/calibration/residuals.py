@@ -23,8 +23,7 @@ from icreckon.estimator.calibration.segments import Recording
 from icreckon.estimator.robot.robot_file import Robot
 
 ALONG, ACROSS, SLIP, YAW, FORCE = range(5)
-BINS = 6
-"""Number of parts of a segment with mean specific forces; forward ones first."""
+BINS = 6  # number of parts of a segment with mean specific forces; forward ones first
 ROWS = FORCE + 2 * BINS
 PLACING_PARAMETERS = ("zeta0", "epsilon0")
 """Parameters of models that place base_link in the robot. If neither the truth's lever arm nor the IMU's
@@ -40,8 +39,7 @@ LIMITS = {
     "difference": (-0.4, 0.4),
 }
 """Least and largest value of a parameter in the search, in its unit."""
-STEP = 1e-4
-"""Steps of the finite differences by lag, bias and gyro scale, in s, rad/s and 1."""
+STEP = 1e-4  # steps of the finite differences by lag, bias and gyro scale, in s, rad/s and 1
 
 
 @dataclass(frozen=True)
@@ -155,17 +153,17 @@ class Problem:
         return np.asarray(place - np.einsum("kij,j->ki", rotation, lever))
 
     def _assemble(self, values: Floats, twists: Floats) -> tuple[Floats, Floats]:
-        """Residuals (n, ROWS), and their change by columns of twists (n, m, 3, 1 + c).
+        """Residuals (n, ROWS), measured less predicted, by a twist of the model.
 
-        The first column is the twist of the model. Residuals are measured less predicted rows, and the
-        predicted ones are linear in the twists.
+        Twists (n, m, 3, 1 + c) have it first; the others are changes of it, which give those (c) of the
+        residuals: the predicted rows are linear in the twists.
         """
         heading, apart = self.heading(values)
         predicted = self._predicted(values, heading, twists)
         return self._measured(values, heading, apart) - predicted[..., 0], -predicted[..., 1:]
 
     def _predicted(self, values: Floats, heading: Floats, twists: Floats) -> Floats:
-        """Rows (n, ROWS, c) by twists (n, m, 3, c) and headings (n, m + 1) at ends of cells."""
+        """Rows (n, ROWS, c) by twists (n, m, 3, c) and headings at ends of cells."""
         cell = self.recording.cell
         off_middle = 0.5 * (heading[:, 1:] + heading[:, :-1]) - middle_of(heading)[:, None]
         change = np.diff(heading, axis=1)
@@ -197,7 +195,7 @@ class Problem:
         return rows
 
     def _measured_forces(self, values: Floats, rate: Floats) -> Floats:
-        """Forces (n, 2 BINS) that act on base_link, by the IMU and yaw rates (n, m) [m/s²]."""
+        """Forces (n, 2 BINS) on base_link, by the IMU and yaw rates (n, m) [m/s²]."""
         imu_x, imu_y = self.imu_position
         if "imu_forward" in self.names:
             imu_x += float(values[self.place("imu_forward")])

@@ -31,27 +31,19 @@ from icreckon.estimator.sensors.sensor_models import SensorModels
 
 Indexes = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Series = tuple[Floats, Floats]
-"""Times (t,) [s] and values (t, k)."""
+Series = tuple[Floats, Floats]  # times (t,) [s] and values (t, k)
 
-CELL = 0.05
-"""Approximate length of a cell [s]."""
+CELL = 0.05  # approximate length of a cell [s]
 LARGEST_GAP, LARGEST_TRUTH_GAP = 0.5, 1.0
 """A longer gap in track speeds or IMU samples, or in the truth, ends a piece of the log [s]."""
-KNOT_WINDOW = 0.25
-"""Truth within this time of a knot counts for it [s]."""
+KNOT_WINDOW = 0.25  # truth within this time of a knot counts for it [s]
 FEWEST_FOR_LINE, ASIDE = 4, 0.03
 """Least number of poses for a line, if their squared mean is at most this share of their variance."""
-STILL_SHARE = 0.005
-"""Speeds up to this share of the fastest count as standstill [-]."""
-LEAST_FINITE = 0.9
-"""Least share of finite accelerometer readings; the others are interpolated [-]."""
-LEAST_SHARED = 5.0
-"""Least time that truth and IMU share [s]."""
-LEAST_SEGMENTS = 10
-"""Least number of moving segments for a calibration."""
-LEAST_TURNING = 1.0
-"""Least total rotation of the robot [rad]."""
+STILL_SHARE = 0.005  # speeds up to this share of the fastest count as standstill [-]
+LEAST_FINITE = 0.9  # least share of finite accelerometer readings; the others are interpolated [-]
+LEAST_SHARED = 5.0  # least time that truth and IMU share [s]
+LEAST_SEGMENTS = 10  # least number of moving segments for a calibration
+LEAST_TURNING = 1.0  # least total rotation of the robot [rad]
 SMALLEST_BLOCK, LARGEST_BLOCK, BLOCKS = 3, 8, 10
 """Segments of a block, which is what is left out or resampled together, and how many blocks there are to
 be at least, as long as they are not too small."""
@@ -161,10 +153,8 @@ class Recording:
             knot_times, stamped_times = self.knot_times[knot], motion.truth_times[pose]
             times = stamped_times - lags[log]
             carried = _carried_over(motion.truth[pose], times, knot_times, self.paths[log])
-            # The initial lag decides which knots have a line: a choice by the lag that is to be
-            # estimated would make the residuals jump.
-            has_line = _has_line(knot, stamped_times - motion.lag - knot_times, len(means))
-            weight = _weights_at_knots(knot, times - knot_times, has_line)
+            after = times - knot_times, stamped_times - motion.lag - knot_times
+            weight = _weights_at_knots(knot, *after, len(means))
             np.add.at(means, knot, weight[:, None] * carried)
         cos, sin = means[:, 2:4].T
         turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
@@ -177,7 +167,7 @@ def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
 
 
 def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series) -> Floats:
-    """Truth poses (p, 3) at times (p,), moved along a path to the times (p,) of their knots.
+    """Truth poses (p, 3) at times (p,), moved along a path to those of knots (p,).
 
     Returns:
         x, y [m], cosine and sine of the yaw before the move, and yaw [rad] (p, 5).
@@ -190,23 +180,17 @@ def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series
     return np.column_stack([moved_x, moved_y, cos, sin, yaw + step[:, 2]])
 
 
-def _has_line(knot: Indexes, after: Floats, knots: int) -> Mask:
-    """Mask (k,) of knots with enough poses on both sides of them for a line.
-
-    Pose p is `after` (p,) [s] its knot `knot` (p,).
-    """
-    poses_at, mean, variance = _moments(knot, after, knots)
-    return np.asarray((poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance))
-
-
-def _weights_at_knots(knot: Indexes, after: Floats, has_line: Mask) -> Floats:
+def _weights_at_knots(knot: Indexes, after: Floats, after_initial: Floats, knots: int) -> Floats:
     """Weights (p,) of poses `after` (p,) [s] their knots in the value at these.
 
     The value is that of a line through all poses of a knot: in their mean, more poses on one side would
-    add the path's errors in the motion since. Without a line it is the mean: if most poses lie on one
-    side, a line would amplify their noise.
+    add the path's errors in the motion since. If most lie on one side, the value is the mean: a line
+    would amplify their noise. The times by the initial lag decide which, for a choice by the lag that is
+    to be estimated would make the residuals jump.
     """
-    poses_at, mean, variance = _moments(knot, after, len(has_line))
+    poses_at, mean, variance = _moments(knot, after_initial, knots)
+    has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
+    poses_at, mean, variance = _moments(knot, after, knots)
     slope = np.where(has_line, mean / np.where(has_line, variance, 1.0), 0.0)
     return np.asarray((1.0 - slope[knot] * (after - mean[knot])) / poses_at[knot])
 
@@ -231,7 +215,7 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     half_interval = 0.5 * float(np.median(np.diff(imu_times)))
     track_times = _seconds(log.tracks.stamps, log.start) + half_interval
     track_steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
-    # The scale of the gyro is estimated, so that of the file, which is in the mounting, is taken out.
+    # The scale of the gyro is estimated: that of the file, which is in the mounting, is removed.
     by_gyros = robot.imu.gyro_scale * SensorModels(robot).mounting[0]
     gyro, heading = turned(imu.stamps, imu.angular_velocity @ by_gyros), heading_of(poses)
     found_lag = find_lag(heading, gyro, least=LEAST_TURN)
@@ -350,7 +334,7 @@ def record(
 
 
 def _segments(motions: Sequence[Motion], length: float) -> tuple[Indexes, Floats, Mask]:
-    """Log (n,), begin (n,) [s] and `Recording.follows` (n,) of segments of a length [s]."""
+    """Log, begin [s] and `Recording.follows` (n,) of segments of a length [s]."""
     logs, begins, follows = [], [], []
     for number, motion in enumerate(motions):
         for low, high in _pieces(motion):

@@ -60,8 +60,7 @@ CONSTANTS = (
     "standstill_duration",
     "position_threshold",
 )
-# Columns of a bound.
-BOUND = range(s.PARAMETER_COUNT + 1)
+BOUND = range(s.PARAMETER_COUNT + 1)  # columns of a bound
 # Counts of each gate, the time of rejections first.
 IMU_GATES = ("gyro", "accelerometer_x", "accelerometer_y")
 GATES = (*IMU_GATES, "position", "heading")

@@ -10,8 +10,7 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 
-# Least distance of x_ICRl and x_ICRr from zero [m].
-BOUND_MARGIN = 1e-3
+BOUND_MARGIN = 1e-3  # least distance of x_ICRl and x_ICRr from zero [m]
 # Moving to one bound may cross another; a few rounds converge.
 BOUND_ROUNDS = 50
 ROUNDING = 1e-12

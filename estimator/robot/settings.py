@@ -25,8 +25,7 @@ from icreckon.estimator.robot.variants import Adaptation
 
 Engine = Literal["compiled", "plain"]
 
-# A re-run of a longer history would take too long [s].
-LONGEST_HISTORY = 60.0
+LONGEST_HISTORY = 60.0  # a re-run of a longer history would take too long [s]
 # Largest valid time, thirty years [s].
 LONGEST_TIME = 1e9
 _PATIENCE = Bound("a time of 0 s or more", 0.0, LONGEST_TIME)

@@ -39,10 +39,8 @@ from icreckon.estimator.streaming.latencies import Latencies
 
 FORMAT = "icreckon estimator"
 VERSION = 14
-# Objects of up to this many characters are written on one line of the file.
-SHORT = 120
-# Keys of a robot file that an estimator does not depend on.
-UNUSED = ("log", "note", "format")
+SHORT = 120  # objects of up to this many characters are written on one line of the file
+UNUSED = ("log", "note", "format")  # keys of a robot file that an estimator does not depend on
 # Keys of a robot file that learnt parameters, scales and biases depend on; the others are noise.
 LEARNT_FROM = (
     "name",

@@ -55,8 +55,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import Rows, work_through
 
 SMOOTHED = "-smoothed"
-# A heading less certain than this is lost [rad].
-LOST_YAW = 1.0
+LOST_YAW = 1.0  # a heading less certain than this is lost [rad]
 
 
 class Smoothing(NamedTuple):

@@ -20,8 +20,7 @@ LOOSE = ("contract",)
 # A number of the workspace is loaded again after this many operations. The machine has too few registers
 # for all numbers, and a copy on the stack would cost a write as well.
 RELOAD_AFTER = 150
-# Rows are counted from this one, to both sides: near ones have shorter instructions.
-MIDDLE_ROW = 128
+MIDDLE_ROW = 128  # rows are counted from this one: near ones have shorter instructions
 
 
 def lanes_of_machine(bits: int) -> int:

@@ -21,8 +21,7 @@ from typing import Any, ClassVar, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
-# Order in which numbers were made.
-IN_ORDER = operator.attrgetter("number")
+IN_ORDER = operator.attrgetter("number")  # order in which numbers were made
 # Operations whose arguments may be exchanged.
 COMMUTATIVE = {"add", "mul", "and", "or"}
 Operator: TypeAlias = "Callable[[Traced, Any], Traced]"
