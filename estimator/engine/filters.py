@@ -290,7 +290,7 @@ def _kernels(
     """Compile the kernels of a run, or load them.
 
     `moves` has 1 if steps without an IMU sample are ticks, 0 if others are; `positions` and `headings`
-    have the times of such fixes, of `AT_STEP` and the others.
+    have the times of such fixes, see `time_of_fix`.
     """
     usual, move = StepKind(accelerometer=uses_force), StepKind(imu=False, accelerometer=False)
     steps = move, move.reporting()

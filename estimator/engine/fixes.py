@@ -49,8 +49,10 @@ def position_kernel(
     """
     lane = Lane(shape, numbers, with_fast_slip=kind.fast_slip)
     fix = _PositionFix(lane, kind)
+    # The present slip may have lasted since the fix before.
     slipped = lasting_slip(lane.x[s.SLIP_X], fix.heading, fix.interval)
     fix.inflate((s.X, s.Y, s.SLIP_X), slipped, fix.judged)
+    # Fixes that the gate would reject may depart from the path, which makes the states uncertain.
     S, nis = fix.innovation_covariance()
     is_off = fix.judged & ~(nis <= lane.constant("position_threshold"))
     departure, departs = fix.follow_departure(S, is_off)

@@ -123,8 +123,7 @@ class Lane:
         else:
             self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
         self.stores: dict[str, Any] = {}
-        # Number of sharp updates.
-        self._sharp: Any = 0.0
+        self._sharp: Any = 0.0  # number of sharp updates
 
     def _initial_value(self, index: int) -> Any:
         """Value of a state before the kernel: of the workspace, a constant, or zero."""

@@ -222,7 +222,7 @@ def feed_samples(
     uses_force: bool,
     rows: Any,
 ) -> Any:
-    """Take the steps of samples in the order of their stamps, and fill rows, see `Sampled`.
+    """Take the steps of samples in order, and fill rows, see `Sampled`.
 
     Other arguments are those of `take_sample`. It stops before a sample after a gap, or at a stamp that
     the filter has reached, and if the buffers of readings are full.

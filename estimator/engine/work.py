@@ -21,9 +21,6 @@ ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWI
 QUIET, MODE = INPUTS["quiet_mean"], INPUTS["fix_mode"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
 NOT_COMPILED = "a kernel that a step needs was not compiled: `prepare` the same steps first"
-# Time of a fix: the end of a step, the end of a step that is a tick, between two steps, and between two
-# steps at a tick.
-AT_STEP, AT_TICK, BETWEEN_STEPS, TICK_BETWEEN_STEPS = range(4)
 
 
 class Places(NamedTuple):
@@ -57,8 +54,8 @@ class LaneKernels(NamedTuple):
     update: int = 0  # IMU sample at the stamp of the filter, without propagation
     # propagation without an IMU sample; the second with the twist at its end, for a tick
     moves: tuple[int, int] = (0, 0)
-    # position fix at each of the times of `AT_STEP`, at ticks with the twist; returns lanes that are
-    # lost, and that used it
+    # position fix at each `time_of_fix`, at ticks with the twist; returns lanes that are lost, and that
+    # used it
     positions: tuple[int, int, int, int] = (0, 0, 0, 0)
     headings: tuple[int, int, int, int] = (0, 0, 0, 0)  # the same of heading fixes
 
@@ -116,7 +113,7 @@ def kernel_of_step(kernels: LaneKernels, kind: int, is_tick: bool, step_inputs: 
 
 
 def time_of_fix(kind: Any, extra: Any) -> Any:
-    """Time of a fix in a step, see `AT_STEP` and the others; of arrays of steps, too."""
+    """Time of a fix: 0, the end of a step; 2, between two steps; 1 more at a tick."""
     return 2 * (kind == AHEAD) + ((extra & TICK) > 0)
 
 
@@ -152,6 +149,7 @@ def process_position(
             place = three_rows(predicted, lane, 0)
             add_rejected(fixes[lane].rejected, fix, place, wandered[lane])
     if lost:
+        # Again, in lost lanes alone, with the fix or with the relocated pose.
         used |= relocate_lost(lost, workspace, step_inputs, fixes, places)
         used |= run_kernel(kernel, workspace, step_inputs, constants) >> FLAG_BITS
     updated, is_inflated = rows_of(workspace, places.updated), False
@@ -178,8 +176,7 @@ def relocate_lost(
 ) -> int:
     """Relocate lanes that are lost; the bits of those whose rejected fixes fit.
 
-    The modes are changed to use the fix in the other lost ones, and in no lane else: a relocated pose
-    contains it already.
+    Modes change so that only lost lanes that do not fit use the fix: a relocated pose contains it.
     """
     relocated = 0
     for lane in range(workspace.shape[1]):

@@ -22,8 +22,7 @@ from typing import Any, ClassVar, NamedTuple, TypeAlias, cast
 import numpy as np
 
 IN_ORDER = operator.attrgetter("number")  # order in which numbers were made
-# Operations whose arguments may be exchanged.
-COMMUTATIVE = {"add", "mul", "and", "or"}
+COMMUTATIVE = {"add", "mul", "and", "or"}  # operations whose arguments may be exchanged
 Operator: TypeAlias = "Callable[[Traced, Any], Traced]"
 
 
