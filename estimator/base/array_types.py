@@ -4,6 +4,5 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
-# Times in int64 nanoseconds.
-Stamps = NDArray[np.int64]
+Stamps = NDArray[np.int64]  # times in int64 nanoseconds
 NANOSECOND = 1e-9

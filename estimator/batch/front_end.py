@@ -128,8 +128,7 @@ class FrontEnd:
             fixes=np.zeros(lanes, np.int64),
             judged=np.full(lanes, -1),
         )
-        # Number of track speeds in the records.
-        self._added = 0
+        self._added = 0  # number of track speeds in the records
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
         """Compute the inputs of the steps from `begin` to before `end`.
@@ -176,9 +175,8 @@ def fill_lane(
         while added < steps.tracks[k]:
             speeds, stamp = measured.tracks[lane, added], measured.track_stamps[added]
             if np.isfinite(speeds[0]):
-                left_wheels = measured.left_wheels[lane, added]
-                right_wheels = measured.right_wheels[lane, added]
-                take_track_sample(record, stamp, speeds, left_wheels, right_wheels)
+                wheels = (measured.left_wheels[lane, added], measured.right_wheels[lane, added])
+                take_track_sample(record, stamp, speeds, *wheels)
             added += 1
         step_inputs, end, sample = inputs[k], steps.ends[k], steps.samples[k]
         if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
@@ -214,8 +212,7 @@ def fill_fix(
     if is_new:
         lanes.judged[lane] = fix
     if has_heading:
-        # The newest fix before with a heading.
-        headed = fix - 1
+        headed = fix - 1  # the newest fix before with a heading
         while headed >= 0 and not np.isfinite(measured.fixes[lane, headed, YAW_OF_FIX]):
             headed -= 1
         interval = counted_interval(measured.fix_stamps, fix, headed)

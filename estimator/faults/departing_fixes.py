@@ -106,7 +106,7 @@ def departure_after(
 def along_and_beside(
     z: tuple[Any, Any], S: tuple[Any, Any, Any], direction: tuple[Any, Any]
 ) -> tuple[Any, Any, Any, Any]:
-    """Innovation along a direction (cosine, sine) and to its left [m]; their variances."""
+    """Innovation along a direction and to its left [m]; their variances [m²]."""
     (z_x, z_y), (xx, xy, yy), (cos, sin) = z, S, direction
     shared = 2.0 * cos * sin * xy
     variance_along = max(0.0, cos * cos * xx + shared + sin * sin * yy)

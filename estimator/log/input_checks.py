@@ -41,8 +41,7 @@ STREAMS: dict[type[Measurement], str] = {
     HeightFix: "height",
 }
 MARK = "mark"
-# Events processed in order: measurements, and stochastic clones behind them.
-Event = Measurement | Mark
+Event = Measurement | Mark  # events in order: measurements, and stochastic clones behind them
 RANKS: dict[type[Event], int] = {kind: rank for rank, kind in enumerate(STREAMS)}
 RANKS[Mark] = 1000
 Key = tuple[int, int]  # sort key of an event: its stamp [ns], and its rank

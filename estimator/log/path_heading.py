@@ -25,8 +25,7 @@ MOST_APART = 0.1  # largest share of the gyro's turning, squared, that the headi
 SAME = 1e-9  # headings that differ by less are the same [rad]
 REACH = 5.0  # distance along the path, to each side, over which it is aligned [m]
 ALIKE = 1.0  # distance along the path over which errors of the positions are alike [m]
-LEAST_EXTENT = 1.0
-"""Least extent of that part of the path, root mean square, at which its turn is used [m]."""
+LEAST_EXTENT = 1.0  # least extent of that part, root mean square, at which its turn is used [m]
 LARGEST_SIGMA = 0.3  # largest standard error at which it is [rad]
 
 

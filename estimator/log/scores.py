@@ -15,8 +15,7 @@ from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 
-# Lengths of segments in reports [s], [m].
-HORIZONS = (10.0, 30.0, 60.0)
+HORIZONS = (10.0, 30.0, 60.0)  # lengths of segments in reports [s], [m]
 DISTANCES = (5.0, 10.0, 30.0, 50.0)
 # Spacing of segment starts [s], and the least mean speed [m/s] of segments in per-segment figures.
 SEGMENT_STEP = 1.0

@@ -211,8 +211,7 @@ def linearise(
     zeta1, epsilon1, epsilon_F = parameters[2], parameters[4], parameters[8]
     (zeta, epsilon, eta), (zeta_free, epsilon_free, eta_free) = at.indices, at.frees
     v_x, v_y, w = at.kinematic.v_x, at.kinematic.v_y, at.kinematic.w
-    # Zero and one of the type of the arguments: float, complex or traced.
-    zero = 0.0 * w
+    zero = 0.0 * w  # zero and one of the type of the arguments: float, complex or traced
     one = 1.0 + zero
     # From v_x = w zeta and v_y = V_m - w epsilon, where the limits do not act.
     v_x_by_zeta, v_y_by_epsilon = w * zeta_free, -w * epsilon_free
@@ -247,7 +246,7 @@ def linearise(
 
 
 def _by_eta(at: Evaluation, gauge: Number) -> tuple[Number, Number, Number]:
-    """Derivatives (3,) of the twist by eta: w, and the limits of the others, depend on it."""
+    """Derivatives (3,) of the twist by eta, on which w and two limits depend."""
     (zeta, epsilon, eta), (zeta_free, epsilon_free, _), w = at.indices, at.frees, at.kinematic.w
     w_by_eta, half = -w / eta, 0.5 * gauge
     epsilon_by_eta = (1.0 - epsilon_free) * sign(epsilon) * (1.0 - CLOSEST) * half

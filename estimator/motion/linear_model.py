@@ -99,8 +99,7 @@ def linearise(
         (0.5 * (V_l + V_r) - v_y) * per_w,
         steering_efficiency(parameters, vehicle) + 0.0 * is_zero(w),
     )
-    # The model has six parameters of nine.
-    unused = (zero, zero, zero)
+    unused = (zero, zero, zero)  # the model has six parameters of nine
     return (
         Motion(PaperTwist(v_x + slip[0], v_y + slip[1], w + slip[2]), indices, zero, zero),
         TwistDerivatives(

@@ -55,8 +55,7 @@ class SensorModels:
         imu = robot.imu
         self.imu_position = imu.position[:2]
         forward, leftward, upward = robot.imu_rotation.tolist()
-        # Rows of yaw, roll and pitch.
-        rows = np.array([upward, forward, leftward])
+        rows = np.array([upward, forward, leftward])  # rows of yaw, roll and pitch
         if imu.gyro_axes == "z":
             rows[0] = 0.0, 0.0, 1.0 / upward[2]
         if imu.gyro_axes == "z" or robot.slope.sigma == 0.0:

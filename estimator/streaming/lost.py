@@ -12,8 +12,7 @@ from icreckon.estimator.streaming.outputs import Run
 
 FURTHEST = 1e8  # no position is further from its origin, not even in UTM coordinates [m]
 FASTEST = 1e3  # no ground robot is faster [m/s, rad/s]
-# Rounding makes variances negative by no more than this, in single precision too.
-ROUNDING = 1e-6
+ROUNDING = 1e-6  # rounding makes variances negative by no more than this, in single precision too
 USABLE, NOT_FINITE, NEGATIVE, ABSURD = range(4)
 REASONS = {
     NOT_FINITE: "estimate is not finite",

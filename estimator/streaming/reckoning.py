@@ -112,8 +112,7 @@ class Reckoning:
         if self._wander.sigma:
             self.ekf.add_wander(self._wander.sigma)
 
-        # Counts of all but the gates, which count themselves.
-        self._counts = Health()
+        self._counts = Health()  # counts of all but the gates, which count themselves
         admission = Admission(settings.longest_gap, robot.vehicle.max_track_speed)
         self.own_faults = OwnFaults(state_names(variant), admission)
         self._settings = settings

@@ -57,8 +57,7 @@ LARGEST_STATE, LARGEST_VARIANCE = 1e15, 1e40
 # Least eigenvalue of the correlations, largest asymmetry, and largest covariance of an exact state:
 # rounding leaves less.
 LEAST_EIGENVALUE, ASYMMETRY, LARGEST_OF_EXACT = -1e-6, 1e-9, 1e-90
-# Distance by which parameters may be beyond their bounds, in the unit of the bound.
-BEYOND_BOUNDS = 1e-3
+BEYOND_BOUNDS = 1e-3  # distance by which parameters may be beyond their bounds, in their unit
 
 
 class SavedEstimator(Bounded, frozen=True):

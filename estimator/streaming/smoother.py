@@ -173,8 +173,7 @@ class _Tape:
         self._rows: list[_RowState] = []
         # Places of parameters and gravity that do not turn the robot in the present step.
         self._not_turning: list[int] = []
-        # Row at or after the newest measurement of the position.
-        self._row_of_fix = 0
+        self._row_of_fix = 0  # row at or after the newest measurement of the position
 
     # --- forward ---------------------------------------------------------------------------------
 
