@@ -206,7 +206,7 @@ def _search(
         blocks = information(noise, residuals, jacobian, problem.recording.block)
         fisher, score = (part.sum(axis=0) for part in blocks)
         scaled = _scaled(fisher, places, _thresholds(problem)) + ridge * np.eye(len(places))
-        slope = unit * score[places] + ridge * search.off_start(values)
+        slope = unit * score[places] + ridge * (values - search.start)[places] / unit
         step = search.step(values, scaled, slope)
         moved = search.moved(values, step, noise, search.cost(values, residuals, noise))
         if moved is None:
