@@ -35,8 +35,7 @@ from icreckon.estimator.calibration.residuals import Problem, middle_of
 ROUNDS = 12  # largest number of Gauss-Newton steps
 NOISE_ROUNDS = 5  # number of first steps that re-estimate the noise
 SETTLED = 0.01  # the search ends with a step below this share of all standard errors
-SOFT_BOUND = 10.0
-"""Soft bound of unobservable parameters about their start while fitting, in threshold errors."""
+SOFT_BOUND = 10.0  # soft bound of unobservable parameters about their start, in threshold errors
 CHANCE = 0.01  # probability below which chance does not explain how far values are off
 LEAST_INFORMATION = 1e-10  # least information, in units of the threshold errors; less is zero
 

@@ -30,8 +30,7 @@ PLACING_PARAMETERS = ("zeta0", "epsilon0")
 position does so, they are unobservable next to the lever arm, and are held."""
 TRACK_PARAMETERS = ("scale", "difference", "track_latency")
 """Parameters of the track speeds: scale, difference of the radii (right less left), latency."""
-SIDES = np.array([-0.5, 0.5])
-"""Shares of the difference of the radii that the left and the right track have [-]."""
+SIDES = np.array([-0.5, 0.5])  # shares of the left and the right track in the difference [-]
 LIMITS = {
     "scale": (0.2, 5.0),
     "gyro_scale": (0.2, 5.0),

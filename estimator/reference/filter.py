@@ -44,7 +44,7 @@ from icreckon.estimator.sensors.imu_tilt import add_rates
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import Position
 from icreckon.estimator.sensors.sensor_models import STANDSTILL_VARIANCE, SensorModels
-from icreckon.estimator.sensors.standstill import QuietReadings, is_full, quiet_mean
+from icreckon.estimator.sensors.standstill import QuietReadings
 from icreckon.estimator.sensors.step_inputs import StepInputs, step_inputs, track_change
 
 
@@ -120,10 +120,7 @@ class ReferenceFilter:
         tilt_density = add_rates(record.tilt, record.imu.interval, rate, *tilt_rates.tolist())
         measure_noise(record.noise, m.stamp, rate, along[0], along[1], self._settings.hold)
         spread, still = measured_noise(record.noise.gyro), record.still
-        if is_full(still, self._readings.stamps):
-            self._readings.make_room()
-        buffers = self._readings.stamps, self._readings.rates
-        mean = quiet_mean(still, *buffers, m.stamp, rate, spread, record.settings)
+        mean = self._readings.mean(still, m.stamp, rate, spread, record.settings)
         noise, record.stands = noise_of_step(record.noise, still, record.settings), mean == mean
         # Predict the twist of the step: a new fast slip, and smoothed derivatives by the parameters.
         dt = (m.stamp - record.stamp) * NANOSECOND

@@ -269,6 +269,19 @@ class QuietReadings:
         self.stamps = np.concatenate([self.stamps, np.zeros_like(self.stamps)])
         self.rates = np.concatenate([self.rates, np.zeros_like(self.rates)])
 
+    def mean(
+        self,
+        still: StandstillRecord,
+        stamp: int,
+        rate: float,
+        noise: float,
+        settings: InputSettings,
+    ) -> float:
+        """Add a reading, see `quiet_mean`."""
+        if is_full(still, self.stamps):
+            self.make_room()
+        return float(quiet_mean(still, self.stamps, self.rates, stamp, rate, noise, settings))
+
     def memory(self, still: StandstillRecord) -> QuietMemory:
         """Copy of the readings that count; changes their places in the record to it."""
         kept = slice(still.first, still.end)

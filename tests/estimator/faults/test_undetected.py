@@ -23,8 +23,6 @@ from icreckon.estimator.sensors.standstill import (
     StandstillRecord,
     carried_density,
     is_carried,
-    is_full,
-    quiet_mean,
     stopped_after,
     turn_density,
 )
@@ -40,9 +38,7 @@ def rested(rates: np.ndarray, still: StandstillRecord | None = None) -> list[flo
     stopped_after(still, 0, 0.0, 0.0, SETTINGS.track_speed)
     found = []
     for k, rate in enumerate(rates.tolist()):
-        if is_full(still, readings.stamps):
-            readings.make_room()
-        quiet_mean(still, readings.stamps, readings.rates, k * STEP, rate, 1e-3, SETTINGS)
+        readings.mean(still, k * STEP, rate, 1e-3, SETTINGS)
         if is_carried(still):
             found.append(k * STEP * NANOSECOND)
     return found
