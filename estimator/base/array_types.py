@@ -5,6 +5,5 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-# Times in int64 nanoseconds.
-Stamps = NDArray[np.int64]
+Stamps = NDArray[np.int64]  # times in int64 nanoseconds
 NANOSECOND = 1e-9

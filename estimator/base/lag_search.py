@@ -6,10 +6,8 @@ import numpy as np
 
 from icreckon.estimator.base.array_types import Floats
 
-BLOCKS = 8
-"""Blocks of a log that are left out in turn for a standard error (jackknife)."""
-BEYOND = 2.36
-"""Standard errors of `BLOCKS` blocks in half a 95 % interval (Student's t)."""
+BLOCKS = 8  # blocks of a log that are left out in turn for a standard error (jackknife)
+BEYOND = 2.36  # standard errors of `BLOCKS` blocks in half a 95 % interval (Student's t)
 
 
 def jackknife_sigma(without: Floats) -> Floats:

@@ -37,8 +37,7 @@ class SharedRecord(ctypes.Structure):
     layout: ClassVar[np.dtype[Any]]  # layout of the memory
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # The record of which this is a part.
-        whole: Any = self._b_base_
+        whole: Any = self._b_base_  # the record of which this is a part
         if whole is None:
             return shared_record, (record_of(self.kind, array_on(self)[0]),)
         offset = ctypes.addressof(self) - ctypes.addressof(whole)
@@ -160,9 +159,7 @@ def _is_stamp(hint: Any) -> bool:
     return CLOCK in getattr(hint, "__metadata__", ()) or any(map(_is_stamp, get_args(hint)))
 
 
-@cache
-def _types(kind: Any) -> dict[str, Any]:
-    return get_type_hints(kind)
+_types = cache(get_type_hints)
 
 
 def _names(record: Any) -> tuple[str, ...]:

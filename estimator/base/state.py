@@ -38,14 +38,12 @@ STATE_NAMES: Final[tuple[str, ...]] = (
 )
 """Names (SIZE,) of the states of the inertia-based variants, in their order."""
 
-# Name of a parameter's place that the variant's model does not use.
-NO_NAME: Final = ""
+NO_NAME: Final = ""  # name of a parameter's place that the variant's model does not use
 SIZE: Final = len(STATE_NAMES)
 X, Y, YAW, Z = range(4)
 POSE: Final = slice(0, 3)
 POSITION: Final = slice(0, 2)
-# States that a step moves by the twist: the pose and the height.
-MOVED: Final = slice(0, 4)
+MOVED: Final = slice(0, 4)  # states that a step moves by the twist: the pose and the height
 SLIP: Final = slice(4, 7)
 SLIP_X, SLIP_Y, SLIP_W = range(4, 7)
 PARAMETERS: Final = slice(7, 16)

@@ -12,8 +12,7 @@ from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import Rows
 
-# Fewer IMU samples than these are fed one by one, which is faster.
-LEAST_BULK = 100
+LEAST_BULK = 100  # fewer IMU samples than these are fed one by one, which is faster
 # Number of IMU samples at the start that are fed one by one, so that the filter makes its first step.
 FIRST_SAMPLES = 3
 

@@ -128,8 +128,7 @@ class FrontEnd:
             fixes=np.zeros(lanes, np.int64),
             judged=np.full(lanes, -1),
         )
-        # Number of track speeds in the records.
-        self._added = 0
+        self._added = 0  # number of track speeds in the records
 
     def fill(self, begin: int, end: int, inputs: Floats) -> None:
         """Compute the inputs of the steps from `begin` to before `end`.
@@ -176,9 +175,8 @@ def fill_lane(
         while added < steps.tracks[k]:
             speeds, stamp = measured.tracks[lane, added], measured.track_stamps[added]
             if np.isfinite(speeds[0]):
-                left_wheels = measured.left_wheels[lane, added]
-                right_wheels = measured.right_wheels[lane, added]
-                take_track_sample(record, stamp, speeds, left_wheels, right_wheels)
+                wheels = (measured.left_wheels[lane, added], measured.right_wheels[lane, added])
+                take_track_sample(record, stamp, speeds, *wheels)
             added += 1
         step_inputs, end, sample = inputs[k], steps.ends[k], steps.samples[k]
         if steps.kinds[k] == MOVE_AND_UPDATE or steps.kinds[k] == UPDATE:
@@ -187,26 +185,38 @@ def fill_lane(
             sample_inputs(record, stamps, rates, step_inputs, lane, *reading)
         else:
             move_inputs(record, step_inputs, lane, end)
-        now = speeds_at(record.tracks, end, record.settings.hold_ns)
-        step_inputs[ROW_NOW_LEFT, lane], step_inputs[ROW_NOW_RIGHT, lane] = now
+        left, right = speeds_at(record.tracks, end, record.settings.hold_ns)
+        step_inputs[ROW_NOW_LEFT, lane], step_inputs[ROW_NOW_RIGHT, lane] = left, right
         if steps.extras[k] & POSITION:
-            fix = steps.fixes[k]
-            for part in range(FIX_VALUES):
-                step_inputs[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
-            speed = 0.5 * (now[0] + now[1])
-            is_new = add_fixes(record.positions, lane, lanes, measured, fix, speed)
-            step_inputs[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
-            before = lanes.judged[lane]
-            step_inputs[ROW_INTERVAL, lane] = counted_interval(measured.fix_stamps, fix, before)
-            if is_new:
-                lanes.judged[lane] = fix
-            if steps.extras[k] & HEADING:
-                # The newest fix before with a heading.
-                headed = fix - 1
-                while headed >= 0 and not np.isfinite(measured.fixes[lane, headed, YAW_OF_FIX]):
-                    headed -= 1
-                interval = counted_interval(measured.fix_stamps, fix, headed)
-                step_inputs[ROW_HEADING_INTERVAL, lane] = interval
+            has_heading = (steps.extras[k] & HEADING) > 0
+            speed = 0.5 * (left + right)
+            fill_fix(step_inputs, lane, lanes, measured, steps.fixes[k], speed, has_heading)
+
+
+def fill_fix(
+    step_inputs: Floats,
+    lane: int,
+    lanes: LaneRecords,
+    measured: Measured,
+    fix: int,
+    speed: float,
+    has_heading: bool,
+) -> None:
+    """Compute the inputs of the fix of one lane, at a speed of the robot [m/s]."""
+    for part in range(FIX_VALUES):
+        step_inputs[ROW_FIX + part, lane] = measured.fixes[lane, fix, part]
+    is_new = add_fixes(lanes.records[lane].positions, lane, lanes, measured, fix, speed)
+    step_inputs[ROW_FIX + FIX_VALUES, lane] = GATED if is_new else SKIPPED
+    interval = counted_interval(measured.fix_stamps, fix, lanes.judged[lane])
+    step_inputs[ROW_INTERVAL, lane] = interval
+    if is_new:
+        lanes.judged[lane] = fix
+    if has_heading:
+        headed = fix - 1  # the newest fix before with a heading
+        while headed >= 0 and not np.isfinite(measured.fixes[lane, headed, YAW_OF_FIX]):
+            headed -= 1
+        interval = counted_interval(measured.fix_stamps, fix, headed)
+        step_inputs[ROW_HEADING_INTERVAL, lane] = interval
 
 
 def add_fixes(

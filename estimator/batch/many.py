@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.inputs import has_heading, measured_of
 from icreckon.estimator.batch.runs import side_by_side, work_through_runs
@@ -64,7 +64,10 @@ def run_many(
                 "side do not check; use run"
             )
     measured = measured_of(logs, robot)
-    ticks = _tick_stamps(measured.imu_stamps, every)
+    # The first IMU sample in each interval is a tick.
+    imu = measured.imu_stamps
+    wanted = np.arange(imu[0], imu[-1] + 1, max(1, int(every / NANOSECOND)))
+    ticks = imu[np.unique(np.searchsorted(imu, wanted))]
     stamps = measured.track_stamps, measured.imu_stamps, measured.fix_stamps
     steps = steps_of(*stamps, ticks, heading=has_heading(measured.fixes))
     trajectories: list[Trajectory] = []
@@ -85,9 +88,3 @@ def run_many(
             for lane in range(min(filters.width, len(logs) - first))
         ]
     return trajectories
-
-
-def _tick_stamps(imu: Stamps, every: float) -> Stamps:
-    """Stamps of the first IMU sample in each interval of the given seconds [ns]."""
-    wanted = np.arange(imu[0], imu[-1] + 1, max(1, int(every / NANOSECOND)))
-    return np.asarray(imu[np.unique(np.searchsorted(imu, wanted))])

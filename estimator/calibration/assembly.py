@@ -7,7 +7,6 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.common_values import (
     FRICTION_KEPT,
     KEPT,
@@ -29,8 +28,8 @@ from icreckon.estimator.calibration.result import (
 )
 from icreckon.estimator.robot.robot_file import Robot
 
-Refit = Callable[[str, Robot, dict[str, float], frozenset[str]], Fit]
-"""Fit of a model: its name, the robot, initial values, parameters to hold at these."""
+Refit = Callable[[str, dict[str, float], frozenset[str]], Fit]
+"""Fit of a model: its name, initial values, parameters to hold at these."""
 
 LEAST_CHANGE = 1e-3
 """A larger shift of the centre of mass [m] changes the meaning of the inertia-based parameters; a larger
@@ -108,70 +107,85 @@ def assembled(
         speeds_by_radius: True if the scale of the track speeds corrects the sprocket radius.
     """
     main = shared[comparison.supported]
-    notes = []
     supported = _supported_fits(fits, comparison)
     common = [name for name in COMMON_NAMES if name in main.problem.names]
     # What one model takes for a latency another explains by inertia: a value of the file is kept unless
     # all models that may be right contradict it.
     kept = frozenset[str]().union(*(fit.not_contradicted(common) for fit in supported))
     new = with_common(robot, main, radii, supported, speeds_by_radius, kept)
+    notes = [BY_TRACKS_ALONE]
     if not speeds_by_radius and not robot.log:
-        notes.append(
-            f"track speeds are not by sprocket_radius: scale_sigma covers {main.value('scale'):.4f}"
-        )
+        scale = f"{main.value('scale'):.4f}"
+        notes.insert(0, f"track speeds are not by sprocket_radius: scale_sigma covers {scale}")
     written = main.with_start_of(kept)
     common_values = {name: written.value(name) for name in {"scale", *kept}}
     common_values["difference"] = new.tracks.difference
     kept_names = {COMMON_NAMES[name] for name in kept}
-    # Each model is fitted again with the common values that the new file has, and once more with the
-    # file's values of its own parameters, where the logs do not contradict these.
-    refitted = dict(shared)
-    for name in ("constant", "inertia"):
-        if name not in fits:
-            continue
-        refitted[name] = model_fit = _refitted(shared[name], name, robot, common_values, refit)
-        problem = model_fit.problem
-        own_kept = model_fit.not_contradicted(p.name for p in problem.model.parameters)
-        own_values = {key: float(problem.start[problem.place(key)]) for key in own_kept}
-        held = common_values | own_values
-        new = _put(_refitted(model_fit, name, robot, held, refit, always=bool(own_kept)), new)
-        kept_names |= _result_names(name, own_kept)
     if not speeds_by_radius:
         kept_names -= {"sprocket_radius"}
-    rows = []
-    for row in _parameters(robot, new, fits, refitted, main, radii, speeds_by_radius):
-        kept_note = _note_of_kept(row, new) if row.sigma and row.name in kept_names else ""
-        note = "; ".join(filter(None, [row.note, kept_note]))
-        is_default = row.before is not None and _is_default(robot, row.name)
-        complete = _with_other_logs(row, len(main.problem.recording.motions))
-        rows.append(replace(complete, note=note, is_default=is_default))
-    names, correlations = _correlations(fits.get("inertia", fits["constant"]))
+    refitted = dict(shared)
+    for name in ("constant", "inertia"):
+        if name in fits:
+            refitted[name], new, own_kept = _written(shared[name], name, new, common_values, refit)
+            kept_names |= _result_names(name, own_kept)
+    rows = _parameters(robot, new, fits, refitted, main, radii, speeds_by_radius)
+    richest = fits.get("inertia", fits["constant"])
+    free = np.flatnonzero(richest.free)
+    covariance = richest.covariance[np.ix_(free, free)]
+    sigmas = np.sqrt(np.diag(covariance))
     return Calibration(
         robot=new,
-        parameters=tuple(rows),
-        correlation_names=names,
-        correlations=correlations,
+        parameters=tuple(_completed(row, robot, new, kept_names, main) for row in rows),
+        correlation_names=tuple(richest.problem.names[place] for place in free),
+        correlations=covariance / np.outer(sigmas, sigmas),
         logs=_logs(main),
         comparison=comparison,
         verdict=_verdict(comparison),
         residuals=_residuals(shared["constant"], main),
-        notes=(*notes, BY_TRACKS_ALONE),
+        notes=tuple(notes),
     )
 
 
-def _note_of_kept(row: FoundParameter, new: Robot) -> str:
-    """Note on a parameter that is kept, by its value in the new file."""
-    table, _, key = row.name.rpartition(".")
-    by_friction = table == "indices" and getattr(new.indices, key) != row.before
-    return FRICTION_KEPT if by_friction else KEPT
+def _written(
+    found: Fit, name: str, new: Robot, common_values: dict[str, float], refit: Refit
+) -> tuple[Fit, Robot, frozenset[str]]:
+    """Fit a model again as the new file has it, and put it there.
+
+    Args:
+        found: fit of the model.
+        name: name of the model.
+        new: robot with the common values.
+        common_values: common values of the new file, by name.
+        refit: refits a model.
+
+    Returns:
+        The fit with the common values; the robot with the parameters of the model; those of them that the
+        logs do not contradict, at which the others are fitted once more.
+    """
+    model_fit = _refitted(found, name, common_values, refit)
+    problem = model_fit.problem
+    kept = model_fit.not_contradicted(p.name for p in problem.model.parameters)
+    kept_values = {key: float(problem.start[problem.place(key)]) for key in kept}
+    held = common_values | kept_values
+    return model_fit, _put(_refitted(model_fit, name, held, refit, always=bool(kept)), new), kept
 
 
-def _with_other_logs(row: FoundParameter, logs: int) -> FoundParameter:
-    """Add the standard error for other logs to a parameter found from some logs."""
-    if row.sigma is None:
-        return row
-    between = SIGMA_SHARES.get(row.name, 0.0) * abs(row.value) + SIGMA_SIZES.get(row.name, 0.0)
-    return replace(row, sigma_other_logs=math.hypot(row.sigma, between / math.sqrt(logs)))
+def _completed(
+    row: FoundParameter, robot: Robot, new: Robot, kept_names: set[str], main: Fit
+) -> FoundParameter:
+    """Complete a row: error for other logs, note if it is kept, and `is_default`."""
+    kept_note = ""
+    if row.sigma and row.name in kept_names:
+        table, _, key = row.name.rpartition(".")
+        by_friction = table == "indices" and getattr(new.indices, key) != row.before
+        kept_note = FRICTION_KEPT if by_friction else KEPT
+    if row.sigma is not None:
+        between = SIGMA_SHARES.get(row.name, 0.0) * abs(row.value) + SIGMA_SIZES.get(row.name, 0.0)
+        logs = len(main.problem.recording.motions)
+        row = replace(row, sigma_other_logs=math.hypot(row.sigma, between / math.sqrt(logs)))
+    note = "; ".join(filter(None, [row.note, kept_note]))
+    is_default = row.before is not None and _is_default(robot, row.name)
+    return replace(row, note=note, is_default=is_default)
 
 
 def _is_default(robot: Robot, name: str) -> bool:
@@ -205,12 +219,10 @@ def _result_names(model: str, names: frozenset[str]) -> set[str]:
     return {name for name, needed in indices.items() if needed <= names}
 
 
-def with_difference(
-    fits: Mapping[str, Fit], difference: float, robot: Robot, refit: Refit
-) -> dict[str, Fit]:
+def with_difference(fits: Mapping[str, Fit], difference: float, refit: Refit) -> dict[str, Fit]:
     """Fit of each model with a given difference of the radii [-]."""
     held = {"difference": difference}
-    return {name: _refitted(fit, name, robot, held, refit) for name, fit in fits.items()}
+    return {name: _refitted(fit, name, held, refit) for name, fit in fits.items()}
 
 
 def as_found(robot: Robot, found: Fit) -> Robot:
@@ -220,14 +232,13 @@ def as_found(robot: Robot, found: Fit) -> Robot:
 
 
 def _refitted(
-    found: Fit, name: str, robot: Robot, held: dict[str, float], refit: Refit, always: bool = False
+    found: Fit, name: str, held: dict[str, float], refit: Refit, always: bool = False
 ) -> Fit:
     """Refit the model `name` with held parameters, unless `found` nearly has them."""
     changes = [abs(found.value(key) - value) for key, value in held.items()]
     if not always and max(changes) <= LEAST_CHANGE:
         return found
-    start = dict(zip(found.problem.names, found.values.tolist(), strict=True)) | held
-    return refit(name, robot, start, frozenset(held))
+    return refit(name, found.by_name | held, frozenset(held))
 
 
 def _put(found: Fit, robot: Robot) -> Robot:
@@ -389,15 +400,6 @@ def _inertia(robot: Robot, found: Fit, sigmas: Fit) -> list[FoundParameter]:
         before = getattr(indices, name)
         rows.append(_row(found, name, f"indices.{name}", unit, before=before, sigmas=sigmas))
     return rows
-
-
-def _correlations(found: Fit) -> tuple[tuple[str, ...], Floats]:
-    """Names (c,) and correlations (c, c) of the free parameters."""
-    places = np.flatnonzero(found.free)
-    covariance = found.covariance[np.ix_(places, places)]
-    sigma = np.sqrt(np.diag(covariance))
-    names = tuple(found.problem.names[place] for place in places)
-    return names, covariance / np.outer(sigma, sigma)
 
 
 def _logs(main: Fit) -> tuple[OfLog, ...]:

@@ -15,7 +15,7 @@ from icreckon.estimator.calibration.cross_validation import likeliest, validate
 from icreckon.estimator.calibration.fit import Fit, fit
 from icreckon.estimator.calibration.ground_forces import ground_forces
 from icreckon.estimator.calibration.models import MODELS, model_of
-from icreckon.estimator.calibration.residuals import ALONG, Problem, problem_of
+from icreckon.estimator.calibration.residuals import ALONG, TRACK_PARAMETERS, Problem, problem_of
 from icreckon.estimator.calibration.result import Calibration
 from icreckon.estimator.calibration.segments import Recording, motion_of, record
 from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
@@ -34,16 +34,12 @@ from icreckon.estimator.log.series import PoseSeries, require_part, running_inte
 from icreckon.estimator.robot.robot_file import Robot, require_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 
-SEGMENT = 3.0
-"""Length of a segment [s]."""
-SHORTEST, LONGEST = 1.0, 20.0
-"""Limits of that length [s]."""
-LEAST_MOVED_SHARE = 0.02
-"""Distance of a truth over that of the tracks, below which the truth stands still [-]."""
+SEGMENT = 3.0  # length of a segment [s]
+SHORTEST, LONGEST = 1.0, 20.0  # limits of that length [s]
+LEAST_MOVED_SHARE = 0.02  # distance of a truth over that of the tracks, below which it stands [-]
 ALIKE, OTHER_UNIT = 0.8, 2.0
 """Correlation of turning by gyro and truth that shows their ratio, and a ratio that no scale explains."""
-AGAINST = -0.3
-"""Correlation of turning by gyro and truth, or tracks, that indicates a wrong sign."""
+AGAINST = -0.3  # correlation of turning by gyro and truth, or tracks, that indicates a wrong sign
 
 
 def calibrate(
@@ -101,63 +97,65 @@ def calibrate(
     _check_logs(logs, robot)
     headed = [_with_headings(log, robot) for log in logs]
     motions = [replace(motion_of(log, robot), own_headings=not remarks) for log, remarks in headed]
-    recording = record(motions, robot, segment, difference=robot.tracks.difference)
-    imu_place_known = any(robot.imu.position)
 
-    def problem(name: str, recording: Recording, robot: Robot) -> Problem:
-        return problem_of(
-            recording,
-            model_of(name, robot),
-            robot,
-            lever_arm=lever_arm,
-            imu_place_known=imu_place_known,
-        )
+    def problem(name: str, recording: Recording) -> Problem:
+        place_known = any(robot.imu.position)
+        model = model_of(name, robot)
+        return problem_of(recording, model, robot, lever_arm=lever_arm, imu_place_known=place_known)
 
-    # First with the initial lag; then the truth is carried over to knots with the estimated lag.
-    first_problem = problem("constant", recording, robot)
-    _check_signs(first_problem)
-    for motion in motions:
+    # First with the initial lags; then the truth is carried over to knots with the estimated ones.
+    first_recording = record(motions, robot, segment, difference=robot.tracks.difference)
+    first = _first_fit(problem("constant", first_recording))
+    report_share(0.1)
+    recording = _recorded_again(first_recording, robot, first)
+
+    def fit_again(name: str, start: dict[str, float], held: frozenset[str]) -> Fit:
+        return fit(problem(name, recording), initial=start, held=held)
+
+    fits: dict[str, Fit] = {}
+    for number, name in enumerate(chosen):
+        fits[name] = fit_again(name, first.by_name, frozenset())
+        report_share(0.1 + 0.6 * (number + 1) / len(chosen))
+    # The radii are the robot's, not a model's: a model that lacks an effect must not hide it in them.
+    radii = fits[likeliest(validate(fits))]
+    shared = with_difference(fits, radii.value("difference"), fit_again)
+    comparison = validate(shared)
+    report_share(0.9)
+    calibration = assembled(
+        robot, fits, shared, radii, comparison, fit_again, speeds_by_radius=speeds_by_radius
+    )
+    report_share(1.0)
+    remarks = chain.from_iterable(log_remarks for _, log_remarks in headed)
+    return replace(calibration, notes=(*calibration.notes, *remarks))
+
+
+def _first_fit(problem: Problem) -> Fit:
+    """Fit with the initial lags; reject signs, units and clocks that are wrong."""
+    _check_signs(problem)
+    for motion in problem.recording.motions:
         if motion.no_lag == NOWHERE:
             raise EstimatorError(
                 f"log {motion.log.name!r}: truth and gyro turn otherwise, at whatever lag: "
                 f"{motion.no_lag.reason}; check topic, yaw and clock of [log.truth]"
             )
-    first = fit(first_problem)
-    motions = [
-        replace(motion, lag=first.value(f"lag[{log}]"), bias=first.value(f"gyro_bias[{log}]"))
-        for log, motion in enumerate(motions)
-    ]
-    report_share(0.1)
-    scale, difference = first.value("scale"), first.value("difference")
-    latency = first.value("track_latency")
-    known = with_common(
-        as_found(robot, first), first, radii=first, supported=[first], speeds_by_radius=True
-    )
-    motions = [
-        replace(motion, forces=ground_forces(motion.log, known, scale, latency))
-        for motion in motions
-    ]
-    recording = record(motions, as_found(robot, first), segment, scale=scale, difference=difference)
-    fits: dict[str, Fit] = {}
-    initial = dict(zip(first.problem.names, first.values.tolist(), strict=True))
-    for number, name in enumerate(chosen):
-        fits[name] = fit(problem(name, recording, robot), initial=initial)
-        report_share(0.1 + 0.6 * (number + 1) / len(chosen))
+    return fit(problem)
 
-    def refit(name: str, robot: Robot, start: dict[str, float], held: frozenset[str]) -> Fit:
-        return fit(problem(name, recording, robot), initial=start, held=held)
 
-    # The radii are the robot's, not a model's: a model that lacks an effect must not hide it in them.
-    radii = fits[likeliest(validate(fits))]
-    shared = with_difference(fits, radii.value("difference"), robot, refit)
-    comparison = validate(shared)
-    report_share(0.9)
-    calibration = assembled(
-        robot, fits, shared, radii, comparison, refit, speeds_by_radius=speeds_by_radius
-    )
-    report_share(1.0)
-    remarks = chain.from_iterable(log_remarks for _, log_remarks in headed)
-    return replace(calibration, notes=(*calibration.notes, *remarks))
+def _recorded_again(recording: Recording, robot: Robot, first: Fit) -> Recording:
+    """Segments with the lags, biases, radii and ground forces of a first fit."""
+    scale, difference, latency = (first.value(name) for name in TRACK_PARAMETERS)
+    found = as_found(robot, first)
+    known = with_common(found, first, radii=first, supported=[first], speeds_by_radius=True)
+    motions = [
+        replace(
+            motion,
+            lag=first.value(f"lag[{log}]"),
+            bias=first.value(f"gyro_bias[{log}]"),
+            forces=ground_forces(motion.log, known, scale, latency),
+        )
+        for log, motion in enumerate(recording.motions)
+    ]
+    return record(motions, found, recording.length, scale=scale, difference=difference)
 
 
 def _check_logs(logs: Sequence[Log], robot: Robot) -> None:

@@ -10,24 +10,23 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import matrix_to_rpy, rpy_to_matrix
 from icreckon.estimator.calibration.fit import Fit
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.robot_file import Robot, changed_robot
+from icreckon.estimator.robot.robot_file import Robot, Tracks, changed_robot
 
-CERTAIN = 1.96
-"""Number of standard errors beyond which a difference is significant (95 %)."""
-KEPT = "not significantly different: the file's is kept"
-"""Note on a value that is not written."""
+CERTAIN = 1.96  # number of standard errors beyond which a difference is significant (95 %)
+KEPT = "not significantly different: the file's is kept"  # note on a value that is not written
 FRICTION_KEPT = "not significantly different from Coulomb friction's, which is written"
 """Note on a gain that the file does not have."""
-LARGEST_OFF = 0.1
-"""Largest difference of a log's scale from that of all logs that counts [-]."""
-LEAST_LATENCY = 2e-3
-"""A smaller latency of the track speeds is not written to the robot file [s]."""
+LARGEST_OFF = 0.1  # largest difference of a log's scale from that of all logs that counts [-]
+LEAST_LATENCY = 2e-3  # a smaller latency of the track speeds is not written to the robot file [s]
 
 
-def _deviation(main: Fit, supported: Sequence[Fit], name: str, file_sigma: float) -> float:
-    """Standard deviation of a parameter over logs and over models that may be right."""
+def _sigma_of_other_logs(
+    main: Fit, supported: Sequence[Fit], name: str, file_sigma: float
+) -> float:
+    """Standard deviation of a parameter: its error, and over logs and possible models."""
     over_models = np.mean([(fit.value(name) - main.value(name)) ** 2 for fit in supported])
-    return float(np.hypot(_sigma_over_logs(main, name, file_sigma), np.sqrt(over_models)))
+    deviation = np.hypot(_sigma_over_logs(main, name, file_sigma), np.sqrt(over_models))
+    return float(np.hypot(finite(main.sigma(name)), deviation))
 
 
 def written_difference(robot: Robot, radii: Fit) -> tuple[float, str]:
@@ -107,28 +106,17 @@ def with_common(
             deviations do not grow.
     """
     main = main.with_start_of(kept)
-    vehicle, imu, tracks = robot.vehicle, robot.imu, robot.tracks
-    scale, sigma = main.value("scale"), finite(main.sigma("scale"))
-    deviation = _deviation(main, supported, "scale", tracks.scale_sigma)
-    scale_sigma = float(np.hypot(sigma, deviation))
+    vehicle, imu, scale = robot.vehicle, robot.imu, main.value("scale")
     if speeds_by_radius:
         radius = float(vehicle.sprocket_radius * scale)
         vehicle = msgspec.structs.replace(vehicle, sprocket_radius=radius)
-    elif not robot.log:
+    scale_sigma = _sigma_of_other_logs(main, supported, "scale", robot.tracks.scale_sigma)
+    if not speeds_by_radius and not robot.log:
         scale_sigma = float(np.hypot(scale_sigma, scale - 1.0))
     if "scale" in kept:
-        scale_sigma = min(scale_sigma, tracks.scale_sigma)
-    (difference, _), difference_sigma = written_difference(robot, radii), tracks.difference_sigma
-    if radii.is_free("difference"):
-        spread = _deviation(radii, supported, "difference", difference_sigma)
-        new_sigma = float(np.hypot(radii.sigma("difference"), spread))
-        stays = difference == tracks.difference
-        difference_sigma = min(new_sigma, difference_sigma) if stays else new_sigma
-    changes = {"difference": difference, "difference_sigma": difference_sigma}
-    tracks = msgspec.structs.replace(tracks, scale_sigma=scale_sigma, **changes)
+        scale_sigma = min(scale_sigma, robot.tracks.scale_sigma)
     bias = common_bias(robot, main)
     rotation_rpy_deg, rotation = _mounting(robot, main)
-    gyro_scale = _vertical_gyro_scale(robot, main, rotation)
     over_logs = _sigma_over_logs(main, "gyro_scale", imu.gyro_scale_sigma)
     gyro_scale_sigma = float(np.hypot(finite(main.sigma("gyro_scale")), over_logs))
     if "gyro_scale" in kept:
@@ -141,13 +129,26 @@ def with_common(
         imu,
         rotation_rpy_deg=rotation_rpy_deg,
         position=(float(x), float(y), z),
-        gyro_scale=float(gyro_scale),
+        gyro_scale=float(_vertical_gyro_scale(robot, main, rotation)),
         gyro_scale_sigma=gyro_scale_sigma,
         gyro_bias=bias.written,
         gyro_bias_sigma=bias.sigma,
     )
+    tracks = _with_radii(robot, radii, supported, scale_sigma)
     new = msgspec.structs.replace(robot, vehicle=vehicle, imu=imu, tracks=tracks)
     return _with_log(new, main, 1.0 if speeds_by_radius else scale)
+
+
+def _with_radii(robot: Robot, radii: Fit, supported: Sequence[Fit], scale_sigma: float) -> Tracks:
+    """Tracks with the difference of the radii, its sigma, and a sigma of their scale."""
+    tracks, (difference, _) = robot.tracks, written_difference(robot, radii)
+    sigma = tracks.difference_sigma
+    if radii.is_free("difference"):
+        new_sigma = _sigma_of_other_logs(radii, supported, "difference", sigma)
+        sigma = min(new_sigma, sigma) if difference == tracks.difference else new_sigma
+    return msgspec.structs.replace(
+        tracks, scale_sigma=scale_sigma, difference=difference, difference_sigma=sigma
+    )
 
 
 def _vertical_gyro_scale(robot: Robot, main: Fit, rotation: Floats) -> float:

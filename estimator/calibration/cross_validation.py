@@ -18,14 +18,10 @@ from icreckon.estimator.calibration.result import Difference, ModelComparison, M
 from icreckon.estimator.calibration.segments import Recording
 
 FOLDS = 8
-WINDOW = 3
-"""Segments of a window, at most."""
-JUMPED = 0.15
-"""Weight of a truth's turning below which it is an outlier, six standard deviations off."""
-DRAWS, SEED = 4000, 1
-"""Number of draws of the bootstrap, and the seed of its random numbers."""
-LEVELS = (2.5, 97.5)
-"""Ends of a 95 % interval [%]."""
+WINDOW = 3  # segments of a window, at most
+JUMPED = 0.15  # weight of a truth's turning below which it is an outlier, six sigmas off
+DRAWS, SEED = 4000, 1  # number of draws of the bootstrap, and the seed of its random numbers
+LEVELS = (2.5, 97.5)  # ends of a 95 % interval [%]
 
 
 class HeldOutSums(NamedTuple):
@@ -36,6 +32,33 @@ class HeldOutSums(NamedTuple):
     error_with_gyro: Floats  # error of the windows with headings from the gyro [m]
 
 
+class _Blocks(NamedTuple):
+    """Blocks of the held-out segments, and draws of them for the bootstrap."""
+
+    distances: Floats  # (blocks,) distance of the windows in each block [m]
+    segments: int  # number of moving segments in all blocks
+    drawn: NDArray[np.int64]  # (DRAWS, blocks) blocks of each draw, with replacement
+
+    def drift(self, errors: Floats) -> tuple[float, float, float]:
+        """Drift [%] of errors (blocks,) [m] or of their difference, and its 95 % interval."""
+        distance = self.distances.sum()
+        drawn_distances = np.maximum(self.distances[self.drawn].sum(axis=1), 1e-9)
+        drawn = 100.0 * errors[self.drawn].sum(axis=1) / drawn_distances
+        interval = self._interval(100.0 * errors.sum() / distance, drawn)
+        return 100.0 * float(errors.sum() / distance), *interval
+
+    def likelihood(self, sums: Floats) -> tuple[float, float, float]:
+        """Mean of log likelihoods (blocks,) over the segments, and its 95 % interval."""
+        mean = sums.sum() / self.segments
+        return float(mean), *self._interval(mean, sums[self.drawn].sum(axis=1) / self.segments)
+
+    def _interval(self, middle: float, drawn: Floats) -> tuple[float, float]:
+        """95 % interval by values (DRAWS,) of the draws, wider for few blocks."""
+        ends = np.percentile(drawn, LEVELS)
+        low, high = middle + float(few_blocks(len(self.distances))) * (ends - middle)
+        return float(low), float(high)
+
+
 def validate(fits: Mapping[str, Fit]) -> ModelComparison:
     """Compare models, in the order of `MODELS`, by predictions of held-out blocks."""
     first = next(iter(fits.values()))
@@ -43,76 +66,58 @@ def validate(fits: Mapping[str, Fit]) -> ModelComparison:
     windows = _windows(recording, recording.moving & ~_jumped(first))
     speeds = np.abs(recording.speeds(0.0).mean(axis=-1))
     segment_distances = first.value("scale") * speeds.sum(axis=1) * recording.cell
-    blocks = int(recording.block.max()) + 1
+    count = int(recording.block.max()) + 1
     window_blocks = np.array([recording.block[window[0]] for window in windows])
     window_distances = [segment_distances[window].sum() for window in windows]
-    # Distance of the windows in each block, and in all [m].
-    block_distances = np.bincount(window_blocks, window_distances, minlength=blocks)
-    distance = block_distances.sum()
+    blocks = _Blocks(
+        distances=np.asarray(np.bincount(window_blocks, window_distances, count), dtype=float),
+        segments=int(recording.moving.sum()),
+        drawn=np.random.default_rng(SEED).integers(0, count, (DRAWS, count)),
+    )
     sums = {name: _held_out(fit, windows, window_blocks) for name, fit in fits.items()}
-    segments = int(recording.moving.sum())
-    # Bootstrap: as many blocks as there are, drawn with replacement.
-    drawn = np.random.default_rng(SEED).integers(0, blocks, (DRAWS, blocks))
-    drawn_distances = np.maximum(block_distances[drawn].sum(axis=1), 1e-9)
-    widening = float(few_blocks(blocks))
-
-    def drift_interval(errors: Floats) -> tuple[float, float]:
-        """95 % interval [%] of a drift or a difference, by errors (blocks,) [m]."""
-        middle = 100.0 * errors.sum() / distance
-        ends = np.percentile(100.0 * errors[drawn].sum(axis=1) / drawn_distances, LEVELS)
-        low, high = middle + widening * (ends - middle)
-        return float(low), float(high)
-
-    scores = []
-    for name, held_out in sums.items():
-        low, high = drift_interval(held_out.error)
-        scores.append(
-            ModelScore(
-                model=name,
-                parameters=int(fits[name].problem.own(fits[name].free).sum()),
-                drift_percent=100.0 * float(held_out.error.sum() / distance),
-                drift_low=max(low, 0.0),
-                drift_high=high,
-                drift_with_gyro_percent=100.0 * float(held_out.error_with_gyro.sum() / distance),
-                log_likelihood=float(held_out.likelihood.sum() / segments),
-            )
-        )
-    differences = []
     names = list(sums)
+    differences = {
+        (name, other): _difference(name, other, sums, blocks)
+        for number, name in enumerate(names)
+        for other in names[:number]
+    }
     supported = names[0]
-    for number, name in enumerate(names):
-        is_better = False
-        for other in names[:number]:
-            errors = sums[name].error - sums[other].error
-            low, high = drift_interval(errors)
-            is_better = is_better or (other == supported and high < 0.0)
-            likelihoods = sums[name].likelihood - sums[other].likelihood
-            gain = likelihoods.sum() / segments
-            bounds = np.percentile(likelihoods[drawn].sum(axis=1) / segments, LEVELS)
-            gain_low, gain_high = (gain + widening * (bounds - gain)).tolist()
-            differences.append(
-                Difference(
-                    model=name,
-                    than=other,
-                    drift=100.0 * float(errors.sum() / distance),
-                    drift_low=low,
-                    drift_high=high,
-                    log_likelihood=float(gain),
-                    log_likelihood_low=gain_low,
-                    log_likelihood_high=gain_high,
-                )
-            )
+    for name in names[1:]:
         # Each later model replaces the one chosen so far if it is significantly better than that.
-        supported = name if is_better else supported
+        if differences[name, supported].drift_high < 0.0:
+            supported = name
     return ModelComparison(
-        scores=tuple(scores),
-        differences=tuple(differences),
-        blocks=blocks,
-        folds=min(FOLDS, blocks),
-        distance=float(distance),
+        scores=tuple(_score(name, fit, sums[name], blocks) for name, fit in fits.items()),
+        differences=tuple(differences.values()),
+        blocks=count,
+        folds=min(FOLDS, count),
+        distance=float(blocks.distances.sum()),
         window=WINDOW * recording.length,
         supported=supported,
     )
+
+
+def _score(name: str, fit: Fit, sums: HeldOutSums, blocks: _Blocks) -> ModelScore:
+    """Scores of a model, by its sums over held-out blocks."""
+    drift, low, high = blocks.drift(sums.error)
+    return ModelScore(
+        model=name,
+        parameters=int(fit.problem.own(fit.free).sum()),
+        drift_percent=drift,
+        drift_low=max(low, 0.0),
+        drift_high=high,
+        drift_with_gyro_percent=blocks.drift(sums.error_with_gyro)[0],
+        log_likelihood=blocks.likelihood(sums.likelihood)[0],
+    )
+
+
+def _difference(
+    name: str, other: str, sums: Mapping[str, HeldOutSums], blocks: _Blocks
+) -> Difference:
+    """Difference of the scores of one model from those of another."""
+    drift, drift_low, drift_high = blocks.drift(sums[name].error - sums[other].error)
+    gain, gain_low, gain_high = blocks.likelihood(sums[name].likelihood - sums[other].likelihood)
+    return Difference(name, other, drift, drift_low, drift_high, gain, gain_low, gain_high)
 
 
 def likeliest(comparison: ModelComparison) -> str:

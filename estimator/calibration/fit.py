@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,20 +30,14 @@ from icreckon.estimator.calibration.noise import (
     information,
     refined,
 )
-from icreckon.estimator.calibration.residuals import Problem
+from icreckon.estimator.calibration.residuals import Problem, middle_of
 
-ROUNDS = 12
-"""Largest number of Gauss-Newton steps."""
-NOISE_ROUNDS = 5
-"""Number of first steps that re-estimate the noise."""
-SETTLED = 0.01
-"""The search ends with a step below this share of all standard errors."""
-SOFT_BOUND = 10.0
-"""Soft bound of unobservable parameters about their start while fitting, in threshold errors."""
-CHANCE = 0.01
-"""Probability below which chance does not explain how far values are off."""
-LEAST_INFORMATION = 1e-10
-"""Least information, in units of the threshold errors; below it counts as zero."""
+ROUNDS = 12  # largest number of Gauss-Newton steps
+NOISE_ROUNDS = 5  # number of first steps that re-estimate the noise
+SETTLED = 0.01  # the search ends with a step below this share of all standard errors
+SOFT_BOUND = 10.0  # soft bound of unobservable parameters about their start, in threshold errors
+CHANCE = 0.01  # probability below which chance does not explain how far values are off
+LEAST_INFORMATION = 1e-10  # least information, in units of the threshold errors; less is zero
 
 
 @dataclass(frozen=True)
@@ -68,6 +63,11 @@ class Fit:
     def sigma(self, name: str) -> float:
         """Standard error of a parameter."""
         return float(self.sigmas[self.problem.place(name)])
+
+    @property
+    def by_name(self) -> dict[str, float]:
+        """Values of all parameters, by their names."""
+        return dict(zip(self.problem.names, self.values.tolist(), strict=True))
 
     def is_free(self, name: str) -> bool:
         """Return True if a parameter was estimated, not held."""
@@ -127,7 +127,7 @@ def fit(
         initial: initial values of the search, by name; by default the parameters' own start.
         held: names of parameters held at their initial values from the outset.
     """
-    # Held parameters are at the values of the anchor.
+    # Values at which parameters are held.
     values, anchor = problem.start, problem.start
     threshold = _thresholds(problem)
     free = np.array([p.threshold > 0.0 and p.name not in held for p in problem.parameters], bool)
@@ -137,9 +137,7 @@ def fit(
         elif name in problem.names and free[problem.place(name)]:
             values[problem.place(name)] = value
     values, noise = _search(problem, values, free, loose=True)
-    residuals, jacobian = problem.linearised(values)
-    fisher, _ = information(noise, residuals, jacobian, problem.recording.block)
-    total = fisher.sum(axis=0) * flattening(noise, residuals)
+    _, total = _linearised(problem, values, noise)
     sigmas_all_free = _sigmas(total, free, threshold)
     shown = free & (sigmas_all_free <= threshold)
     # Hold unobservable parameters, one by one, until the rest is observable.
@@ -149,37 +147,36 @@ def fit(
         free[worst] = False
         values[worst] = anchor[worst]
     values, noise = _search(problem, values, free, loose=False, noise=noise)
-    residuals, jacobian = problem.linearised(values)
-    fisher, score = information(noise, residuals, jacobian, problem.recording.block)
-    total = fisher.sum(axis=0) * flattening(noise, residuals)
+    parts, total = _linearised(problem, values, noise)
     if (without_effect := free & (np.diag(total) <= 0.0)).any():
         # At a bound, as eta = 1, no residual depends on these parameters: they are held.
         names = {problem.names[place] for place in np.flatnonzero(without_effect)}
         rest = {name: value for name, value in (initial or {}).items() if name not in names}
         return fit(problem, initial=rest, held=held | names)
     places = np.flatnonzero(free)
-    scales = np.outer(threshold[places], threshold[places])
     covariance = np.zeros((len(values), len(values)))
     inverse = np.linalg.inv(_scaled(total, places, threshold))
-    covariance[np.ix_(places, places)] = inverse * scales
-    result = Fit(
-        problem=problem,
-        values=values,
-        free=free,
-        shown=shown & free,
-        sigmas=np.full(len(values), np.inf),
-        covariance=covariance,
-        noise=noise,
-        residuals=residuals,
-        jacobian=jacobian,
-        fisher=fisher,
-        score=score,
-    )
-    by_likelihood = np.sqrt(np.diag(covariance))
-    largest = np.maximum(by_likelihood, _jackknife(result)) * few_blocks(_effective_blocks(result))
+    covariance[np.ix_(places, places)] = inverse * np.outer(threshold[places], threshold[places])
+    sigmas = np.full(len(values), np.inf)
+    result = Fit(problem, values, free, shown & free, sigmas, covariance, noise, *parts)
+    largest, blocks = np.sqrt(np.diag(covariance)), np.arange(len(parts[2]))
+    if len(blocks) >= 3:
+        without = [result.without(blocks == number) for number in blocks]
+        largest = np.maximum(largest, jackknife_sigma(np.array(without)))
+    largest = largest * few_blocks(_effective_blocks(result))
     largest = np.where(shown, np.maximum(largest, sigmas_all_free), largest)
     result.sigmas[free] = largest[free]
     return result
+
+
+def _linearised(
+    problem: Problem, values: Floats, noise: Noise
+) -> tuple[tuple[Floats, Floats, Floats, Floats], Floats]:
+    """Parts of a `Fit` from its residuals on; total information (p, p)."""
+    residuals, jacobian = problem.linearised(values)
+    fisher, score = information(noise, residuals, jacobian, problem.recording.block)
+    total = fisher.sum(axis=0) * flattening(noise, residuals)
+    return (residuals, jacobian, fisher, score), total
 
 
 def _search(
@@ -195,41 +192,28 @@ def _search(
     Parameters of the mask `free` (p,) change from their initial values, to which `loose` binds them
     softly (`SOFT_BOUND`). The initial noise is estimated if there is none.
     """
-    threshold, block = _thresholds(problem), problem.recording.block
-    places, start = np.flatnonzero(free), values.copy()
-    # Information of the soft bounds, with parameters in threshold errors.
-    ridge = SOFT_BOUND**-2.0 if loose else 0.0
-
-    def pull(tried: Floats) -> float:
-        """Cost of the distance from the initial values, by the soft bounds."""
-        return float((ridge * ((tried - start)[places] / threshold[places]) ** 2).sum())
-
+    places, ridge = np.flatnonzero(free), SOFT_BOUND**-2.0 if loose else 0.0
+    unit = _thresholds(problem)[places]
+    search = _Search(problem, places, unit, values.copy(), ridge)
     residuals, jacobian = problem.linearised(values)
     if noise is None:
         heading, _ = problem.heading(values)
-        noise = first_noise(channels_of(problem, 0.5 * (heading[:, 0] + heading[:, -1])), residuals)
+        noise = first_noise(channels_of(problem, middle_of(heading)), residuals)
     for number in range(ROUNDS):
-        noise = refined(noise, residuals, components_too=number < NOISE_ROUNDS)
-        fisher, score = information(noise, residuals, jacobian, block)
-        scaled = _scaled(fisher.sum(axis=0), places, threshold) + ridge * np.eye(len(places))
-        slope = threshold[places] * score.sum(axis=0)[places]
-        slope = slope + ridge * (values - start)[places] / threshold[places]
-        step = _step(problem, values, places, threshold, scaled, slope)
-        before, share = cost(noise, residuals) + pull(values), 1.0
-        for _ in range(6):
-            moved = values.copy()
-            moved[places] += share * threshold[places] * step
-            moved = problem.inside(moved)
-            after = cost(noise, problem.rows(moved)) + pull(moved)
-            if np.isfinite(after) and after <= before + 1e-9:
-                break
-            share *= 0.4
-        else:
-            # No shorter step helps; with noise that is estimated again the next one may.
-            if number >= NOISE_ROUNDS:
+        is_noise_settled = number >= NOISE_ROUNDS
+        noise = refined(noise, residuals, components_too=not is_noise_settled)
+        blocks = information(noise, residuals, jacobian, problem.recording.block)
+        fisher, score = (part.sum(axis=0) for part in blocks)
+        scaled = _scaled(fisher, places, _thresholds(problem)) + ridge * np.eye(len(places))
+        slope = unit * score[places] + ridge * (values - search.start)[places] / unit
+        step = search.step(values, scaled, slope)
+        moved = search.moved(values, step, noise, search.cost(values, residuals, noise))
+        if moved is None:
+            # No step helps; with noise that is estimated again the next one may.
+            if is_noise_settled:
                 break
             continue
-        change = np.abs((moved - values)[places] / threshold[places])
+        change = np.abs((moved - values)[places] / unit)
         values = moved
         residuals, jacobian = problem.linearised(values)
         sigma = np.sqrt(1.0 / np.maximum(np.diag(scaled), 1e-12))
@@ -238,29 +222,60 @@ def _search(
     return values, refined(noise, residuals)
 
 
-def _step(
-    problem: Problem,
-    values: Floats,
-    places: NDArray[np.intp],
-    threshold: Floats,
-    scaled: Floats,
-    slope: Floats,
-) -> Floats:
-    """Gauss-Newton step (a,) of free parameters, in threshold errors, within bounds.
+class _Search(NamedTuple):
+    """Search for the values of the free parameters of a problem."""
 
-    A parameter at a bound, which a small part of the step would violate, stays there.
-    """
-    moves = np.ones(len(places), dtype=bool)
-    for _ in range(len(places)):
-        step = np.zeros(len(places))
-        step[moves] = -_solve(scaled[np.ix_(moves, moves)], slope[moves])
-        moved = values.copy()
-        moved[places] += 1e-6 * threshold[places] * step
-        is_outward = moves & (problem.inside(moved) != moved)[places]
-        if not is_outward.any():
-            break
-        moves &= ~is_outward
-    return step
+    problem: Problem
+    places: NDArray[np.intp]  # (a,) places of the free parameters
+    unit: Floats  # (a,) their threshold errors
+    start: Floats  # (p,) initial values
+    ridge: float  # information of soft bounds about these, with parameters in threshold errors
+
+    def cost(self, values: Floats, residuals: Floats, noise: Noise) -> float:
+        """Cost of the residuals of values, and of their distance from the initial ones."""
+        return cost(noise, residuals) + float((self.ridge * self.off_start(values) ** 2).sum())
+
+    def off_start(self, values: Floats) -> Floats:
+        """Differences (a,) from the initial values, in threshold errors."""
+        return np.asarray((values - self.start)[self.places] / self.unit)
+
+    def moved(self, values: Floats, step: Floats, noise: Noise, before: float) -> Floats | None:
+        """Values after the longest part of a step whose cost is not above that `before`.
+
+        None if that of a hundredth of the step still is.
+        """
+        share = 1.0
+        for _ in range(6):
+            moved = values.copy()
+            moved[self.places] += share * self.unit * step
+            moved = self.problem.inside(moved)
+            after = self.cost(moved, self.problem.rows(moved), noise)
+            if np.isfinite(after) and after <= before + 1e-9:
+                return moved
+            share *= 0.4
+        return None
+
+    def step(self, values: Floats, scaled: Floats, slope: Floats) -> Floats:
+        """Gauss-Newton step (a,), in threshold errors, within bounds.
+
+        A parameter at a bound, which a small part of the step would violate, stays there.
+
+        Args:
+            values: present values (p,).
+            scaled: information (a, a), with parameters in threshold errors.
+            slope: derivative (a,) of half the cost by these.
+        """
+        moves = np.ones(len(self.places), dtype=bool)
+        for _ in range(len(self.places)):
+            step = np.zeros(len(self.places))
+            step[moves] = -_solve(scaled[np.ix_(moves, moves)], slope[moves])
+            moved = values.copy()
+            moved[self.places] += 1e-6 * self.unit * step
+            is_outward = moves & (self.problem.inside(moved) != moved)[self.places]
+            if not is_outward.any():
+                break
+            moves &= ~is_outward
+        return step
 
 
 def _thresholds(problem: Problem) -> Floats:
@@ -311,12 +326,3 @@ def _effective_blocks(result: Fit) -> Floats:
     effective = np.ones(len(result.values))
     effective[places] = shares.sum(axis=0) ** 2 / np.maximum((shares**2).sum(axis=0), 1e-300)
     return effective
-
-
-def _jackknife(result: Fit) -> Floats:
-    """Jackknife standard errors (p,), by leaving out each block; 0 for too few blocks."""
-    blocks = len(result.fisher)
-    if blocks < 3:
-        return np.zeros(len(result.values))
-    without = [result.without(np.arange(blocks) == number) for number in range(blocks)]
-    return jackknife_sigma(np.array(without))

@@ -21,8 +21,7 @@ from icreckon.estimator.streaming.run import run
 
 # Filter that estimates the twist: its parameters hardly matter, since the gyro measures the yaw rate.
 VARIANT = "constant-online"
-# Least sum of squared yaw rates [rad²/s²].
-LEAST_TURNING = 1e-9
+LEAST_TURNING = 1e-9  # least sum of squared yaw rates [rad²/s²]
 
 
 class GroundForces(NamedTuple):

@@ -21,13 +21,11 @@ from icreckon.estimator.robot.variants import TYPICAL_FORCE, find_variant, initi
 
 MODELS = ("differential", "constant", "inertia")
 """Names, from the simplest to the most complex: a later one must be better to be chosen."""
-THRESHOLD = 0.15
-"""Threshold error of an index, or of a length as a share of the gauge [-]."""
+THRESHOLD = 0.15  # threshold error of an index, or of a length as a share of the gauge [-]
 MIDDLE_THRESHOLD = 0.05
 """Threshold error of the turning centre's place, as a share of the gauge [-]: it is near the middle, and
 a short log does not separate it from the place of the truth's point."""
-NO_MASS = (1.0, 0.0, 0.0)
-"""Mass [kg] and centre of mass [m] of a model without forces."""
+NO_MASS = (1.0, 0.0, 0.0)  # mass [kg] and centre of mass [m] of a model without forces
 
 
 class Parameter(NamedTuple):
@@ -127,8 +125,7 @@ def model_of(name: str, robot: Robot) -> Model:
     if name == "differential":
         return Model(name, (), VehicleConstants(gauge, *NO_MASS), (), 1.0)
     start = robot.constant_indices.as_array()
-    # Places of zeta0, epsilon0, eta0.
-    places: tuple[int, ...] = (1, 3, ETA0)
+    places: tuple[int, ...] = (1, 3, ETA0)  # places of zeta0, epsilon0, eta0
     if name == "inertia":
         # All but H, which acts in the literal form only.
         start = initial_parameters(robot, find_variant("inertia-fixed"))

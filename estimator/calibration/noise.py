@@ -6,6 +6,7 @@ Student-t: each row has the weight (nu + 1) / (nu + u²) of its standardised res
 Taylor, Robust statistical modeling using the t distribution, JASA 84, 1989).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,12 +15,9 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.calibration.residuals import ACROSS, ALONG, BINS, FORCE, SLIP, YAW, Problem
 
-FREEDOM = 5.0
-"""Degrees of freedom of Student's t."""
-TOLERANCE = 0.02
-"""Tolerances of the logarithms of components, and of the log likelihood."""
-SMALLEST, LARGEST = 1e-5, 10.0
-"""Bounds of every component's standard deviation, in the units of its row."""
+FREEDOM = 5.0  # degrees of freedom of Student's t
+TOLERANCE = 0.02  # tolerances of the logarithms of components, and of the log likelihood
+SMALLEST, LARGEST = 1e-5, 10.0  # bounds of the components, in the units of their rows
 
 
 @dataclass(frozen=True)
@@ -63,52 +61,58 @@ def channels_of(problem: Problem, heading: Floats) -> tuple[Channel, ...]:
     turning = np.abs(speeds[..., 1] - speeds[..., 0]).sum(axis=1) * recording.cell
     driving = np.abs(speeds.mean(axis=-1)).sum(axis=1) * recording.cell
     counted = problem.counted_rows()
-    channels = []
-    # Position: rows along and across of each segment alternate. The first component is the truth's.
-    segments = np.flatnonzero(counted[:, ALONG])
-    rows = np.stack([np.repeat(segments, 2), np.tile([ALONG, ACROSS], len(segments))], axis=-1)
+    along, slip, yaw, force = (np.flatnonzero(counted[:, row]) for row in (ALONG, SLIP, YAW, FORCE))
+    channels = [_position_channel(recording.follows, along, heading, turning, driving)]
+    moves, bands = recording.moving[slip], np.ones((3, 1, len(slip)))
+    bands[1, 0] = np.where(moves, turning[slip] ** 2, 0.0)
+    bands[2, 0] = np.where(moves, driving[slip] ** 2, 0.0)
+    channels.append(Channel("slip", _rows(slip, [SLIP]), bands))
+    if len(yaw):
+        bands = np.zeros((2, 2, len(yaw)))
+        bands[0, 0], bands[1, 0] = 2.0, 1.0
+        bands[0, 1, : len(yaw) - 1] = -1.0 * _linked(recording.follows, yaw)
+        channels.append(Channel("yaw", _rows(yaw, [YAW]), bands))
+    if len(force):
+        bands = np.zeros((3, BINS, BINS * len(force)))
+        bands[0, 0] = 1.0
+        bands[1, 0] = np.repeat(turning[force] ** 2, BINS)
+        # The third component is common to all parts of a segment: slopes.
+        part = np.arange(BINS * len(force)) % BINS
+        bands[2] = part + np.arange(BINS)[:, None] < BINS
+        for first, name in ((FORCE, "forward force"), (FORCE + BINS, "left force")):
+            channels.append(Channel(name, _rows(force, range(first, first + BINS)), bands))
+    return tuple(channels)
+
+
+def _position_channel(
+    follows: NDArray[np.bool_],
+    segments: NDArray[np.int64],
+    heading: Floats,
+    turning: Floats,
+    driving: Floats,
+) -> Channel:
+    """Channel of the rows along and across of each segment, which alternate.
+
+    The first component is the truth's, the others the model's: along and across by turning, and by
+    driving (n,) [m].
+    """
     bands = np.zeros((5, 4, 2 * len(segments)))
     bands[0, 0] = 2.0
-    linked, turn = _linked(recording.follows, segments), np.diff(heading[segments])
+    linked, turn = _linked(follows, segments), np.diff(heading[segments])
     cos, sin = np.where(linked, np.cos(turn), 0.0), np.where(linked, np.sin(turn), 0.0)
     # Noise at the shared knot, along the later heading and the earlier one: -R(turn).
     along = 2 * np.arange(len(segments) - 1)
     bands[0, 2, along], bands[0, 2, along + 1] = -cos, -cos
-    bands[0, 3, along] = sin
-    bands[0, 1, along + 1] = -sin
-    for component, (row, size) in enumerate(
-        ((0, turning), (0, driving), (1, turning), (1, driving)), start=1
-    ):
-        bands[component, 0, row::2] = size[segments] ** 2
-    channels.append(Channel("position", rows, bands))
-    segments = np.flatnonzero(counted[:, SLIP])
-    moves, bands = recording.moving[segments], np.ones((3, 1, len(segments)))
-    bands[1, 0] = np.where(moves, turning[segments] ** 2, 0.0)
-    bands[2, 0] = np.where(moves, driving[segments] ** 2, 0.0)
-    rows = np.stack([segments, np.full(len(segments), SLIP)], axis=-1)
-    channels.append(Channel("slip", rows, bands))
-    segments = np.flatnonzero(counted[:, YAW])
-    if len(segments):
-        bands = np.zeros((2, 2, len(segments)))
-        bands[0, 0], bands[1, 0] = 2.0, 1.0
-        bands[0, 1, : len(segments) - 1] = -1.0 * _linked(recording.follows, segments)
-        rows = np.stack([segments, np.full(len(segments), YAW)], axis=-1)
-        channels.append(Channel("yaw", rows, bands))
-    segments = np.flatnonzero(counted[:, FORCE])
-    for first_row, name in ((FORCE, "forward force"), (FORCE + BINS, "left force")):
-        if not len(segments):
-            continue
-        bin_rows = np.tile(first_row + np.arange(BINS), len(segments))
-        rows = np.stack([np.repeat(segments, BINS), bin_rows], -1)
-        bands = np.zeros((3, BINS, BINS * len(segments)))
-        bands[0, 0] = 1.0
-        bands[1, 0] = np.repeat(turning[segments] ** 2, BINS)
-        # The third component is common to all parts of a segment: slopes.
-        part = np.arange(BINS * len(segments)) % BINS
-        for band in range(BINS):
-            bands[2, band] = part + band < BINS
-        channels.append(Channel(name, rows, bands))
-    return tuple(channels)
+    bands[0, 3, along], bands[0, 1, along + 1] = sin, -sin
+    for row in (0, 1):
+        bands[1 + 2 * row, 0, row::2] = turning[segments] ** 2
+        bands[2 + 2 * row, 0, row::2] = driving[segments] ** 2
+    return Channel("position", _rows(segments, [ALONG, ACROSS]), bands)
+
+
+def _rows(segments: NDArray[np.int64], rows: Sequence[int]) -> NDArray[np.int64]:
+    """Pairs (r, 2) of each segment and each of some rows."""
+    return np.stack([np.repeat(segments, len(rows)), np.tile(rows, len(segments))], axis=-1)
 
 
 def first_noise(channels: tuple[Channel, ...], residuals: Floats) -> Noise:

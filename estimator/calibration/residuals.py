@@ -23,16 +23,14 @@ from icreckon.estimator.calibration.segments import Recording
 from icreckon.estimator.robot.robot_file import Robot
 
 ALONG, ACROSS, SLIP, YAW, FORCE = range(5)
-BINS = 6
-"""Number of parts of a segment with mean specific forces; forward ones first."""
+BINS = 6  # number of parts of a segment with mean specific forces; forward ones first
 ROWS = FORCE + 2 * BINS
 PLACING_PARAMETERS = ("zeta0", "epsilon0")
 """Parameters of models that place base_link in the robot. If neither the truth's lever arm nor the IMU's
 position does so, they are unobservable next to the lever arm, and are held."""
 TRACK_PARAMETERS = ("scale", "difference", "track_latency")
 """Parameters of the track speeds: scale, difference of the radii (right less left), latency."""
-SIDES = np.array([-0.5, 0.5])
-"""Shares of the difference of the radii that the left and the right track have [-]."""
+SIDES = np.array([-0.5, 0.5])  # shares of the left and the right track in the difference [-]
 LIMITS = {
     "scale": (0.2, 5.0),
     "gyro_scale": (0.2, 5.0),
@@ -40,8 +38,7 @@ LIMITS = {
     "difference": (-0.4, 0.4),
 }
 """Least and largest value of a parameter in the search, in its unit."""
-STEP = 1e-4
-"""Steps of the finite differences by lag, bias and gyro scale, in s, rad/s and 1."""
+STEP = 1e-4  # steps of the finite differences by lag, bias and gyro scale, in s, rad/s and 1
 
 
 @dataclass(frozen=True)
@@ -155,12 +152,19 @@ class Problem:
         return np.asarray(place - np.einsum("kij,j->ki", rotation, lever))
 
     def _assemble(self, values: Floats, twists: Floats) -> tuple[Floats, Floats]:
-        """Residuals (n, ROWS), and their change by columns of twists (n, m, 3, 1 + c)."""
-        recording = self.recording
-        cell = recording.cell
+        """Residuals (n, ROWS), measured less predicted, by a twist of the model.
+
+        Twists (n, m, 3, 1 + c) have it first; the others are changes of it, which give those (c) of the
+        residuals: the predicted rows are linear in the twists.
+        """
         heading, apart = self.heading(values)
-        middle = 0.5 * (heading[:, 0] + heading[:, -1])
-        off_middle = 0.5 * (heading[:, 1:] + heading[:, :-1]) - middle[:, None]
+        predicted = self._predicted(values, heading, twists)
+        return self._measured(values, heading, apart) - predicted[..., 0], -predicted[..., 1:]
+
+    def _predicted(self, values: Floats, heading: Floats, twists: Floats) -> Floats:
+        """Rows (n, ROWS, c) by twists (n, m, 3, c) and headings at ends of cells."""
+        cell = self.recording.cell
+        off_middle = 0.5 * (heading[:, 1:] + heading[:, :-1]) - middle_of(heading)[:, None]
         change = np.diff(heading, axis=1)
         # The chord of the arc of a cell is shorter than the arc.
         chord_time = np.sinc(change / (2.0 * np.pi)) * cell
@@ -171,36 +175,52 @@ class Problem:
         # The body turns later than its tracks; the latency is that of the path.
         turning_lag = values[self.place("turning_lag")]
         turned = cell * yaw.sum(axis=1) - turning_lag * (yaw[:, -1] - yaw[:, 0])
-        rate = change / cell
-        marks = np.round(np.linspace(0, heading.shape[1] - 2, BINS + 1)).astype(np.int64)
-        force_x, force_y = _mean_accelerations(rate, forward, left, marks, cell)
-        plain = np.stack([along, across, turned, np.zeros_like(along)], axis=1)
-        linear = -np.concatenate([plain, force_x, force_y], axis=1)
-        rows = linear[..., 0].copy()
+        forces = _mean_accelerations(change / cell, forward, left, self._marks, cell)
+        motion = np.stack([along, across, turned, np.zeros_like(along)], axis=1)
+        return np.concatenate([motion, *forces], axis=1)
+
+    def _measured(self, values: Floats, heading: Floats, apart: Floats) -> Floats:
+        """Rows (n, ROWS) by truth and IMU; headings and their error as from `heading`."""
+        recording, rows = self.recording, np.zeros((len(heading), ROWS))
         body = self.body_places(values)
-        step = body[recording.ends] - body[recording.starts]
-        cos_m, sin_m = np.cos(middle), np.sin(middle)
-        rows[:, ALONG] += cos_m * step[:, 0] + sin_m * step[:, 1]
-        rows[:, ACROSS] += -sin_m * step[:, 0] + cos_m * step[:, 1]
-        rows[:, SLIP] += heading[:, -1] - heading[:, 0]
-        rows[:, YAW] += apart
+        step_x, step_y = (body[recording.ends] - body[recording.starts]).T
+        cos, sin = np.cos(middle_of(heading)), np.sin(middle_of(heading))
+        rows[:, ALONG], rows[:, ACROSS] = cos * step_x + sin * step_y, -sin * step_x + cos * step_y
+        rows[:, SLIP], rows[:, YAW] = heading[:, -1] - heading[:, 0], apart
         if self.force:
-            imu_x, imu_y = self.imu_position
-            if "imu_forward" in self.names:
-                imu_x += float(values[self.place("imu_forward")])
-                imu_y += float(values[self.place("imu_left")])
-            turn = values[self.place("mounting_yaw")]
-            x, y = np.moveaxis(recording.mean_force(marks), -1, 0)
-            # Accelerations of the IMU's place about the origin: w x r is its velocity.
-            about_x, about_y = _mean_accelerations(
-                rate, -imu_y * rate[..., None], imu_x * rate[..., None], marks, cell
+            rows[:, FORCE:] = self._measured_forces(
+                values, np.diff(heading, axis=1) / recording.cell
             )
-            offset_x = self._by_segment(values, "offset_forward")[:, None]
-            offset_y = self._by_segment(values, "offset_left")[:, None]
-            cos, sin = np.cos(turn), np.sin(turn)
-            rows[:, FORCE : FORCE + BINS] += cos * x - sin * y - about_x[..., 0] - offset_x
-            rows[:, FORCE + BINS :] += sin * x + cos * y - about_y[..., 0] - offset_y
-        return rows, linear[..., 1:]
+        return rows
+
+    def _measured_forces(self, values: Floats, rate: Floats) -> Floats:
+        """Forces (n, 2 BINS) on base_link, by the IMU and yaw rates (n, m) [m/s²]."""
+        imu_x, imu_y = self.imu_position
+        if "imu_forward" in self.names:
+            imu_x += float(values[self.place("imu_forward")])
+            imu_y += float(values[self.place("imu_left")])
+        # Accelerations of the IMU's place about the origin: w x r is its velocity.
+        about_x, about_y = _mean_accelerations(
+            rate,
+            -imu_y * rate[..., None],
+            imu_x * rate[..., None],
+            self._marks,
+            self.recording.cell,
+        )
+        offset_x = self._by_segment(values, "offset_forward")[:, None]
+        offset_y = self._by_segment(values, "offset_left")[:, None]
+        turn = values[self.place("mounting_yaw")]
+        cos, sin = np.cos(turn), np.sin(turn)
+        x, y = np.moveaxis(self.recording.mean_force(self._marks), -1, 0)
+        force_x = cos * x - sin * y - about_x[..., 0] - offset_x
+        force_y = sin * x + cos * y - about_y[..., 0] - offset_y
+        return np.concatenate([force_x, force_y], axis=1)
+
+    @property
+    def _marks(self) -> NDArray[np.int64]:
+        """Indices (BINS + 1,) of the cells in whose middles the parts of a segment end."""
+        cells = self.recording.edges.shape[1] - 1
+        return np.round(np.linspace(0, cells - 1, BINS + 1)).astype(np.int64)
 
     def _speeds(self, values: Floats) -> Floats:
         """Track speeds (n, m, 2) with scale, difference of the radii and latency [m/s]."""
@@ -234,6 +254,11 @@ class Problem:
         has_force = np.array([motion.pushed is not None for motion in recording.motions])
         result[:, FORCE:] &= has_force[recording.log][:, None] & self.force
         return result
+
+
+def middle_of(heading: Floats) -> Floats:
+    """Middle heading (n,) of each segment, by those at ends of cells (n, m + 1) [rad]."""
+    return np.asarray(0.5 * (heading[:, 0] + heading[:, -1]))
 
 
 def _mean_accelerations(

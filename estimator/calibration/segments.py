@@ -25,32 +25,25 @@ from icreckon.estimator.log.lag import (
 )
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import even_grid
-from icreckon.estimator.log.series import ImuSeries
+from icreckon.estimator.log.series import ImuSeries, PoseSeries
 from icreckon.estimator.robot.robot_file import Robot
+from icreckon.estimator.sensors.sensor_models import SensorModels
 
 Indexes = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Series = tuple[Floats, Floats]
-"""Times (t,) [s] and values (t, k)."""
+Series = tuple[Floats, Floats]  # times (t,) [s] and values (t, k)
 
-CELL = 0.05
-"""Approximate length of a cell [s]."""
+CELL = 0.05  # approximate length of a cell [s]
 LARGEST_GAP, LARGEST_TRUTH_GAP = 0.5, 1.0
 """A longer gap in track speeds or IMU samples, or in the truth, ends a piece of the log [s]."""
-KNOT_WINDOW = 0.25
-"""Truth within this time of a knot counts for it [s]."""
+KNOT_WINDOW = 0.25  # truth within this time of a knot counts for it [s]
 FEWEST_FOR_LINE, ASIDE = 4, 0.03
 """Least number of poses for a line, if their squared mean is at most this share of their variance."""
-STILL_SHARE = 0.005
-"""Speeds up to this share of the fastest count as standstill [-]."""
-LEAST_FINITE = 0.9
-"""Least share of finite accelerometer readings; the others are interpolated [-]."""
-LEAST_SHARED = 5.0
-"""Least time that truth and IMU share [s]."""
-LEAST_SEGMENTS = 10
-"""Least number of moving segments for a calibration."""
-LEAST_TURNING = 1.0
-"""Least total rotation of the robot [rad]."""
+STILL_SHARE = 0.005  # speeds up to this share of the fastest count as standstill [-]
+LEAST_FINITE = 0.9  # least share of finite accelerometer readings; the others are interpolated [-]
+LEAST_SHARED = 5.0  # least time that truth and IMU share [s]
+LEAST_SEGMENTS = 10  # least number of moving segments for a calibration
+LEAST_TURNING = 1.0  # least total rotation of the robot [rad]
 SMALLEST_BLOCK, LARGEST_BLOCK, BLOCKS = 3, 8, 10
 """Segments of a block, which is what is left out or resampled together, and how many blocks there are to
 be at least, as long as they are not too small."""
@@ -146,51 +139,60 @@ class Recording:
     def knots(self, lags: Floats) -> tuple[Floats, Floats, Floats]:
         """Truth at the knots, corrected for the lag (logs,) of each log [s].
 
+        It is the weighted mean of the truth poses near a knot, carried over to it by dead reckoning.
+
         Returns:
             Position (k, 2) [m], mean rotation matrix (k, 2, 2) by its yaw (for a lever arm), and yaw
             (k,) [rad].
         """
-        count = len(self.knot_times)
-        place, turn, yaw = np.zeros((count, 2)), np.zeros((count, 2)), np.zeros(count)
+        # Columns: x, y [m], cosine and sine of the yaw, yaw [rad].
+        means = np.zeros((len(self.knot_times), 5))
         for log, motion in enumerate(self.motions):
             own = self.knot_log[self.pair_knot] == log
             knot, pose = self.pair_knot[own], self.pair_pose[own]
-            path = self.paths[log]
-            body_times = motion.truth_times[pose] - lags[log]
-            # The motion by dead reckoning from each pose to its knot.
-            at_knot = _interpolated(self.knot_times[knot], *path)
-            step = relative(_interpolated(body_times, *path), at_knot)
-            # Knots with poses on both sides have a line. The initial lag decides which, for the choice
-            # must not depend on the lag to estimate.
-            after_first = motion.truth_times[pose] - motion.lag - self.knot_times[knot]
-            poses_at, mean, variance = _moments(knot, after_first, count)
-            has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
-            # Weights by a line through all poses of a knot: with their mean, poses to one side would add
-            # the path's errors in the motion since. If most lie to one side, the value is the mean: a
-            # line would amplify their noise.
-            after = body_times - self.knot_times[knot]
-            poses_at, mean, variance = _moments(knot, after, count)
-            slope = np.where(has_line, mean / np.where(has_line, variance, 1.0), 0.0)
-            weight = (1.0 - slope[knot] * (after - mean[knot])) / poses_at[knot]
-            true = motion.truth[pose]
-            cos, sin = np.cos(true[:, 2]), np.sin(true[:, 2])
-            moved_x = true[:, 0] + cos * step[:, 0] - sin * step[:, 1]
-            moved_y = true[:, 1] + sin * step[:, 0] + cos * step[:, 1]
-            for total, values in (
-                (place[:, 0], moved_x),
-                (place[:, 1], moved_y),
-                (turn[:, 0], cos),
-                (turn[:, 1], sin),
-                (yaw, true[:, 2] + step[:, 2]),
-            ):
-                np.add.at(total, knot, weight * values)
-        cos, sin = turn.T
-        return place, np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1), yaw
+            knot_times, stamped_times = self.knot_times[knot], motion.truth_times[pose]
+            times = stamped_times - lags[log]
+            carried = _carried_over(motion.truth[pose], times, knot_times, self.paths[log])
+            after = times - knot_times, stamped_times - motion.lag - knot_times
+            weight = _weights_at_knots(knot, *after, len(means))
+            np.add.at(means, knot, weight[:, None] * carried)
+        cos, sin = means[:, 2:4].T
+        turn = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], axis=1)
+        return means[:, :2], turn, means[:, 4]
 
 
 def _interpolated(wanted: Floats, times: Floats, values: Floats) -> Floats:
     """Values (t, k) of times (t,) interpolated linearly at times (...): (..., k)."""
     return np.stack([np.interp(wanted, times, column) for column in values.T], axis=-1)
+
+
+def _carried_over(poses: Floats, times: Floats, knot_times: Floats, path: Series) -> Floats:
+    """Truth poses (p, 3) at times (p,), moved along a path to those of knots (p,).
+
+    Returns:
+        x, y [m], cosine and sine of the yaw before the move, and yaw [rad] (p, 5).
+    """
+    step = relative(_interpolated(times, *path), _interpolated(knot_times, *path))
+    x, y, yaw = poses.T
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    moved_x = x + cos * step[:, 0] - sin * step[:, 1]
+    moved_y = y + sin * step[:, 0] + cos * step[:, 1]
+    return np.column_stack([moved_x, moved_y, cos, sin, yaw + step[:, 2]])
+
+
+def _weights_at_knots(knot: Indexes, after: Floats, after_initial: Floats, knots: int) -> Floats:
+    """Weights (p,) of poses `after` (p,) [s] their knots in the value at these.
+
+    The value is that of a line through all poses of a knot: in their mean, more poses on one side would
+    add the path's errors in the motion since. If most lie on one side, the value is the mean: a line
+    would amplify their noise. The times by the initial lag decide which, for a choice by the lag that is
+    to be estimated would make the residuals jump.
+    """
+    poses_at, mean, variance = _moments(knot, after_initial, knots)
+    has_line = (poses_at >= FEWEST_FOR_LINE) & (mean**2 < ASIDE * variance)
+    poses_at, mean, variance = _moments(knot, after, knots)
+    slope = np.where(has_line, mean / np.where(has_line, variance, 1.0), 0.0)
+    return np.asarray((1.0 - slope[knot] * (after - mean[knot])) / poses_at[knot])
 
 
 def _moments(knot: Indexes, after: Floats, knots: int) -> tuple[Floats, Floats, Floats]:
@@ -206,6 +208,36 @@ def motion_of(log: Log, robot: Robot) -> Motion:
     Raises:
         EstimatorError: there is no truth, no IMU, or too little of a stream.
     """
+    poses, imu = _truth_and_imu(log)
+    imu_times = _seconds(imu.stamps, log.start)
+    # A gyro reading is a mean since the one before, but is integrated as the rate at its stamp: half an
+    # interval late. Track times are made as late. A track speed is a mean since the one before, too.
+    half_interval = 0.5 * float(np.median(np.diff(imu_times)))
+    track_times = _seconds(log.tracks.stamps, log.start) + half_interval
+    track_steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
+    # The scale of the gyro is estimated: that of the file, which is in the mounting, is removed.
+    by_gyros = robot.imu.gyro_scale * SensorModels(robot).mounting[0]
+    gyro, heading = turned(imu.stamps, imu.angular_velocity @ by_gyros), heading_of(poses)
+    found_lag = find_lag(heading, gyro, least=LEAST_TURN)
+    no_lag = found_lag if isinstance(found_lag, NoLag) else None
+    lag = 0.0 if isinstance(found_lag, NoLag) else found_lag.seconds
+    return Motion(
+        log=log,
+        track_times=track_times,
+        track_ways=np.concatenate([np.zeros((1, 2)), np.cumsum(track_steps, axis=0)]),
+        imu_times=imu_times,
+        turned=gyro.values,
+        pushed=_integrated_force(imu, imu_times, robot),
+        truth_times=_seconds(poses.stamps, log.start),
+        truth=np.column_stack([poses.poses[:, :2], heading.values]),
+        lag=lag,
+        no_lag=no_lag,
+        bias=_initial_bias(heading, gyro, lag),
+    )
+
+
+def _truth_and_imu(log: Log) -> tuple[PoseSeries, ImuSeries]:
+    """Poses of the truth and IMU samples, if the log has enough of all streams."""
     if log.truth is None or len(log.truth.poses.stamps) < 2:
         raise EstimatorError(
             f"log {log.name!r} holds no pose truth, so nothing to calibrate from; name its topic in "
@@ -221,37 +253,14 @@ def motion_of(log: Log, robot: Robot) -> Motion:
             f"log {log.name!r} holds {len(log.tracks.stamps)} track speeds; name their topic in "
             "[log.tracks] of the robot file"
         )
-    poses = log.truth.poses
-    imu_times = _seconds(log.imu.stamps, log.start)
-    truth = np.column_stack([poses.poses[:, :2], np.unwrap(poses.poses[:, 2])])
-    # A gyro reading is a mean since the one before, but is integrated as the rate at its stamp: half an
-    # interval late. Track times are made as late. A track speed is a mean since the one before, too.
-    half_interval = 0.5 * float(np.median(np.diff(imu_times)))
-    track_times = _seconds(log.tracks.stamps, log.start) + half_interval
-    steps = np.diff(track_times)[:, None] * log.tracks.speeds[1:]
-    ways = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
-    shared = min(log.imu.stamps[-1], poses.stamps[-1]) - max(log.imu.stamps[0], poses.stamps[0])
+    poses, imu = log.truth.poses, log.imu
+    shared = min(imu.stamps[-1], poses.stamps[-1]) - max(imu.stamps[0], poses.stamps[0])
     if shared * NANOSECOND < LEAST_SHARED:
         raise EstimatorError(
             f"truth and IMU of log {log.name!r} share only {max(0.0, shared * NANOSECOND):.1f} s; "
             "nothing can be calibrated from that"
         )
-    gyro, heading = turned(log.imu.stamps, _yaw_rates(log.imu, robot)), heading_of(poses)
-    truth_lag = find_lag(heading, gyro, least=LEAST_TURN)
-    lag = 0.0 if isinstance(truth_lag, NoLag) else truth_lag.seconds
-    return Motion(
-        log=log,
-        track_times=track_times,
-        track_ways=ways,
-        imu_times=imu_times,
-        turned=gyro.values,
-        pushed=_integrated_force(log.imu, imu_times, robot),
-        truth_times=_seconds(poses.stamps, log.start),
-        truth=truth,
-        lag=lag,
-        no_lag=truth_lag if isinstance(truth_lag, NoLag) else None,
-        bias=_initial_bias(heading, gyro, lag),
-    )
+    return poses, imu
 
 
 def _seconds(stamps: Stamps, start: int) -> Floats:
@@ -279,39 +288,21 @@ def record(
     Raises:
         EstimatorError: too few segments that move, or too little turning.
     """
+    log, begins, follows = _segments(motions, length)
     cells = max(2, round(length / CELL))
-    logs, begins, follow = [], [], []
-    for number, motion in enumerate(motions):
-        for low, high in _pieces(motion):
-            segments = int((high - low) // length)
-            logs.append(np.full(segments, number))
-            begins.append(low + length * np.arange(segments))
-            follow.append(np.arange(segments) > 0)
-    if not logs or not sum(map(len, logs)):
-        raise _too_short(motions, 0, length)
-    log, begin, follows = np.concatenate(logs), np.concatenate(begins), np.concatenate(follow)
-    edges = begin[:, None] + length / cells * np.arange(cells + 1)
-    turned = np.empty_like(edges)
-    fastest = max(
-        float(np.abs(np.diff(motion.track_ways, axis=0).T / np.diff(motion.track_times)).max())
-        for motion in motions
-    )
-    moving = np.empty(len(log), dtype=bool)
+    edges = begins[:, None] + length / cells * np.arange(cells + 1)
+    turned, fastest_in = np.empty_like(edges), np.empty(len(log))
     for number, motion in enumerate(motions):
         own = log == number
         turned[own] = np.interp(edges[own], motion.imu_times, motion.turned)
         ways = _interpolated(edges[own], motion.track_times, motion.track_ways)
-        speed = np.abs(np.diff(ways, axis=1)).max(axis=2) * cells / length
-        moving[own] = speed.max(axis=1, initial=0.0) > STILL_SHARE * fastest
-    moved = int(moving.sum())
-    if moved < LEAST_SEGMENTS:
-        raise _too_short(motions, moved, length)
-    turning = np.abs(np.diff(turned[moving], axis=1)).sum()
-    if turning < LEAST_TURNING:
-        raise EstimatorError(
-            f"the robot turned {turning:.2g} rad in all, which shows no ICR; drive bends, circles and "
-            "turns on the spot"
-        )
+        fastest_in[own] = np.abs(np.diff(ways, axis=1)).max(axis=(1, 2), initial=0.0)
+    fastest = max(
+        float(np.abs(np.diff(motion.track_ways, axis=0).T / np.diff(motion.track_times)).max())
+        for motion in motions
+    )
+    moving = fastest_in * cells / length > STILL_SHARE * fastest
+    _require_motion(motions, length, turned, moving)
     # A segment that follows another begins at the knot at which that ends; others have two new knots.
     starts = np.cumsum(np.where(follows, 1, 2)) - 2
     ends = starts + 1
@@ -326,7 +317,7 @@ def record(
     return Recording(
         motions=tuple(motions),
         length=length,
-        log=log.astype(np.int64),
+        log=log,
         edges=edges,
         turned=turned,
         moving=moving,
@@ -340,6 +331,33 @@ def record(
         pair_pose=np.concatenate([pose for _, pose in pairs]),
         paths=tuple(_path(motion, robot, scale, difference) for motion in motions),
     )
+
+
+def _segments(motions: Sequence[Motion], length: float) -> tuple[Indexes, Floats, Mask]:
+    """Log, begin [s] and `Recording.follows` (n,) of segments of a length [s]."""
+    logs, begins, follows = [], [], []
+    for number, motion in enumerate(motions):
+        for low, high in _pieces(motion):
+            places = np.arange(int((high - low) // length))
+            logs.append(np.full(len(places), number))
+            begins.append(low + length * places)
+            follows.append(places > 0)
+    if not sum(map(len, logs)):
+        raise _too_short(motions, 0, length)
+    return np.concatenate(logs), np.concatenate(begins), np.concatenate(follows)
+
+
+def _require_motion(motions: Sequence[Motion], length: float, turned: Floats, moving: Mask) -> None:
+    """Reject too few moving segments, and too little turning by the gyro (n, m + 1)."""
+    moved = int(moving.sum())
+    if moved < LEAST_SEGMENTS:
+        raise _too_short(motions, moved, length)
+    turning = np.abs(np.diff(turned[moving], axis=1)).sum()
+    if turning < LEAST_TURNING:
+        raise EstimatorError(
+            f"the robot turned {turning:.2g} rad in all, which shows no ICR; drive bends, circles and "
+            "turns on the spot"
+        )
 
 
 def _too_short(motions: Sequence[Motion], found: int, length: float) -> EstimatorError:
@@ -430,14 +448,6 @@ def _path(motion: Motion, robot: Robot, scale: float, difference: float) -> Seri
     steps = np.stack([cos * forward - sin * left, sin * forward + cos * left], axis=-1)
     places = np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)])
     return times, np.column_stack([places, yaw])
-
-
-def _yaw_rates(imu: ImuSeries, robot: Robot) -> Floats:
-    """Uncorrected yaw rates (i,) by the gyro, about the vertical of base_link [rad/s]."""
-    upward = robot.imu_rotation[2]
-    if robot.imu.gyro_axes == "xyz":
-        return np.asarray(imu.angular_velocity @ upward)
-    return np.asarray(imu.angular_velocity[:, 2] / upward[2])
 
 
 def _integrated_force(imu: ImuSeries, times: Floats, robot: Robot) -> Floats | None:

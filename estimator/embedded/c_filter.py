@@ -78,17 +78,13 @@ RECORD = f"icr_{FilterRecord.__name__}"
 SETTINGS, PLACES = Type("record", "icr_InputSettings"), Type("record", "Places")
 LEARNT = range(s.LEARNT.start, s.LEARNT.stop)
 SLIP_STATES = s.SLIP_X, s.SLIP_Y, s.SLIP_W
-# Highest rate of an IMU [Hz].
-FASTEST_IMU = 10_000.0
-# Constants of a kernel that differ from step to step.
-VARYING = ("dt", "smoothing", "interval")
-# Gates whose number of used measurements the filter reads.
-GATES = ("gyro", "heading")
+FASTEST_IMU = 10_000.0  # highest rate of an IMU [Hz]
+VARYING = ("dt", "smoothing", "interval")  # constants of a kernel that differ from step to step
+GATES = ("gyro", "heading")  # gates whose number of used measurements the filter reads
 # Constants of `ekf`, and limits of `input_checks`.
 OF_UPDATES = ("SHARP", "ROUNDING_SHARE", "LEAST_VARIANCE")
 ABSURD = ("RATE", "FORCE", "DISTANCE", "LEVER")
-# Streams with a latency in the robot file.
-LATE_STREAMS = ("tracks", "imu", "position", "heading")
+LATE_STREAMS = ("tracks", "imu", "position", "heading")  # streams with a latency in the robot file
 # Rows that the filter reads, by their names in C.
 ROWS = {
     "STOOD": "stood",
@@ -108,12 +104,9 @@ INDICES, DERIVATIVES = 9, 12
 def _first_kernel(name: str, shape: FilterShape) -> Kernel:
     """Make the kernel of the first track speeds: a moving robot may slip already."""
     lane = Lane(shape)
-    slip = lane.slip
-    smooth, factor = (
-        (lane.input("smooth_left"), lane.input("smooth_right")),
-        lane.row("slip_factor"),
-    )
-    sigmas = model.slip_at(*smooth, slip, lane.constant("gauge"), lane.eta, False, factor)
+    smooth = lane.input("smooth_left"), lane.input("smooth_right")
+    gauge, factor = lane.constant("gauge"), lane.row("slip_factor")
+    sigmas = model.slip_at(*smooth, lane.slip, gauge, lane.eta, False, factor)
     for state, sigma in zip((s.SLIP_X, s.SLIP_Y, s.SLIP_W), sigmas, strict=True):
         lane.P.add(state, state, sigma * sigma)
     return lane.kernel(name)

@@ -17,8 +17,7 @@ from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 HEADER = "kind,stamp,used,values..."
-# Measurements between two rows of states.
-EVERY = 50
+EVERY = 50  # measurements between two rows of states
 
 
 def vectors_of(

@@ -14,14 +14,12 @@ from icreckon.estimator.robot.robot_file import Robot, Slip
 from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import smoothing_share
 
-# NumPy types by number of bits.
-PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}
+PRECISIONS: dict[int, Any] = {64: np.float64, 32: np.float32}  # numPy types by number of bits
 # Time constant of the derivatives by the parameters [s]. A longer one leaves less noise, but delays them
 # so far that they are those of another motion (`scoreboard.py --parts healthy` with 0.1).
 REGRESSOR_SMOOTHING = 0.03
 PER_STEP = len(STEP_CONSTANTS)
-# Alignment of arrays: length of the widest registers, and of a line of the cache [bytes].
-LINE = 64
+LINE = 64  # alignment of arrays: length of the widest registers, and of a line of the cache [bytes]
 
 
 def step_constants(dt: float) -> Any:

@@ -19,7 +19,7 @@ from icreckon.estimator.engine.constants import (
 )
 from icreckon.estimator.engine.fixes import FixKind, heading_kernel, position_kernel
 from icreckon.estimator.engine.lane import FilterShape
-from icreckon.estimator.engine.layout import COUNTS, PLACES, TWIST, Layout, covariance_name
+from icreckon.estimator.engine.layout import COUNTS, INPUTS, PLACES, TWIST, Layout, covariance_name
 from icreckon.estimator.engine.model import traced_model
 from icreckon.estimator.engine.schedule import (
     HEADING,
@@ -63,9 +63,6 @@ class BatchFilter:
         width: number of filters side by side; None for as many as the machine's registers hold.
 
     Attributes:
-        robot: the robot.
-        settings: the settings.
-        width: number of filters side by side.
         number: type of their numbers.
         layout: layout of the workspace.
 
@@ -183,24 +180,30 @@ class BatchFilter:
                 machine's registers; or the kernel of a step was not compiled.
         """
         workspace, per_lane = lanes.workspace, (lanes.workspace, inputs)
-        is_wrong = any(array.dtype != self.number for array in (*per_lane, lanes.constants))
-        is_wrong |= any(array.ctypes.data % LINE for array in per_lane)  # not aligned
-        if is_wrong or workspace.shape[1] != self.width:
-            raise ValueError(WRONG_SIZE)
         since_first = steps.ticks - (steps.ticks[0] if len(steps.ticks) else 0)
+        used_ticks = since_first[(steps.extras & TICK) > 0]
+        places, count = work_places(self.layout, self._wander), len(steps.kinds)
+        # Compiled code checks neither types nor indices.
+        fits = all(array.dtype == self.number for array in (*per_lane, lanes.constants))
+        fits &= not any(array.ctypes.data % LINE for array in per_lane)  # aligned
+        fits &= workspace.shape == (places.row_count, self.width) and len(lanes.fixes) == self.width
+        fits &= len(lanes.constants) >= places.constant_count and len(inputs) >= count
+        fits &= inputs.shape[1:] == (len(INPUTS), self.width)
+        fits &= len(table) >= count and table.shape[1] == STEP_COLUMNS
+        fits &= estimates.shape[1] >= len(places.estimate) and estimates.shape[2] <= self.width
+        fits &= bool(((used_ticks >= 0) & (used_ticks < len(estimates))).all())
+        if not fits:
+            raise ValueError(WRONG_SIZE)
         entry(work_through)(
             self._kernels,
             workspace,
             inputs,
             lanes.constants,
             table,
-            steps.ends,
-            steps.kinds,
-            steps.extras,
-            since_first,
+            steps._replace(ticks=since_first),
             estimates,
             lanes.fixes,
-            work_places(self.layout, self._wander),
+            places,
         )
 
     def counts(self, lanes: Lanes) -> dict[str, Floats]:
@@ -287,7 +290,7 @@ def _kernels(
     """Compile the kernels of a run, or load them.
 
     `moves` has 1 if steps without an IMU sample are ticks, 0 if others are; `positions` and `headings`
-    have the times of such fixes, of `AT_STEP` and the others.
+    have the times of such fixes, see `time_of_fix`.
     """
     usual, move = StepKind(accelerometer=uses_force), StepKind(imu=False, accelerometer=False)
     steps = move, move.reporting()

@@ -1,7 +1,5 @@
 """Updates with fixes in traced numbers, as in `icreckon.estimator.filter.ekf`."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
@@ -50,103 +48,157 @@ def position_kernel(
     used the fix. For `numbers` see `Lane`.
     """
     lane = Lane(shape, numbers, with_fast_slip=kind.fast_slip)
-    x, P = lane.x, lane.P
-    variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
-    predicted, rows, covariance = _antenna(lane, _predicted(lane, kind))
-    values = list(predicted)  # with the wander of the fixes
-    if s.WANDER_X in shape.states:
-        for axis, wander in ((s.X, s.WANDER_X), (s.Y, s.WANDER_Y)):
-            values[axis], rows[axis][wander] = values[axis] + x[wander], 1.0
-    before = x.copy()
-    fix = lane.input("fix_x"), lane.input("fix_y")
-    z = z_x, z_y = fix[0] - values[s.X], fix[1] - values[s.Y]
-    R = [maximum(variance + covariance[axis][axis], LEAST_VARIANCE) for axis in (s.X, s.Y)]
-    smooth = lane.input("smooth_left"), lane.input("smooth_right")
-    interval, heading = lane.input("fix_interval"), turn(values[s.YAW])
-
-    def innovation_spread() -> tuple[Any, Any, Any, Any]:
-        """Innovation covariance xx, xy, yy, and normalised innovation squared."""
-        with_x, with_y = P.times(rows[s.X]), P.times(rows[s.Y])
-        xx = dot(with_x, rows[s.X]) + R[s.X]
-        xy = dot(with_x, rows[s.Y]) + covariance[s.X][s.Y]
-        yy = dot(with_y, rows[s.Y]) + R[s.Y]
-        by_x, by_y = z_x * yy - z_y * xy, z_y * xx - z_x * xy
-        return xx, xy, yy, (z_x * by_x + z_y * by_y) / (xx * yy - xy * xy)
-
-    # Modes of a fix (`gate`): 0 skipped, 1 gated, 2 forced.
-    is_tried, is_forced = mode > 0.5, mode > 1.5
-    judged = is_tried & (mode < 1.5)
-
-    def inflate(states: Sequence[int], error: Sequence[Any], only: Any) -> None:
-        """Inflate by an error that moves several states, in some lanes."""
-        moved = [select(only, part, 0.0) for part in error[: len(states)]]
-        P.add_error(dict(zip(states, moved, strict=True)))
-        products = [a * b for a, b in combinations_with_replacement(moved, 2)]
-        lane.report("motion", products, states)
-
-    inflate((s.X, s.Y, s.SLIP_X), lasting_slip(x[s.SLIP_X], heading, interval), judged)
-    # A fix that the gate would reject may depart from the path, which makes the states uncertain.
-    *S, nis = innovation_spread()
-    is_off = judged & ~(nis <= lane.constant("position_threshold"))
-    earlier = Departure(*(lane.row(name) for name in DEPARTURE))
-    fastest, gauge = lane.constant("fastest"), lane.constant("gauge")
-    departure, is_followed, indicated = departure_after(
-        earlier, fix, z, tuple(S), heading, fastest, gauge, interval
-    )
-    departs = is_off & is_followed
-    for states, error in errors_by_cause(indicated):
-        # A considered bias, the last state of an error, is not inflated.
-        inflate(states[: len(states) - (states[-1] in shape.considered)], error, departs)
-    # Gate: admit or reject. After some time a forced fix is re-acquired; a gated one marks a lost lane.
-    xx, xy, yy, nis = innovation_spread()
-    admitted = nis <= lane.constant("position_threshold")
-    square = z_x * z_x + z_y * z_y
-    patience = patience_for(square, lane.constant("patience"), fastest)
-    patience_ends = lane.row("position_rejected_for") >= patience
-    reacquires = ~admitted & patience_ends
-    lost, reacquired = judged & reacquires, is_forced & reacquires
-    tested = is_tried & ~lost
-    used = tested & (admitted | reacquired)
-    at_fix, at_path = Departure(0.0, *fix, *z), Departure(0.0, values[s.X], values[s.Y], *z)
-    choices = zip(DEPARTURE, at_fix, departure, at_path, earlier, strict=True)
-    for row, if_used, if_off, otherwise, old in choices:
-        after = select(used | lost, if_used, select(is_off, if_off, otherwise))
-        lane.stores[row] = select(judged | used, after, old)
-    # Update with both coordinates, one after the other.
-    added = select(reacquired, minimum(square, LARGEST_INFLATION * minimum(xx, yy)), 0.0)
-    for axis in (s.X, s.Y):
-        P.add_error({axis: 1.0}, added)
-        lane.report("inflated", (added,), (axis,))
-    for axis in (s.X, s.Y):
-        residual = z[axis] - shift_of(rows[axis], x, before)
-        lane.update(residual, rows[axis], R[axis], fixed=shape.considered, only=used)
-    lane.cover_rounding(after_fix=True)
-    lane.keep_inside_bounds()
-    lane.count("position", nis, admitted, admitted | reacquired, tested, interval)
-    # Factors on the slip: innovations to the same side increase them, a departure sets the largest.
-    slip_factor, present_factor = (
-        select(departs, LARGEST_FACTOR, lane.row(name)) for name in FACTORS
-    )
-    forward, left, size = (lane.row(name) for name in TREND)
-    innovation_forward, innovation_left = normalised(z, (xx, xy, yy), heading)
-    trend = trend_after((forward, left, size), innovation_forward, innovation_left)
-    present_after = present_factor_after(present_factor, trend, *smooth)
-    counts = tested & admitted
-    slip_after = slip_factor_after(slip_factor, present_after, *smooth)
-    lane.stores["slip_factor"] = select(counts, slip_after, slip_factor)
-    lane.stores["present_factor"] = select(counts, present_after, present_factor)
-    for row, value_before, value_after in zip(TREND, (forward, left, size), trend, strict=True):
-        lane.stores[row] = select(counts, value_after, value_before)
+    fix = _PositionFix(lane, kind)
+    # The present slip may have lasted since the fix before.
+    slipped = lasting_slip(lane.x[s.SLIP_X], fix.heading, fix.interval)
+    fix.inflate((s.X, s.Y, s.SLIP_X), slipped, fix.judged)
+    # Fixes that the gate would reject may depart from the path, which makes the states uncertain.
+    S, nis = fix.innovation_covariance()
+    is_off = fix.judged & ~(nis <= lane.constant("position_threshold"))
+    departure, departs = fix.follow_departure(S, is_off)
+    S, nis = fix.innovation_covariance()
+    verdict = fix.gate(nis)
+    fix.store_departure(departure, is_off, verdict)
+    fix.update(S, verdict)
+    is_usable = verdict.admitted | verdict.reacquired
+    lane.count("position", nis, verdict.admitted, is_usable, verdict.tested, fix.interval)
+    fix.store_factors(S, departs, verdict.tested & verdict.admitted)
     # Outputs: places of the antenna, and the innovation.
-    places = {"predicted": predicted}
+    places = {"predicted": fix.predicted}
     if kind.updated:
         places["updated"] = _antenna(lane, _predicted(lane, kind)).values
     for when, place in places.items():
         lane.stores |= {f"{when}_{axis}": value for axis, value in zip(PLACE, place, strict=True)}
-    innovation = {"z_x": z_x, "z_y": z_y, "S_xx": xx, "S_xy": xy, "S_yy": yy}
-    for part, value in innovation.items():
-        lane.stores[f"position_{part}"] = select(is_tried, value, lane.row(f"position_{part}"))
-    return _finished(lane, name, (lost, used), kind)
+    for part, value in zip(("z_x", "z_y", "S_xx", "S_xy", "S_yy"), (*fix.z, *S), strict=True):
+        row = f"position_{part}"
+        lane.stores[row] = select(fix.is_tried, value, lane.row(row))
+    return _finished(lane, name, (verdict.lost, verdict.used), kind)
+
+
+class _Verdict(NamedTuple):
+    """Verdict of the gate on a position fix: lanes in which each is true."""
+
+    admitted: Any  # the gate admits it
+    reacquired: Any  # forced, rejected, and used because the ones before were rejected for too long
+    lost: Any  # the same, but gated: the filter is to be relocated
+    tested: Any  # tried, and not lost
+    used: Any  # tested, and admitted or re-acquired
+
+
+class _PositionFix:
+    """Position fix, and its innovation about the predicted place of the antenna.
+
+    Modes of a fix (`gate`) are 0, skipped; 1, gated; 2, forced.
+    """
+
+    def __init__(self, lane: Lane, kind: FixKind) -> None:
+        self.lane = lane
+        variance, mode = lane.input("fix_variance"), lane.input("fix_mode")
+        self.predicted, self.rows, covariance = _antenna(lane, _predicted(lane, kind))
+        x, y, yaw = self.predicted
+        if s.WANDER_X in lane.shape.states:
+            # The fix has the error that wanders, too.
+            x, y = x + lane.x[s.WANDER_X], y + lane.x[s.WANDER_Y]
+            self.rows[s.X][s.WANDER_X] = self.rows[s.Y][s.WANDER_Y] = 1.0
+        self.expected = x, y
+        self.place = lane.input("fix_x"), lane.input("fix_y")
+        self.z = self.place[0] - x, self.place[1] - y
+        self.noise_xy = covariance[s.X][s.Y]
+        self.R = [maximum(variance + covariance[i][i], LEAST_VARIANCE) for i in (s.X, s.Y)]
+        self.interval, self.heading = lane.input("fix_interval"), turn(yaw)
+        self.is_tried, self.is_forced = mode > 0.5, mode > 1.5
+        self.judged = self.is_tried & (mode < 1.5)
+        self.square = self.z[0] * self.z[0] + self.z[1] * self.z[1]
+
+    def innovation_covariance(self) -> tuple[tuple[Any, Any, Any], Any]:
+        """Innovation covariance xx, xy, yy [m²], and normalised innovation squared."""
+        (z_x, z_y), (row_x, row_y, *_), P = self.z, self.rows, self.lane.P
+        with_x, with_y = P.times(row_x), P.times(row_y)
+        xx = dot(with_x, row_x) + self.R[s.X]
+        xy = dot(with_x, row_y) + self.noise_xy
+        yy = dot(with_y, row_y) + self.R[s.Y]
+        by_x, by_y = z_x * yy - z_y * xy, z_y * xx - z_x * xy
+        return (xx, xy, yy), (z_x * by_x + z_y * by_y) / (xx * yy - xy * xy)
+
+    def inflate(self, states: Sequence[int], error: Sequence[Any], only: Any) -> None:
+        """Inflate by an error that moves several states, in some lanes."""
+        moved = [select(only, part, 0.0) for part in error[: len(states)]]
+        self.lane.P.add_error(dict(zip(states, moved, strict=True)))
+        products = [a * b for a, b in combinations_with_replacement(moved, 2)]
+        self.lane.report("motion", products, states)
+
+    def follow_departure(self, S: tuple[Any, Any, Any], is_off: Any) -> tuple[Departure, Any]:
+        """Inflate the states where fixes that the gate would reject depart from the path.
+
+        Returns:
+            The departure with this fix, and the lanes in which it is followed.
+        """
+        lane, considered = self.lane, self.lane.shape.considered
+        departure, is_followed, indicated = departure_after(
+            Departure(*(lane.row(name) for name in DEPARTURE)),
+            self.place,
+            self.z,
+            S,
+            self.heading,
+            lane.constant("fastest"),
+            lane.constant("gauge"),
+            self.interval,
+        )
+        departs = is_off & is_followed
+        for states, error in errors_by_cause(indicated):
+            # A considered bias, the last state of an error, is not inflated.
+            self.inflate(states[: len(states) - (states[-1] in considered)], error, departs)
+        return departure, departs
+
+    def gate(self, nis: Any) -> _Verdict:
+        """Admit or reject; after some time of rejections a fix is used all the same."""
+        lane = self.lane
+        admitted = nis <= lane.constant("position_threshold")
+        patience = patience_for(self.square, lane.constant("patience"), lane.constant("fastest"))
+        is_overdue = ~admitted & (lane.row("position_rejected_for") >= patience)
+        lost, reacquired = self.judged & is_overdue, self.is_forced & is_overdue
+        tested = self.is_tried & ~lost
+        return _Verdict(admitted, reacquired, lost, tested, tested & (admitted | reacquired))
+
+    def store_departure(self, departure: Departure, is_off: Any, verdict: _Verdict) -> None:
+        """Store the departure that the next fix continues: none after a fix that is used."""
+        lane = self.lane
+        at_fix, at_path = (Departure(0.0, *place, *self.z) for place in (self.place, self.expected))
+        for row, if_used, if_off, if_not in zip(DEPARTURE, at_fix, departure, at_path, strict=True):
+            after = select(verdict.used | verdict.lost, if_used, select(is_off, if_off, if_not))
+            lane.stores[row] = select(self.judged | verdict.used, after, lane.row(row))
+
+    def update(self, S: tuple[Any, Any, Any], verdict: _Verdict) -> None:
+        """Update with both coordinates, one after the other."""
+        lane, (xx, _, yy) = self.lane, S
+        inflation = minimum(self.square, LARGEST_INFLATION * minimum(xx, yy))
+        added = select(verdict.reacquired, inflation, 0.0)
+        for axis in (s.X, s.Y):
+            lane.P.add_error({axis: 1.0}, added)
+            lane.report("inflated", (added,), (axis,))
+        before, considered = lane.x.copy(), lane.shape.considered
+        for axis in (s.X, s.Y):
+            row = self.rows[axis]
+            residual = self.z[axis] - shift_of(row, lane.x, before)
+            lane.update(residual, row, self.R[axis], fixed=considered, only=verdict.used)
+        lane.cover_rounding(after_fix=True)
+        lane.keep_inside_bounds()
+
+    def store_factors(self, S: tuple[Any, Any, Any], departs: Any, counts: Any) -> None:
+        """Store the factors on the slip, in lanes in which the fix `counts`.
+
+        Innovations to the same side increase them, a departure sets the largest.
+        """
+        lane = self.lane
+        smooth = lane.input("smooth_left"), lane.input("smooth_right")
+        slip, present = (select(departs, LARGEST_FACTOR, lane.row(name)) for name in FACTORS)
+        trend = tuple(lane.row(name) for name in TREND)
+        trend_now = trend_after(trend, *normalised(self.z, S, self.heading))
+        present_now = present_factor_after(present, trend_now, *smooth)
+        slip_now = slip_factor_after(slip, present_now, *smooth)
+        after, before = (slip_now, present_now, *trend_now), (slip, present, *trend)
+        for row, now, earlier in zip((*FACTORS, *TREND), after, before, strict=True):
+            lane.stores[row] = select(counts, now, earlier)
 
 
 def heading_kernel(name: str, shape: FilterShape, kind: FixKind) -> Kernel:

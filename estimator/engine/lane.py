@@ -3,10 +3,8 @@
 The numbers are traced ones, of which a compiler makes machine code, or plain ones (`plain_kernel`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
-from functools import cache
+from functools import cache, partial
 from types import SimpleNamespace
 from typing import Any, NamedTuple, cast
 
@@ -34,8 +32,7 @@ FAST = tuple(range(s.FAST_SLIP.start, s.FAST_SLIP.stop))
 OUTSIDE = {64: ROUNDING, 32: 1e-6}
 # As `ekf.SHARP` and `ekf.ROUNDING_SHARE`, by bits of a number; of 32 by `test_c_day.py`.
 SHARP_UPDATES = {64: (SHARP, ROUNDING_SHARE), 32: (1e-3, 2.0**-18)}
-# A factor and a vector.
-Part = tuple[Any, Vector]
+Part = tuple[Any, Vector]  # a factor and a vector
 
 
 class FilterShape(NamedTuple):
@@ -70,6 +67,18 @@ class Numbers(NamedTuple):
     inputs: Any  # (m,) its inputs
     constants: Any  # constants of all lanes
     of_user: MotionModel | None = None  # motion model that has no traced form; None if it has one
+
+
+class Bound(NamedTuple):
+    """Lower limit of a weighted sum of parameters."""
+
+    weights: Vector  # weights of the uncertain ones
+    certain: Any  # part of the sum by the others
+    least: Any  # the limit
+
+    def shortfall(self, values: Vector) -> Any:
+        """Distance of the sum below the limit, for values of the uncertain parameters."""
+        return self.least - self.certain - dot(values, self.weights)
 
 
 class Lane:
@@ -114,8 +123,7 @@ class Lane:
         else:
             self.P = Covariance({(i, j): self.row(covariance_name(i, j)) for i, j in pairs})
         self.stores: dict[str, Any] = {}
-        # Number of sharp updates.
-        self._sharp: Any = 0.0
+        self._sharp: Any = 0.0  # number of sharp updates
 
     def _initial_value(self, index: int) -> Any:
         """Value of a state before the kernel: of the workspace, a constant, or zero."""
@@ -378,46 +386,53 @@ class Lane:
         if isinstance(self.P, CovarianceInC) and not by_imu:
             self.P.change(self.x, "(void)inside(lanes, inputs, constants)")
             return
-        states, tolerance = self.P.states, OUTSIDE[self.shape.bits]
+        states, x = self.P.states, self.x
         fixed = self.fixed_for_gyro if by_imu else (*POSE_FIXED, *self.shape.considered)
-        bounds = [bound for bound in self._bounds() if not bound[0].keys() <= {*fixed}]
+        bounds = [bound for bound in self._bounds() if not bound.weights.keys() <= {*fixed}]
         if not bounds:
             return
-        x, moving = self.x, [i for i in states if i not in fixed]
-        outside: Any = False
-        for direction, certain_sum, least in bounds:
-            short = least - certain_sum - dot(values_for(x, direction), direction)
-            outside = outside | (short > tolerance)
-
-        def a_round(*values: Any) -> Any:
-            """Project onto each bound in turn; the states, and True if any has moved."""
-            now, moved = dict(zip(states, values, strict=True)), cast(Any, False)
-            for direction, certain_sum, least in bounds:
-                free = {i: weight for i, weight in direction.items() if i not in fixed}
-                cross = self.P.times(free)
-                variance = dot(cross, free)
-                short = least - certain_sum - dot(now, direction)
-                moves = (short > tolerance) & (variance > 0.0)
-                per_cross = select(moves, short / select(moves, variance, 1.0), 0.0)
-                now |= {i: now[i] + cross[i] * per_cross for i in moving}
-                moved = moved | moves
-            return [now[i] for i in states], moved
-
+        is_outside: Any = False
+        for bound in bounds:
+            short = bound.shortfall(values_for(x, bound.weights))
+            is_outside = is_outside | (short > OUTSIDE[self.shape.bits])
         before = [x[i] for i in states]
-        inside = trace.repeat(outside, before, a_round, BOUND_ROUNDS)[:-1]
+        a_round = partial(self._projected, bounds, fixed)
+        inside = trace.repeat(is_outside, before, a_round, BOUND_ROUNDS)[:-1]
         for i, value in zip(states, inside, strict=True):
             x[i] = value
         changes = [after - earlier for after, earlier in zip(inside, before, strict=True)]
         self.report("projected", changes, states)
 
-    def _bounds(self) -> Iterable[tuple[Vector, Any, Any]]:
-        """Bounds: weights of uncertain states, sum over the other states, lower limit."""
+    def _projected(
+        self, bounds: Iterable[Bound], fixed: Sequence[int], *values: Any
+    ) -> tuple[list[Any], Any]:
+        """Project values of the states onto each bound in turn.
+
+        Each state that is not `fixed` moves by its covariance with the sum that violates the bound.
+
+        Returns:
+            The values, and True if any has moved.
+        """
+        states, has_moved = self.P.states, cast(Any, False)
+        now = dict(zip(states, values, strict=True))
+        for bound in bounds:
+            free = {i: weight for i, weight in bound.weights.items() if i not in fixed}
+            cross = self.P.times(free)
+            variance, short = dot(cross, free), bound.shortfall(now)
+            moves = (short > OUTSIDE[self.shape.bits]) & (variance > 0.0)
+            per_cross = select(moves, short / select(moves, variance, 1.0), 0.0)
+            now |= {i: now[i] + cross[i] * per_cross for i in states if i not in fixed}
+            has_moved = has_moved | moves
+        return [now[i] for i in states], has_moved
+
+    def _bounds(self) -> Iterable[Bound]:
+        """Bounds of the model's parameters."""
         for number, places in enumerate(self.shape.model.bounds):
             weights = {s.PARAMETERS.start + k: self.constant(f"bound{number}_{k}") for k in places}
             certain = {i: self.x[i] for i in weights if i not in self.shape.states}
             uncertain = {i: weight for i, weight in weights.items() if i in self.shape.states}
             least = self.constant(f"bound{number}_{s.PARAMETER_COUNT}")
-            yield uncertain, dot(certain, {i: weights[i] for i in certain}), least
+            yield Bound(uncertain, dot(certain, {i: weights[i] for i in certain}), least)
 
 
 def array_rows(layout: Layout) -> tuple[int, int, int]:

@@ -154,11 +154,11 @@ class LaneSteps:
             counts = self._feed_samples(
                 self._lane.places,
                 self._records,
+                self._all_arrays(),
                 readings.stamps,
                 readings.rates,
-                self._all_arrays(),
                 mounting,
-                *samples,
+                samples,
                 uses_force,
                 rows,
             )

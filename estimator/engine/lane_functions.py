@@ -22,7 +22,7 @@ from icreckon.estimator.filter.filter_record import (
 from icreckon.estimator.filter.gate import count_verdict
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.filter.process_noise import share_of_sigma
-from icreckon.estimator.filter.samples import COUNT, DUE, NEWEST, WRITTEN
+from icreckon.estimator.filter.samples import COUNT, DUE, NEWEST, WRITTEN, SampleArrays
 from icreckon.estimator.filter.slip_factor import follow_scatter
 from icreckon.estimator.sensors.held_tracks import is_hole, speeds_at, take_motion
 from icreckon.estimator.sensors.imu_clock import is_alive, take_stamp
@@ -46,10 +46,8 @@ LEFT, RIGHT = INPUTS["left"], INPUTS["right"]
 
 # Results of functions that did nothing: a step is needed before, as after a gap; the buffers are full.
 REFUSED, FULL = -1, -2
-# Place of the inputs among the arrays of a lane, see `take_step`.
-INPUTS_PLACE = 5
-# Most states of a filter with a fast slip.
-MOST_STATES = s.WANDER.stop
+INPUTS_PLACE = 5  # place of the inputs among the arrays of a lane, see `take_step`
+MOST_STATES = s.WANDER.stop  # most states of a filter with a fast slip
 # Places in `LanePlaces.kernels`. Steps with an IMU sample at their end, of a robot that does not stand
 # and of any; with one at their start; steps without one, and their two halves; position fixes, at the end
 # of a step and ahead of it; the body velocity.
@@ -217,64 +215,74 @@ def add_to_scatter(records: Any, fix: TakenFix, correction: Floats) -> bool:
 def feed_samples(
     places: Any,
     records: Any,
+    arrays: Any,
     stamps: Stamps,
     rates: Floats,
-    arrays: Any,
     mounting: Floats,
-    track_stamps: Stamps,
-    speeds: Floats,
-    left_wheels: Floats,
-    right_wheels: Floats,
-    imu_stamps: Stamps,
-    angular_velocities: Floats,
-    forces: Floats,
+    samples: SampleArrays,
     uses_force: bool,
     rows: Any,
 ) -> Any:
-    """Take the steps of samples, see `Sampled`, and fill rows.
+    """Take the steps of samples in order, and fill rows, see `Sampled`.
 
-    Arguments are those of `take_sample`. It stops before a sample after a gap, or at a stamp that the
-    filter has reached, and if the buffers of readings are full.
+    Other arguments are those of `take_sample`. It stops before a sample after a gap, or at a stamp that
+    the filter has reached, and if the buffers of readings are full.
     """
-    record = records[0]
-    hold, tracks, samples, used, stood = record.settings.hold, 0, 0, 0, 0
-    if len(speeds) != len(track_stamps) or speeds.shape[1] != 2:
-        raise ValueError(WRONG_SIZE)
-    if not len(left_wheels) == len(right_wheels) == len(speeds):
-        raise ValueError(WRONG_SIZE)
-    count = len(imu_stamps)
-    if angular_velocities.shape != (count, 3) or forces.shape != (count, 3):
-        raise ValueError(WRONG_SIZE)
-    while tracks < len(track_stamps) or samples < count:
-        has_tracks = tracks < len(track_stamps)
-        is_track = samples == count or (has_tracks and track_stamps[tracks] <= imu_stamps[samples])
-        stamp = track_stamps[tracks] if is_track else imu_stamps[samples]
+    require_sizes(samples)
+    record, track_stamps, imu_stamps = records[0], samples.track_stamps, samples.imu_stamps
+    tracks, imu, used, stood = 0, 0, 0, 0
+    while tracks < len(track_stamps) or imu < len(imu_stamps):
+        has_tracks, has_imu = tracks < len(track_stamps), imu < len(imu_stamps)
+        is_track = not has_imu or (has_tracks and track_stamps[tracks] <= imu_stamps[imu])
+        stamp = track_stamps[tracks] if is_track else imu_stamps[imu]
         if is_row_due(rows, stamp, record.stamp):
             write_row(places, records, arrays, rows)
         if is_track:
-            newest = record.tracks.stamp
-            if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
+            if not take_tracks(places, records, arrays, samples, tracks):
                 break
-            if ends_step(record):
-                move_inputs(record, arrays[INPUTS_PLACE], 0, newest)
-                take_step(places, TIME_STEP, records, arrays, newest, 0.0)
-            wheels = (left_wheels[tracks], right_wheels[tracks])
-            take_track_sample(record, stamp, speeds[tracks], *wheels)
             rows.progress[DUE] = len(rows.stamps) > 0
             tracks += 1
-            continue
-        w, f = angular_velocities[samples], forces[samples]
-        if stamp <= record.stamp:
-            break
-        readings = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2], uses_force, False)
-        sample: Any = (records, arrays, stamp, *readings)
-        result = take_sample(places, IMU_STEP, *sample)
-        if result < 0:
-            break
-        used += result
-        stood += record.stands
-        samples += 1
-    return tracks, samples, used, stood
+        else:
+            if stamp <= record.stamp:
+                break
+            w, f = samples.angular_velocities[imu], samples.forces[imu]
+            readings = (stamps, rates, mounting, w[0], w[1], w[2], f[0], f[1], f[2])
+            sample: Any = (records, arrays, stamp, *readings, uses_force, False)
+            result = take_sample(places, IMU_STEP, *sample)
+            if result < 0:
+                break
+            used += result
+            stood += record.stands
+            imu += 1
+    return tracks, imu, used, stood
+
+
+def require_sizes(samples: SampleArrays) -> None:
+    """Raise ValueError if sizes differ: compiled code does not check its indices."""
+    tracks, imu = len(samples.track_stamps), len(samples.imu_stamps)
+    sizes_fit = samples.speeds.shape == (tracks, 2)
+    sizes_fit &= len(samples.left_wheels) == len(samples.right_wheels) == tracks
+    sizes_fit &= samples.angular_velocities.shape == samples.forces.shape == (imu, 3)
+    if not sizes_fit:
+        raise ValueError(WRONG_SIZE)
+
+
+def take_tracks(places: Any, records: Any, arrays: Any, samples: SampleArrays, k: int) -> bool:
+    """Add track speeds k, after a step with the old ones if they end one.
+
+    Returns:
+        False, and nothing is done, after a gap in the track speeds or IMU samples.
+    """
+    record, stamp = records[0], samples.track_stamps[k]
+    newest, hold = record.tracks.stamp, record.settings.hold
+    if is_hole(record.tracks, stamp, hold) or not is_alive(record.imu, stamp, hold):
+        return False
+    if ends_step(record):
+        move_inputs(record, arrays[INPUTS_PLACE], 0, newest)
+        take_step(places, TIME_STEP, records, arrays, newest, 0.0)
+    wheels = (samples.left_wheels[k], samples.right_wheels[k])
+    take_track_sample(record, stamp, samples.speeds[k], *wheels)
+    return True
 
 
 def is_row_due(rows: Any, stamp: int, reached: int) -> bool:
@@ -289,36 +297,12 @@ def is_row_due(rows: Any, stamp: int, reached: int) -> bool:
 
 def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:
     """Fill the next row of `RunRows`; the other arguments are those of `take_step`."""
-    x, P, regressors, memory, lane, inputs, constants = arrays
-    record, row, n = records[0], rows.progress[COUNT], s.SIZE
-    speeds = speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
-    twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(x))), np.empty((3, 2))
-    results = twist, jacobian, by_speeds
-    model = (x, memory, lane, inputs, constants)
-    indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *results)
-    with_states, shares = np.zeros((3, n)), np.ones(3)
-    # Covariance J P J' of the twist, where the regressors are its derivatives by the parameters.
-    for axis in range(3):
-        for k in range(s.PARAMETER_COUNT):
-            jacobian[axis, PARAMETERS + k] = regressors[axis, k]
-        for i in range(n):
-            if jacobian[axis, i] != 0.0:
-                for j in range(n):
-                    with_states[axis, j] += jacobian[axis, i] * P[i, j]
-        rows.twists[row, axis], rows.indices[row, axis] = twist[axis], indices[axis]
-    covariance = rows.twist_covariances[row]
+    x, P, record, row = arrays[0], arrays[1], records[0], rows.progress[COUNT]
+    write_twist(places, record, arrays, rows, row)
     for i in range(3):
         for j in range(3):
-            covariance[i, j] = 0.0
-            for k in range(n):
-                covariance[i, j] += with_states[i, k] * jacobian[j, k]
             rows.pose_covariances[row, i, j] = P[i, j]
-    for axis in range(2):
-        shares[axis] = share_of_sigma(covariance[axis, axis], record.settings.fastest)
-    for i in range(3):
-        for j in range(3):
-            covariance[i, j] *= shares[i] * shares[j]
-    for i in range(n):
+    for i in range(s.SIZE):
         rows.states[row, i], rows.sigmas[row, i] = x[i], np.sqrt(P[i, i])
     put_faults(record, rows.faults[row])
     put_innovation(record.gyro, rows, row, 0)
@@ -326,6 +310,37 @@ def write_row(places: Any, records: Any, arrays: Any, rows: Any) -> None:
     put_innovation(record.accelerometer_y, rows, row, 2)
     rows.stamps[row] = rows.progress[WRITTEN] = record.stamp
     rows.progress[COUNT], rows.progress[DUE] = row + 1, 0
+
+
+def write_twist(places: Any, record: Any, arrays: Any, rows: Any, row: int) -> None:
+    """Fill the twist of a row, its indices, and its covariance as `twist_covariance`."""
+    x, P, regressors, memory, lane, inputs, constants = arrays
+    speeds = speeds_at(record.tracks, record.stamp, record.settings.hold_ns)
+    twist, jacobian, by_speeds = np.empty(3), np.empty((3, len(x))), np.empty((3, 2))
+    model = (x, memory, lane, inputs, constants)
+    results = (twist, jacobian, by_speeds)
+    indices = evaluate_twist(places, *model, *speeds, 1.0, 1.0, 1.0, *results)
+    # Covariance J P J' of the twist, where the regressors are its derivatives by the parameters.
+    with_states, shares, n = np.zeros((3, s.SIZE)), np.ones(3), s.SIZE
+    for axis in range(3):
+        rows.twists[row, axis], rows.indices[row, axis] = twist[axis], indices[axis]
+        for k in range(s.PARAMETER_COUNT):
+            jacobian[axis, PARAMETERS + k] = regressors[axis, k]
+        for i in range(n):
+            if jacobian[axis, i] != 0.0:
+                for j in range(n):
+                    with_states[axis, j] += jacobian[axis, i] * P[i, j]
+    covariance = rows.twist_covariances[row]
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] = 0.0
+            for k in range(n):
+                covariance[i, j] += with_states[i, k] * jacobian[j, k]
+    for axis in range(2):
+        shares[axis] = share_of_sigma(covariance[axis, axis], record.settings.fastest)
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] *= shares[i] * shares[j]
 
 
 def put_innovation(gate: Any, rows: Any, row: int, column: int) -> None:

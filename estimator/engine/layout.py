@@ -60,8 +60,7 @@ CONSTANTS = (
     "standstill_duration",
     "position_threshold",
 )
-# Columns of a bound.
-BOUND = range(s.PARAMETER_COUNT + 1)
+BOUND = range(s.PARAMETER_COUNT + 1)  # columns of a bound
 # Counts of each gate, the time of rejections first.
 IMU_GATES = ("gyro", "accelerometer_x", "accelerometer_y")
 GATES = (*IMU_GATES, "position", "heading")
@@ -84,8 +83,7 @@ INNOVATIONS = (
     *(f"position_{part}" for part in ("z_x", "z_y", "S_xx", "S_xy", "S_yy")),
 )
 
-# Rows for the changes that a kernel reports, see `icreckon.estimator.filter.changes`.
-REPORTED = 1400
+REPORTED = 1400  # rows for the changes that a kernel reports, see `filter.changes`
 
 # Motion at some track speeds: indices, force of inertia and its limited value, and the derivatives of the
 # twist by the track speeds.

@@ -4,8 +4,6 @@ Equations and derivatives are those of `icreckon.estimator.motion`,
 `icreckon.estimator.filter.process_noise` and `icreckon.estimator.sensors.sensor_models`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, Literal, NamedTuple
@@ -30,8 +28,7 @@ from icreckon.estimator.tracing import trace
 from icreckon.estimator.tracing.elementary import exponential, traced
 from icreckon.estimator.tracing.trace import select
 
-# Up to this angle [rad] a series of this many terms is exact to rounding.
-SERIES_TO, TERMS = 0.5, 8
+SERIES_TO, TERMS = 0.5, 8  # up to this angle [rad] a series of this many terms is exact to rounding
 # From the paper's axes: forward is its second, left minus its first.
 PAPER_AXIS = (1, 0, 2)
 PAPER_SIGN = (1.0, -1.0, 1.0)

@@ -58,8 +58,7 @@ FIXES = {
     POSITION: ("position", FixKind(fast_slip=True)),
     POSITION_AHEAD: ("position_ahead", FixKind(fast_slip=True, ahead=True)),
 }
-# Rows that the record of a filter holds.
-OF_RECORD = (*FACTORS, *TREND, *DEPARTURE)
+OF_RECORD = (*FACTORS, *TREND, *DEPARTURE)  # rows that the record of a filter holds
 
 
 class LanePlaces(NamedTuple):

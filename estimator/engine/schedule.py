@@ -29,10 +29,8 @@ Places = NDArray[np.int32]
 MOVE_AND_UPDATE, UPDATE, MOVE, AHEAD = range(4)
 # Bits of a step: a fix at its end or ahead of it; the fix has a heading; and a tick.
 POSITION, HEADING, TICK = 1, 2, 4
-# After the last measurement.
-END = 2**62
-# Columns of a table of constants, with the interval of the IMU last.
-STEP_COLUMNS = PER_STEP + 1
+END = 2**62  # after the last measurement
+STEP_COLUMNS = PER_STEP + 1  # columns of a table of constants, with the interval of the IMU last
 
 
 class Steps(NamedTuple):

@@ -57,17 +57,22 @@ class StepKind(NamedTuple):
 
 
 class PredictedPose(NamedTuple):
-    """Predicted pose, see `icreckon.estimator.sensors.predictions.Prediction`.
+    """Predicted pose, see `icreckon.estimator.sensors.predictions.Prediction`."""
 
-    Attributes:
-        values: (3,) x, y, yaw.
-        rows: (3,) derivatives by the states.
-        covariance: (3, 3) covariance of the error that is not in the state.
-    """
+    values: Sequence[Any]  # (3,) x, y, yaw
+    rows: Sequence[Vector]  # (3,) derivatives by the states
+    covariance: Sequence[Sequence[Any]]  # (3, 3) covariance of the error that is not in the state
 
-    values: Sequence[Any]
-    rows: Sequence[Vector]
-    covariance: Sequence[Sequence[Any]]
+
+class MovedPose(NamedTuple):
+    """Move of the pose, and of the height if it is a state (k = 4), over a step."""
+
+    step: Sequence[Any]  # (k,) x, y [m], yaw [rad], height [m] that are added
+    yaws: Sequence[Any]  # (k,) their derivatives by the yaw
+    M: Sequence[Sequence[Any]]  # (k, k) their derivatives by twist and climb, over the time step
+    by_slip: Sequence[Sequence[Any]]  # (k, 3) their derivatives by the slip, over the time step
+    rows: Sequence[Vector]  # (k,) derivatives of twist and climb by the states
+    climb: model.Climb | None  # climb; None without a height
 
 
 def step_kernel(
@@ -334,68 +339,94 @@ class Step:
 
     def propagate(self) -> None:
         """Propagate to the end of the step, see `reference.ekf.IcrEkf.predict_motion`."""
-        lane = self.lane
-        x, P, constant = lane.x, lane.P, lane.constant
-        dt, sigma = constant("dt"), self._sigma()
-        fades = self._fades()
-        turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
-        missing = lane.input("missing")
-        left, right = lane.input("left") + missing, lane.input("right") + missing
-        shares = [fade.mean for fade in fades]
-        now = lane.smoothed_twist(left, right, shares)
-        self._follow_regressors(now, (left, right), shares)
+        lane, P, fades = self.lane, self.lane.P, self._fades()
+        missing, shares = lane.input("missing"), [fade.mean for fade in fades]
+        speeds = lane.input("left") + missing, lane.input("right") + missing
+        now = lane.smoothed_twist(*speeds, shares)
+        self._follow_regressors(now, speeds, shares)
         tilt = model.Tilting()
         if self.kind.accelerometer:
-            tilt = model.tilting(x, lane.input("roll_rate"), lane.input("pitch_rate"))
+            tilt = model.tilting(lane.x, lane.input("roll_rate"), lane.input("pitch_rate"))
+        move = self._moved_pose(now, tilt)
+        dt = lane.constant("dt")
+        motion = Motion(
+            move.rows,
+            [[part * dt for part in row] for row in move.M],
+            move.yaws,
+            self._transition(now, tilt, fades),
+            *self._process_noise(move, tilt, fades),
+        )
+        if isinstance(P, CovarianceInC):
+            _move_in_c(P, motion, lane.shape.states)
+        else:
+            with_rows = self._with_rows(now, move.climb)
+            if lane.shape.reports:
+                self._report_motion(motion, with_rows, fades, move.step)
+            lane.P = Covariance(self._moved(motion, with_rows))
+        before = lane.x.copy()
+        for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
+            along = {k: motion.faded[i][k] for k in GRAVITY}
+            lane.x[i] = dot(values_for(before, along), along) + tilt.down * rate * dt
+        for i, by in enumerate(move.step):
+            lane.x[i] = lane.x[i] + by
+        for i, fade in zip(range(s.SLIP.start, s.SLIP.stop), fades, strict=True):
+            lane.x[i] = lane.x[i] * fade.decay
+        self.model = now
+
+    def _moved_pose(self, now: model.TracedTwist, tilt: model.Tilting) -> MovedPose:
+        """Move by a body velocity along the sloping ground, seen from above."""
+        x, dt = self.lane.x, self.lane.constant("dt")
         slope = x[s.GRAVITY_X], x[s.GRAVITY_Y]
         by_twist, yaw_rate = model.seen_from_above(tilt.pitch_rate, slope)
         twist = [
             sum(by * part for by, part in zip(row, now.twist, strict=True)) for row in by_twist
         ]
         twist[s.YAW] = twist[s.YAW] + yaw_rate
-        step, by_yaw, M = model.step_on_se2(x[s.YAW], [part * dt for part in twist])
-        M, step, yaws = _product(M, by_twist), list(step), [*by_yaw, 0.0]
-        states, rows = lane.shape.states, list(now.rows)
-        walk = self._walks(turning, travel, tilt)
-        by_slip, climb = M, None
-        if s.Z in states:
-            climb = model.climb(now, slope)
-            step, yaws = [*step, climb.rate * dt], [*yaws, 0.0]
-            rows.append(climb.times(now.rows, {i: {i: 1.0} for i in GRAVITY}))
-            by_slip = [*M, [*climb.by_twist, 0.0]]
-            M = [*([*row, 0.0] for row in M), [0.0, 0.0, 0.0, 1.0]]
+        step, by_yaw, by_pose = model.step_on_se2(x[s.YAW], [part * dt for part in twist])
+        M, yaws = _product(by_pose, by_twist), [*by_yaw, 0.0]
+        if s.Z not in self.lane.shape.states:
+            return MovedPose(step, yaws, M, M, now.rows, None)
+        climb = model.climb(now, slope)
+        return MovedPose(
+            step=[*step, climb.rate * dt],
+            yaws=[*yaws, 0.0],
+            M=[*([*row, 0.0] for row in M), [0.0, 0.0, 0.0, 1.0]],
+            by_slip=[*M, [*climb.by_twist, 0.0]],
+            rows=[*now.rows, climb.times(now.rows, {i: {i: 1.0} for i in GRAVITY})],
+            climb=climb,
+        )
+
+    def _process_noise(
+        self, move: MovedPose, tilt: model.Tilting, fades: Sequence[GaussMarkov]
+    ) -> tuple[dict[tuple[int, int], Any], Vector]:
+        """Covariances that pose and height gain, and the variance that each state gains."""
+        lane, sigma, dt = self.lane, self._sigma(), self.lane.constant("dt")
+        walk = self._walks(tilt)
         # Slip of stale speeds decays with them: unknown motion has an error of its own.
         fading = [lane.input("speed_decay") * part for part in sigma]
-        noise = _noise_of_pose(rows, M, by_slip, walk, fading, fades, dt)
+        noise = _noise_of_pose(move.rows, move.M, move.by_slip, walk, fading, fades, dt)
         noise[s.YAW, s.YAW] = noise[s.YAW, s.YAW] + lane.input("turn_density") * dt
         own = {i: walk.get(i, 0.0) * dt for i in lane.P.states}
-        for axis in range(3):
-            own[s.SLIP.start + axis] = sigma[axis] * sigma[axis] * fades[axis].final
-        kept = exponential(-constant("slope_forgetting") * travel * dt)
-        # Rows of the transition of all states but the pose: slip fades, gravity turns with the body.
-        faded: dict[int, Vector] = {i: {i: 1.0} for i in lane.P.states}
-        faded |= {
-            s.SLIP.start + axis: {s.SLIP.start + axis: fades[axis].decay} for axis in range(3)
-        }
+        for axis, fade in enumerate(fades):
+            own[s.SLIP.start + axis] = sigma[axis] * sigma[axis] * fade.final
+        return noise, own
+
+    def _transition(
+        self, now: model.TracedTwist, tilt: model.Tilting, fades: Sequence[GaussMarkov]
+    ) -> dict[int, Vector]:
+        """Rows of the transition of all states but the pose.
+
+        Slip fades, gravity turns with the body, and what else there is stays.
+        """
+        lane, dt = self.lane, self.lane.constant("dt")
+        rows: dict[int, Vector] = {i: {i: 1.0} for i in lane.P.states}
+        for i, fade in zip(range(s.SLIP.start, s.SLIP.stop), fades, strict=True):
+            rows[i] = {i: fade.decay}
+        travel = model.travel_speed(*self.smooth)
+        kept = exponential(-lane.constant("slope_forgetting") * travel * dt)
         for i, row in model.gravity_rows(now.twist[2] * dt, tilt, kept, dt).items():
-            faded[i] = {k: by for k, by in row.items() if k in lane.P.states}
-        motion = Motion(rows, [[part * dt for part in row] for row in M], yaws, faded, noise, own)
-        if isinstance(P, CovarianceInC):
-            _move_in_c(P, motion, states)
-        else:
-            with_rows = self._with_rows(now, climb)
-            if lane.shape.reports:
-                self._report_motion(motion, with_rows, fades, step)
-            lane.P = Covariance(self._moved(motion, with_rows))
-        before = x.copy()
-        for i, rate in zip(GRAVITY, (tilt.pitch_rate, -tilt.roll_rate), strict=True):
-            along = {k: faded[i][k] for k in GRAVITY}
-            x[i] = dot(values_for(before, along), along) + tilt.down * rate * dt
-        for i, by in enumerate(step):
-            x[i] = x[i] + by
-        for i in range(3):
-            x[s.SLIP.start + i] = x[s.SLIP.start + i] * fades[i].decay
-        self.model = now
+            rows[i] = {k: by for k, by in row.items() if k in lane.P.states}
+        return rows
 
     def _with_rows(self, now: model.TracedTwist, climb: model.Climb | None) -> list[Vector]:
         """Products of the covariance with the derivatives of the twist, and of the climb."""
@@ -489,8 +520,9 @@ class Step:
         )
         lane.report("moved", values, states)
 
-    def _walks(self, turning: Any, travel: Any, tilt: model.Tilting) -> Vector:
+    def _walks(self, tilt: model.Tilting) -> Vector:
         """Squared random-walk densities of the states that have one."""
+        turning, travel = model.share_of_walk(*self.smooth), model.travel_speed(*self.smooth)
         lane, by_gyros = self.lane, tilt.down * tilt.down * self.lane.input("tilt_density")
         walks: Vector = {}
         for i in lane.shape.states:

@@ -6,18 +6,9 @@ import numpy as np
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.engine.constants import PER_STEP
 from icreckon.estimator.engine.layout import INPUTS, TWIST
-from icreckon.estimator.engine.schedule import (
-    AHEAD,
-    HEADING,
-    MOVE,
-    POSITION,
-    STEP_COLUMNS,
-    TICK,
-    UPDATE,
-)
+from icreckon.estimator.engine.schedule import AHEAD, HEADING, MOVE, POSITION, TICK, UPDATE, Steps
 from icreckon.estimator.faults.scattering_fixes import TakenFix
 from icreckon.estimator.filter.filter_record import wander_after
 from icreckon.estimator.filter.gate import FORCED, SKIPPED
@@ -29,11 +20,7 @@ from icreckon.estimator.tracing.kernel import FLAG_BITS, call_kernel
 ESTIMATE = ("x", "y", "yaw", "xx", "xy", "x_yaw", "yy", "y_yaw", "yaw_yaw", *TWIST)
 QUIET, MODE = INPUTS["quiet_mean"], INPUTS["fix_mode"]
 FIX_X, FIX_Y, FIX_VARIANCE = INPUTS["fix_x"], INPUTS["fix_y"], INPUTS["fix_variance"]
-ROWS = len(INPUTS)
 NOT_COMPILED = "a kernel that a step needs was not compiled: `prepare` the same steps first"
-# Time of a fix: the end of a step, the end of a step that is a tick, between two steps, and between two
-# steps at a tick.
-AT_STEP, AT_TICK, BETWEEN_STEPS, TICK_BETWEEN_STEPS = range(4)
 
 
 class Places(NamedTuple):
@@ -67,8 +54,8 @@ class LaneKernels(NamedTuple):
     update: int = 0  # IMU sample at the stamp of the filter, without propagation
     # propagation without an IMU sample; the second with the twist at its end, for a tick
     moves: tuple[int, int] = (0, 0)
-    # position fix at each of the times of `AT_STEP`, at ticks with the twist; returns lanes that are
-    # lost, and that used it
+    # position fix at each `time_of_fix`, at ticks with the twist; returns lanes that are lost, and that
+    # used it
     positions: tuple[int, int, int, int] = (0, 0, 0, 0)
     headings: tuple[int, int, int, int] = (0, 0, 0, 0)  # the same of heading fixes
 
@@ -79,61 +66,54 @@ def work_through(
     inputs: Floats,
     constants: Floats,
     table: Floats,
-    stamps: Any,
-    kinds: Any,
-    extras: Any,
-    ticks: Any,
+    steps: Steps,
     estimates: Floats,
     fixes: Any,
     places: Places,
 ) -> None:
     """Run all lanes through some steps; see `BatchFilter.work_through`.
 
+    It checks no sizes. The ticks of the steps are indices of `estimates`.
+
     Raises:
-        ValueError: an array has the wrong size, or a kernel that a step needs is missing.
+        ValueError: a kernel that a step needs is missing.
     """
-    width, output_lanes, count = workspace.shape[1], estimates.shape[2], len(kinds)
-    sizes_fit = len(workspace) == places.row_count and len(constants) >= places.constant_count
-    sizes_fit &= len(inputs) >= count and inputs.shape[1] == ROWS and inputs.shape[2] == width
-    sizes_fit &= len(table) >= count and table.shape[1] == STEP_COLUMNS
-    sizes_fit &= len(extras) == count and len(ticks) == count and len(stamps) == count
-    sizes_fit &= estimates.shape[1] >= len(places.estimate) and output_lanes <= width
-    if not sizes_fit or len(fixes) != width:
-        raise ValueError(WRONG_SIZE)
-    for k in range(count):
-        if extras[k] & TICK and not 0 <= ticks[k] < len(estimates):
-            raise ValueError(WRONG_SIZE)
-    for k in range(count):
+    for k in range(len(steps.kinds)):
         for c in range(PER_STEP):
             constants[c] = table[k, c]
         constants[places.interval] = table[k, PER_STEP]
-        step_inputs = inputs[k]
-        is_tick, fix_time = extras[k] & TICK, time_of_fix(kinds[k], extras[k])
-        if kinds[k] != AHEAD:
-            quiet = False
-            for lane in range(width):
-                quiet |= step_inputs[QUIET, lane] == step_inputs[QUIET, lane]
-            kernel = kernels.full if quiet or is_tick else kernels.usual
-            if kinds[k] == MOVE:
-                kernel = kernels.moves[1 if is_tick else 0]
-            elif kinds[k] == UPDATE:
-                kernel = kernels.update
+        step_inputs, kind, extra, stamp = inputs[k], steps.kinds[k], steps.extras[k], steps.ends[k]
+        is_tick, fix_time = (extra & TICK) > 0, time_of_fix(kind, extra)
+        if kind != AHEAD:
+            kernel = kernel_of_step(kernels, kind, is_tick, step_inputs)
             run_kernel(kernel, workspace, step_inputs, constants)
-        if extras[k] & POSITION:
+        if extra & POSITION:
             kernel = kernels.positions[fix_time]
-            process_position(kernel, workspace, step_inputs, constants, fixes, stamps[k], places)
-        if extras[k] & HEADING:
-            for lane in range(width):
-                let_wander(workspace, lane, fixes[lane], stamps[k], places)
+            process_position(kernel, workspace, step_inputs, constants, fixes, stamp, places)
+        if extra & HEADING:
+            for lane in range(workspace.shape[1]):
+                let_wander(workspace, lane, fixes[lane], stamp, places)
             run_kernel(kernels.headings[fix_time], workspace, step_inputs, constants)
         if is_tick:
             for row in range(len(places.estimate)):
-                for lane in range(output_lanes):
-                    estimates[ticks[k], row, lane] = workspace[places.estimate[row], lane]
+                for lane in range(estimates.shape[2]):
+                    estimates[steps.ticks[k], row, lane] = workspace[places.estimate[row], lane]
+
+
+def kernel_of_step(kernels: LaneKernels, kind: int, is_tick: bool, step_inputs: Floats) -> int:
+    """Address of the kernel of a step that is no fix ahead."""
+    if kind == MOVE:
+        return kernels.moves[1 if is_tick else 0]
+    if kind == UPDATE:
+        return kernels.update
+    may_stand = False
+    for mean in step_inputs[QUIET]:
+        may_stand |= mean == mean  # not NaN
+    return kernels.full if may_stand or is_tick else kernels.usual
 
 
 def time_of_fix(kind: Any, extra: Any) -> Any:
-    """Time of a fix in a step, see `AT_STEP` and the others; of arrays of steps, too."""
+    """Time of a fix: 0, the end of a step; 2, between two steps; 1 more at a tick."""
     return 2 * (kind == AHEAD) + ((extra & TICK) > 0)
 
 
@@ -169,13 +149,8 @@ def process_position(
             place = three_rows(predicted, lane, 0)
             add_rejected(fixes[lane].rejected, fix, place, wandered[lane])
     if lost:
-        for lane in range(width):
-            step_inputs[MODE, lane] = SKIPPED
-            if (lost >> lane) & 1:
-                if relocate_lane(workspace, lane, fixes[lane].rejected, places):
-                    used |= 1 << lane
-                else:
-                    step_inputs[MODE, lane] = FORCED
+        # Again, in lost lanes alone, with the fix or with the relocated pose.
+        used |= relocate_lost(lost, workspace, step_inputs, fixes, places)
         used |= run_kernel(kernel, workspace, step_inputs, constants) >> FLAG_BITS
     updated, is_inflated = rows_of(workspace, places.updated), False
     for lane in range(width):
@@ -184,20 +159,34 @@ def process_position(
             x, y, variance = position_of_lane(step_inputs, lane, stated_variances)
             z, S = (innovation[0, lane], innovation[1, lane]), three_rows(innovation, lane, 2)
             places_of_antenna = three_rows(predicted, lane, 0), three_rows(updated, lane, 0)
-            fix_after_update = TakenFix(stamp, x, y, variance, z, S, *places_of_antenna, is_used)
-            is_inflated |= follow_in_lane(
-                workspace, lane, fixes[lane].scatter, fix_after_update, before[:, lane], places
-            )
+            taken = TakenFix(stamp, x, y, variance, z, S, *places_of_antenna, is_used)
+            scatter, x_before = fixes[lane].scatter, before[:, lane]
+            is_inflated |= follow_in_lane(workspace, lane, scatter, taken, x_before, places)
         if is_used or modes[lane] == SKIPPED:
             fixes[lane].rejected.count = 0
     if is_inflated:
         # The twist's covariance follows the inflation.
-        for lane in range(width):
-            step_inputs[MODE, lane] = SKIPPED
+        step_inputs[MODE, :] = SKIPPED
         run_kernel(kernel, workspace, step_inputs, constants)
-    for lane in range(width):
-        step_inputs[FIX_VARIANCE, lane] = stated_variances[lane]
-        step_inputs[MODE, lane] = modes[lane]
+    step_inputs[FIX_VARIANCE, :], step_inputs[MODE, :] = stated_variances, modes
+
+
+def relocate_lost(
+    lost: int, workspace: Floats, step_inputs: Floats, fixes: Any, places: Places
+) -> int:
+    """Relocate lanes that are lost; the bits of those whose rejected fixes fit.
+
+    Modes change so that only lost lanes that do not fit use the fix: a relocated pose contains it.
+    """
+    relocated = 0
+    for lane in range(workspace.shape[1]):
+        step_inputs[MODE, lane] = SKIPPED
+        if (lost >> lane) & 1:
+            if relocate_lane(workspace, lane, fixes[lane].rejected, places):
+                relocated |= 1 << lane
+            else:
+                step_inputs[MODE, lane] = FORCED
+    return relocated
 
 
 def run_kernel(kernel: int, workspace: Floats, step_inputs: Floats, constants: Floats) -> int:

@@ -20,10 +20,8 @@ from icreckon.estimator.base.choices import select
 DEPARTURE_TIME, DEPARTED_FIXES = 0.5, 2.0
 # Largest departure as a share of the distance driven, and standard deviations of noise beyond that.
 DEPARTURE_SHARE, DEPARTURE_SIGMAS = 1.2, 3.0
-# Fastest turn of the path that a wrong gyro explains [rad/s].
-FASTEST_TURN = 0.2
-# Least cosine between successive departures, and least ratio of them.
-SAME_SIDE = 0.8
+FASTEST_TURN = 0.2  # fastest turn of the path that a wrong gyro explains [rad/s]
+SAME_SIDE = 0.8  # least cosine between successive departures, and least ratio of them
 # Least distance that has a direction [m], and least time that has a speed [s].
 LEAST_DISTANCE, LEAST_TIME = 1e-3, 1e-6
 
@@ -76,19 +74,14 @@ def departure_after(
         The departure with this fix; True if it has lasted long enough to be followed; the errors that it
         indicates.
     """
-    (z_x, z_y), (xx, xy, yy) = z, S
-    time = max(LEAST_TIME, before.time + interval)
+    (z_x, z_y), time = z, max(LEAST_TIME, before.time + interval)
     path_x, path_y = fix[0] - z_x, fix[1] - z_y
-    # Distance and direction (cosine, sine) driven since the newest fix that does not depart.
+    # Distance and direction driven since the newest fix that does not depart.
     driven_x, driven_y = path_x - before.from_x, path_y - before.from_y
     distance = max(LEAST_DISTANCE, math.sqrt(driven_x * driven_x + driven_y * driven_y))
     cos, sin = driven_x / distance, driven_y / distance
     distance = min(distance, max(LEAST_DISTANCE, fastest * time))
-    # Innovation along that direction and to its left.
-    ahead, left = cos * z_x + sin * z_y, cos * z_y - sin * z_x
-    shared = 2.0 * cos * sin * xy
-    variance_ahead = max(0.0, cos * cos * xx + shared + sin * sin * yy)
-    variance_left = max(0.0, sin * sin * xx - shared + cos * cos * yy)
+    ahead, left, variance_ahead, variance_left = along_and_beside(z, S, (cos, sin))
     size = math.sqrt(z_x * z_x + z_y * z_y)
     noise = DEPARTURE_SIGMAS * math.sqrt(max(variance_ahead, variance_left))
     is_in_reach = size < DEPARTURE_SHARE * distance + noise
@@ -97,12 +90,8 @@ def departure_after(
     continues = (z_x * before.by_x + z_y * before.by_y >= least * size) & (size >= least)
     departs = is_in_reach & ((before.time <= 0.0) | continues)
     is_followed = departs & (before.time >= max(DEPARTURE_TIME, DEPARTED_FIXES * interval))
-    after = Departure(
-        select(departs, time, 0.0),
-        select(departs, before.from_x, path_x),
-        select(departs, before.from_y, path_y),
-        *z,
-    )
+    from_x, from_y = select(departs, before.from_x, path_x), select(departs, before.from_y, path_y)
+    after = Departure(select(departs, time, 0.0), from_x, from_y, *z)
     ahead, left = beyond_noise(ahead, variance_ahead), beyond_noise(left, variance_left)
     # A yaw error that grows with time moves the path half as far as one from the start on. A robot that
     # has slipped and turns on the spot departs as far: over a short distance only a slow turn counts.
@@ -112,6 +101,17 @@ def departure_after(
     slip = select(cos * heading[0] + sin * heading[1] < 0.0, -ahead, ahead) / time
     along, beside = (cos * ahead, sin * ahead), (-sin * left, cos * left)
     return after, is_followed, Indicated(along, slip, beside, yaw, -2.0 * yaw / time)
+
+
+def along_and_beside(
+    z: tuple[Any, Any], S: tuple[Any, Any, Any], direction: tuple[Any, Any]
+) -> tuple[Any, Any, Any, Any]:
+    """Innovation along a direction and to its left [m]; their variances [m²]."""
+    (z_x, z_y), (xx, xy, yy), (cos, sin) = z, S, direction
+    shared = 2.0 * cos * sin * xy
+    variance_along = max(0.0, cos * cos * xx + shared + sin * sin * yy)
+    variance_beside = max(0.0, sin * sin * xx - shared + cos * cos * yy)
+    return cos * z_x + sin * z_y, cos * z_y - sin * z_x, variance_along, variance_beside
 
 
 def beyond_noise(innovation: Any, variance: Any) -> Any:

@@ -25,16 +25,14 @@ WORKS, JUMPED, REPEATS, BEYOND = range(4)
 LEAST_JUMP, MEAN_CHANGES, MEAN_CHANGE_AT_START = 0.5, 8.0, 0.15
 # Time over which the changes are averaged [s], and most that a change counts, over their mean.
 AVERAGING, MOST_OF_MEAN = 1.0, 4.0
-# A longer interval between samples is a gap [s]: nothing is a jump.
-LONGEST_INTERVAL = 0.1
+LONGEST_INTERVAL = 0.1  # a longer interval between samples is a gap [s]: nothing is a jump
 # A change against the jump, of this share of it, ends the fault. So does turning of the tracks that
 # jumped along by this share, and a distance from it of less than this share for so long [s].
 JUMP_SHARE, AGREEMENT_TIME = 0.4, 0.5
 # Changes of the reading that have shown how long the gyro repeats itself, and least number of changes of
 # the tracks' turning over equal readings that is a fault: this, and this multiple of the most so far.
 LEARNT, LEAST_REPEATS, UNUSUAL_FACTOR = 200, 5, 4
-# Share of the range from which on a reading is clipped.
-FULL_SCALE = 0.995
+FULL_SCALE = 0.995  # share of the range from which on a reading is clipped
 
 
 class GyroRecord(msgspec.Struct):

@@ -24,8 +24,7 @@ from icreckon.estimator.faults.spinning_tracks import (
     width_of_bends,
 )
 
-# Speeds of the wheels of one side.
-Wheels: TypeAlias = "Sequence[float] | Floats"
+Wheels: TypeAlias = "Sequence[float] | Floats"  # speeds of the wheels of one side
 NO_WHEEL = -1
 # Distance of two wheels of a side that is more than control and tyres explain: this much [m/s], or this
 # share of the fastest speed.

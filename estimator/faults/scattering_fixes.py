@@ -29,15 +29,12 @@ from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 
-# Least time between fixes that is divided by [s].
-SHORTEST_INTERVAL = 1e-9
+SHORTEST_INTERVAL = 1e-9  # least time between fixes that is divided by [s]
 # Most and fewest fixes that are aligned with the path, and time between two of them [s]: at first less,
 # this share of the time since the oldest.
 MOST_ALIGNED, FEWEST_ALIGNED, LEAST_INTERVAL, SHARE_OF_SPAN = 16, 4, 0.9, 0.25
-# Number of fixes from which on the order of the residuals counts.
-FEWEST_IN_ORDER = 8
-# After a longer time without a fix, the path is no measure [s].
-LONGEST_GAP = 15.0
+FEWEST_IN_ORDER = 8  # number of fixes from which on the order of the residuals counts
+LONGEST_GAP = 15.0  # after a longer time without a fix, the path is no measure [s]
 # Error of a step of the path, as a share of it; after more than a second, times the number of seconds.
 STEP_ERROR = 0.08
 # Number of the newest steps, most of which are off if fixes scatter. With 15 an error that wanders is
@@ -49,20 +46,17 @@ FACTOR_FOUND, FACTOR_STILL, FACTOR_OF_FEW, MEDIAN_SQUARE = 4.0, 2.0, 12.0, 0.455
 # Sum of squares of second differences of residuals over that of differences, below which the robot
 # slides: it is 3 for white errors, 2 for those that walk, and about 1 for slides of some seconds.
 SLIDING_RATIO = 1.35
-# Rejected fixes in a row that are no outliers.
-REJECTED_IN_ROW = 3
+REJECTED_IN_ROW = 3  # rejected fixes in a row that are no outliers
 # Likeness of an error to one that walks, 0 if it is white, 1 if it does: weight of a fix in its mean, its
 # value before there is any, that up to which an error is white, and that from which on it walks.
 LIKENESS_WEIGHT, LIKENESS_AT_START, WHITE_UP_TO, WALKS_FROM = 0.025, 0.4, 0.2, 0.55
 # Number of fixes over which the correlation of innovations is averaged, and from which on it counts.
 MOST_AVERAGED, FEWEST_AVERAGED = 100, 30
-# Assumed correlation time of an error that wanders [s].
-WANDER_TIME = 60.0
+WANDER_TIME = 60.0  # assumed correlation time of an error that wanders [s]
 # Share of the variance that is kept from one fix to the next, if they scatter less; of an error that
 # walks the time until 1/e of it is left [s], since it is calm at times.
 KEPT_SHARE, KEPT_TIME = 0.85, 20.0
-# Least distance on which the path shows a stretch [m].
-LEAST_DISTANCE = 0.1
+LEAST_DISTANCE = 0.1  # least distance on which the path shows a stretch [m]
 
 
 # Room for the fixes that are aligned with the path, and for those that wait.

@@ -26,10 +26,8 @@ RMS_AT_START, TIME_AT_START, RMS_AVERAGING = 0.2, 2.0, 20.0
 # A difference to the other side, of this share of the slide's speed, ends it. The next is not found
 # before the difference is below this share of the limit.
 ENDING_SHARE, CALM_SHARE = 0.5, 0.5
-# Time after which a slide is forgotten [s].
-LONGEST_SLIDE = 10.0
-# Longest interval between samples of the IMU that counts as driving [s].
-LONGEST_INTERVAL = 0.1
+LONGEST_SLIDE = 10.0  # time after which a slide is forgotten [s]
+LONGEST_INTERVAL = 0.1  # longest interval between samples of the IMU that counts as driving [s]
 
 
 class SlideRecord(msgspec.Struct):

@@ -26,8 +26,7 @@ SIGMAS, LEAST_SHARE, MOST_BELOW, MOST_ABOVE = 5.0, 0.15, 0.4, 0.7
 SIGMAS_FOUND = 2.0
 # Turning after which the robot's own bends count, and over which they are forgotten [rad].
 ENOUGH_TURNING, MEMORY_OF_TURNING = 3.0, 20.0
-# Longest interval between samples of the gyro that counts as turning [s].
-LONGEST_INTERVAL = 0.1
+LONGEST_INTERVAL = 0.1  # longest interval between samples of the gyro that counts as turning [s]
 # Mismatch of the track speeds beyond that which counts: this much, or this share of the fastest speed.
 LEAST_MISMATCH, SHARE_OF_FASTEST = 0.25, 0.1
 # Distances of mismatch from which on a track may spin, and does [m]; time without mismatch after which it
@@ -163,6 +162,25 @@ def forget_mismatch(spin: SpinRecord) -> None:
     spin.mismatch = spin.way = 0.0
 
 
+def add_mismatch(
+    spin: SpinRecord, stamp: int, mismatch: float, dt: float, changed_side: int, zero_side: int
+) -> None:
+    """Add a mismatch [m/s] over `dt` [s], and choose the track that spins if one does.
+
+    It is the one that reads zero, or whose speed jumped as the mismatch began, or with less load.
+    """
+    was_found = is_found(spin)
+    if spin.since == NEVER:
+        spin.since, spin.way, spin.side = stamp, 0.0, changed_side
+        spin.jumped = int(changed_side != UNKNOWN)
+    if zero_side != UNKNOWN and not was_found:
+        spin.side = zero_side
+    elif spin.side == UNKNOWN:
+        spin.side = side_with_less_load(spin.force)
+    spin.mismatch, spin.newest = mismatch, stamp
+    spin.way += abs(mismatch) * dt
+
+
 def watch_spin(
     spin: SpinRecord,
     stamp: int,
@@ -195,7 +213,7 @@ def watch_spin(
     dt = (stamp - spin.stamp) * NANOSECOND if spin.stamp != NEVER else 0.0
     if not 0.0 < dt < LONGEST_INTERVAL:
         dt = 0.0
-    change = rate - spin.rate if dt > 0.0 else 0.0
+    rate_change = rate - spin.rate if dt > 0.0 else 0.0
     spin.stamp, spin.rate = stamp, rate
     if force == force:
         spin.force += min(1.0, dt / LOAD_AVERAGING) * (force - spin.force)
@@ -208,24 +226,15 @@ def watch_spin(
     limit = least_mismatch(fastest)
     if abs(mismatch) <= limit:
         spin.gyro_jumped = 0
-    elif spin.since == NEVER and abs(change) > MOST_ACCELERATION * dt:
-        spin.gyro_jumped = int(abs(change) * spin.width > JUMP_SHARE * limit)
+    elif spin.since == NEVER and abs(rate_change) > MOST_ACCELERATION * dt:
+        spin.gyro_jumped = int(abs(rate_change) * spin.width > JUMP_SHARE * limit)
     limit_now = GONE_SHARE * limit if was_found or reads_zero else limit
     # Tracks at rest do not begin to spin; the robot is pushed or carried.
     may_spin = was_found or max(abs(spin.left), abs(spin.right)) > limit_now
     is_mismatch = may_spin and not spin.gyro_jumped and abs(mismatch) > limit_now
-    has_same_sign = spin.since == NEVER or mismatch * spin.mismatch > 0.0
-    if is_mismatch and has_same_sign:
-        if spin.since == NEVER:
-            spin.since, spin.way = stamp, 0.0
-            spin.side = side_that_changed(mismatch, change_left, change_right, limit)
-            spin.jumped = int(spin.side != UNKNOWN)
-        if reads_zero and not was_found:
-            spin.side = zero_side
-        elif spin.side == UNKNOWN:
-            spin.side = side_with_less_load(spin.force)
-        spin.mismatch, spin.newest = mismatch, stamp
-        spin.way += abs(mismatch) * dt
+    if is_mismatch and (spin.since == NEVER or mismatch * spin.mismatch > 0.0):
+        changed_side = side_that_changed(mismatch, change_left, change_right, limit)
+        add_mismatch(spin, stamp, mismatch, dt, changed_side, zero_side)
     elif spin.since != NEVER and (not was_found or (stamp - spin.newest) * NANOSECOND > GRIP_TIME):
         forget_mismatch(spin)
     if not (was_found and is_found(spin)) and not spin.gyro_jumped and not reads_zero:

@@ -17,10 +17,8 @@ from icreckon.estimator.base.records import NEVER, Count, Size, Stamp, zeros
 
 # Required number of different readings of the other track, and of its own before.
 OTHER_READINGS, OWN_READINGS = 10, 20
-# Number of different readings of the other track from which repetition is suspicious.
-SUSPICIOUS = 5
-# Repetition is unusual from this multiple of the longest before.
-UNUSUAL_FACTOR = 3.0
+SUSPICIOUS = 5  # different readings of the other track from which repetition is suspicious
+UNUSUAL_FACTOR = 3.0  # repetition is unusual from this multiple of the longest before
 # Least time of a repetition of both [s]; and change at its end that shows a steady speed [m/s].
 LEAST_FROZEN_TIME, STEADY_CHANGE = 1.0, 0.1
 

@@ -22,8 +22,7 @@ from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.filter.changes import Moved, Updated
 
-# Each clone costs time in every step, and space in every checkpoint of the history.
-MOST_MARKS = 20
+MOST_MARKS = 20  # each clone costs time in every step, and space in every checkpoint of the history
 
 
 class RelativeMotion(NamedTuple):
@@ -194,23 +193,25 @@ class Clones(msgspec.Struct, frozen=True):
             EstimatorError: there is no such mark.
         """
         start = self.place(from_stamp)
-        pose = self.poses[start]
-        rows = slice(3 * start, 3 * start + 3)
+        of_start = slice(3 * start, 3 * start + 3)
         if to_stamp is None:
-            return RelativeMotion(from_stamp, now, pose.copy(), self.covariance[rows, rows].copy())
-        # Motion from the first mark to now, and back to the second.
+            pose, covariance = self.poses[start], self.covariance[of_start, of_start]
+            return RelativeMotion(from_stamp, now, pose.copy(), covariance.copy())
+        # From the first mark to now, and back from there to the second: with the turn between the marks
+        # the place is p_start - R(turn) p_end.
         end = self.place(to_stamp)
-        back = self.poses[end]
-        turn = _rotations(np.array([pose[2] - back[2]]))[0]
-        x, y, _ = turn @ back
+        to_now, from_end = self.poses[start], self.poses[end]
+        turn = to_now[2] - from_end[2]
+        rotation = _rotations(np.array([turn]))[0]
+        x, y, _ = rotation @ from_end
         jacobian = np.zeros((3, len(self.cross)))
-        jacobian[:, rows] += np.array([[1.0, 0.0, y], [0.0, 1.0, -x], [0.0, 0.0, 1.0]])
-        by_end = -turn
+        jacobian[:, of_start] += np.array([[1.0, 0.0, y], [0.0, 1.0, -x], [0.0, 0.0, 1.0]])
+        by_end = -rotation
         by_end[:2, 2] = -y, x
         jacobian[:, 3 * end : 3 * end + 3] += by_end
         covariance = jacobian @ self.covariance @ jacobian.T
-        relative = np.array([pose[0] - x, pose[1] - y, pose[2] - back[2]])
-        return RelativeMotion(from_stamp, to_stamp, relative, 0.5 * (covariance + covariance.T))
+        pose = np.array([to_now[0] - x, to_now[1] - y, turn])
+        return RelativeMotion(from_stamp, to_stamp, pose, 0.5 * (covariance + covariance.T))
 
     def place(self, stamp: int) -> int:
         """Index of the clone of a stamp [ns].

@@ -43,8 +43,7 @@ from icreckon.estimator.sensors.sensor_models import shift
 SHARP, ROUNDING_SHARE = 1e-7, 2.0**-46
 # Least variance of a measurement, in its unit squared: what is sharper, the state does not resolve.
 LEAST_VARIANCE = 1e-18
-# Factors on the slip for its present value.
-WHOLE = (1.0, 1.0, 1.0)
+WHOLE = (1.0, 1.0, 1.0)  # factors on the slip for its present value
 
 
 class Observer(Protocol):

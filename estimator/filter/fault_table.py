@@ -24,12 +24,9 @@ from icreckon.estimator.faults.stuck_tracks import frozen_from, reads_zero, stuc
 from icreckon.estimator.log.measurements import Measurement
 from icreckon.estimator.sensors.imu_clock import is_alive
 
-LARGE_SLIP = 3.0
-"""Factor on the slip from which it is a finding."""
-# Number of successive rejected fixes that is a finding.
-REJECTED_IN_A_ROW = 3
-# Correlation of successive innovations of position fixes from which on it is clear.
-CORRELATED = 0.5
+LARGE_SLIP = 3.0  # factor on the slip from which it is a finding
+REJECTED_IN_A_ROW = 3  # number of successive rejected fixes that is a finding
+CORRELATED = 0.5  # correlation of successive innovations of position fixes that is clear
 # Names of a gyro's faults, the reasons to reject its readings, and of fixes that repeat a position.
 REPEATED = "repeats itself"
 GYRO_FAULTS = {JUMPED: "jumped", REPEATS: REPEATED, BEYOND: "beyond its range"}
@@ -427,10 +424,8 @@ class OwnFault(msgspec.Struct):
         return None
 
 
-OWN_FAULTS: dict[str, type[OwnFault]] = {}
-"""Faults of users by name."""
-RESERVED = ("gate", REPEATED)
-"""Reasons of rejections, which are no names for faults."""
+OWN_FAULTS: dict[str, type[OwnFault]] = {}  # faults of users by name
+RESERVED = ("gate", REPEATED)  # reasons of rejections, which are no names for faults
 
 
 def add_fault(kind: type[OwnFault]) -> None:

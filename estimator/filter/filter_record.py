@@ -26,8 +26,7 @@ from icreckon.estimator.sensors.track_latency import RateRecord
 
 # Fields of the departure of position fixes from the path, see `faults.departing_fixes.Departure`.
 DEPARTURE = ("departed_for", "departed_from_x", "departed_from_y", "departed_by_x", "departed_by_y")
-# Factor on the slip.
-Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]
+Factor = Annotated[float, msgspec.Meta(ge=1.0, le=LARGEST_FACTOR)]  # factor on the slip
 
 
 class FixesRecord(msgspec.Struct):

@@ -23,17 +23,13 @@ CHI_SQUARE_1E4 = {1: 15.137, 2: 18.421, 3: 21.108}
 
 # Modes of an update with a fix: none, with the gate, or re-acquisition whatever its innovation is.
 SKIPPED, GATED, FORCED = range(3)
-# Largest number of components of an innovation.
-MOST = max(CHI_SQUARE_1E4)
-# Number of gated measurements that are recent.
-RECENT = 100
+MOST = max(CHI_SQUARE_1E4)  # largest number of components of an innovation
+RECENT = 100  # number of gated measurements that are recent
 # Most of `GateSettings.patience` that counts for samples of the IMU [s]: less than one sample lasts, so
 # the second in a row is used. Tracks that slip make samples unexpected more often than a faulty IMU does.
 IMU_PATIENCE = 1e-3
-# Most that a rejected fix counts of the time since the fix before it [s].
-LONGEST_COUNTED = 1.0
-# Largest factor on the patience by the distance of a position.
-LARGEST_PATIENCE_FACTOR = 6.0
+LONGEST_COUNTED = 1.0  # most that a rejected fix counts of the time since the fix before it [s]
+LARGEST_PATIENCE_FACTOR = 6.0  # largest factor on the patience by the distance of a position
 # Largest inflation, over the variance of the innovation: double precision would lose that next to more.
 LARGEST_INFLATION = 1e10
 

@@ -17,14 +17,10 @@ from icreckon.estimator.robot.robot_file import Robot, Slip, slip_components
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.step_inputs import StepInputs
 
-# Yaw rate of a robot that is pushed with its tracks at rest [rad/s].
-PUSHED_W = 0.3
-# Least difference of track speeds at which parameters walk at their full rate [m/s].
-FULL_TURNING = 0.1
-# Correlation time of what other ground adds to the slip [s].
-GROUND_TIME = 1.0
-# Sideways motion that may begin in a gap, as a share of forward motion.
-SIDEWAYS_IN_GAP = 0.1
+PUSHED_W = 0.3  # yaw rate of a robot that is pushed with its tracks at rest [rad/s]
+FULL_TURNING = 0.1  # difference of track speeds from which parameters walk in full [m/s]
+GROUND_TIME = 1.0  # correlation time of what other ground adds to the slip [s]
+SIDEWAYS_IN_GAP = 0.1  # sideways motion that may begin in a gap, as a share of forward motion
 # Variance of a yaw of which nothing is known, uniform over a whole turn [rad²].
 UNKNOWN_YAW = math.pi**2 / 3.0
 

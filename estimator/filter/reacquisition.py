@@ -18,8 +18,7 @@ import msgspec
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.records import zeros
 
-# Least number of rejected fixes, and most that are kept.
-FEWEST, MOST = 5, 64
+FEWEST, MOST = 5, 64  # least number of rejected fixes, and most that are kept
 # Largest standard deviation of the turn [rad], and least turn, in such standard deviations; otherwise a
 # shift is enough.
 LARGEST_TURN_SIGMA, LEAST_TURN_SIGMAS = 0.3, 4.0

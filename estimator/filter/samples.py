@@ -13,8 +13,7 @@ from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.log.series import TrackSpeedSeries
 
 NO_STAMPS: Stamps = np.zeros(0, dtype=np.int64)
-# Places in `RunRows.progress`.
-COUNT, WRITTEN, DUE, NEWEST = range(4)
+COUNT, WRITTEN, DUE, NEWEST = range(4)  # places in `RunRows.progress`
 
 
 class SampleArrays(NamedTuple):

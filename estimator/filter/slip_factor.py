@@ -32,19 +32,16 @@ from icreckon.estimator.filter.process_noise import lasting_slip, travel_speed
 TREND_WEIGHT, SIZE_WEIGHT = 0.2, 0.1
 # Variance of the trend of white innovations, over that of a single innovation.
 WHITE_TREND_VARIANCE = TREND_WEIGHT / (2.0 - TREND_WEIGHT)
-# Size of the innovations below which a trend counts less: it scatters by a quarter.
-FULL_SIZE = 0.8
+FULL_SIZE = 0.8  # size of the innovations below which a trend counts less: it scatters by a quarter
 # Weight of a position fix in the factor on the slip, at speeds above this [m/s].
 FACTOR_WEIGHT, MOVING = 1.0 / 30.0, 0.1
-# Fixes while moving in which what was added to the slip fades by 1/e.
-MEMORY = 300.0
+MEMORY = 300.0  # fixes while moving in which what was added to the slip fades by 1/e
 # Share of the variances that rounding may leave of a component that the other one determines.
 ROUNDING = 1e-12
 # Normalised square of a trend at which the factor stays: a quarter more than that of white innovations,
 # since a factor that cannot fall below 1 would grow by chance alone.
 EXPECTED_SQUARE = 1.25
-# Largest one that counts, and largest factor.
-LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0
+LARGEST_SQUARE, LARGEST_FACTOR = 10.0, 6.0  # largest one that counts, and largest factor
 
 
 def normalised(

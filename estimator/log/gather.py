@@ -17,8 +17,7 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
 
-# No stamp and no speed is rejected here for being far from others.
-NO_LIMIT = 1e300
+NO_LIMIT = 1e300  # no stamp and no speed is rejected here for being far from others
 
 
 def gathered(measurements: Iterable[Measurement]) -> dict[str, Any]:

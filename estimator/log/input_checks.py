@@ -41,14 +41,11 @@ STREAMS: dict[type[Measurement], str] = {
     HeightFix: "height",
 }
 MARK = "mark"
-# Events processed in order: measurements, and stochastic clones behind them.
-Event = Measurement | Mark
+Event = Measurement | Mark  # events in order: measurements, and stochastic clones behind them
 RANKS: dict[type[Event], int] = {kind: rank for rank, kind in enumerate(STREAMS)}
 RANKS[Mark] = 1000
-# Sort key of an event in the order of processing: its stamp [ns], and its rank.
-Key = tuple[int, int]
-# Consecutive samples that must agree before a clock that jumped ahead is accepted.
-CLOCK_WITNESSES = 10
+Key = tuple[int, int]  # sort key of an event: its stamp [ns], and its rank
+CLOCK_WITNESSES = 10  # samples in a row that agree before a clock that jumped ahead is accepted
 # Consecutive measurements that are too old, in total and of tracks and IMU each, that indicate a
 # clock that was set back.
 BEHIND, BEHIND_OF_EACH = 20, 4
@@ -60,10 +57,8 @@ ABSURD_RATE, ABSURD_FORCE = 100.0, 1000.0
 ABSURD_DISTANCE, ABSURD_LEVER = 1e10, 1e3
 # Stamps that are held in 64 bits, with all differences between them: from 1896 to 2116 [ns].
 EARLIEST, LATEST = -(2**61), 2**62 - 1
-# Reasons to reject.
-NOT_FINITE, OUT_OF_RANGE = "not finite", "stamp out of range"
-# Longest text of a value in a message.
-LONGEST_TEXT = 200
+NOT_FINITE, OUT_OF_RANGE = "not finite", "stamp out of range"  # reasons to reject
+LONGEST_TEXT = 200  # longest text of a value in a message
 # Largest asymmetry of a covariance, and its least eigenvalue, relative to its standard deviations.
 ASYMMETRY, LEAST_SHARE = 1e-6, 1e-9
 

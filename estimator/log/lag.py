@@ -18,26 +18,19 @@ from icreckon.estimator.base.lag_search import BEYOND, BLOCKS, beside_lowest, ja
 from icreckon.estimator.log.scores import even_grid, pieces
 from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, running_integral
 
-NEAR = np.arange(-0.5, 1.2001, 0.02)
-"""Candidate lags [s]; negative if the reference is late."""
-FAR = np.arange(-10.0, 10.001, 0.05)
-"""Candidate lags [s] if none of those agrees: a clock that is off."""
-AROUND = np.arange(-0.3, 0.3001, 0.02)
-"""Grid about a lag of `FAR` [s]."""
-WINDOW, SPACING = 1.0, 0.1
-"""Length of the windows, and least distance between them [s]."""
+NEAR = np.arange(-0.5, 1.2001, 0.02)  # candidate lags [s]; negative if the reference is late
+FAR = np.arange(-10.0, 10.001, 0.05)  # candidate lags [s] if none of those agrees
+AROUND = np.arange(-0.3, 0.3001, 0.02)  # grid about a lag of `FAR` [s]
+WINDOW, SPACING = 1.0, 0.1  # length of the windows, and least distance between them [s]
 FEWEST, FEWEST_FAR, MOST = 10 * BLOCKS, 300, 20_000
 """Least numbers of windows for lags of `NEAR` and `FAR`, and the most that are used."""
-LARGEST_HOLE = 0.5
-"""Windows with a longer gap between samples are left out [s]."""
+LARGEST_HOLE = 0.5  # windows with a longer gap between samples are left out [s]
 LEAST_AGREEMENT, LEAST_FAR = 0.1, 0.5
 """Share of the spread that the line has to explain, at lags of `NEAR` and `FAR` [-]."""
-CERTAIN = 0.04
-"""Standard error up to which a lag counts even if it is within it [s]."""
+CERTAIN = 0.04  # standard error up to which a lag counts even if it is within it [s]
 LEAST_TURN, LEAST_SPEEDING = 0.02, 0.05
 """Least spread of turns [rad] and of distances [m] over the windows at which a lag may show."""
-ROUNDS = 5
-"""Rounds of the line of least absolute residuals."""
+ROUNDS = 5  # rounds of the line of least absolute residuals
 
 
 class Lag(NamedTuple):

@@ -36,8 +36,7 @@ from icreckon.estimator.log.series import (
     require_part,
 )
 
-AT_A_TIME = 8192
-"""Number of measurements of a log that are made at once."""
+AT_A_TIME = 8192  # number of measurements of a log that are made at once
 
 _Maker = Callable[[NDArray[np.int64]], list[Measurement]]
 """Function from indices into a stream to its measurements, in that order."""

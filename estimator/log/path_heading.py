@@ -4,40 +4,29 @@ A position in a map shows no heading. But over some metres the path by tracks an
 shape. The turn that lays it over the positions around a stamp, plus its own yaw there, is the heading.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
 from icreckon.estimator.log.scores import interpolate, interpolate_poses
 from icreckon.estimator.log.series import PoseSeries, Truth, running_integral
 
-STEP = 0.5
-"""Distance between the places whose course is compared with the heading [m]."""
-FEWEST_STEPS = 10
-"""Least number of such steps that show something."""
+STEP = 0.5  # distance between the places whose course is compared with the heading [m]
+FEWEST_STEPS = 10  # least number of such steps that show something
 LEAST_AGREEMENT = 0.4
 """Least length of the mean vector of course less heading: 1 if they always agree, 0 for chance [-]."""
-SLOW = 0.05
-"""Speed below which a true twist has no direction [m/s]."""
-TURNED = 0.5
-"""Turning by the true twists at which a heading is to change [rad]."""
-TURN_STEP = 2.0
-"""Time over which turning by headings and by the gyro is compared [s]."""
-LEAST_TURNING = 2.0
-"""Least turning by the gyro that shows something [rad]."""
-MOST_APART = 0.1
-"""Largest share of the gyro's turning, squared, that the headings may be off [-]."""
-SAME = 1e-9
-"""Headings that differ by less are the same [rad]."""
-REACH = 5.0
-"""Distance along the path, to each side, over which it is aligned with the positions [m]."""
-ALIKE = 1.0
-"""Distance along the path over which errors of the positions are alike [m]."""
-LEAST_EXTENT = 1.0
-"""Least extent of that part of the path, root mean square, at which its turn is used [m]."""
-LARGEST_SIGMA = 0.3
-"""Largest standard error at which it is [rad]."""
+SLOW = 0.05  # speed below which a true twist has no direction [m/s]
+TURNED = 0.5  # turning by the true twists at which a heading is to change [rad]
+TURN_STEP = 2.0  # time over which turning by headings and by the gyro is compared [s]
+LEAST_TURNING = 2.0  # least turning by the gyro that shows something [rad]
+MOST_APART = 0.1  # largest share of the gyro's turning, squared, that the headings may be off [-]
+SAME = 1e-9  # headings that differ by less are the same [rad]
+REACH = 5.0  # distance along the path, to each side, over which it is aligned [m]
+ALIKE = 1.0  # distance along the path over which errors of the positions are alike [m]
+LEAST_EXTENT = 1.0  # least extent of that part, root mean square, at which its turn is used [m]
+LARGEST_SIGMA = 0.3  # largest standard error at which it is [rad]
 
 
 class PathHeadings(NamedTuple):
@@ -139,27 +128,47 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
     stamps = places.stamps[inside]
     if len(stamps) < FEWEST_STEPS:
         return None
-    # Positions z, and places r of the path, as complex numbers.
-    z = places.poses[inside, 0] + 1j * places.poses[inside, 1]
     x, y, yaw = interpolate_poses(path, stamps).T
-    r = x + 1j * y
+    z = places.poses[inside, 0] + 1j * places.poses[inside, 1]
+    turn, sigma, variance, is_good = _turns(z, x + 1j * y)
+    if not is_good.any():
+        return None
+    known, everywhere = np.flatnonzero(is_good), np.arange(len(stamps))
+    turns = np.interp(everywhere, known, np.unwrap(turn[is_good]))
+    sigmas = np.interp(everywhere, known, sigma[is_good])
+    return PathHeadings(
+        PoseSeries(stamps, np.column_stack([places.poses[inside, :2], yaw + turns])),
+        float(np.median(sigmas)),
+        float(sigmas[0]),
+        float(np.sqrt(np.median(variance[is_good]))),
+    )
+
+
+def _turns(z: NDArray[Any], r: NDArray[Any]) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+    """Turns (n,) that lay the path around each position over the positions there.
+
+    Positions z (n,) and places r (n,) of the path at their stamps are complex numbers [m].
+
+    Returns:
+        The turns, their standard errors [rad], the variance of the positions about the turned path, per
+        axis [m²], and a mask of the turns that can be used.
+    """
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(r)))])
     first = np.searchsorted(way, way - REACH)
     last = np.searchsorted(way, way + REACH, side="right")
 
-    def total(values: Floats) -> Floats:
+    def total(values: NDArray[Any]) -> NDArray[Any]:
         """Sums over the part of the path around each position."""
         sums = np.concatenate([[0.0], np.cumsum(values)])
         return np.asarray(sums[last] - sums[first])
 
-    # About the place itself, so that sums of squares of large coordinates do not cancel.
-    count = last - first
-    centre_r, centre_z = r.mean(), z.mean()
-    r, z = r - centre_r, z - centre_z
+    # About the mean place, so that sums of squares of large coordinates do not cancel.
+    count, r, z = last - first, r - r.mean(), z - z.mean()
     mean_r, mean_z = total(r) / count, total(z) / count
     cross = total(np.conj(r) * z) - count * np.conj(mean_r) * mean_z
     square_r = np.maximum(total(np.abs(r) ** 2) - count * np.abs(mean_r) ** 2, 0.0)
     square_z = np.maximum(total(np.abs(z) ** 2) - count * np.abs(mean_z) ** 2, 0.0)
+    # The angle of the sum of cross products is the turn of least squares.
     misfit = np.maximum(square_r + square_z - 2.0 * np.abs(cross), 0.0)
     variance = misfit / np.maximum(2 * count - 3, 1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -167,16 +176,4 @@ def headings_by_path(places: PoseSeries, path: PoseSeries) -> PathHeadings | Non
         span = way[np.minimum(last, len(way)) - 1] - way[first]
         sigma = np.sqrt(variance * count / square_r / np.maximum(span / ALIKE, 2.0))
         is_good = (square_r / count >= LEAST_EXTENT**2) & (sigma <= LARGEST_SIGMA) & (count > 2)
-    if not is_good.any():
-        return None
-    turn = np.unwrap(np.angle(cross[is_good]))
-    known = np.flatnonzero(is_good)
-    everywhere = np.arange(len(stamps))
-    sigmas = np.interp(everywhere, known, sigma[is_good])
-    headed = np.column_stack([places.poses[inside, :2], yaw + np.interp(everywhere, known, turn)])
-    return PathHeadings(
-        PoseSeries(stamps, headed),
-        float(np.median(sigmas)),
-        float(sigmas[0]),
-        float(np.sqrt(np.median(variance[is_good]))),
-    )
+    return np.angle(cross), sigma, variance, is_good

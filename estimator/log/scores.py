@@ -15,22 +15,17 @@ from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.series import PoseSeries, Truth
 from icreckon.estimator.log.trajectory import Trajectory
 
-# Lengths of segments in reports [s], [m].
-HORIZONS = (10.0, 30.0, 60.0)
+HORIZONS = (10.0, 30.0, 60.0)  # lengths of segments in reports [s], [m]
 DISTANCES = (5.0, 10.0, 30.0, 50.0)
 # Spacing of segment starts [s], and the least mean speed [m/s] of segments in per-segment figures.
 SEGMENT_STEP = 1.0
 SLOWEST_MEAN_SPEED = 0.02
-# Window of mean velocities if the truth has no twists [s].
-VELOCITY_WINDOW = 1.0
-# Least time between points of a path length, so that noise does not add up [s].
-PATH_STEP = 0.5
-# Longest gap that is filled with evenly spaced times [s].
-LONGEST_FILLED = 10.0
+VELOCITY_WINDOW = 1.0  # window of mean velocities if the truth has no twists [s]
+PATH_STEP = 0.5  # least time between points of a path length, so that noise does not add up [s]
+LONGEST_FILLED = 10.0  # longest gap that is filled with evenly spaced times [s]
 # Gap in a truth from which on segments across it are left out: this [s], or this many usual intervals.
 LEAST_GAP, USUAL_GAPS = 1.0, 2.5
-# A covariance with a smaller eigenvalue counts as singular.
-LEAST_EIGENVALUE = 1e-12
+LEAST_EIGENVALUE = 1e-12  # a covariance with a smaller eigenvalue counts as singular
 
 Interval = tuple[int, int]
 Unit = Literal["s", "m"]

@@ -10,10 +10,8 @@ import numpy as np
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 
-# Least distance of x_ICRl and x_ICRr from zero [m].
-BOUND_MARGIN = 1e-3
-# Moving to one bound may cross another; a few rounds converge.
-BOUND_ROUNDS = 50
+BOUND_MARGIN = 1e-3  # least distance of x_ICRl and x_ICRr from zero [m]
+BOUND_ROUNDS = 50  # moving to one bound may cross another; a few rounds converge
 ROUNDING = 1e-12
 ETA0, EPSILON0 = s.ETA0 - s.PARAMETERS.start, s.EPSILON0 - s.PARAMETERS.start
 

@@ -14,8 +14,7 @@ import numpy as np
 
 GRAVITY = 9.81  # m/s²
 
-# A float, a complex number or an array of either.
-Number = Any
+Number = Any  # a float, a complex number or an array of either
 
 
 class Icrs(NamedTuple):

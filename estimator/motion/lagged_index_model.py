@@ -27,7 +27,7 @@ numbers pass through, see `icreckon.estimator.motion.motion_model`.
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -43,13 +43,11 @@ from icreckon.estimator.motion.motion_model import (
     sign,
 )
 
-# Speed of a track at which its rolling resistance has its full size [m/s].
-ROLLS_AT = 0.05
+ROLLS_AT = 0.05  # speed of a track at which its rolling resistance has its full size [m/s]
 # Memory: lagged force of inertia [N], lagged mean track speed [m/s], lagged acceleration [m/s²], and 1
 # after the first step.
 MEMORY = 4
-# ICRs come no closer to the origin than this share of half the effective gauge.
-CLOSEST = 0.02
+CLOSEST = 0.02  # ICRs come no closer to the origin than this share of half the effective gauge
 
 
 @dataclass
@@ -57,6 +55,7 @@ class LaggedIndexMotion:
     """Inertia-based index model with lagged forces; see `MotionModel`."""
 
     vehicle: VehicleConstants
+    taught_by_imu: ClassVar[tuple[int, ...]] = (ETA0,)
 
     def __post_init__(self) -> None:
         self._memory: Floats = np.zeros(MEMORY)
@@ -65,11 +64,6 @@ class LaggedIndexMotion:
     def bounds(self) -> Floats:
         """Bounds (n, 10) of the parameters, as in `MotionModel`."""
         return index_bounds(self.vehicle.gauge)
-
-    @property
-    def taught_by_imu(self) -> tuple[int, ...]:
-        """Places of the parameters that the IMU moves, as in `MotionModel`."""
-        return (ETA0,)
 
     def steering_efficiency(self, parameters: Any) -> float:
         """Typical steering efficiency index [-], as in `MotionModel`."""
@@ -214,52 +208,50 @@ def linearise(
     The lagged forces are inputs: derivatives by what they depend on are left out.
     """
     at = evaluate(V_l, V_r, parameters, gravity, vehicle, memory)
-    kinematic, (zeta, epsilon, eta) = at.kinematic, at.indices
-    w, gauge = kinematic.w, vehicle.gauge
-    zeta_free, epsilon_free, eta_free = at.frees
-    per_D = 1.0 / (gauge * eta)
-    by_D = (zeta * per_D, -epsilon * per_D, per_D)
-    # Zero and one of the type of the arguments: float, complex or traced.
-    nothing = 0.0 * w
-    one = 1.0 + nothing
-    by_zeta, by_epsilon = (w * zeta_free, nothing, nothing), (nothing, -w * epsilon_free, nothing)
-    per_eta = -w / eta
-    # The limits of epsilon and zeta grow with eta.
-    half = 0.5 * gauge
-    limit_epsilon = (1.0 - epsilon_free) * sign(epsilon) * (1.0 - CLOSEST) * half
-    limit_zeta = (1.0 - zeta_free) * sign(zeta) * 2.0 * half
-    by_eta_all = (per_eta * zeta + w * limit_zeta, -per_eta * epsilon - w * limit_epsilon, per_eta)
-    by_eta = (eta_free * by_eta_all[0], eta_free * by_eta_all[1], eta_free * by_eta_all[2])
     zeta1, epsilon1, epsilon_F = parameters[2], parameters[4], parameters[8]
-    by_right, by_forward = at.by_gravity
-    of_S = (
-        by_zeta[0] * zeta1 * at.Z_S + by_eta_all[0] * at.eta_S,
-        by_epsilon[1] * epsilon1 + by_eta_all[1] * at.eta_S,
-        by_eta_all[2] * at.eta_S,
-    )
+    (zeta, epsilon, eta), (zeta_free, epsilon_free, eta_free) = at.indices, at.frees
+    v_x, v_y, w = at.kinematic.v_x, at.kinematic.v_y, at.kinematic.w
+    zero = 0.0 * w  # zero and one of the type of the arguments: float, complex or traced
+    one = 1.0 + zero
+    # From v_x = w zeta and v_y = V_m - w epsilon, where the limits do not act.
+    v_x_by_zeta, v_y_by_epsilon = w * zeta_free, -w * epsilon_free
+    by_eta = _by_eta(at, vehicle.gauge)
+    by_eta_sum = (eta_free * by_eta[0], eta_free * by_eta[1], eta_free * by_eta[2])
     gains = (at.Z_S * at.S, at.S, at.S * at.S, at.P)
-    twist = PaperTwist(kinematic.v_x + slip[0], kinematic.v_y + slip[1], kinematic.w + slip[2])
-    of_P = by_epsilon[1] * epsilon_F
-    rolls_l, rolls_r = at.by_rolling
-    by = TwistDerivatives(
-        (
-            _by_parameters(by_zeta[0], by_epsilon[0], by_eta[0], gains),
-            _by_parameters(by_zeta[1], by_epsilon[1], by_eta[1], gains),
-            _by_parameters(by_zeta[2], by_epsilon[2], by_eta[2], gains),
-        ),
-        (
-            (nothing - by_D[0], nothing + by_D[0]),
-            (0.5 - by_D[1] + of_P * rolls_l, 0.5 + by_D[1] + of_P * rolls_r),
-            (nothing - by_D[2], nothing + by_D[2]),
-        ),
-        ((one, nothing, nothing), (nothing, one, nothing), (nothing, nothing, one)),
-        (
-            (by_right * of_S[0], nothing),
-            (by_right * of_S[1], of_P * by_forward),
-            (by_right * of_S[2], nothing),
-        ),
+    by_parameters = (
+        _by_parameters(v_x_by_zeta, zero, by_eta_sum[0], gains),
+        _by_parameters(zero, v_y_by_epsilon, by_eta_sum[1], gains),
+        _by_parameters(zero, zero, by_eta_sum[2], gains),
     )
-    return Motion(twist, at.indices, at.force, at.S), by
+    per_D = 1.0 / (vehicle.gauge * eta)
+    v_x_by_D, v_y_by_D, v_y_by_P = zeta * per_D, -epsilon * per_D, v_y_by_epsilon * epsilon_F
+    P_by_left, P_by_right = at.by_rolling
+    by_speeds = (
+        (zero - v_x_by_D, zero + v_x_by_D),
+        (0.5 - v_y_by_D + v_y_by_P * P_by_left, 0.5 + v_y_by_D + v_y_by_P * P_by_right),
+        (zero - per_D, zero + per_D),
+    )
+    S_by_right, P_by_forward = at.by_gravity
+    v_x_by_S = v_x_by_zeta * zeta1 * at.Z_S + by_eta[0] * at.eta_S
+    v_y_by_S = v_y_by_epsilon * epsilon1 + by_eta[1] * at.eta_S
+    by_gravity = (
+        (S_by_right * v_x_by_S, zero),
+        (S_by_right * v_y_by_S, v_y_by_P * P_by_forward),
+        (S_by_right * (by_eta[2] * at.eta_S), zero),
+    )
+    by_slip = ((one, zero, zero), (zero, one, zero), (zero, zero, one))
+    twist = PaperTwist(v_x + slip[0], v_y + slip[1], w + slip[2])
+    derivatives = TwistDerivatives(by_parameters, by_speeds, by_slip, by_gravity)
+    return Motion(twist, at.indices, at.force, at.S), derivatives
+
+
+def _by_eta(at: Evaluation, gauge: Number) -> tuple[Number, Number, Number]:
+    """Derivatives (3,) of the twist by eta, on which w and two limits depend."""
+    (zeta, epsilon, eta), (zeta_free, epsilon_free, _), w = at.indices, at.frees, at.kinematic.w
+    w_by_eta, half = -w / eta, 0.5 * gauge
+    epsilon_by_eta = (1.0 - epsilon_free) * sign(epsilon) * (1.0 - CLOSEST) * half
+    zeta_by_eta = (1.0 - zeta_free) * sign(zeta) * 2.0 * half
+    return w_by_eta * zeta + w * zeta_by_eta, -w_by_eta * epsilon - w * epsilon_by_eta, w_by_eta
 
 
 def _by_parameters(

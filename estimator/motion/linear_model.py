@@ -12,7 +12,7 @@ Symbols and axes are the paper's (see `icreckon.estimator.motion.icr`).
 """
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -34,8 +34,7 @@ PARAMETER_NAMES: Final = ("right_l", "right_r", "forward_l", "forward_r", "turn_
 TURN_L, TURN_R = 4, 5
 # The right track turns the vehicle left, the left one right: least coefficient of either [1/m].
 LEAST_TURN = 1e-3
-# Slower turns have no ICR [rad/s].
-SLOWEST_TURN = 1e-9
+SLOWEST_TURN = 1e-9  # slower turns have no ICR [rad/s]
 
 
 @dataclass(frozen=True)
@@ -43,6 +42,7 @@ class LinearMotion(Unremembering):
     """Linear motion model; see `MotionModel`."""
 
     vehicle: VehicleConstants
+    taught_by_imu: ClassVar[tuple[int, ...]] = (TURN_L, TURN_R)
 
     @property
     def bounds(self) -> Floats:
@@ -51,11 +51,6 @@ class LinearMotion(Unremembering):
         rows[0, [TURN_L, -1]] = -1.0, LEAST_TURN
         rows[1, [TURN_R, -1]] = 1.0, LEAST_TURN
         return rows
-
-    @property
-    def taught_by_imu(self) -> tuple[int, ...]:
-        """Places of the parameters that the IMU moves, as in `MotionModel`."""
-        return (TURN_L, TURN_R)
 
     def steering_efficiency(self, parameters: Any) -> float:
         """Typical steering efficiency index [-], as in `MotionModel`."""
@@ -104,8 +99,7 @@ def linearise(
         (0.5 * (V_l + V_r) - v_y) * per_w,
         steering_efficiency(parameters, vehicle) + 0.0 * is_zero(w),
     )
-    # The model has six parameters of nine.
-    unused = (zero, zero, zero)
+    unused = (zero, zero, zero)  # the model has six parameters of nine
     return (
         Motion(PaperTwist(v_x + slip[0], v_y + slip[1], w + slip[2]), indices, zero, zero),
         TwistDerivatives(

@@ -20,8 +20,7 @@ NO_SLIP: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
 # Acceleration of gravity along the ground, right and forward [m/s²].
 Gravity = tuple[Number, Number]
 LEVEL: Gravity = (0.0, 0.0)
-# Checkpoint of a model without memory.
-NO_MEMORY: Floats = np.zeros(0)
+NO_MEMORY: Floats = np.zeros(0)  # checkpoint of a model without memory
 
 
 def track_factors(x: Any) -> tuple[Any, Any]:

@@ -11,8 +11,7 @@ from icreckon.estimator.base.frames import arc_factors
 from icreckon.estimator.motion.icr import GRAVITY
 
 Triple = tuple[float, float, float]
-# Least square of gravity's component towards the ground [m²/s⁴]: a slope of 70°.
-LEAST_DOWN = 11.0
+LEAST_DOWN = 11.0  # least square of gravity's component towards the ground [m²/s⁴]: a slope of 70°
 # Steps of a Gauss-Markov process up to this share of its time constant are computed by series.
 SHORT = 0.1
 # Coefficients of the integral's variance over the cube of that share, the highest power first.

@@ -32,18 +32,13 @@ from icreckon.estimator.robot.soil import Soil
 
 ROBOTS_FOLDER = Path(__file__).parent / "robots"
 FORMAT = 1
-# Least share of the vertical along the z axis of a gyro that reads z alone.
-LEAST_UPRIGHT = 0.1
+LEAST_UPRIGHT = 0.1  # least share of the vertical along the z axis of a gyro that reads z alone
 # Radii that differ by more are an error of units, not of tyres [-].
 _Difference = Annotated[float, Bound("relative (0.02 is 2 %), 0.5 at most in size", -0.5, 0.5)]
-# Rolling resistance of unknown ground [-].
-TYPICAL_ROLLING = 0.05
-# Default lag of the load transfer [s].
-LOAD_LAG = 0.2
-# Largest distance of constant ICRs, as a multiple of the gauge.
-LARGEST_ETA = 1000.0
-# Most contact points of a track.
-MOST_POINTS = 1000
+TYPICAL_ROLLING = 0.05  # rolling resistance of unknown ground [-]
+LOAD_LAG = 0.2  # default lag of the load transfer [s]
+LARGEST_ETA = 1000.0  # largest distance of constant ICRs, as a multiple of the gauge
+MOST_POINTS = 1000  # most contact points of a track
 
 
 class Vehicle(Bounded, frozen=True):
@@ -109,8 +104,7 @@ class Indices(Bounded, frozen=True):
         return np.array([*eight, 0.0 if epsilon_F is None else epsilon_F], dtype=float)
 
 
-# The paper's eight parameters: all but epsilon_F.
-PAPER_PARAMETERS = Indices.__struct_fields__[:8]
+PAPER_PARAMETERS = Indices.__struct_fields__[:8]  # the paper's eight parameters: all but epsilon_F
 
 
 class ConstantIcr(Bounded, frozen=True):

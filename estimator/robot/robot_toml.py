@@ -13,10 +13,8 @@ from icreckon.estimator.robot.robot_file import Robot
 TABLES = (
     "vehicle", "indices", "constant_icr", "imu", "tracks", "slope", "undetected_slip", "soil",
 )  # fmt: skip
-# Significant digits of a computed number.
-DIGITS = 7
-# Column at which the comments of short lines are aligned.
-COMMENT_AT = 40
+DIGITS = 7  # significant digits of a computed number
+COMMENT_AT = 40  # column at which the comments of short lines are aligned
 
 
 def robot_toml(

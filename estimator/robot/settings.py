@@ -25,10 +25,8 @@ from icreckon.estimator.robot.variants import Adaptation
 
 Engine = Literal["compiled", "plain"]
 
-# A re-run of a longer history would take too long [s].
-LONGEST_HISTORY = 60.0
-# Largest valid time, thirty years [s].
-LONGEST_TIME = 1e9
+LONGEST_HISTORY = 60.0  # a re-run of a longer history would take too long [s]
+LONGEST_TIME = 1e9  # largest valid time, thirty years [s]
 _PATIENCE = Bound("a time of 0 s or more", 0.0, LONGEST_TIME)
 _HISTORY = Bound(f"from 0 to {LONGEST_HISTORY:g} s", 0.0, LONGEST_HISTORY)
 _SOME_TIME = Bound(

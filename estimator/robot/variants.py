@@ -29,8 +29,7 @@ from icreckon.estimator.robot.soil import Soil
 
 # The largest lateral force of inertia in the paper's simulations, as a share of the weight.
 TYPICAL_FORCE = 0.07
-# Least value of epsilon_F that scales its uncertainty [m].
-LEAST_CREEP = 0.3
+LEAST_CREEP = 0.3  # least value of epsilon_F that scales its uncertainty [m]
 # Places of the gains among the parameters: zeta1, epsilon1, eta1, eta2; and epsilon_F.
 GAINS = (2, 4, 6, 7)
 EPSILON_F = s.EPSILON_F - s.PARAMETERS.start

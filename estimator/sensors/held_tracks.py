@@ -35,14 +35,10 @@ from icreckon.estimator.log.measurements import Vector3
 from icreckon.estimator.sensors.imu_clock import Clocked
 from icreckon.estimator.sensors.input_settings import InputSettings
 
-# Time over which the change of the track speeds is averaged [s].
-ACCELERATION_AVERAGING = 0.05
-# Time constant of the smoothed speeds [s].
-SMOOTHING = 0.2
-# Time constant with which stale speeds decay [s].
-DYING_AWAY = 2.0
-# Assumed interval before it is measured [s].
-USUAL_TRACK_INTERVAL = 0.02
+ACCELERATION_AVERAGING = 0.05  # time over which the change of the track speeds is averaged [s]
+SMOOTHING = 0.2  # time constant of the smoothed speeds [s]
+DYING_AWAY = 2.0  # time constant with which stale speeds decay [s]
+USUAL_TRACK_INTERVAL = 0.02  # assumed interval before it is measured [s]
 
 
 class TrackRecord(msgspec.Struct):

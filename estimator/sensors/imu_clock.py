@@ -10,8 +10,7 @@ import msgspec
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import NEVER, Interval, Stamp
 
-# Assumed interval before it is measured [s].
-USUAL_INTERVAL = 0.01
+USUAL_INTERVAL = 0.01  # assumed interval before it is measured [s]
 # Longest wait for the next sample, in intervals, and its lower bound [s].
 INTERVALS_TO_WAIT, LEAST_WAIT = 1.5, 0.02
 

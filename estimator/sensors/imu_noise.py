@@ -18,8 +18,7 @@ from icreckon.estimator.sensors.standstill import StandstillRecord, is_carried, 
 
 # Least length of a block of readings [s]: two at 100 Hz, three at 200 Hz, six at 400 Hz.
 BLOCK = 0.0135
-# Time constant of the measured noise [s].
-MEMORY = 3.0
+MEMORY = 3.0  # time constant of the measured noise [s]
 # A difference counts as at most this many times the mean size: outliers and knocks are no noise.
 CLIP = 4.0
 # Variance of the second difference of white noise of variance 1, and the standard deviation of a normal
@@ -35,8 +34,7 @@ MORE_DRIVING, MORE_AT_REST, LESS = 2.5, 1.5, 5.0
 LEAST_GYRO_SHARE = 0.3
 # Noise of the first sample, over that of the file: it may be shaken, which the next ones show.
 FACTOR_AT_START = 30.0
-# Density of the specific force of a robot that is carried [m²/s³].
-CARRIED_FORCE = 1e4
+CARRIED_FORCE = 1e4  # density of the specific force of a robot that is carried [m²/s³]
 
 
 class Pace(msgspec.Struct):

@@ -12,8 +12,7 @@ import msgspec
 
 from icreckon.estimator.base.records import Size
 
-# Time for which a rate of roll or pitch lasts on uneven ground [s].
-ROLLING_TIME = 1.0
+ROLLING_TIME = 1.0  # time for which a rate of roll or pitch lasts on uneven ground [s]
 
 
 class TiltRecord(msgspec.Struct):

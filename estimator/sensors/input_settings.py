@@ -7,8 +7,7 @@ from icreckon.estimator.motion.icr import GRAVITY
 from icreckon.estimator.robot.robot_file import Robot, Vehicle
 from icreckon.estimator.robot.settings import Settings
 
-# Coefficient of friction beyond that of any tyre on any ground, bumps included [-].
-MOST_FRICTION = 2.0
+MOST_FRICTION = 2.0  # coefficient of friction beyond that of any tyre, bumps included [-]
 # Standard deviations within which a gyro's bias lies, and at least this [rad/s]: 20 deg/s, the
 # zero-rate output of the coarsest gyros (data sheet of the MPU-6050).
 BIAS_SIGMAS, LEAST_BIAS_RANGE = 5.0, 0.35

@@ -71,53 +71,36 @@ def gyro_fixed(taught: tuple[int, ...]) -> tuple[int, ...]:
 
 
 class Linearised(NamedTuple):
-    """Measurement linearised at a state.
+    """Measurement linearised at a state."""
 
-    Attributes:
-        z: (n,) innovation: measured less predicted.
-        H: (n, SIZE) Jacobian of the predicted measurement.
-        R: (n, n) covariance of the measurement noise.
-    """
-
-    z: Floats
-    H: Floats
-    R: Floats
+    z: Floats  # (n,) innovation: measured less predicted
+    H: Floats  # (n, SIZE) Jacobian of the predicted measurement
+    R: Floats  # (n, n) covariance of the measurement noise
 
 
 class MeasurementModel:
-    """Properties of a sensor that its updates depend on.
+    """Properties of a sensor that its updates depend on."""
 
-    Attributes:
-        name: name of the sensor in health, checkpoints and the order of streams.
-        components: names of the components of its innovation; their number is the gate's degrees of
-            freedom.
-        inflated: states whose variance is inflated in re-acquisition, one for each component.
-        inflated_jointly: inflate each state by the joint square of the innovation, not by that of its
-            own component.
-        fixed: states that updates do not move; the covariance takes that into account.
-        is_place: the first two components are a position [m].
-        correlated: updates use the correlations of R. If not, only the gate does.
-    """
-
-    name: str
+    name: str  # name of the sensor in health, checkpoints and the order of streams
+    # names of the components of its innovation; their number is the gate's degrees of freedom
     components: tuple[str, ...]
+    # states whose variance is inflated in re-acquisition, one for each component
     inflated: tuple[int, ...]
+    # inflate each state by the joint square of the innovation, not by that of its own component
     inflated_jointly: ClassVar[bool] = False
+    # states that updates do not move; the covariance takes that into account
     fixed: tuple[int, ...] = ()
-    is_place: ClassVar[bool] = False
+    is_place: ClassVar[bool] = False  # the first two components are a position [m]
+    # updates use the correlations of R. If not, only the gate does
     correlated: ClassVar[bool] = True
 
 
 class FixModel(MeasurementModel, Generic[M]):
-    """Sensor that measures the pose or the twist, apart from tracks and IMU.
+    """Sensor that measures the pose or the twist, apart from tracks and IMU."""
 
-    Attributes:
-        predicts: predicted quantity that `linearise` takes; the height is that of the newest step.
-        standing: the robot stands while it is measured.
-    """
-
+    # predicted quantity that `linearise` takes; the height is that of the newest step
     predicts: ClassVar[Quantity]
-    standing: ClassVar[bool] = False
+    standing: ClassVar[bool] = False  # the robot stands while it is measured
 
     def linearise(self, measurement: M, predicted: Prediction) -> Linearised:
         """Compare a measurement with its prediction.

@@ -13,8 +13,7 @@ from icreckon.estimator.robot.robot_file import Robot
 
 # Variances of a standing robot's velocity about zero.
 STANDSTILL_VARIANCE = tuple(sigma * sigma for sigma in STANDSTILL_SIGMA)
-# Relative uncertainty of the change of the track speeds, due to its delay.
-ACCELERATION_DOUBT = 0.3
+ACCELERATION_DOUBT = 0.3  # relative uncertainty of the change of the track speeds, due to its delay
 # Time for which an error lasts that is as large as the centripetal acceleration [s]. In turns the
 # accelerometers show errors of the model, which are not to be taken for slopes and biases.
 CENTRIPETAL_DOUBT = 1.0
@@ -56,8 +55,7 @@ class SensorModels:
         imu = robot.imu
         self.imu_position = imu.position[:2]
         forward, leftward, upward = robot.imu_rotation.tolist()
-        # Rows of yaw, roll and pitch.
-        rows = np.array([upward, forward, leftward])
+        rows = np.array([upward, forward, leftward])  # rows of yaw, roll and pitch
         if imu.gyro_axes == "z":
             rows[0] = 0.0, 0.0, 1.0 / upward[2]
         if imu.gyro_axes == "z" or robot.slope.sigma == 0.0:

@@ -18,15 +18,12 @@ from icreckon.estimator.base.errors import WRONG_SIZE
 from icreckon.estimator.base.records import NEVER, Stamp
 from icreckon.estimator.sensors.input_settings import InputSettings
 
-# Size of a buffer of readings that grows.
-ROOM = 64
+ROOM = 64  # size of a buffer of readings that grows
 # Standard deviations within which quiet readings are about their mean: of the file's noise, and of
 # measured noise beyond that, which may be that of an engine and no white noise.
 SIGMAS_OF_FILE, SIGMAS_OF_MEASURED = 5.0, 8.0
-# Standard deviations beyond which their mean shows that the bias has changed.
-SIGMAS_OF_MEAN = 4.0
-# A slow turn is this share of a bias that changed, at one standard deviation.
-SLOW_TURN = 0.5
+SIGMAS_OF_MEAN = 4.0  # standard deviations beyond which their mean shows that the bias has changed
+SLOW_TURN = 0.5  # a slow turn is this share of a bias that changed, at one standard deviation
 # Time without quiet readings after which a robot with its tracks at rest is carried: a robot rocks for a
 # moment when it stops [s]. Its speed then, as a standard deviation [m/s].
 ROCKING, CARRIED_SPEED = 1.0, 0.5
@@ -113,19 +110,8 @@ def quiet_mean(
     if still.stopped_since == NEVER or rate != rate:
         return math.nan
     oldest_needed = stamp - settings.duration_ns
+    add_reading(still, stamps, rates, stamp, rate, oldest_needed)
     first, end = still.first, still.end
-    while first + 1 < end and stamps[first + 1] <= oldest_needed:
-        first += 1
-    if end >= len(stamps):
-        # The buffer is full: move the readings that count to its start.
-        for k in range(first, end):
-            stamps[k - first], rates[k - first] = stamps[k], rates[k]
-        first, end = 0, end - first
-        if end >= min(len(stamps), len(rates)):
-            raise ValueError(WRONG_SIZE)
-    stamps[end], rates[end] = stamp, rate
-    end += 1
-    still.first, still.end = first, end
     total = 0.0
     for k in range(first, end):
         total += rates[k]
@@ -152,6 +138,24 @@ def quiet_mean(
     by_noise = SIGMAS_OF_MEAN * math.sqrt(2.0) * mean_sigma
     keep_quiet(still, stamp, mean, settings.usual_change + by_noise)
     return mean
+
+
+def add_reading(
+    still: StandstillRecord, stamps: Stamps, rates: Floats, stamp: int, rate: float, oldest: int
+) -> None:
+    """Add a reading, and drop those whose intervals end before `oldest` [ns]."""
+    first, end = still.first, still.end
+    while first + 1 < end and stamps[first + 1] <= oldest:
+        first += 1
+    if end >= len(stamps):
+        # The buffer is full: move the readings that count to its start.
+        for k in range(first, end):
+            stamps[k - first], rates[k - first] = stamps[k], rates[k]
+        first, end = 0, end - first
+        if end >= min(len(stamps), len(rates)):
+            raise ValueError(WRONG_SIZE)
+    stamps[end], rates[end] = stamp, rate
+    still.first, still.end = first, end + 1
 
 
 def keep_quiet(still: StandstillRecord, stamp: int, mean: float, usual_change: float) -> None:

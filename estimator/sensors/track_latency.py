@@ -21,30 +21,20 @@ from icreckon.estimator.base.lag_search import beside_lowest, jackknife_sigma
 from icreckon.estimator.base.records import NEVER, Stamp, zeros
 from icreckon.estimator.log.lag import Lag
 
-GRID = 20_000_000
-"""Spacing of the candidate latencies [ns]."""
-SHIFTS = np.arange(-15, 40) * (GRID * NANOSECOND)
-"""Candidate latencies [s]."""
-EARLIEST, LATEST = -15 * GRID, 39 * GRID
-"""Smallest and largest of them [ns]."""
-WINDOW, WINDOW_STEP = 50, 5
-"""Length and spacing of the windows, in steps of the grid."""
-BLOCK = 1.25
-"""Turning that closes a block, by the gyro [rad]."""
+GRID = 20_000_000  # spacing of the candidate latencies [ns]
+SHIFTS = np.arange(-15, 40) * (GRID * NANOSECOND)  # candidate latencies [s]
+EARLIEST, LATEST = -15 * GRID, 39 * GRID  # smallest and largest of them [ns]
+WINDOW, WINDOW_STEP = 50, 5  # length and spacing of the windows, in steps of the grid
+BLOCK = 1.25  # turning that closes a block, by the gyro [rad]
 FEWEST_BLOCKS, MOST_BLOCKS = 4, 32
 """Numbers of blocks at which there is an estimate, and from which the oldest is dropped."""
-LARGEST_HOLE = 500_000_000
-"""Gap between samples at which the windows start again [ns]."""
-LEAST_CORRELATION = 0.7
-"""Smallest correlation of tracks and gyro at which there is an estimate [-]."""
-CAPACITY = 16_384
-"""Number of samples that are kept to integrate over the windows: 16 s at 1000 Hz."""
-NO_HOLE = 2**62
-"""Stamp later than all others [ns]."""
+LARGEST_HOLE = 500_000_000  # gap between samples at which the windows start again [ns]
+LEAST_CORRELATION = 0.7  # smallest correlation of tracks and gyro at which there is an estimate [-]
+CAPACITY = 16_384  # number of samples that are kept to integrate over the windows: 16 s at 1000 Hz
+NO_HOLE = 2**62  # stamp later than all others [ns]
 
 
-ROOM = 64
-"""Number of samples of a rate that a filter keeps until the watch takes them."""
+ROOM = 64  # number of samples of a rate that a filter keeps until the watch takes them
 Buffer = Annotated[list[float], msgspec.Meta(min_length=ROOM, max_length=ROOM)]
 
 

@@ -20,10 +20,8 @@ from icreckon.estimator.log.measurements import Mark
 from icreckon.estimator.streaming.reckoning import Reckoning
 
 LOGGER = logging.getLogger(__name__)
-# Before any measurement.
-BEFORE_ALL: Key = (-(2**63), -1)
-# Number of measurements between two checkpoints.
-CHECKPOINT_EVERY = 64
+BEFORE_ALL: Key = (-(2**63), -1)  # before any measurement
+CHECKPOINT_EVERY = 64  # number of measurements between two checkpoints
 # Highest number of measurements that a late one may be behind, however fast they come.
 MOST_MEASUREMENTS = 16_000
 

@@ -35,12 +35,10 @@ from icreckon.estimator.sensors.track_latency import (
     TrackLatencyMemory,
 )
 
-LARGEST_SIGMA = 0.02
-"""Largest standard error with which an estimate is used [s]."""
+LARGEST_SIGMA = 0.02  # largest standard error with which an estimate is used [s]
 LEAST_LATENCY, LEAST_CHANGE = 0.03, 0.01
 """Smallest latency that is taken off, and smallest change of one that is [s]."""
-SAMPLES_AT_ONCE = 1000
-"""Number of waiting samples at which the estimator takes them, all at once."""
+SAMPLES_AT_ONCE = 1000  # number of waiting samples at which the estimator takes them, all at once
 
 
 class Latencies(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -10,12 +10,9 @@ from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.trajectory import Trajectory
 from icreckon.estimator.streaming.outputs import Run
 
-# No position is further from its origin, not even in UTM coordinates [m].
-FURTHEST = 1e8
-# No ground robot is faster [m/s, rad/s].
-FASTEST = 1e3
-# Rounding makes variances negative by no more than this, in single precision too.
-ROUNDING = 1e-6
+FURTHEST = 1e8  # no position is further from its origin, not even in UTM coordinates [m]
+FASTEST = 1e3  # no ground robot is faster [m/s, rad/s]
+ROUNDING = 1e-6  # rounding makes variances negative by no more than this, in single precision too
 USABLE, NOT_FINITE, NEGATIVE, ABSURD = range(4)
 REASONS = {
     NOT_FINITE: "estimate is not finite",

@@ -23,8 +23,7 @@ from icreckon.estimator.filter.fault_table import (
 from icreckon.estimator.log.input_checks import Admission, as_plain
 from icreckon.estimator.log.measurements import Measurement
 
-LARGEST_SIGMA = 1e6
-"""Largest standard deviation that `Inflate` adds."""
+LARGEST_SIGMA = 1e6  # largest standard deviation that `Inflate` adds
 
 
 class OwnFaults:

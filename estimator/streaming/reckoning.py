@@ -5,6 +5,7 @@ end. So the twist is predicted and updated at the start of the step, and then mo
 """
 
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -60,6 +61,7 @@ from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.measurement_models import (
     IMU_SENSORS,
     MODELS,
+    FixModel,
     Quantity,
     innovation_components,
 )
@@ -110,8 +112,7 @@ class Reckoning:
         if self._wander.sigma:
             self.ekf.add_wander(self._wander.sigma)
 
-        # Counts of all but the gates, which count themselves.
-        self._counts = Health()
+        self._counts = Health()  # counts of all but the gates, which count themselves
         admission = Admission(settings.longest_gap, robot.vehicle.max_track_speed)
         self.own_faults = OwnFaults(state_names(variant), admission)
         self._settings = settings
@@ -343,7 +344,7 @@ class Reckoning:
 
     def _take_fix(self, m: Measurement) -> bool:
         """Update with a measurement of the pose or the twist, by its model of `MODELS`."""
-        model, ekf, record = MODELS[type(m)], self.ekf, self.record
+        model, record = MODELS[type(m)], self.record
         # Predict ahead, within the step that the next IMU sample will end, or move to the stamp. A zero
         # velocity at the end of a step is about the next one.
         is_at_end = record.stamp == m.stamp and self._tracks.stamp != NEVER
@@ -362,14 +363,22 @@ class Reckoning:
             return False
         if isinstance(m, PositionFix):
             return self._take_position(m, ahead=ahead)
-        stood_before = record.stood_at
+        used = self._update(m, model, ahead=ahead)
+        if used and isinstance(m, PoseFix):
+            record.fixes.rejected.count = 0
+            assign(record.fixes.scatter, ScatterRecord())
+        if has_begun_step:
+            self._steps.move(m.stamp, PROPAGATE)
+        return used
+
+    def _update(self, m: Measurement, model: FixModel[Any], *, ahead: bool) -> bool:
+        """Predict a measurement, now or ahead; gate it, update and record."""
+        ekf, record, stood_before = self.ekf, self.record, self.record.stood_at
         if model.standing:
             record.stood_at = m.stamp
         predicted = self._predict(model.predicts, m.stamp, ahead=ahead)
         if model.predicts == "pose":
             self._let_wander(m.stamp)
-
-        # Gate, update and record.
         gate, innovation = self._gates[model.name], model.linearise(m, predicted)
         interval = gate.interval_to(m.stamp)
         if model.is_place:
@@ -381,16 +390,11 @@ class Reckoning:
         used = update(ekf, model, gate, innovation, m.stamp, interval, fastest=fastest)
         if used:
             ekf.keep_inside_bounds()
-        if used and isinstance(m, PoseFix):
-            record.fixes.rejected.count = 0
-            assign(record.fixes.scatter, ScatterRecord())
         if model.standing and not used:
             record.stood_at = stood_before
         elif model.standing and ahead:
             # The fast slip of the last step is over.
             ekf.renew_fast_slip(predicted.R)
-        if has_begun_step:
-            self._steps.move(m.stamp, PROPAGATE)
         return used
 
     def _repeats(self, m: PositionFix | PoseFix) -> bool:

@@ -38,10 +38,8 @@ from icreckon.estimator.streaming.lost import loss_of, stopped_by
 from icreckon.estimator.streaming.outputs import Run, Singles, Snapshot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
-# Number of measurements between two reports of progress.
-PROGRESS_EVERY = 500
-# Time of samples that are fed one by one where arrays stop [ns].
-ONE_BY_ONE_NS = 100_000_000
+PROGRESS_EVERY = 500  # number of measurements between two reports of progress
+ONE_BY_ONE_NS = 100_000_000  # time of samples that are fed one by one where arrays stop [ns]
 
 
 def run(

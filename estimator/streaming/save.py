@@ -39,10 +39,8 @@ from icreckon.estimator.streaming.latencies import Latencies
 
 FORMAT = "icreckon estimator"
 VERSION = 14
-# Objects of up to this many characters are written on one line of the file.
-SHORT = 120
-# Keys of a robot file that an estimator does not depend on.
-UNUSED = ("log", "note", "format")
+SHORT = 120  # objects of up to this many characters are written on one line of the file
+UNUSED = ("log", "note", "format")  # keys of a robot file that an estimator does not depend on
 # Keys of a robot file that learnt parameters, scales and biases depend on; the others are noise.
 LEARNT_FROM = (
     "name",
@@ -59,8 +57,7 @@ LARGEST_STATE, LARGEST_VARIANCE = 1e15, 1e40
 # Least eigenvalue of the correlations, largest asymmetry, and largest covariance of an exact state:
 # rounding leaves less.
 LEAST_EIGENVALUE, ASYMMETRY, LARGEST_OF_EXACT = -1e-6, 1e-9, 1e-90
-# Distance by which parameters may be beyond their bounds, in the unit of the bound.
-BEYOND_BOUNDS = 1e-3
+BEYOND_BOUNDS = 1e-3  # distance by which parameters may be beyond their bounds, in their unit
 
 
 class SavedEstimator(Bounded, frozen=True):

@@ -55,8 +55,7 @@ from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.run import Rows, work_through
 
 SMOOTHED = "-smoothed"
-# A heading less certain than this is lost [rad].
-LOST_YAW = 1.0
+LOST_YAW = 1.0  # a heading less certain than this is lost [rad]
 
 
 class Smoothing(NamedTuple):
@@ -174,8 +173,7 @@ class _Tape:
         self._rows: list[_RowState] = []
         # Places of parameters and gravity that do not turn the robot in the present step.
         self._not_turning: list[int] = []
-        # Row at or after the newest measurement of the position.
-        self._row_of_fix = 0
+        self._row_of_fix = 0  # row at or after the newest measurement of the position
 
     # --- forward ---------------------------------------------------------------------------------
 

@@ -27,11 +27,9 @@ from icreckon.estimator.robot.variants import Variant
 from icreckon.estimator.streaming.reckoning import Reckoning
 
 LOGGER = logging.getLogger(__name__)
-# Time between IMU samples [ns]; track speeds come at every second one.
-INTERVAL = 10_000_000
+INTERVAL = 10_000_000  # time between IMU samples [ns]; track speeds come at every second one
 AT_ORIGIN = (0.0, 0.0, 0.0)
-# Shapes of filters whose kernels are compiled in this process.
-READY: set[tuple[object, ...]] = set()
+READY: set[tuple[object, ...]] = set()  # shapes of filters whose kernels this process has
 
 
 def warm_up(model: MotionModel, robot: Robot, variant: Variant, settings: Settings) -> None:

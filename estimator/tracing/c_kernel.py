@@ -44,19 +44,34 @@ class _Writer:
         self._indent = "    "
 
     def function(self) -> str:
-        """Write the function: nodes in order, each store after the nodes that it needs."""
-        kernel = self._kernel
-        outputs = [store.value for store in kernel.stores] + list(kernel.flags) + Traced.effects
+        """Write the function, which returns the flags."""
+        self._write_nodes()
+        flags = [
+            f"((uint32_t){self._name(flag)} << {place * FLAG_BITS})"
+            for place, flag in enumerate(self._kernel.flags)
+        ]
+        parameters = "real *lanes, const real *restrict inputs, const real *restrict constants"
+        if any(store.array == "found" for store in self._kernel.stores):
+            parameters += ", real *restrict found"
+        unused = [f"    (void){array};" for array in ("lanes", "inputs", "constants")]
+        body = [*unused, *self._lines, f"    return {' | '.join(flags) or '0'};"]
+        head = f"static uint32_t {self._kernel.name}({parameters})"
+        return "\n".join([head, "{", *body, "}", ""])
+
+    def _write_nodes(self) -> None:
+        """Write the nodes in order, and each store after the nodes that it needs."""
+        stores, flags = self._kernel.stores, self._kernel.flags
+        outputs = [store.value for store in stores] + list(flags) + Traced.effects
         waiting = defaultdict(list)
-        for store in kernel.stores:
+        for store in stores:
             writer = Traced.writers.get((store.array, store.row), store.value)
             waiting[max(store.value, writer, key=IN_ORDER)].append(store)
-        nodes = reachable(outputs)
         loads = defaultdict(list)
         for node in reachable(outputs, with_bodies=True):
             if node.op == "load":
                 loads[node.extra].append(node)
-        last_uses = _last_uses(nodes, kernel.flags)
+        nodes = reachable(outputs)
+        last_uses = _last_uses(nodes, flags)
         for node in sorted(nodes, key=IN_ORDER):
             _, written = node.extra if node.op == "effect" else ("", ())
             for row in written:
@@ -67,16 +82,6 @@ class _Writer:
                 value = self._name(store.value)
                 self._keep_before(loads[store.array, store.row], node, last_uses)
                 self._add(f"{store.array}[{store.row}] = {value};")
-        flags = [
-            f"((uint32_t){self._name(flag)} << {place * FLAG_BITS})"
-            for place, flag in enumerate(kernel.flags)
-        ]
-        parameters = "real *lanes, const real *restrict inputs, const real *restrict constants"
-        if any(store.array == "found" for store in kernel.stores):
-            parameters += ", real *restrict found"
-        unused = [f"    (void){array};" for array in ("lanes", "inputs", "constants")]
-        body = [*unused, *self._lines, f"    return {' | '.join(flags) or '0'};"]
-        return "\n".join([f"static uint32_t {kernel.name}({parameters})", "{", *body, "}", ""])
 
     def _keep_before(
         self, loads: Iterable[Traced], node: Traced, last_uses: dict[Traced, int]

@@ -280,7 +280,8 @@ class FunctionWriter:
         if isinstance(value, bool | np.bool_):
             return Code("true" if value else "false", BOOL, bool(value))
         if isinstance(value, int | np.integer):
-            return Code(_whole(int(value)), INT, int(value))
+            text = str(value) if -(2**31) < value < 2**31 else f"INT64_C({value})"
+            return Code(text, INT, int(value))
         if isinstance(value, float):
             return Code(literal(value, self._bits), REAL, value)
         if isinstance(value, complex):
@@ -517,10 +518,6 @@ class FunctionWriter:
 def _safe(name: str) -> str:
     """Name of a variable that C, C++ and `math.h` do not have."""
     return f"{name}_" if name in (*OF_MATH, *RESERVED) else name
-
-
-def _whole(value: int) -> str:
-    return str(value) if -(2**31) < value < 2**31 else f"INT64_C({value})"
 
 
 def _name_of(node: ast.AST) -> str:

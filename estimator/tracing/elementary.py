@@ -70,8 +70,7 @@ def sine_and_cosine(angle: Any) -> tuple[Any, Any]:
         sine = square * (sine + (-1.0) ** k / math.factorial(2 * k + 1))
         cosine = square * (cosine + (-1.0) ** k / math.factorial(2 * k))
     sine, cosine = r + r * sine, 1.0 + cosine
-    # Number of the quadrant, 0 to 3.
-    fourth = quadrant - 4.0 * rounded(quadrant * 0.25 - 0.375)
+    fourth = quadrant - 4.0 * rounded(quadrant * 0.25 - 0.375)  # number of the quadrant, 0 to 3
     swaps = (fourth == 1.0) | (fourth == 3.0)
     sine, cosine = select(swaps, cosine, sine), select(swaps, sine, cosine)
     return (

@@ -20,8 +20,7 @@ LOOSE = ("contract",)
 # A number of the workspace is loaded again after this many operations. The machine has too few registers
 # for all numbers, and a copy on the stack would cost a write as well.
 RELOAD_AFTER = 150
-# Rows are counted from this one, to both sides: near ones have shorter instructions.
-MIDDLE_ROW = 128
+MIDDLE_ROW = 128  # rows are counted from this one: near ones have shorter instructions
 
 
 def lanes_of_machine(bits: int) -> int:
@@ -233,36 +232,30 @@ class _Emitter:
         body, after = b.append_basic_block("round"), b.append_basic_block("settled")
         b.cbranch(self._any(needed), body, after)
         b.position_at_end(body)
-        counter = b.phi(INT)
-        counter.add_incoming(INT(0), before)
-        values, wide, loads = dict(self.values), dict(self.wide), dict(self.loads)
-        was_in_loop, self.in_loop = self.in_loop, True
-        for carried, value in zip(loop.carried, first_values, strict=True):
-            phi = b.phi(self.vector)
-            phi.add_incoming(value, before)
-            self.values[carried] = phi
+        outside = dict(self.values), dict(self.wide), dict(self.loads), self.in_loop
+        counter, self.in_loop = self._phi((INT(0), before)), True
+        carried = [self._phi((value, before)) for value in first_values]
+        self.values.update(zip(loop.carried, carried, strict=True))
         for node in sorted(inside, key=IN_ORDER):
             self._compute(node)
         results = [self._widened(result) for result in loop.results]
-        again = self._widened(loop.again)
-        rounds = b.add(counter, INT(1))
-        end = b.block
-        counter.add_incoming(rounds, end)
-        for carried, result in zip(loop.carried, results, strict=True):
-            self.values[carried].add_incoming(result, end)
+        again, rounds, end = self._widened(loop.again), b.add(counter, INT(1)), b.block
+        for phi, result in zip([counter, *carried], [rounds, *results], strict=True):
+            phi.add_incoming(result, end)
         more = b.and_(self._any(again), b.icmp_signed("<", rounds, INT(most)))
         b.cbranch(more, body, after)
         b.position_at_end(after)
-        final = []
-        for value, result in zip([*first_values, needed], [*results, again], strict=True):
-            phi = b.phi(value.type)
-            phi.add_incoming(value, before)
-            phi.add_incoming(result, end)
-            final.append(phi)
         # Values that were computed inside a round do not exist outside.
-        self.values, self.wide, self.loads = values, wide, loads
-        self.in_loop = was_in_loop
-        return final
+        self.values, self.wide, self.loads, self.in_loop = outside
+        pairs = zip([*first_values, needed], [*results, again], strict=True)
+        return [self._phi((value, before), (result, end)) for value, result in pairs]
+
+    def _phi(self, *incoming: tuple[Any, Any]) -> Any:
+        """Value that depends on the block before: pairs of a value and a block."""
+        phi = self.builder.phi(incoming[0][0].type)
+        for value, block in incoming:
+            phi.add_incoming(value, block)
+        return phi
 
     def _compute_loops_of(self, nodes: set[Traced], varying: Sequence[Traced]) -> None:
         """Compute loops without varying numbers, which the optimiser would not move out."""

@@ -32,10 +32,8 @@ CHECKSUM = hashlib.sha256
 CHECKSUM_BYTES = CHECKSUM().digest_size
 # Options of numba that change the machine code.
 OPTIONS = ("OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK")
-# Packages with compiled code.
-PACKAGES = ("estimator", "simulation")
-# Digits of a digest in names of symbols, files and folders.
-DIGITS = 16
+PACKAGES = ("estimator", "simulation")  # packages with compiled code
+DIGITS = 16  # digits of a digest in names of symbols, files and folders
 
 
 class CodeFiles:

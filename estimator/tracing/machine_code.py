@@ -19,8 +19,7 @@ from icreckon.estimator.tracing.emit import emit
 from icreckon.estimator.tracing.kernel import Kernel
 from icreckon.estimator.tracing.kernel_cache import DIGITS, CodeFiles, environment_digest
 
-# Code in memory, which must stay as long as its addresses are used.
-LIBRARIES: list[Any] = []
+LIBRARIES: list[Any] = []  # code in memory, which must stay as long as its addresses are used
 
 
 class KernelLibrary(JITCodeLibrary):

@@ -21,10 +21,8 @@ from typing import Any, ClassVar, NamedTuple, TypeAlias, cast
 
 import numpy as np
 
-# Order in which numbers were made.
-IN_ORDER = operator.attrgetter("number")
-# Operations whose arguments may be exchanged.
-COMMUTATIVE = {"add", "mul", "and", "or"}
+IN_ORDER = operator.attrgetter("number")  # order in which numbers were made
+COMMUTATIVE = {"add", "mul", "and", "or"}  # operations whose arguments may be exchanged
 Operator: TypeAlias = "Callable[[Traced, Any], Traced]"
 
 
