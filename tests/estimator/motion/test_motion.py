@@ -6,7 +6,6 @@ from scipy.optimize import brentq
 
 from icreckon.estimator.motion.icr import (
     IndexValues,
-    PaperTwist,
     direct,
     indices_at_inertia,
     symmetry_coordinates,
@@ -175,27 +174,9 @@ def test_backward_motion_is_the_forward_one_reversed_but_for_the_sign_of_the_sli
     )
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_inertia_is_that_of_the_twist(form):
-    V_l, V_r, parameters = perturbed(5000, 8, share=0.2)
-    motion = solve(V_l, V_r, parameters, VEHICLE, form=form)
-    _, mass, x_CM, y_CM, *_ = VEHICLE
-    if form == "smooth":
-        inertia = signed_inertia(motion.twist, mass, x_CM)[0]
-    else:
-        inertia = inertial_force_magnitude(motion.twist, mass, x_CM, y_CM)
-    assert motion.u == pytest.approx(inertia, abs=1e-9 * WEIGHT)
-
-
 def test_eta_never_falls_below_one():
     parameters = PUBLISHED.copy()
     parameters[5:8] = 1.0, 0.0019, 0.0
     motion = solve(V_L, V_R, parameters, VEHICLE)
     assert motion.indices.eta.min() == 1.0
     assert (motion.indices.eta > 1.0).any()
-
-
-def test_turn_is_to_the_left_when_the_left_track_is_slower():
-    twist = solve(0.3, 0.6, PUBLISHED, VEHICLE).twist
-    assert twist.w > 0.0
-    assert isinstance(twist, PaperTwist)

@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from fed_estimators import flaw
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -60,19 +61,6 @@ def made(variant, history, patience, wanders, sigma, watches):
         start_sigma=(sigma, sigma, min(sigma, 10.0)),
         latencies=Latencies(estimate_tracks=watches, position=0.02),
     )
-
-
-def flaw(P):
-    """What is wrong with a covariance, or None."""
-    variances = P.diagonal()
-    exact = variances == 0.0
-    if not np.isfinite(P).all() or not np.array_equal(P, P.T) or variances.min() < 0.0:
-        return f"variances from {variances.min()} to {variances.max()}"
-    if exact.all():
-        return None
-    sigmas = np.sqrt(variances[~exact])
-    least = np.linalg.eigvalsh(P[np.ix_(~exact, ~exact)] / sigmas / sigmas[:, None])[0]
-    return None if least > -1e-6 else f"eigenvalue {least} of the correlations"
 
 
 def known(estimator):
@@ -302,24 +290,3 @@ def test_estimators_in_several_threads_are_those_of_one():
 
     together(*(partial(work, *job) for job in jobs))
     assert [found[job] for job in jobs] == alone
-
-
-def test_threads_that_share_an_estimator_behind_a_lock_feed_as_one_thread_does():
-    alone, shared = (PoseEstimator(ALPHA, settings=Settings(history=10.0)) for _ in range(2))
-    measurements = list(drive(1))
-    shared.feed(measurements[0])
-    lock, read = threading.Lock(), []
-
-    def feed(wanted):
-        for one in measurements[1:]:
-            if isinstance(one, TrackSpeeds) is wanted:
-                with lock:
-                    shared.feed(one)
-                    read.append(shared.snapshot())
-
-    together(lambda: feed(True), lambda: feed(False))
-    for one in measurements:
-        alone.feed(one)
-    assert len(read) == len(measurements) - 1
-    assert all(np.isfinite(one.state).all() for one in read)
-    assert known(shared)[4:] == known(alone)[4:]
