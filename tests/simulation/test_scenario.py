@@ -119,16 +119,12 @@ def test_spread_zero_is_the_robot_file():
     assert run_scenario(drawn, ALPHA).motion.parameters != expected
 
 
-def test_outages_take_fixes_away():
-    scenario = msgspec.structs.replace(SHORT, outages=((5.0, 9.5), (15.0, 20.0)))
-    seconds = (simulate(scenario, ALPHA).fixes.stamps - EPOCH) / 1e9
-    assert seconds.tolist() == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14]
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"trajectory": "slalon"}, "did you mean 'slalom'"),
+        ({"seed": 10**23}, "seed must be a whole number"),
+        ({"duration": -1.0}, "duration"),
         (
             {"trajectory_options": {"hodl": 1.0}},
             "'random' has no option 'hodl'; did you mean 'hold'",

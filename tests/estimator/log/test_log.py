@@ -37,22 +37,6 @@ def stamps(*values):
     return np.array(values, dtype=np.int64)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_value_that_is_not_finite_is_dropped(bad):
-    values = np.zeros((4, 3))
-    values[2, 1] = bad
-    keep, reasons = screen("imu", [1, 2, 3, 4], np.ones(4), values)
-    assert keep.tolist() == [True, True, False, True]
-    assert reasons == {"imu: not finite": 1}
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
-def test_variance_that_is_not_positive_is_dropped(bad):
-    keep, reasons = screen("fixes", [1, 2, 3], np.zeros(3), positive=[[1, 1], [1, bad], [1, 1]])
-    assert keep.tolist() == [True, False, True]
-    assert reasons == {"fixes: variance not positive": 1}
-
-
 @pytest.mark.parametrize(
     ("stamps", "kept", "reason"),
     [
@@ -110,18 +94,6 @@ def test_each_sample_is_counted_once_by_its_first_defect():
 def test_wrong_shape_is_refused_by_name(make, name):
     with pytest.raises(EstimatorError, match=f"{name} must have shape .* found"):
         make()
-
-
-def test_measurements_come_in_the_order_of_their_stamps():
-    log = make_log()
-    got = list(log.measurements())
-    assert len(got) == (
-        len(log.tracks.stamps)
-        + len(log.imu.stamps)
-        + len(log.fixes.stamps)
-        + np.isfinite(log.fixes.poses[:, 2]).sum()
-    )
-    assert (np.diff([m.stamp for m in got]) >= 0).all()
 
 
 def test_at_equal_stamps_tracks_come_first_then_imu_then_fixes():

@@ -132,17 +132,3 @@ def test_a_robot_that_is_pushed_back_and_forth_is_followed():
         series = TrackSpeedSeries(log.tracks.stamps[tracks], log.tracks.speeds[tracks])
         estimator = fed(Log("pushed", series, part), robot_with(0.1 * DENSITY))
         assert estimator.pose[2] == pytest.approx(expected, abs=0.04)
-
-
-def test_late_samples_are_measured_at_their_own_stamps():
-    robot, log = robot_with(DENSITY / 30.0), shaken(100, 4.0)
-    measurements = [*log.measurements()]
-    in_order, late = (PoseEstimator(robot, "constant-online") for _ in range(2))
-    for measurement in measurements:
-        in_order.feed(measurement)
-    for k in range(0, len(measurements), 7):
-        part = measurements[k : k + 7]
-        for measurement in (*part[3:], *part[:3]):
-            late.feed(measurement)
-    assert late.health.noise == in_order.health.noise
-    assert (late.state == in_order.state).all()

@@ -174,8 +174,3 @@ def test_a_robot_that_stands_has_a_truth_that_is_not_used(tmp_path: Path) -> Non
     assert results["truth"] is None
     assert any("too little to find them from its path" in note for note in results["log"]["notes"])
     assert "moves too little to find them" in fails("calibrate", bag, *words, cwd=tmp_path)
-
-
-def test_bad_origins(bag: Path, tmp_path: Path) -> None:
-    path = robot_file(tmp_path, NAVSAT.replace("52.0", "152.0"))
-    assert "origin must be latitude" in fails("replay", bag, "--robot", path, cwd=tmp_path)

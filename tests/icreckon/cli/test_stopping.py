@@ -68,15 +68,6 @@ def test_a_signal_leaves_one_line_and_nothing_else(bag, tmp_path, number, word, 
         time.sleep(0.05)
 
 
-def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
-    with begin("simulate", "--duration", "1000", cwd=tmp_path) as one:
-        one.kill()
-        one.communicate()
-    assert [path.name[:5] for path in tmp_path.iterdir()] == [".out."]
-    succeeds("simulate", "--duration", "3", "--out", "out", cwd=tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
-
-
 @pytest.mark.parametrize(
     "words",
     [

@@ -67,18 +67,6 @@ def slope(taus: np.ndarray, deviation: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("sensor", SENSORS)
-def test_white_noise_is_its_density(sensor: str) -> None:
-    density, rate = 1.2e-4, 100.0
-    readings = at_rest(sensor, InertialErrors(noise_density=density), 2000.0, rate)
-    taus = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0])
-    measured = deviations(readings, rate, taus)
-    sigma = sigma_of_deviation(WHITE, taus, rate, len(readings))
-    assert (np.abs(measured * np.sqrt(taus) / density - 1.0) < 4.0 * sigma).all()
-    # The worst tau's error over the decades that it is away from the best one bounds the slope's.
-    assert slope(taus, measured) == pytest.approx(-0.5, abs=4.0 * sigma.max() / np.log(100.0))
-
-
-@pytest.mark.parametrize("sensor", SENSORS)
 def test_random_walk_of_the_bias_is_its_walk(sensor: str) -> None:
     walk, rate = 2e-5, 10.0
     readings = at_rest(sensor, InertialErrors(bias_walk=walk), 20_000.0, rate)
