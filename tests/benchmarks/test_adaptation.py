@@ -7,6 +7,7 @@ from functools import cache
 import msgspec
 import pytest
 
+from fed_estimators import feed_all
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import Settings
@@ -30,10 +31,7 @@ def log() -> Log:
 
 
 def driven(variant: str, settings: Settings | None = None) -> PoseEstimator:
-    estimator = PoseEstimator(ALPHA, variant, settings=settings)
-    for measurement in log().measurements():
-        estimator.feed(measurement)
-    return estimator
+    return feed_all(PoseEstimator(ALPHA, variant, settings=settings), log())
 
 
 @pytest.mark.parametrize(("variant", "parameter", "figure"), CASES)

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from fed_estimators import feed_all
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.filter.samples import samples_of
 from icreckon.estimator.log.log import Log
@@ -70,8 +71,7 @@ def test_arrays_may_follow_arrays_and_single_samples() -> None:
             TrackSpeedSeries(log.tracks.stamps[tracks], log.tracks.speeds[tracks]),
             ImuSeries(log.imu.stamps[imu], log.imu.angular_velocity[imu], force[imu]),
         )
-    for measurement in log.measurements():
-        one_by_one.feed(measurement)
+    feed_all(one_by_one, log)
     assert_same_estimate(by_arrays, one_by_one)
     # Older than what was processed as arrays.
     assert not by_arrays.feed(fix)
@@ -91,8 +91,7 @@ def test_marks_and_the_plain_engine_take_samples_one_by_one() -> None:
         one.feed(TrackSpeeds(log.start - 10_000_000, 0.0, 0.0))
         one.mark()
     feed_arrays(by_arrays, log.tracks, log.imu)
-    for measurement in log.measurements():
-        one_by_one.feed(measurement)
+    feed_all(one_by_one, log)
     assert_same_estimate(by_arrays, one_by_one)
     assert len(by_arrays.marks) == 1
 

@@ -25,6 +25,7 @@ from agreement_scenes import (
     with_stuck_track,
 )
 from conftest import thorough
+from fed_estimators import feed_all
 from icreckon.estimator.base.state import FAST_SLIP, GRAVITY
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.inputs import has_heading, measured_of
@@ -133,10 +134,7 @@ def logs_of(count: int = 2, **changes: object) -> tuple[Log, ...]:
 
 
 def streamed(log: Log, robot: Robot, variant: str, settings: Settings) -> PoseEstimator:
-    estimator = PoseEstimator(robot, variant, settings=settings)
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-    return estimator
+    return feed_all(PoseEstimator(robot, variant, settings=settings), log)
 
 
 Counts = dict[str, np.ndarray]

@@ -11,6 +11,7 @@ from _logs import WITH_TRUTH
 import faulty_drives
 from conftest import sample_log
 from faulty_drives import BEGINS, EXCESS, VARIANTS, motion_over, with_free_wheel, with_wheels
+from fed_estimators import feed_all
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.batch.many import run_many
@@ -215,9 +216,7 @@ def test_wheels_that_are_no_numbers_are_refused(robot: Robot) -> None:
 
 
 def false_alarms(log: Log, robot: Robot) -> int:
-    estimator = PoseEstimator(robot, "gyro")
-    for measurement in log.measurements():
-        estimator.feed(measurement)
+    estimator = feed_all(PoseEstimator(robot, "gyro"), log)
     return estimator.health.times.get("wheel off", 0)
 
 

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fed_estimators import feed_all
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.scattering_fixes import (
     MOST_ALIGNED,
@@ -243,9 +244,7 @@ def test_a_stated_wander_is_not_measured_as_scatter():
 
 def test_a_pose_fix_begins_anew():
     log = driven(0.5)
-    estimator = PoseEstimator(ALPHA, "constant-online")
-    for m in log.measurements():
-        estimator.feed(m)
+    estimator = feed_all(PoseEstimator(ALPHA, "constant-online"), log)
     assert sigma_of(estimator.health) > 0.0
     x, y, yaw = estimator.pose
     tight = tuple(tuple(row) for row in (np.eye(3) * 0.01).tolist())

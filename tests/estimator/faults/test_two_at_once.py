@@ -9,6 +9,7 @@ import pytest
 from _scoreboard_put import FAULTS, SECOND
 
 from faulty_drives import with_free_tracks
+from fed_estimators import feed_all
 from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import PositionFix
@@ -117,8 +118,7 @@ def test_a_log_at_once_is_that_sample_by_sample(names: tuple[str, ...]) -> None:
 def test_arrays_are_fed_as_samples_are(name: str) -> None:
     log = replace(with_faults(name), fixes=None)
     one_by_one, at_once = (PoseEstimator(ALPHA, VARIANT) for _ in range(2))
-    for measurement in log.measurements():
-        one_by_one.feed(measurement)
+    feed_all(one_by_one, log)
     assert log.imu is not None
     feed_arrays(at_once, log.tracks, log.imu)
     assert at_once.state == pytest.approx(one_by_one.state, abs=1e-9)

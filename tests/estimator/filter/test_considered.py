@@ -8,6 +8,7 @@ from scipy.stats import chi2
 
 from agreement_scenes import first
 from conftest import thorough
+from fed_estimators import feed_all
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
@@ -41,10 +42,7 @@ def log():
 
 
 def fed(log, variant="inertia-online", robot=ALPHA, **options):
-    estimator = PoseEstimator(robot, variant, settings=Settings(**options), **START)
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-    return estimator
+    return feed_all(PoseEstimator(robot, variant, settings=Settings(**options), **START), log)
 
 
 CASES = [
@@ -144,8 +142,7 @@ def test_what_was_learnt_is_taken_over_and_then_stays(log, tmp_path):
     index = s.ACCELEROMETER_BIAS_Y
     assert warm.covariance[index, index] > learnt.covariance[index, index]
     before = warm.state[s.LEARNT]
-    for measurement in log.measurements():
-        warm.feed(measurement)
+    feed_all(warm, log)
     stays = warm.state[s.LEARNT] == before
     assert stays[[s.ETA0 - s.LEARNT.start, s.GYRO_BIAS - s.LEARNT.start]].all()
     assert warm.covariance[s.ETA0, s.ETA0] == learnt.covariance[s.ETA0, s.ETA0]

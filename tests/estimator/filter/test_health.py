@@ -6,6 +6,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from fed_estimators import feed_all
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.gate import Gate
@@ -121,8 +122,7 @@ def test_the_share_falls_as_a_parameter_is_learnt():
     estimator = PoseEstimator(ALPHA)
     assert {row.share for name, row in estimator.parameter_health.items() if name != "H"} == {1.0}
     scenario = Scenario(duration=120.0, seed=3, trajectory="aggressive", truth="kinematic")
-    for measurement in simulate(scenario, ALPHA).measurements():
-        estimator.feed(measurement)
+    feed_all(estimator, simulate(scenario, ALPHA))
     shares = {name: row.share for name, row in estimator.parameter_health.items()}
     assert shares["eta0"] < 0.5
     assert shares["epsilon0"] < 0.6
@@ -169,8 +169,7 @@ def one_of_each():
     settings = Settings(gates=GateSettings(patience=0.3e-9))
     estimator = PoseEstimator(ALPHA, settings=settings, start_sigma=(0.1, 0.2, 0.3))
     scenario = Scenario(duration=8.0, seed=3, trajectory="slalom", fix_rate=0.0, imu_rate=50.0)
-    for measurement in simulate(scenario, ALPHA).measurements():
-        estimator.feed(measurement)
+    feed_all(estimator, simulate(scenario, ALPHA))
     at, (x, y, yaw) = estimator.stamp, estimator.pose
     forward, left, w = estimator.twist
     fed = {

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fed_estimators import feed_all
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
@@ -27,8 +28,7 @@ def driven(seconds=9.0, **options):
     log = simulate(
         Scenario(duration=seconds, trajectory="slalom", fix_rate=0.0, seed=4, imu_rate=50.0), ALPHA
     )
-    for measurement in log.measurements():
-        estimator.feed(measurement)
+    feed_all(estimator, log)
     return estimator
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fed_estimators import feed_all
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.reacquisition import (
     RejectedRecord,
@@ -76,8 +77,7 @@ def test_a_heading_that_is_wrong_is_found_from_positions(angle: float) -> None:
     log = simulate(Scenario(duration=90.0, seed=2, truth_rate=5.0), ALPHA)
     truth = log.truth
     estimator = PoseEstimator(ALPHA, "constant-online")  # type: ignore[arg-type]
-    for measurement in fixes_turned(log, angle, 30.0).measurements():
-        estimator.feed(measurement)
+    feed_all(estimator, fixes_turned(log, angle, 30.0))
     end = truth.poses.poses[-1]
     wanted = np.array([*turned(end[None, :2], angle)[0], end[2] + angle])
     error = estimator.pose - wanted

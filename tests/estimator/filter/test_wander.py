@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from fed_estimators import feed_all
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
@@ -122,8 +123,7 @@ def test_another_frame_changes_nothing(log: Log) -> None:
         estimator = PoseEstimator(
             ALPHA, "constant-online", settings=settings(), start=start, start_sigma=(0.5, 0.5, 0.1)
         )
-        for measurement in log.measurements():
-            estimator.feed(measurement)
+        feed_all(estimator, log)
         return estimator
 
     one = estimated(log, (1.0, -2.0, 0.4))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
+from fed_estimators import feed_all
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.log import Log
@@ -54,9 +55,7 @@ def raw(log: Log, latencies: Latencies) -> list[Measurement]:
 
 
 def test_raw_stamps_give_what_corrected_ones_give(log: Log, robot: Robot) -> None:
-    corrected = PoseEstimator(robot, VARIANT)
-    for measurement in log.measurements():
-        corrected.feed(measurement)
+    corrected = feed_all(PoseEstimator(robot, VARIANT), log)
     estimator = PoseEstimator(robot, VARIANT, latencies=LATE)
     for measurement in raw(log, LATE):
         estimator.feed(measurement)

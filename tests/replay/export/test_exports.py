@@ -65,7 +65,8 @@ def test_a_misspelt_format_is_refused(text: str, told: str) -> None:
 def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(tmp_path):
     words = ("--duration", 20, "--outage", "5:20", "--seed", 3)
     succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
-    words = "replay run --robot auriga-alpha --variants constant-online --out a".split()
+    words = ("--robot", "auriga-alpha", "--variants", "constant-online", "--out", "a")
+    words = ("replay", "run", *words)
     assert "did you mean 'kitti'" in fails(*words, "--formats", "tum,kity", cwd=tmp_path)
     assert not (tmp_path / "a").exists()
     done = succeeds(*words, "--formats", "ros1,kitti,csv", cwd=tmp_path)
