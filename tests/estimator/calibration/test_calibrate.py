@@ -16,7 +16,7 @@ from icreckon.estimator.calibration import Calibration, calibrate
 from icreckon.estimator.calibration.common_values import KEPT
 from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import ImuSeries, PoseSeries, TrackSpeedSeries, Truth
+from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.inspection.latency import track_latency
 from icreckon.simulation.scenario import Scenario
@@ -160,13 +160,7 @@ def test_the_gyro_bias_is_where_the_filter_starts(case: Case, found: Calibration
     )
 
 
-@pytest.mark.parametrize(
-    ("apart", "largest"),
-    [
-        pytest.param(0.0, 0.0085, id="same", marks=pytest.mark.thorough),
-        pytest.param(0.02, 0.02, id="apart"),
-    ],
-)
+@pytest.mark.parametrize(("apart", "largest"), [thorough(0.0, 0.0085), (0.02, 0.02)])
 def test_logs_with_other_biases_make_it_uncertain(case: Case, apart: float, largest: float) -> None:
     """The mean over the logs; its standard deviation covers a log of either kind."""
     halves = (
@@ -217,21 +211,7 @@ def found_robot(case: Case) -> Robot:
 
 def part(log: Log, begin: float, end: float) -> Log:
     """A share of a log."""
-    low, high = (log.start + int(share * log.duration * 1e9) for share in (begin, end))
-
-    def keep(stamps: np.ndarray) -> np.ndarray:
-        return (stamps >= low) & (stamps <= high)
-
-    tracks, imu, poses = log.tracks, log.imu, log.truth.poses
-    at_tracks, at_imu, at_truth = map(keep, (tracks.stamps, imu.stamps, poses.stamps))
-    return replace(
-        log,
-        tracks=TrackSpeedSeries(tracks.stamps[at_tracks], tracks.speeds[at_tracks]),
-        imu=ImuSeries(
-            imu.stamps[at_imu], imu.angular_velocity[at_imu], imu.linear_acceleration[at_imu]
-        ),
-        truth=Truth(PoseSeries(poses.stamps[at_truth], poses.poses[at_truth])),
-    )
+    return log.part(begin * log.duration, end * log.duration)
 
 
 @pytest.mark.thorough

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from _logs import logs_without
-from hypothesis import given
-from hypothesis import strategies as st
 
 import faulty_drives
 from conftest import sample_log
@@ -29,8 +27,6 @@ from icreckon.estimator.faults.spinning_tracks import (
     SpinRecord,
     assumed_speeds,
     is_found,
-    side_that_changed,
-    side_with_less_load,
     spin_density,
     unexplained,
     watch_spin,
@@ -88,11 +84,6 @@ def test_bends_explain_a_share_of_the_turning() -> None:
     assert mismatch(0.4, 0.0) == pytest.approx(0.4)
     for turning, rate in ((2.0, 0.5), (-0.3, 0.5), (0.4, 0.0)):
         assert mismatch(-turning, -rate) == pytest.approx(-mismatch(turning, rate))
-
-
-@pytest.mark.parametrize("width", [0.3, 1.0, 3.0])
-def test_the_width_is_that_of_the_robots_own_bends(width: float) -> None:
-    assert width_of_bends(after_bends(width)) == pytest.approx(width, rel=0.01)
 
 
 def test_nothing_is_decided_before_bends_or_with_swapped_sides() -> None:
@@ -164,18 +155,6 @@ def test_a_track_that_did_not_jump_spins_if_it_has_less_load(force, side, speeds
     """Its weight presses the robot on the lower track: it leans to where the force does not point."""
     found = watched(*speeds, 0.0, 0.5, force=force, was=speeds)
     assert (is_found(found), found.side) == (True, side)
-
-
-@given(
-    mismatch=st.floats(0.25, 2.0),
-    left=st.floats(-2.0, 2.0),
-    right=st.floats(-2.0, 2.0),
-    force=st.floats(-3.0, 3.0),
-)
-def test_the_mirrored_robot_spins_on_the_other_side(mismatch, left, right, force):
-    found = side_that_changed(mismatch, left, right, 0.25)
-    assert side_that_changed(-mismatch, right, left, 0.25) == -found
-    assert side_with_less_load(-force) == -side_with_less_load(force)
 
 
 def test_the_tracks_turn_as_the_gyro_does_while_one_spins() -> None:

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 
 from agreement_scenes import first
 from conftest import thorough
-from fed_estimators import feed_all
+from fed_estimators import feed_all, short_log
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
@@ -23,9 +23,6 @@ from icreckon.estimator.robot.variants import (
 )
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.smoother import smooth
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start_sigma": (0.1, 0.1, 0.1)}
@@ -34,11 +31,7 @@ STEP = 10_000_000
 
 @pytest.fixture(scope="module")
 def log():
-    scenario = Scenario(
-        duration=20.0, trajectory="aggressive", seed=5, imu_rate=50.0, track_rate=25.0,
-        truth="kinematic", fixes=FixSpec(heading_sigma=0.05),
-    )  # fmt: skip
-    return simulate(scenario, ALPHA)
+    return short_log(truth="kinematic")
 
 
 def fed(log, variant="inertia-online", robot=ALPHA, **options):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from conftest import thorough
+from fed_estimators import short_log
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import (
@@ -27,22 +28,10 @@ from icreckon.estimator.robot.variants import VARIANTS, Adaptation
 from icreckon.estimator.streaming.latencies import Latencies
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.save import VERSION
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH, STEP = 1_700_000_000_000_000_000, 10_000_000
-SCENARIO = Scenario(
-    duration=8.0,
-    trajectory="aggressive",
-    seed=12,
-    truth="kinematic",
-    track_rate=25.0,
-    imu_rate=50.0,
-    fixes=FixSpec(heading_sigma=0.05),
-)
-MEASUREMENTS = list(simulate(SCENARIO, ALPHA).measurements())
+MEASUREMENTS = list(short_log(duration=8.0, seed=12, truth="kinematic").measurements())
 HALF = len(MEASUREMENTS) * 2 // 3
 
 
