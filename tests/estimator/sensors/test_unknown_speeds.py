@@ -6,7 +6,7 @@ import pytest
 
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
-from icreckon.estimator.filter.process_noise import Disturbances, twist_covariance
+from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
@@ -77,24 +77,6 @@ def test_a_stuck_speed_is_not_moved_by_the_accelerometer(log: Log, variant: str)
         assert abs(estimator.twist[0]) < 1.2 * FASTEST
         assert np.sqrt(estimator.twist_covariance[0, 0]) < 1.001 * FASTEST
     assert estimator.health.times["stuck"] == 1
-
-
-def test_a_covariance_that_is_bounded_keeps_its_correlations() -> None:
-    rng = np.random.default_rng(1)
-    jacobian = rng.standard_normal((3, 5))
-    P = np.diag([4.0, 9.0, 1.0, 0.1, 0.2])
-    free = jacobian @ P @ jacobian.T
-    fastest = 0.5 * float(np.sqrt(free[0, 0]))
-    bounded = twist_covariance(jacobian, P, fastest)
-
-    def correlation(covariance: np.ndarray) -> np.ndarray:
-        sigma = np.sqrt(np.diagonal(covariance))
-        return covariance / np.outer(sigma, sigma)
-
-    assert bounded[0, 0] == pytest.approx(fastest**2)
-    assert bounded[2, 2] == free[2, 2]
-    np.testing.assert_allclose(correlation(bounded), correlation(free))
-    np.testing.assert_array_equal(twist_covariance(jacobian, P, 1e3), free)
 
 
 # --- errors in variables --------------------------------------------------------------------------
