@@ -428,14 +428,6 @@ def test_only_online_variants_change_their_parameters(variant):
     assert np.isfinite(estimator.state).all()
 
 
-def test_before_the_first_measurement_it_stands_where_it_was_put():
-    estimator = PoseEstimator(ALPHA, start=(1.0, 2.0, 0.5), start_sigma=(0.1, 0.2, 0.3))
-    assert estimator.stamp is None
-    assert estimator.pose.tolist() == [1.0, 2.0, 0.5]
-    assert estimator.pose_covariance == pytest.approx(np.diag([0.01, 0.04, 0.09]))
-    assert estimator.twist == pytest.approx([0.0, 0.0, 0.0])
-
-
 @pytest.mark.parametrize("first", [1.0, 7.7, 1e6])
 def test_the_first_measurement_sets_the_clock_and_nothing_else(first):
     estimator = PoseEstimator(ALPHA)
