@@ -2,10 +2,7 @@
 
 import numpy as np
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
+from icreckon import FixSpec, Scenario, load_robot, simulate
 
 ALPHA = load_robot("auriga-alpha")
 

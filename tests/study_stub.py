@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from icreckon.simulation.scenario import Scenario
+from icreckon import Scenario, Study, Sweep
 from icreckon.simulation.study.failures import RunScores
-from icreckon.simulation.study.plan import Study, Sweep
 from icreckon.simulation.study.statistics import statistics
 
 STUDY = Study(

@@ -8,13 +8,8 @@ import msgspec
 import pytest
 
 from fed_estimators import feed_all
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon import Log, PoseEstimator, Scenario, Settings, load_robot, simulate
 from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION, find_variant
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 # Parameter -> the figure of `Adaptation` that says how far it may be from where it starts.

@@ -15,8 +15,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon import PoseEstimator, load_robot
 from icreckon.replay.live.odometry import live_topics
 from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions
 from readme import ROOT, blocks, code_blocks, literals, run_page

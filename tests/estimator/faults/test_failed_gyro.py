@@ -11,16 +11,14 @@ from hypothesis import strategies as st
 
 import faulty_drives
 from faulty_drives import imu_of, motion_over, with_rates
+from icreckon import Log, Robot, run
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import rpy_to_matrix, wrap_angle
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.faults.failed_gyro import LEARNT, LEAST_REPEATS, GyroRecord, watch_gyro
 from icreckon.estimator.filter.fault_table import REPEATED
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.held_tracks import SMOOTHING
-from icreckon.estimator.streaming.run import run
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 WIDTH = 1.5

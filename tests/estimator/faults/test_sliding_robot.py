@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import faulty_drives
 from faulty_drives import motion_over, with_free_tracks
+from icreckon import Log, Robot, Settings, load_robot
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.faults.sliding_robot import (
@@ -19,9 +20,6 @@ from icreckon.estimator.faults.sliding_robot import (
     watch_slide,
 )
 from icreckon.estimator.filter.process_noise import fast_slip_density
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import StandstillRecord

@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 
 from fed_estimators import feed_all
+from icreckon import FixSeries, Log, PoseEstimator, Scenario, load_robot, simulate
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.reacquisition import RejectedRecord, add_rejected, aligned_path
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import FixSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 PATH = np.stack([np.linspace(0.0, 4.0, 11), 0.3 * np.linspace(0.0, 2.0, 11) ** 2], axis=-1)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from icreckon import Log, Patch, Robot, Scenario, load_robot, run, simulate
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.slip_factor import (
     FACTOR_WEIGHT,
@@ -18,13 +19,7 @@ from icreckon.estimator.filter.slip_factor import (
     slip_factor_after,
     trend_after,
 )
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Patch
 
 VALUES = st.floats(-3.0, 3.0)
 NEW = (0.0, 0.0, 1.0)

@@ -6,13 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import Log, Robot, Scenario, Terrain, run, simulate
 from icreckon.estimator.base.frames import rpy_to_matrix
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 
 
 def tilted(log: Log, roll: float, pitch: float) -> Log:

@@ -9,27 +9,26 @@ from scipy.integrate import cumulative_trapezoid
 
 import icreckon
 from conftest import make_log
-from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.input_checks import STREAMS, key_of
-from icreckon.estimator.log.log import Log, screen
-from icreckon.estimator.log.measurements import (
+from icreckon import (
     BodyVelocity,
+    EstimatorError,
+    FixSeries,
     HeadingFix,
     HeightFix,
     ImuSample,
+    ImuSeries,
+    Log,
     PoseFix,
     PositionFix,
     TrackSpeeds,
-    ZeroVelocity,
-)
-from icreckon.estimator.log.series import (
-    FixSeries,
-    ImuSeries,
     TrackSpeedSeries,
     Truth,
-    running_integral,
+    ZeroVelocity,
 )
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.input_checks import STREAMS, key_of
+from icreckon.estimator.log.log import screen
+from icreckon.estimator.log.series import running_integral
 
 
 def stamps(*values):

@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
+from icreckon import PoseSeries, Trajectory, Truth, TwistSeries, drift, pose_nees, velocity_errors
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.log.scores import (
-    drift,
-    path_length,
-    pose_nees,
-    velocity_errors,
-    without_fixes,
-)
-from icreckon.estimator.log.series import PoseSeries, Truth, TwistSeries
-from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.log.scores import path_length, without_fixes
 
 EPOCH = 1_700_000_000_000_000_000
 

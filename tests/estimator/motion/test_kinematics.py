@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from icreckon import IndexValues, load_robot
 from icreckon.estimator.motion.icr import (
     Icrs,
-    IndexValues,
     PaperTwist,
     direct,
     icrs_from_indices,
@@ -19,7 +19,6 @@ from icreckon.estimator.motion.icr import (
     symmetry_coordinates,
     velocity_of_centre_of_mass,
 )
-from icreckon.estimator.robot.robot_file import load_robot
 from smooth_inertia import inertial_force_magnitude, signed_inertia
 
 # A vehicle with L eta = 1 m, so that everything can be worked out by hand.

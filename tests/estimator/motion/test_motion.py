@@ -3,15 +3,10 @@
 import numpy as np
 import pytest
 
-from icreckon.estimator.motion.icr import (
-    IndexValues,
-    direct,
-    indices_at_inertia,
-    symmetry_coordinates,
-)
+from icreckon import IndexValues, load_robot
+from icreckon.estimator.motion.icr import direct, indices_at_inertia, symmetry_coordinates
 from icreckon.estimator.motion.index_model import solve
 from icreckon.estimator.motion.motion_model import VehicleConstants
-from icreckon.estimator.robot.robot_file import load_robot
 from smooth_inertia import indices_at_signed_inertia, inertial_force_magnitude, signed_inertia
 
 ALPHA = load_robot("auriga-alpha")

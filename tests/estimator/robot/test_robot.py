@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.robot.robot_file import Indices, load_robot, make_robot, robot_names
+from icreckon import EstimatorError, Indices, load_robot, make_robot, robot_names
 
 SMALLEST = """
 name = "mine"

@@ -8,14 +8,8 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import (
-    DEFAULT_ADAPTATION,
-    VARIANTS,
-    default_adaptation,
-    state_names,
-)
+from icreckon import VARIANTS, EstimatorError, Settings, default_adaptation, state_names
+from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION
 
 ALPHA = icreckon.load_robot("auriga-alpha")
 

@@ -2,14 +2,11 @@
 
 import numpy as np
 
+from icreckon import FilterCheckpoint, Health, Settings, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.records import NEVER, shifted
-from icreckon.estimator.filter.checkpoint import FilterCheckpoint
 from icreckon.estimator.filter.filter_record import FilterRecord
 from icreckon.estimator.filter.gate import GateRecord
-from icreckon.estimator.filter.health import Health
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import QuietMemory
 

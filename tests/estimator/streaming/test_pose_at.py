@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import ImuSample
+from icreckon import ImuSample, Log, PoseEstimator
 from icreckon.estimator.log.scores import interpolate_poses, nees
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ROBOT = icreckon.load_robot("auriga-alpha")
 AHEAD = 60_000_000

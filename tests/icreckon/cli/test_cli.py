@@ -17,9 +17,8 @@ from rich.console import Console
 
 from command_line import fails, icreckon_alone, results_in, succeeds
 from conftest import thorough
-from icreckon import EncoderSpec, FixSpec, Log, Scenario, load_robot, read_log, simulate
+from icreckon import VARIANTS, EncoderSpec, FixSpec, Log, Scenario, load_robot, read_log, simulate
 from icreckon.cli.main import COMMANDS, load
-from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.report.replay.tables import results_table
 
 

@@ -6,11 +6,9 @@ import pytest
 from scipy.optimize import root
 
 from forces_of_tracks import steady_balance
+from icreckon import SimulationError, Soil, load_robot
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.robot.variants import coulomb_gains
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact import steady_state
 from icreckon.simulation.contact.contact import Body, Contact, ContactGeometry, equally_spaced
 from icreckon.simulation.contact.of_robot import contact_of

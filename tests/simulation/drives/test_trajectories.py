@@ -6,9 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.simulation.base.errors import SimulationError
+from icreckon import SimulationError, TrackSpeedSeries, load_robot
 from icreckon.simulation.drives.drives import TRAJECTORIES, arcs, figure_eight, spin
 from icreckon.simulation.drives.recorded import read_recording
 from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, blend_duration

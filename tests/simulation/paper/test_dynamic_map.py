@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from icreckon import SimulationError, Soil
 from icreckon.estimator.motion.icr import PaperTwist
 from icreckon.estimator.motion.index_model import VehicleConstants
-from icreckon.estimator.robot.soil import Soil
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
 from icreckon.simulation.paper.dynamic_map import DynamicMap, map_of, on_spot_line

@@ -10,8 +10,7 @@ import pytest
 
 import study_stub
 from command_line import blank
-from icreckon.report.study.folder import run_study
-from icreckon.simulation.base.errors import SimulationError
+from icreckon import SimulationError, run_study
 from icreckon.simulation.running import engines as study_engines
 from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.running.runner import MOST_TRIES

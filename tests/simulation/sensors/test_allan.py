@@ -4,15 +4,10 @@ import allantools
 import numpy as np
 import pytest
 
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon import InertialSpec, load_robot
 from icreckon.simulation.base.sampling import sample_times
 from icreckon.simulation.sensors.imu import INSTABILITY_FLOOR, MARKOV_PEAK, InertialErrors
-from icreckon.simulation.sensors.specs import (
-    InertialSpec,
-    accelerometer_errors,
-    gyro_errors,
-    noise_preset,
-)
+from icreckon.simulation.sensors.specs import accelerometer_errors, gyro_errors, noise_preset
 from icreckon.simulation.truth.true_motion import TrueMotion
 from sensor_readings import read_imu
 

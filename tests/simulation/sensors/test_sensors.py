@@ -6,17 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
-from icreckon.simulation.base.errors import SimulationError
+from icreckon import EncoderSpec, FixSpec, Indices, InertialSpec, SimulationError, Slip, load_robot
 from icreckon.simulation.base.sampling import EPOCH, sample_times, to_stamps
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.sensors.encoders import DROPOUT_READINGS, STANDING, EncoderErrors
 from icreckon.simulation.sensors.fixes import FixErrors, with_fix_errors
 from icreckon.simulation.sensors.imu import InertialErrors, specific_forces
 from icreckon.simulation.sensors.specs import (
-    EncoderSpec,
-    FixSpec,
-    InertialSpec,
     accelerometer_errors,
     encoder_errors,
     fix_errors,

@@ -12,11 +12,10 @@ from pyarrow import parquet
 
 import study_stub
 from command_line import blank
+from icreckon import SimulationError, run_study
 from icreckon.cli.study import command
 from icreckon.estimator.batch.runs import Worked
-from icreckon.report.study.folder import run_study
 from icreckon.report.study.text import failures, headline, summary_tables
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running import batch_engine as study_batch
 from icreckon.simulation.running import engines as study_engines
 from icreckon.simulation.running.engines import Engine

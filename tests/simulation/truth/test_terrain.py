@@ -10,17 +10,15 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from icreckon import Patch, Scenario, SimulationError, Terrain, load_robot
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import sample_times
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.imu import angular_velocities, specific_forces
 from icreckon.simulation.simulate import Simulation, run_scenario
 from icreckon.simulation.truth.friction import on_surface
 from icreckon.simulation.truth.surface_kernel import Surface, gradient, height
-from icreckon.simulation.truth.terrain import Patch, Terrain, draw_surface
+from icreckon.simulation.truth.terrain import draw_surface
 from icreckon.simulation.truth.true_motion import TrueMotion, true_motion
 
 ALPHA = load_robot("auriga-alpha")
