@@ -10,17 +10,11 @@ import numpy as np
 
 import faulty_drives
 from faulty_drives import RESTS, with_free_track, with_free_tracks, with_rates, with_tracks
-from icreckon.estimator.log.log import Log
+from icreckon import FixSeries, FixSpec, Log, Run, Scenario, Terrain, simulate
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
-from icreckon.estimator.streaming.outputs import Run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 from same_runs import FEW_DIGITS, ROBOT, ROUNDING, drive, every, without
 
 SECOND, DEFAULT = 1_000_000_000, Settings()

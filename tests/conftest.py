@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from icreckon import Scenario, simulate, write_log
-from icreckon.estimator.log.log import Log
+from icreckon import Log, Robot, Scenario, load_robot, read_log, simulate, write_log
 from icreckon.estimator.log.series import (
     FixSeries,
     ImuSeries,
@@ -26,9 +25,7 @@ from icreckon.estimator.log.series import (
     Truth,
     TwistSeries,
 )
-from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.inspection.inspect import Inspection, inspect
-from icreckon.replay.reading.read_log import read_log
 
 REPOSITORY = Path(__file__).parent.parent
 

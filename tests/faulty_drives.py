@@ -6,16 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from icreckon import Health, Log, PoseEstimator, Robot, Scenario, simulate
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative, wrap_angle
-from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 SECOND = 1_000_000_000
 BEGINS, RESTS, AFTER = 30.0, 2.8, 1.0

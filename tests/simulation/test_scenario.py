@@ -2,15 +2,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon import Patch, Payload, SimulationError, TrackSpeedSeries, load_robot
 from icreckon.estimator.robot.variants import coulomb_gains
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec
 from icreckon.simulation.simulate import run_scenario, simulate
-from icreckon.simulation.truth.terrain import Patch, Payload
 
 ALPHA = load_robot("auriga-alpha")
 SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fixes=FixSpec(heading_sigma=0.02))

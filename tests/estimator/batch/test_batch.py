@@ -7,16 +7,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import FixSeries, Log, Scenario, ZeroVelocity, load_robot, run_many, simulate
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.inputs import measured_of
-from icreckon.estimator.batch.many import run_many
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import ZeroVelocity
-from icreckon.estimator.log.series import FixSeries
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 DURATION = 10.0

@@ -9,16 +9,10 @@ import numpy as np
 import pytest
 
 from fed_estimators import feed_all
-from icreckon.estimator.batch.feed_arrays import feed_arrays
+from icreckon import Log, PoseEstimator, Scenario, Settings, feed_arrays, load_robot, simulate
 from icreckon.estimator.filter.samples import samples_of
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds, ZeroVelocity
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from same_runs import assert_same_estimate
 
 ROBOT = load_robot("auriga-alpha")

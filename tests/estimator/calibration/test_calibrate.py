@@ -11,15 +11,11 @@ import pytest
 from calibration import Case, compared, make_case
 
 from conftest import sample, thorough
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.calibration import Calibration, calibrate
+from icreckon import Calibration, EstimatorError, Log, Robot, Scenario, calibrate, load_robot
 from icreckon.estimator.calibration.common_values import KEPT
 from icreckon.estimator.log.lag import Lag
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import PoseSeries, TrackSpeedSeries, Truth
-from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.inspection.latency import track_latency
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import run_scenario
 
 KINEMATIC = ("differential", "constant", "inertia")

@@ -9,20 +9,12 @@ import pytest
 from agreement_scenes import SCENES
 from c_filters import CFilter, Difference, compare, in_order
 from conftest import sample, thorough
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    ImuSample,
-    Measurement,
-    TrackSpeeds,
-    ZeroVelocity,
-)
+from icreckon import BodyVelocity, FixSpec, ImuSample, Log, Measurement, TrackSpeeds, ZeroVelocity
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
 from icreckon.simulation.simulate import simulate
 from same_runs import ROBOT
 

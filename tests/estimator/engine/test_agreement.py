@@ -26,23 +26,16 @@ from agreement_scenes import (
 )
 from conftest import thorough
 from fed_estimators import feed_all
+from icreckon import VARIANTS, Log, Robot, Scenario, Terrain, feed_arrays, run, simulate
 from icreckon.estimator.base.state import FAST_SLIP, GRAVITY
-from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.inputs import has_heading, measured_of
 from icreckon.estimator.batch.runs import work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import covariance_name
 from icreckon.estimator.engine.schedule import steps_of
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
-from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 from same_runs import (
     ROBOT,
     assert_same_estimate,

@@ -12,9 +12,8 @@ import faulty_drives
 from conftest import sample_log
 from faulty_drives import BEGINS, EXCESS, VARIANTS, motion_over, with_free_wheel, with_wheels
 from fed_estimators import feed_all
+from icreckon import EstimatorError, Log, PoseEstimator, TrackSpeeds, read_log, run, run_many
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.batch.many import run_many
 from icreckon.estimator.faults.odd_wheels import (
     NO_WHEEL,
     SideSpeeds,
@@ -25,12 +24,7 @@ from icreckon.estimator.faults.odd_wheels import (
     wheel_density,
 )
 from icreckon.estimator.faults.spinning_tracks import SpinRecord
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.reading.read_log import read_log
 
 STEP, LIMIT, FASTEST = 20_000_000, 0.15, 1.0
 AGREE = (0.5, 0.5)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from fed_estimators import feed_all
+from icreckon import FixSpec, Health, Log, PoseFix, Scenario, load_robot, run, simulate
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.scattering_fixes import (
     MOST_ALIGNED,
@@ -16,17 +17,9 @@ from icreckon.estimator.faults.scattering_fixes import (
     expected_residuals,
     wanders,
 )
-from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import PoseFix
 from icreckon.estimator.log.scores import interpolate_poses, pose_nees
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 SECOND = 1_000_000_000

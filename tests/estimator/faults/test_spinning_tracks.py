@@ -18,6 +18,7 @@ from faulty_drives import (
     with_free_track,
     with_tracks,
 )
+from icreckon import Log, PoseEstimator, Scenario, Settings, read_log, run, simulate
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.spinning_tracks import (
@@ -32,15 +33,8 @@ from icreckon.estimator.faults.spinning_tracks import (
     watch_spin,
     width_of_bends,
 )
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 STEP = 10_000_000
 

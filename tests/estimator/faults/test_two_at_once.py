@@ -10,17 +10,10 @@ from _scoreboard_put import FAULTS, SECOND
 
 from faulty_drives import with_free_tracks
 from fed_estimators import feed_all
-from icreckon.estimator.batch.feed_arrays import feed_arrays
-from icreckon.estimator.log.log import Log
+from icreckon import FixSpec, Log, Run, Scenario, feed_arrays, load_robot, run, simulate
 from icreckon.estimator.log.measurements import PositionFix
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 from same_runs import assert_same_run, fed_one_by_one
 
 ALPHA, VARIANT = load_robot("auriga-alpha"), "inertia-online"

@@ -6,13 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import EstimatorError, Log, PoseEstimator, load_robot, run, smooth
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, Mark, Measurement, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.sensors.measurement_models import (
     POSE_FIXED,
@@ -22,9 +20,6 @@ from icreckon.estimator.sensors.measurement_models import (
     unregister,
 )
 from icreckon.estimator.sensors.predictions import Prediction, twist_ahead, twist_now
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.estimator.streaming.smoother import smooth
 
 # --- the sensor ---------------------------------------------------------------------------------------
 

@@ -9,11 +9,9 @@ from scipy.stats import chi2
 from agreement_scenes import first
 from conftest import thorough
 from fed_estimators import feed_all, short_log
+from icreckon import EstimatorError, PoseEstimator, Settings, StandstillSettings, load_robot, smooth
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.robot.variants import (
     VARIANTS,
     default_adaptation,
@@ -21,8 +19,6 @@ from icreckon.estimator.robot.variants import (
     slip_of,
     state_names,
 )
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.smoother import smooth
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start_sigma": (0.1, 0.1, 0.1)}

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from icreckon import VARIANTS, PoseEstimator, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED, Gate
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.variants import VARIANTS
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000

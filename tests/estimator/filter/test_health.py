@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from fed_estimators import feed_all
+from icreckon import Finding, PoseEstimator, Scenario, Slip, load_robot, simulate
 from icreckon.estimator.base import state as s
-from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.health import (
     EXCITED,
@@ -30,11 +30,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import Slip, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 SLIP = Slip(0.05, 0.01, 0.1, driving_x=0.0, driving_y=0.0, driving_w=0.0)

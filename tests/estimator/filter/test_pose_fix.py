@@ -4,16 +4,12 @@ import numpy as np
 import pytest
 
 from fed_estimators import feed_all
+from icreckon import GateSettings, PoseEstimator, Scenario, Settings, load_robot, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.gate import CHI_SQUARE_1E4
 from icreckon.estimator.log.measurements import HeadingFix, PoseFix, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.sensors.predictions import pose_ahead
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 STEP = 10_000_000

@@ -6,15 +6,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon import EstimatorError, PoseEstimator, Scenario, Settings, Slip, load_robot, simulate
 from icreckon.estimator.base.frames import compose, relative
 from icreckon.estimator.filter.clones import MOST_MARKS, RelativeMotion
 from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import Slip, load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 GAUGE = ALPHA.vehicle.track_gauge

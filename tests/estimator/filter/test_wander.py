@@ -9,21 +9,13 @@ import pytest
 from scipy.stats import chi2
 
 from fed_estimators import feed_all
+from icreckon import FixSeries, FixSpec, Log, Scenario, load_robot, pose_nees, run, simulate, smooth
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import BodyVelocity, HeadingFix, PoseFix
-from icreckon.estimator.log.scores import pose_nees
-from icreckon.estimator.log.series import FixSeries
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.estimator.streaming.smoother import smooth
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 WANDER = FixWander(1.2, 60.0)

@@ -5,19 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from icreckon import FixSeries, FixSpec, Log, PositionFix, Robot, Scenario, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import PositionFix
-from icreckon.estimator.log.series import FixSeries
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.measurement_models import Position
 from icreckon.estimator.sensors.predictions import Prediction
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ANTENNA = (0.5, -0.2)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from fed_estimators import flaw
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon import EstimatorError, Latencies, PoseEstimator, load_robot
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -19,10 +19,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
-from icreckon.estimator.streaming.latencies import Latencies
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000

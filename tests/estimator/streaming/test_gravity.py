@@ -6,18 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import VARIANTS, PoseEstimator, Scenario, Terrain, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.frames import compose
 from icreckon.estimator.log.measurements import HeadingFix, ImuSample, PoseFix, TrackSpeeds
 from icreckon.estimator.motion.icr import IndexValues, direct
 from icreckon.estimator.robot.robot_file import Indices, Robot, load_robot
-from icreckon.estimator.robot.variants import VARIANTS
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 from icreckon.simulation.truth.true_motion import exponential
 
 ALPHA = load_robot("auriga-alpha")

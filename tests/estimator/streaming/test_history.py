@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fed_estimators import short_log
-from icreckon.estimator.filter.health import SensorHealth
+from icreckon import PoseEstimator, SensorHealth, Settings, load_robot
 from icreckon.estimator.log.input_checks import key_of
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -19,10 +19,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming import late_measurements as history
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789

@@ -9,20 +9,14 @@ import pytest
 
 from conftest import sample_log
 from fed_estimators import feed_all
+from icreckon import FixSpec, Latencies, Log, PoseEstimator, Scenario, read_log, simulate
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import Measurement, TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.sensors.sensor_models import SensorModels
 from icreckon.estimator.sensors.track_latency import TrackLatencyEstimator
-from icreckon.estimator.streaming.latencies import Latencies
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.replay.inspection.latency import track_latency
-from icreckon.replay.reading.read_log import read_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 VARIANT = "constant-online"
 LATE = Latencies(tracks=0.21, imu=0.013, position=0.3, heading=0.4)

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon import EstimatorError, PoseEstimator, TrackSpeedSeries, load_robot
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -17,10 +17,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000

@@ -8,18 +8,10 @@ import numpy as np
 import pytest
 
 from fed_estimators import assert_same, feed_all, remembered, short_log
+from icreckon import BodyVelocity, HeadingFix, ImuSample, Log, PoseFix, PositionFix, TrackSpeeds
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import arc_factors, relative, wrap_angle
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
-    ImuSample,
-    PoseFix,
-    PositionFix,
-    TrackSpeeds,
-)
 from icreckon.estimator.log.series import TrackSpeedSeries
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
 from icreckon.estimator.robot.robot_file import Indices, Slip, Slope, load_robot

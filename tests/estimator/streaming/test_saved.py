@@ -11,8 +11,8 @@ import pytest
 
 from conftest import thorough
 from fed_estimators import short_log
+from icreckon import VARIANTS, Adaptation, EstimatorError, Latencies, PoseEstimator, load_robot
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -22,11 +22,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings, StandstillSettings
-from icreckon.estimator.robot.variants import VARIANTS, Adaptation
-from icreckon.estimator.streaming.latencies import Latencies
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 from icreckon.estimator.streaming.save import VERSION
 
 ALPHA = load_robot("auriga-alpha")

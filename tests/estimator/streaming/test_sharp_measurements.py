@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fed_estimators import flaw
+from icreckon import FixWander, GateSettings, Log, PoseEstimator, Settings, load_robot, run
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.ekf import SHARP
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -18,10 +18,6 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000

@@ -6,20 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import EstimatorError, FixSpec, Log, Scenario, load_robot, run, simulate, smooth
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import BodyVelocity, PoseFix, ZeroVelocity
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming import smoother
-from icreckon.estimator.streaming.run import run
-from icreckon.estimator.streaming.smoother import smooth
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start": (0.1, -0.1, 0.05), "start_sigma": (0.1, 0.1, 0.05)}

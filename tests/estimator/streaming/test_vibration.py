@@ -6,13 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import Log, PoseEstimator, Settings, feed_arrays, load_robot
 from icreckon.estimator.base import state as s
-from icreckon.estimator.batch.feed_arrays import feed_arrays
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 # Noise of 0.05 rad/s at 100 Hz.

@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 
 from command_line import icreckon, succeeds
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon import EstimatorError, PoseEstimator, Scenario, load_robot, simulate
 from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from same_runs import ROBOT
 
 WORDS = ("export", "--robot", "auriga-alpha")

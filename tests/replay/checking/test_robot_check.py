@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace as with_values
 
 from conftest import inspected, sample_log
-from icreckon import Log, ReplayError, Scenario, calibrate, compare, read_log, simulate
+from icreckon import Log, ReplayError, Scenario, calibrate, check_robot, compare, read_log, simulate
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
@@ -16,7 +16,6 @@ from icreckon.estimator.log.stuck_sides import stuck_sides, turning_at
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
-from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.checking.worth import judged, worth_of
 from icreckon.replay.mapping import topics as mapping
 from icreckon.replay.mapping.topics import TopicMap

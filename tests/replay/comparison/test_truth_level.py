@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from icreckon import Log, Run, Scenario, Terrain, compare, read_log, simulate, summarise
+from icreckon import Log, Run, Scenario, Terrain, compare, read_log, simulate, summarise, write_log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.comparison.truth_level import levelled, spatial_scores
-from icreckon.replay.export.log_bag import write_log
 
 ROBOT, VARIANT = load_robot("warthog"), "inertia-online"
 

@@ -9,17 +9,12 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from bag_messages import T, header, imu, joints, odometry, pose_stamped, robot_with, write_bag
+from icreckon import ReplayError, check_robot, inspect, load_robot, read_log, write_log
 from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.checking.check import SCALE
-from icreckon.replay.checking.robot_check import check_robot
-from icreckon.replay.export.log_bag import write_log
 from icreckon.replay.inspection.filled_in import filled_in_sizes, with_filled_in
 from icreckon.replay.inspection.imu_mounting import standstill
-from icreckon.replay.inspection.inspect import inspect
 from icreckon.replay.mapping.topics import topic_map
-from icreckon.replay.reading.read_log import read_log
 from icreckon.replay.reading.tables import are_parts
 
 START, STEP = 1_700_000_000_000_000_000, 50_000_000
