@@ -272,7 +272,7 @@ SCENES = {
         sloping, EVERYDAY, robot=ALONG, seen=lambda one: one.health.times["spinning"] > 0
     ),
     "a slide": Scene(
-        lambda: first(with_free_tracks(healthy(), 1.2), 32.0),
+        lambda: first(with_free_tracks(healthy()), 32.0),
         ("inertia-online",),
         seen=lambda one: one.health.finding("sliding") is not None,
     ),

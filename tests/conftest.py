@@ -42,7 +42,7 @@ LONG = (
     "test_agreement.py", "test_calibrate.py", "test_compiled.py", "test_study_engines.py",
     "test_stopping.py", "test_study_command.py", "test_cli.py", "test_scattering_fixes.py",
     "test_considered.py", "test_embedding.py", "test_robot_check.py", "test_two_at_once.py",
-    "test_worlds.py", "test_paper_command.py", "test_position_truth.py", "test_truth_tables.py",
+    "test_worlds.py", "test_paper_command.py", "test_position_truth.py",
 )  # fmt: skip
 """Files that take longest. They begin first, so that no worker is left with one at the end."""
 

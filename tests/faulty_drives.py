@@ -62,11 +62,11 @@ def with_free_track(log: Log, lasts: float = 3.0) -> Log:
     return with_tracks(log, lasts, lambda speeds: speeds + np.array([EXCESS, 0.0]))
 
 
-def with_free_tracks(log: Log, excess: float, lasts: float = 3.0, ramp: float = 0.2) -> Log:
-    """The log both of whose tracks spin; they speed up and slow down in `ramp` [s]."""
+def with_free_tracks(log: Log) -> Log:
+    """The log both of whose tracks spin by 1.2 m/s for 3 s; they speed up and slow down in 0.2 s."""
     times = (log.tracks.stamps - log.start) * NANOSECOND - BEGINS
-    share = np.interp(times, [0.0, ramp, lasts, lasts + ramp], [0.0, 1.0, 1.0, 0.0])
-    speeds = log.tracks.speeds + excess * share[:, None]
+    share = np.interp(times, [0.0, 0.2, 3.0, 3.2], [0.0, 1.0, 1.0, 0.0])
+    speeds = log.tracks.speeds + 1.2 * share[:, None]
     return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds))
 
 
@@ -90,11 +90,11 @@ def _of_wheels(log: Log, sides: Sequence[Floats]) -> Log:
     return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, means, *sides))
 
 
-def with_free_wheel(log: Log, begins: float = BEGINS, lasts: float = 3.0) -> Log:
+def with_free_wheel(log: Log, begins: float = BEGINS) -> Log:
     """The log of a robot with wheels, whose foremost left one spins."""
     assert log.tracks.right_wheels is not None
     left = log.tracks.left_wheels.copy()
-    left[_within(log, log.tracks.stamps, lasts, begins), 0] += EXCESS
+    left[_within(log, log.tracks.stamps, 3.0, begins), 0] += EXCESS
     return _of_wheels(log, (left, log.tracks.right_wheels))
 
 

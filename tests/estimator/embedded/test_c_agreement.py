@@ -145,11 +145,8 @@ def test_real_logs(data_dir: Path, name: str, robot_name: str) -> None:
 
 def taken(log: Log) -> list[Measurement]:
     """Measurements of a log that the filter in C takes."""
-    return [one for one in log.measurements() if hasattr(one, "left") or _is_taken(one)]
-
-
-def _is_taken(one: Measurement) -> bool:
-    return type(one).__name__ in ("ImuSample", "PositionFix", "HeadingFix")
+    kinds = ("TrackSpeeds", "ImuSample", "PositionFix", "HeadingFix")
+    return [one for one in log.measurements() if type(one).__name__ in kinds]
 
 
 LONG = [(300.0, 0.0), thorough(3600.0, 0.0), thorough(3600.0, 0.2)]

@@ -126,10 +126,6 @@ def logs_of(count: int = 2, **changes: object) -> tuple[Log, ...]:
     return _logs_of(msgspec.json.encode(msgspec.structs.replace(BASE, **changes)), count)
 
 
-def streamed(log: Log, robot: Robot, variant: str, settings: Settings) -> PoseEstimator:
-    return feed_all(PoseEstimator(robot, variant, settings=settings), log)
-
-
 Counts = dict[str, np.ndarray]
 
 
@@ -262,7 +258,10 @@ def test_lanes_agree_with_streaming(name: str) -> None:
     block = BLOCKS[name]
     # Studies leave out the height.
     side_by_side = BatchFilter(block.robot, VARIANTS[block.variant], block.settings)
-    streams = [streamed(log, block.robot, block.variant, block.settings) for log in block.logs()]
+    streams = [
+        feed_all(PoseEstimator(block.robot, block.variant, settings=block.settings), log)
+        for log in block.logs()
+    ]
     logs = [block.logs()[k % len(streams)] for k in range(side_by_side.width)]
     measured = measured_of(logs, block.robot)
     steps = steps_of(

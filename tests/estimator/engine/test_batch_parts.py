@@ -16,7 +16,7 @@ WIDTH = lanes_of_machine(64)
 call = entry(run_kernel)
 
 
-def in_lanes(function, *columns, constants=()):
+def in_lanes(function, *columns):
     """A function of traced numbers, compiled and run on columns of numbers, one in each lane."""
     trace.start()
     values = function(*(trace.lane_input("lanes", row) for row in range(len(columns))))
@@ -25,12 +25,12 @@ def in_lanes(function, *columns, constants=()):
         Store("lanes", len(columns) + row, trace.lift(value)) for row, value in enumerate(values)
     ]
     rows = len(columns) + len(values)
-    tested = Kernel("tested", (rows, 0, len(constants)), stores)
+    tested = Kernel("tested", (rows, 0, 0), stores)
     lanes = aligned((len(columns) + len(values)) * WIDTH).reshape(-1, WIDTH)
     lanes[: len(columns)] = columns
     library = compiled_library(tested, f"tested.{id(tested)}", WIDTH)
     address = library.get_pointer_to_function(library.name)
-    call(address, lanes, lanes, np.array(constants, dtype=float))
+    call(address, lanes, lanes, np.zeros(0))
     return lanes[len(columns) :]
 
 

@@ -32,7 +32,6 @@ def watched(
     rates: np.ndarray,
     true: np.ndarray | None = None,
     *,
-    width: float = WIDTH,
     most: float = 0.0,
     step: int = STEP,
     acceleration: float = 60.0,
@@ -48,7 +47,7 @@ def watched(
     smooth = smoothed(turning, step)
     used = [
         watch_gyro(
-            gyro, k * step, rate, rate, float(turning[k]), width, smooth[k], most, acceleration
+            gyro, k * step, rate, rate, float(turning[k]), WIDTH, smooth[k], most, acceleration
         )
         for k, rate in enumerate(rates.tolist())
     ]

@@ -27,12 +27,7 @@ STATED = 0.05
 ONLINE = ["constant-online", "inertia-online"]
 
 
-def fix_at(stamp, x, y, at, stated=STATED, used=True) -> TakenFix:
-    """Fix with which the filter, which is at a place, is not corrected."""
-    return TakenFix(stamp, x, y, stated**2, (0.0, 0.0), (1.0, 0.0, 1.0), at, at, used)
-
-
-def after_fixes(errors, *, path=None, stated=STATED, admitted=True) -> ScatterRecord:
+def after_fixes(errors, *, path=None, admitted=True) -> ScatterRecord:
     """Scatter of fixes at 1 Hz with errors (n, 2) on a path (n,) of a filter that they do not correct."""
     n = len(errors)
     path = np.arange(n) * 1.0 + 0j if path is None else path
@@ -41,7 +36,9 @@ def after_fixes(errors, *, path=None, stated=STATED, admitted=True) -> ScatterRe
     for k, (error, place, yaw) in enumerate(zip(errors, path, yaws, strict=True)):
         used = admitted if isinstance(admitted, bool) else bool(admitted[k])
         at = place.real, place.imag, float(yaw)
-        taken = fix_at(k * SECOND, place.real + error[0], place.imag + error[1], at, stated, used)
+        x, y = place.real + error[0], place.imag + error[1]
+        # The filter is not corrected with it.
+        taken = TakenFix(k * SECOND, x, y, STATED**2, (0.0, 0.0), (1.0, 0.0, 1.0), at, at, used)
         add_fix(scatter, taken, np.zeros(3))
     return scatter
 

@@ -49,9 +49,9 @@ def watched(
     return found
 
 
-def ramp(at: float, speed: float, *, over: float = 0.2, until: float = 20.0) -> np.ndarray:
+def ramp(at: float, speed: float, *, over: float = 0.2) -> np.ndarray:
     """Speed that rises from zero at a time [s], over some time [s]."""
-    times = np.arange(0.0, until, STEP * NANOSECOND)
+    times = np.arange(0.0, 20.0, STEP * NANOSECOND)
     return speed * np.clip((times - at) / over, 0.0, 1.0)
 
 
@@ -149,7 +149,7 @@ def test_a_slide_forward_makes_the_forward_speed_uncertain_alone() -> None:
 
 @pytest.fixture(scope="module")
 def drive(robot: Robot) -> Log:
-    return with_free_tracks(faulty_drives.drive(robot, 1), 1.2)
+    return with_free_tracks(faulty_drives.drive(robot, 1))
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])

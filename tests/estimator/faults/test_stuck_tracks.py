@@ -21,8 +21,8 @@ def held(left, right):
     return tracks
 
 
-def noisy(count, seed=0, mean=0.5):
-    return mean + 0.02 * np.random.default_rng(seed).normal(size=count)
+def noisy(count, seed=0):
+    return 0.5 + 0.02 * np.random.default_rng(seed).normal(size=count)
 
 
 def stuck_density(tracks):

@@ -127,7 +127,7 @@ def test_late_fixes_and_a_restart_meet_a_fault_as_a_filter_in_time_does(name, tm
     restored, seen = None, set()
     waiting: list[PositionFix] = []
     save = drive().start + round((begins + after) * SECOND)
-    log = with_free_tracks(drive(), 1.2) if name == SLIDE else with_faults(name, begins=begins)
+    log = with_free_tracks(drive()) if name == SLIDE else with_faults(name, begins=begins)
     for m in log.between(drive().start, drive().start + 45 * SECOND).measurements():
         in_time.feed(m)
         if restored is not None:

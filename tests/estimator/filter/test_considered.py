@@ -30,8 +30,8 @@ def log():
     return short_log(truth="kinematic")
 
 
-def fed(log, variant="inertia-online", robot=ALPHA, **options):
-    return feed_all(PoseEstimator(robot, variant, settings=Settings(**options), **START), log)
+def fed(log, variant="inertia-online", **options):
+    return feed_all(PoseEstimator(ALPHA, variant, settings=Settings(**options), **START), log)
 
 
 CASES = [

@@ -114,9 +114,9 @@ def test_ground_that_changes_is_not_taken_for_a_bias(variant: str, robot: Robot)
     assert np.sqrt(np.mean(np.square(np.concatenate(off)))) < math.radians(2.0)
 
 
-def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:
+def drive(patches: tuple[Patch, ...], robot: Robot) -> Log:
     scenario = Scenario(duration=100.0, seed=5, trajectory="random", patches=patches)
-    return simulate(scenario, robot, run_index=run_index)
+    return simulate(scenario, robot)
 
 
 @pytest.fixture(scope="module")

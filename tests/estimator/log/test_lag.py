@@ -13,9 +13,9 @@ def stamps_of(times: np.ndarray) -> np.ndarray:
     return (times * 1e9).astype(np.int64)
 
 
-def rates(times: np.ndarray, seed: int = 3, every: float = 2.0) -> np.ndarray:
-    """Yaw rate [rad/s] with a new value every few seconds."""
-    knots = np.arange(-20.0, 400.0, every)
+def rates(times: np.ndarray, seed: int = 3) -> np.ndarray:
+    """Yaw rate [rad/s] with a new value every two seconds."""
+    knots = np.arange(-20.0, 400.0, 2.0)
     return np.interp(times, knots, np.random.default_rng(seed).normal(0.0, 0.5, len(knots)))
 
 

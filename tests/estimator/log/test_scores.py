@@ -20,9 +20,9 @@ def circle(seconds, speed=0.5, rate=0.1):
     return np.stack([speed / rate * np.sin(yaw), speed / rate * (1.0 - np.cos(yaw)), yaw], axis=-1)
 
 
-def straight(seconds, speed=0.5):
+def straight(seconds):
     zero = np.zeros_like(seconds)
-    return np.stack([speed * seconds, zero, zero], axis=-1)
+    return np.stack([0.5 * seconds, zero, zero], axis=-1)
 
 
 def series(seconds, poses):

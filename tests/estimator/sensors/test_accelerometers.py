@@ -75,12 +75,10 @@ def some_ekf(rng: np.random.Generator, variant: str) -> IcrEkf:
     return ekf
 
 
-def linearised(
-    ekf: IcrEkf, x: Floats, axis: int, place: tuple[float, float, float], force: float = 0.4
-) -> Linearised:
+def linearised(ekf: IcrEkf, x: Floats, axis: int, place: tuple[float, float, float]) -> Linearised:
     ekf.x = x
     at = StepTwist(ekf.twist_model(0.2, 0.7), x.copy(), 0.01, CALM, NOISE)
-    return accelerometer(SensorModels(mounted(place)).imu_position, axis, force, at, x, 0.0)
+    return accelerometer(SensorModels(mounted(place)).imu_position, axis, 0.4, at, x, 0.0)
 
 
 @AXES

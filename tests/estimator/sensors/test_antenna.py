@@ -31,9 +31,9 @@ def of_antenna(log: Log, known: bool = True) -> Log:
     return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances, antennas))
 
 
-def position_error(log: Log, robot: Robot, variant: str = "inertia-online") -> float:
+def position_error(log: Log, robot: Robot) -> float:
     """RMSE of the position under fixes, after 20 s [m]."""
-    found, true = run(log, robot, variant).trajectory.pose_series, log.truth.poses
+    found, true = run(log, robot, "inertia-online").trajectory.pose_series, log.truth.poses
     at = true.stamps > log.start + 20_000_000_000
     apart = [
         np.interp(true.stamps[at], found.stamps, found.poses[:, axis]) - true.poses[at, axis]

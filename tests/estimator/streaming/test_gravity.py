@@ -32,16 +32,14 @@ FIX_SIGMA = 0.02
 def driven(
     estimator: PoseEstimator,
     speeds: Floats,
-    seed: int = 0,
     *,
-    yaw: float = 0.0,
     gravity: Floats = GRAVITY,
     difference: float = 0.0,
     fix_every: int = 0,
 ) -> Floats:
     """Feed a drive of constant ICRs on a plane slope; returns the true pose at its end."""
-    rng, robot = np.random.default_rng(seed), estimator.robot
-    pose, down = np.array([0.0, 0.0, yaw]), np.array(gravity)
+    rng, robot = np.random.default_rng(0), estimator.robot
+    pose, down = np.zeros(3), np.array(gravity)
     estimator.feed(TrackSpeeds(EPOCH, *speeds[0].tolist()))
     gyro, force = (
         density / np.sqrt(DT)

@@ -70,12 +70,12 @@ def of_kinds(stamp, value):
     ]
 
 
-def drive(estimator, start, count=30):
-    for k in range(count):
+def drive(estimator, start):
+    for k in range(30):
         stamp = start + k * STEP
         estimator.feed(TrackSpeeds(stamp, 0.3, 0.35))
         estimator.feed(ImuSample(stamp + 3, (0.0, 0.0, 0.04), (0.0, 0.0, 9.81)))
-    return start + count * STEP
+    return start + 30 * STEP
 
 
 def known(estimator):

@@ -15,7 +15,6 @@ from icreckon import (
     ImuSample,
     Log,
     PoseEstimator,
-    Run,
     Scenario,
     Slope,
     Terrain,
@@ -36,17 +35,12 @@ RUNS, STEP = 12, 10_000_000
 
 
 @cache
-def hills(seed: int, terrain: Terrain = HILLS, duration: float = 60.0) -> Log:
+def hills(seed: int, duration: float = 60.0) -> Log:
     """Drive over hills, by friction."""
     scenario = Scenario(
-        duration=duration, seed=seed, trajectory="random", truth="friction", terrain=terrain
+        duration=duration, seed=seed, trajectory="random", truth="friction", terrain=HILLS
     )
     return simulate(scenario, ROBOT)
-
-
-def estimated(log: Log) -> Run:
-    name = "inertia-online"
-    return run(replace(log, truth=None), ROBOT, name)
 
 
 def true_at(log: Log, stamps: np.ndarray) -> np.ndarray:
@@ -88,7 +82,7 @@ def test_errors_over_hills_are_as_the_filter_predicts() -> None:
     heights, tilts, moved = [], [], []
     for seed in range(RUNS):
         log = hills(seed)
-        one = estimated(log)
+        one = run(replace(log, truth=None), ROBOT, "inertia-online")
         true = true_at(log, one.stamps)
         path = one.trajectory
         assert path.spatial is not None
@@ -106,12 +100,12 @@ def test_errors_over_hills_are_as_the_filter_predicts() -> None:
     assert np.sqrt(np.mean(errors**2)) < 0.2 * np.sqrt(np.mean(ranges**2))
 
 
-def uphill(seconds: float, variant: str = "inertia-online") -> PoseEstimator:
+def uphill(seconds: float) -> PoseEstimator:
     """Drive straight up a plane of 10°, at 0.5 m/s, with an IMU without bias."""
     imu = Imu(gyro_noise_density=0.001, accelerometer_noise_density=0.01)
     wide = Slope(sigma=3.0)
     robot, slope = msgspec.structs.replace(ROBOT, imu=imu, slope=wide), np.radians(10.0)
-    estimator = PoseEstimator(robot, variant)
+    estimator = PoseEstimator(robot)
     force = (GRAVITY * np.sin(slope), 0.0, GRAVITY * np.cos(slope))
     for k in range(round(100 * seconds)):
         estimator.feed(TrackSpeeds(k * STEP, 0.5, 0.5))

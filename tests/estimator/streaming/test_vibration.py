@@ -26,8 +26,8 @@ def stamps_of(t):
 
 
 @functools.cache
-def shaken(rate, seconds, hertz=0.0, turn=0.0, drive=0.0, seed=0, share=1.0):
-    """A log at rest: turned from the half on, or driven from there on."""
+def shaken(rate, seconds, hertz=0.0, turn=0.0, seed=0, share=1.0):
+    """A log at rest that may be turned from the half on."""
     rng = np.random.default_rng(seed)
     t, track_t = (np.arange(int(seconds * each)) / each for each in (rate, 50))
     noise = DENSITY * np.sqrt(rate) * rng.standard_normal(len(t))
@@ -36,16 +36,12 @@ def shaken(rate, seconds, hertz=0.0, turn=0.0, drive=0.0, seed=0, share=1.0):
     rates = np.zeros((len(t), 3))
     rates[:, 2] = BIAS + share * noise + np.where(t >= seconds / 2, turn, 0.0)
     forces = np.column_stack([0.5 * rng.standard_normal((len(t), 2)), np.full(len(t), 9.81)])
-    speeds = np.where(track_t >= seconds / 2, drive, 0.0)[:, None] * np.ones(2)
-    return Log(
-        "shaken",
-        TrackSpeedSeries(stamps_of(track_t), speeds),
-        ImuSeries(stamps_of(t), rates, forces),
-    )
+    tracks = TrackSpeedSeries(stamps_of(track_t), np.zeros((len(track_t), 2)))
+    return Log("shaken", tracks, ImuSeries(stamps_of(t), rates, forces))
 
 
-def fed(log, robot, variant="constant-online", **settings):
-    estimator = PoseEstimator(robot, variant, settings=Settings(history=0.0, **settings))
+def fed(log, robot):
+    estimator = PoseEstimator(robot, "constant-online", settings=Settings(history=0.0))
     feed_arrays(estimator, log.tracks, log.imu)
     return estimator
 

@@ -14,8 +14,8 @@ ALPHA = load_robot("auriga-alpha")
 GPS = FixSpec(sigma=0.3, wander_sigma=1.2, wander_time=60.0)
 
 
-def driven(fixes: FixSpec, seed: int = 1, duration: float = 600.0) -> Log:
-    scenario = Scenario(duration=duration, seed=seed, fix_rate=1.0, fixes=fixes, truth="kinematic")
+def driven(fixes: FixSpec, seed: int = 1) -> Log:
+    scenario = Scenario(duration=600.0, seed=seed, fix_rate=1.0, fixes=fixes, truth="kinematic")
     return simulate(scenario, ALPHA)
 
 

@@ -17,20 +17,20 @@ from icreckon.replay.mapping.topics import topic_map, writable_topics
 RATE = 100.0
 
 
-def turning(seconds: float = 120.0, *, late: float = 0.0, every: float = 0.05, noise: float = 0.01):
+def turning(*, late: float):
     """Tracks that are late by so much, a gyro that is not, and the turning itself."""
     rng = np.random.default_rng(1)
-    knots = np.arange(-5.0, seconds + 5.0, 2.0)
+    knots = np.arange(-5.0, 125.0, 2.0)
     rates = rng.normal(0.0, 0.6, len(knots))
 
     def yaw_rate(t):
         return np.interp(t, knots, rates)
 
-    imu = np.arange(0.0, seconds, 1.0 / RATE)
-    vertical = yaw_rate(imu - 0.5 / RATE) + noise * rng.standard_normal(len(imu)) + 0.02
-    times = np.arange(0.0, seconds, every)
+    imu = np.arange(0.0, 120.0, 1.0 / RATE)
+    vertical = yaw_rate(imu - 0.5 / RATE) + 0.01 * rng.standard_normal(len(imu)) + 0.02
+    times = np.arange(0.0, 120.0, 0.05)
     # A value is the mean since the one before, so that it is right in the middle of that time.
-    shown = yaw_rate(times - late - 0.5 * every)
+    shown = yaw_rate(times - late - 0.025)
     speeds = np.column_stack([0.5 - 0.4 * shown, 0.5 + 0.4 * shown])
     stamps = (imu * 1e9).astype(np.int64)
     tracks = TrackSpeedSeries((times * 1e9).astype(np.int64), speeds)

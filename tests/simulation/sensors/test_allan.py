@@ -57,10 +57,6 @@ def markov_deviation(taus: np.ndarray, instability: float, time: float) -> np.nd
     return INSTABILITY_FLOOR / MARKOV_PEAK * instability * np.sqrt(variance)
 
 
-def slope(taus: np.ndarray, deviation: np.ndarray) -> float:
-    return float(np.polyfit(np.log(taus), np.log(deviation), 1)[0])
-
-
 @pytest.mark.parametrize("sensor", SENSORS)
 def test_random_walk_of_the_bias_is_its_walk(sensor: str) -> None:
     walk, rate = 2e-5, 10.0
@@ -71,7 +67,8 @@ def test_random_walk_of_the_bias_is_its_walk(sensor: str) -> None:
     # Steps at the sampling interval make the deviation of 20 samples 0.06 % larger than a smooth walk's.
     allowed = 4.0 * sigma + 1e-3
     assert (np.abs(measured / (walk * np.sqrt(taus / 3.0)) - 1.0) < allowed).all()
-    assert slope(taus, measured) == pytest.approx(0.5, abs=4.0 * sigma.max() / np.log(100.0))
+    slope = np.polyfit(np.log(taus), np.log(measured), 1)[0]
+    assert slope == pytest.approx(0.5, abs=4.0 * sigma.max() / np.log(100.0))
 
 
 @pytest.mark.parametrize("sensor", SENSORS)

@@ -43,8 +43,8 @@ def run(terrain: Terrain, **changes: Any) -> Simulation:
     return run_scenario(msgspec.structs.replace(EXACT, terrain=terrain, **changes), ALPHA)
 
 
-def varied(seconds: float = 30.0) -> TrueMotion:
-    t = np.arange(0.0, seconds + 0.5 * STEP, STEP)
+def varied() -> TrueMotion:
+    t = np.arange(0.0, 30.0 + 0.5 * STEP, STEP)
     return true_motion(1.0 / STEP, twists_at(t), np.zeros((len(t), 2)), "made")
 
 

@@ -19,12 +19,8 @@ EXACT = KinematicTruth(spread=0.0, slip=NO_SLIP)
 NO_GAINS = {"eta2": 1e-30, "epsilon_F": 0.0}
 
 
-def constant(left, right):
-    return lambda times: np.tile([left, right], (len(times), 1)).astype(float)
-
-
-def run(truth, command, duration, robot=ALPHA, seed=0, rate=200.0):
-    return truth.run(command, duration, robot, np.random.default_rng(seed), rate=rate)
+def run(truth, command, duration, robot=ALPHA, rate=200.0):
+    return truth.run(command, duration, robot, np.random.default_rng(0), rate=rate)
 
 
 def with_indices(**values):
@@ -43,7 +39,7 @@ def test_straight_pose_is_the_integral_of_speed():
 
 def test_constant_twist_drives_a_circle_of_the_right_radius():
     robot = with_indices(eta0=1.5, epsilon0=0.1, zeta0=0.05, **NO_GAINS)
-    motion = run(EXACT, constant(0.3, 0.6), 40.0, robot)
+    motion = run(EXACT, lambda times: np.tile([0.3, 0.6], (len(times), 1)), 40.0, robot)
     w = 0.3 / (0.42 * 1.5)
     v_forward, v_right = 0.45 - w * 0.1, w * 0.05
     assert motion.twists[7] == pytest.approx([v_forward, -v_right, w])
