@@ -138,7 +138,6 @@ def first_fix_at(late: int) -> Log:
 
 def without_forces() -> Log:
     log = drive()
-    assert log.imu is not None
     return replace(log, imu=replace(log.imu, linear_acceleration=None))
 
 

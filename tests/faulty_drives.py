@@ -10,7 +10,7 @@ from icreckon import Health, Log, PoseEstimator, Robot, Scenario, simulate
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
+from icreckon.estimator.log.series import TrackSpeedSeries
 
 SECOND = 1_000_000_000
 BEGINS, RESTS, AFTER = 30.0, 2.8, 1.0
@@ -30,15 +30,9 @@ def drive(robot: Robot, seed: int, duration: float = 48.0) -> Log:
     )
 
 
-def imu_of(log: Log) -> ImuSeries:
-    """IMU of a log that has one."""
-    assert log.imu is not None
-    return log.imu
-
-
 def with_rates(log: Log, lasts: float, change: Change, begins: float = BEGINS) -> Log:
     """Copy of a log whose yaw rates are changed while a fault lasts."""
-    imu = imu_of(log)
+    imu = log.imu
     rates, hit = imu.angular_velocity.copy(), _within(log, imu.stamps, lasts, begins)
     rates[hit, 2] = change(rates[hit, 2])
     return replace(log, imu=replace(imu, angular_velocity=rates))
@@ -92,7 +86,6 @@ def _of_wheels(log: Log, sides: Sequence[Floats]) -> Log:
 
 def with_free_wheel(log: Log, begins: float = BEGINS) -> Log:
     """The log of a robot with wheels, whose foremost left one spins."""
-    assert log.tracks.right_wheels is not None
     left = log.tracks.left_wheels.copy()
     left[_within(log, log.tracks.stamps, 3.0, begins), 0] += EXCESS
     return _of_wheels(log, (left, log.tracks.right_wheels))

@@ -1,7 +1,5 @@
 """Which parameters are learnt on the way is chosen one by one."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import msgspec

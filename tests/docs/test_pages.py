@@ -1,7 +1,5 @@
 """The pages for newcomers: their commands run, print what the pages show, and say what they explain."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The pages of the ROS 2 node: commands run, and tables are those of the program."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

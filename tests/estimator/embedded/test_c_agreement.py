@@ -82,8 +82,6 @@ def test_all_variants_can_be_exported(variant: str, compact: bool) -> None:
 def with_velocities(log: Log) -> list[Measurement]:
     """Measurements of a simulated log, and velocities, wrong ones for 15 s."""
     truth, found = log.truth, list(log.measurements())
-    assert truth is not None
-    assert truth.twists is not None
     rng = np.random.default_rng(0)
     for k in range(10, len(truth.twists.stamps), 10):
         stamp = int(truth.twists.stamps[k]) + (k % 3) * 3_000_000

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import faulty_drives
-from faulty_drives import imu_of, motion_over, with_rates
+from faulty_drives import motion_over, with_rates
 from icreckon import Log, Robot, run
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import rpy_to_matrix, wrap_angle
@@ -264,7 +264,7 @@ def test_a_clipped_gyro_is_found_however_the_imu_is_mounted(robot: Robot, health
     angles = (2.0, -1.0, 30.0)
     imu = msgspec.structs.replace(robot.imu, rotation_rpy_deg=angles)
     R = rpy_to_matrix(*np.radians(angles)) @ robot.imu_rotation.T
-    imus, found = imu_of(healthy), []
+    imus, found = healthy.imu, []
     turned = replace(
         imus,
         angular_velocity=imus.angular_velocity @ R,
@@ -283,6 +283,6 @@ def test_a_robot_file_gives_the_range(robot: Robot, healthy: Log) -> None:
     imu = msgspec.structs.replace(robot.imu, gyro_range=0.3)
     limited = msgspec.structs.replace(robot, imu=imu)
     one = run(healthy.between(healthy.start, healthy.start + 20 * SECOND), limited, "gyro")
-    rates = np.abs(imu_of(healthy).angular_velocity[:2000, 2])
+    rates = np.abs(healthy.imu.angular_velocity[:2000, 2])
     rejected = one.health.sensors["gyro"].rejected["beyond its range"]
     assert rejected == pytest.approx((rates > 0.3 * 0.995).sum(), rel=0.05)

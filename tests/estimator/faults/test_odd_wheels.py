@@ -191,7 +191,6 @@ def test_many_logs_are_run_as_one_is(begins: float, robot: Robot) -> None:
 def test_a_log_keeps_the_wheels(drive: Log) -> None:
     again = Log.from_measurements(drive.measurements())
     part = again.between(drive.start, drive.start + 10**9).tracks
-    assert part.left_wheels is not None
     assert np.array_equal(part.left_wheels, drive.tracks.left_wheels[: len(part.stamps)])
     assert part.right_wheels.shape == (len(part.stamps), 2)
     mixed = [TrackSpeeds(0, 0.1, 0.1), TrackSpeeds(1, 0.1, 0.1, (0.1, 0.1), (0.1, 0.1))]

@@ -13,7 +13,6 @@ from icreckon.estimator.base.frames import rpy_to_matrix
 def tilted(log: Log, roll: float, pitch: float) -> Log:
     """Copy of a log whose IMU is tilted [deg]."""
     imu = log.imu
-    assert imu.linear_acceleration is not None
     mount = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
     rates, forces = imu.angular_velocity @ mount, imu.linear_acceleration @ mount
     return replace(log, imu=replace(imu, angular_velocity=rates, linear_acceleration=forces))

@@ -165,7 +165,6 @@ def test_a_gyro_alone_teaches_no_gravity(variant: str, eta0: float) -> None:
     indices = msgspec.structs.replace(ALPHA.indices, eta0=eta0)
     robot = msgspec.structs.replace(ALPHA, indices=indices)
     log = simulate(Scenario(duration=40.0, seed=3, terrain=Terrain(slope_deg=6.0)), ALPHA)
-    assert log.imu is not None
     gyro_alone = replace(log, fixes=None, imu=replace(log.imu, linear_acceleration=None))
     found = run(gyro_alone, robot, variant)
     assert np.abs(found.states[:, s.GRAVITY]).max() < 1e-12
@@ -203,7 +202,6 @@ def test_roll_and_pitch_rates_turn_gravity(
 def test_biases_of_roll_and_pitch_rate_are_learnt() -> None:
     """On rolling ground; so they change the slope little."""
     log = simulate(Scenario(duration=60.0, seed=3, terrain=Terrain(rolling_deg=8.0)), ALPHA)
-    assert log.imu is not None
     more = np.array([0.004, -0.004])
     biased = log.imu.angular_velocity + np.append(more, 0.0)
     ends = [

@@ -90,7 +90,6 @@ def test_an_unknown_latency_is_found_and_taken_off(log: Log, robot: Robot, own: 
         estimator.feed(measurement)
     found = estimator.health.track_latency
     assert found.estimated == pytest.approx(0.2 + own, abs=0.01)
-    assert found.sigma is not None
     assert found.sigma < 0.02
     assert found.used == pytest.approx(0.2 + own, abs=0.02)
     assert estimator.late(TrackSpeeds) == round(found.used / NANOSECOND)

@@ -45,9 +45,7 @@ def hills(seed: int, duration: float = 60.0) -> Log:
 
 def true_at(log: Log, stamps: np.ndarray) -> np.ndarray:
     """True height, roll and pitch at stamps."""
-    assert log.truth is not None
     poses = log.truth.poses
-    assert poses.spatial is not None
     return np.column_stack([np.interp(stamps, poses.stamps, one) for one in poses.spatial.T])
 
 
@@ -85,8 +83,6 @@ def test_errors_over_hills_are_as_the_filter_predicts() -> None:
         one = run(replace(log, truth=None), ROBOT, "inertia-online")
         true = true_at(log, one.stamps)
         path = one.trajectory
-        assert path.spatial is not None
-        assert path.spatial_sigmas is not None
         off = path.spatial - true
         heights.append((off[-1, 0] / path.spatial_sigmas[-1, 0]) ** 2)
         tilts.append(((off[-1, 1:] / path.spatial_sigmas[-1, 1:]) ** 2).sum())
@@ -125,7 +121,6 @@ def test_a_height_corrects_height_and_slope_but_not_the_place() -> None:
     estimator = uphill(20.0)
     before, P = estimator.state, estimator.covariance
     stamp = estimator.stamp
-    assert stamp is not None
     # The first one sets the height.
     assert estimator.feed(HeightFix(stamp, 312.0, 0.04))
     assert estimator.pose3d.position[2] == pytest.approx(312.0, abs=0.3)
@@ -160,7 +155,6 @@ def test_heights_over_hills_bound_its_error() -> None:
 def test_rates_of_roll_and_pitch_are_in_the_twist() -> None:
     estimator = uphill(2.0)
     stamp = estimator.stamp
-    assert stamp is not None
     estimator.feed(TrackSpeeds(stamp + STEP, 0.5, 0.5))
     estimator.feed(ImuSample(stamp + STEP, (0.2, -0.1, 0.0), (0.0, 0.0, GRAVITY)))
     twist = estimator.twist3d

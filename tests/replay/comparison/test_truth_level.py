@@ -55,7 +55,6 @@ def test_a_map_that_is_not_level_is_turned_to_gravity() -> None:
 
 def test_a_tilt_of_its_axes_in_the_robot_is_no_error_of_the_attitude() -> None:
     truth = hills().truth
-    assert truth is not None
     path = reckoned().trajectory
     found = [
         spatial_scores(path, levelled(off, path)[0], [])

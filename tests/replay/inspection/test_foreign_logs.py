@@ -81,8 +81,6 @@ def test_an_imu_message_in_degrees_and_g(tmp_path: Path) -> None:
     assert not [text for text in found.findings if "suspicious" in text]
     tracks = tomllib.loads(WHEELS)["log"]["tracks"]
     read = read_log(log, robot_with(tracks=tracks, imu={"topic": "/imu", **units})).imu
-    assert read is not None
-    assert read.linear_acceleration is not None
     np.testing.assert_allclose(read.angular_velocity[:, 2], TURN, atol=1e-12)
     np.testing.assert_allclose(read.linear_acceleration[:, 2], 9.80665)
 
@@ -124,7 +122,6 @@ def test_a_clock_set_back_takes_the_truth_with_it(tmp_path: Path) -> None:
     robot = robot_with(tracks=tracks, imu={"topic": "/imu"}, truth={"topic": "/slam"})
     messages.sort(key=lambda one: (one[1].header.stamp.sec, one[1].header.stamp.nanosec))
     log = read_log(write_bag(tmp_path / "bag", messages), robot)
-    assert log.truth is not None
     assert (np.diff(log.truth.poses.poses[:, 0]) > 0.0).all()
     assert log.dropped["truth: of a time that occurs twice"] >= 240
 

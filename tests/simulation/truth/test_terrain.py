@@ -201,7 +201,6 @@ def test_a_kerb_pitches_the_vehicle_up_for_about_its_length() -> None:
     motion = run(terrain, trajectory="straight", duration=25.0).motion
     pitch = motion.attitudes_at(np.arange(len(motion.poses)) / motion.rate)[:, 1]
     heights = motion.heights
-    assert heights is not None
     assert np.ptp(heights) == pytest.approx(0.08, abs=1e-4)
     # Nose up is a negative pitch, as in tf.
     steepest = np.degrees(np.arctan(2.0 * 0.08 / LENGTH))
