@@ -104,9 +104,6 @@ def test_the_messages_that_are_explained_are_those_of_the_log() -> None:
         assert any(all(part in one for part in parts) for one in said), message
 
 
-# --- the image --------------------------------------------------------------------------------------
-
-
 def copied(dockerfile: Path = DOCKERFILE) -> dict[str, str]:
     """Places in the image of what a Dockerfile copies, by path in the repository."""
     places = {}

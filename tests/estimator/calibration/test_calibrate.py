@@ -348,9 +348,6 @@ def test_real_logs_give_what_is_known_of_them(
         assert found.robot.imu.gyro_bias_sigma == pytest.approx(confirmed, rel=0.01)
 
 
-# --- calibrating by positions ---------------------------------------------------------------------
-
-
 ROBOT = load_robot("auriga-alpha")
 SCALE, BIAS = 1.02, 0.012
 

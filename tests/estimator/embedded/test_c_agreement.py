@@ -162,8 +162,6 @@ def test_float_agrees_over_long_drives(duration: float, fix_rate: float, compact
         assert off.covariance < FLOAT, off.at
 
 
-# --- order, clocks and buffers ------------------------------------------------------------------------
-
 STAMP, MS = 1_700_000_000_000_000_000, 1_000_000
 ZERO, AT_REST = (0.0, 0.0, 0.0), (0.0, 0.0, 9.81)
 
@@ -217,9 +215,6 @@ def test_outputs_before_the_first_measurement() -> None:
     assert (found.pose.x, found.pose.y, found.pose.yaw) == (1.0, 2.0, 0.5)
     assert tuple(found.pose.covariance)[::4] == pytest.approx((0.01, 0.01, 0.04))
     assert np.isfinite([found.twist.v_x, found.icrs.x, found.icrs.left_y]).all()
-
-
-# --- saved parameters ---------------------------------------------------------------------------------
 
 
 def learnt() -> tuple[CFilter, PoseEstimator]:

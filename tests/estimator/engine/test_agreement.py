@@ -110,8 +110,6 @@ def test_plain_agrees_with_compiled(name: str) -> None:
     assert scene.seen(expected)
 
 
-# --- lanes: many logs of equal stamps -----------------------------------------------------------------
-
 COUNTED = ("gyro", "accelerometer_x", "accelerometer_y", "position", "heading")
 BASE = Scenario(duration=10.0, seed=5, fix_rate=2.0)
 

@@ -152,9 +152,6 @@ def test_slip_may_have_lasted_since_the_last_fix() -> None:
     assert lasting_slip(-0.4, (1.0, 0.0), 5.0)[2] == -0.4
 
 
-# --- drives ----------------------------------------------------------------------------------------
-
-
 def driven(fix_rate: float, sigma: float, duration: float, seed: int) -> Log:
     scenario = Scenario(
         duration=duration,

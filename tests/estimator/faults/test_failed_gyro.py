@@ -179,9 +179,6 @@ def test_after_a_gap_nothing_is_a_jump() -> None:
     assert shifted(GyroRecord(), SECOND) == GyroRecord()
 
 
-# --- disagreement with the tracks is no fault -------------------------------------------------------
-
-
 @pytest.mark.parametrize("share", [0.0, -1.0, 0.45])
 def test_a_gyro_that_shows_other_bends_than_the_tracks_is_used(share: float) -> None:
     """Tracks that slip, spin or are measured wrongly: the gyro is healthy."""

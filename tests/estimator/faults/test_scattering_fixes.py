@@ -151,9 +151,6 @@ def test_scatter_is_forgotten_once_it_is_over():
     assert later.variance == 0.0
 
 
-# --- in the filter -------------------------------------------------------------------------------
-
-
 @cache
 def driven(white: float, wander: float = 0.0, *, rate: float = 1.0, seed: int = 8) -> Log:
     """A drive of two minutes whose fixes state 5 cm."""

@@ -129,9 +129,6 @@ def test_a_body_velocity_is_used_whole_or_not_at_all():
     assert (counts.used, counts.rejected, counts.degrees) == (1, {"gate": 1}, 2)
 
 
-# --- knocked accelerometer ------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("variant", [one for one in VARIANTS if VARIANTS[one].accelerometers])
 def test_a_short_fault_leaves_gravity_and_motion_as_they_were(variant: str) -> None:
     """Forty m/s² for 0.4 s, in a bend: long enough for the gate to give in."""

@@ -219,9 +219,6 @@ def test_verdicts_are_told_in_words_and_a_copy_is_the_same():
     assert told == ["rejected", "rejected", "reacquired"]
 
 
-# --- what would go unnoticed ------------------------------------------------------------------------
-
-
 def test_what_comes_too_late_is_not_among_what_comes_late():
     estimator, fed = one_of_each()
     position = fed["position"]

@@ -65,9 +65,6 @@ def test_the_noise_of_a_prediction_is_the_fast_slip_to_come():
     )
 
 
-# --- the estimator ------------------------------------------------------------------------------------
-
-
 def driven(duration=2.0):
     """An estimator in a bend, with sensors that agree with the robot file, and where it is."""
     estimator = PoseEstimator(ALPHA)

@@ -133,9 +133,6 @@ def test_another_frame_changes_nothing(log: Log) -> None:
     assert rotate(at, by_angle)[0] == pytest.approx([there.x, there.y], abs=1e-8)
 
 
-# --- late, saved, copied, smoothed, side by side ----------------------------------------------------
-
-
 def test_smoothing_the_wander(log: Log) -> None:
     log = log.part(0.0, 8.0)
     both = smooth(log, ALPHA, "constant-online", settings=settings(), **START)
@@ -160,9 +157,6 @@ def test_a_lost_heading_is_found_by_fixes_that_wander() -> None:
     assert abs(math.remainder(yaw, 2.0 * math.pi)) < 0.3
 
 
-# --- consistency ------------------------------------------------------------------------------------
-
-
 def nees(given: Settings, runs: int) -> float:
     """Mean NEES of the pose over runs of two minutes with plain GPS, from 30 s on."""
     found = []
@@ -184,9 +178,6 @@ def test_wander_as_it_is_makes_the_filter_as_sure_as_it_may_be() -> None:
     assert wander < upper
     assert wander > 1.0
     assert white > 20.0
-
-
-# --- settings ---------------------------------------------------------------------------------------
 
 
 def test_wander_of_the_robot_file_and_of_the_settings() -> None:

@@ -199,9 +199,6 @@ def test_a_part_of_a_log_has_what_lies_between():
     assert bare.between(begin, end).imu is None
 
 
-# --- integral -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("shape", [(), (2,)])
 @pytest.mark.parametrize("kind", [float, complex])
 def test_it_is_the_trapezoidal_rule_at_uneven_stamps(shape: tuple[int, ...], kind: type) -> None:
@@ -213,9 +210,6 @@ def test_it_is_the_trapezoidal_rule_at_uneven_stamps(shape: tuple[int, ...], kin
     seconds = (stamps - stamps[0]) * NANOSECOND
     expected = cumulative_trapezoid(values, seconds, axis=0, initial=0.0)
     assert running_integral(stamps, values) == pytest.approx(expected, abs=1e-12)
-
-
-# --- kinds ----------------------------------------------------------------------------------------
 
 
 ROBOT = icreckon.load_robot("auriga-alpha")

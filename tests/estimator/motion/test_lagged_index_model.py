@@ -128,8 +128,6 @@ def test_each_gain_has_a_derivative_in_a_turn_and_none_on_a_straight_line() -> N
     assert not np.array(by.by_gravity).any()
 
 
-# --- symmetries -------------------------------------------------------------------------------------
-
 SPEEDS = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 SLOPES = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 FACTORS = st.tuples(*[st.floats(0.5, 1.5)] * 9)
@@ -159,9 +157,6 @@ def test_a_vehicle_that_backs_down_a_slope_is_one_that_drives_down_it_turned_aro
     gravity = -gravity[0], -gravity[1]
     found = driven(around, -forward[:, ::-1], parameters * TURNED, gravity=gravity)
     assert found.twist == pytest.approx(np.array(motion.twist) * [-1.0, -1.0, 1.0], abs=1e-12)
-
-
-# --- the paper's motion -----------------------------------------------------------------------------
 
 
 @settings(max_examples=30)
@@ -194,9 +189,6 @@ def test_gravity_acts_as_the_force_of_inertia_that_is_as_large() -> None:
     assert on_slope.u == pytest.approx(inertia - VEHICLE.mass * 0.7, abs=1e-6)
 
 
-# --- the force along the tracks ---------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("V_l", "V_r"), [(0.3, 0.7), (0.7, 0.3), (-0.7, -0.3), (-0.3, 0.1)])
 def test_a_force_along_the_tracks_takes_from_their_speed_in_a_turn(V_l: float, V_r: float) -> None:
     """Uphill and against rolling resistance, tracks slip; downhill the robot is faster than they are."""
@@ -210,9 +202,6 @@ def test_a_force_along_the_tracks_takes_from_their_speed_in_a_turn(V_l: float, V
     assert downhill.v_y - level.v_y == pytest.approx(shift, rel=0.1)
     rolling = steady(V_l, V_r, parameters, LEVEL, VEHICLE).twist
     assert abs(rolling.v_y) < abs(level.v_y) or np.sign(V_l) != np.sign(V_r)
-
-
-# --- the lag ----------------------------------------------------------------------------------------
 
 
 def test_forces_lag_whatever_the_step() -> None:
@@ -259,9 +248,6 @@ def test_evaluating_changes_no_memory_and_going_back_repeats_the_motion() -> Non
     np.testing.assert_array_equal(kept, copy)
     model.recall(kept)
     assert driven(model, speeds[20:], USUAL, gravity=(0.5, 0.2)) == once
-
-
-# --- limits -----------------------------------------------------------------------------------------
 
 
 @settings(max_examples=300)

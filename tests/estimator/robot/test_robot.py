@@ -103,9 +103,6 @@ def test_imu_rotation_takes_the_imus_axes_to_the_bodys(tmp_path):
     assert robot.imu_rotation @ [0.0, 0.0, 1.0] == pytest.approx([0.0, 0.0, -1.0])
 
 
-# --- robot in code --------------------------------------------------------------------------------
-
-
 VEHICLE = {"mass": 30.0, "track_gauge": 0.42, "sprocket_radius": 0.1}
 
 

@@ -64,9 +64,6 @@ def test_the_start_may_be_any_row_of_three(kind: Any) -> None:
     assert estimator.pose_covariance.diagonal().tolist() == [1.0, 0.0, 4.0]
 
 
-# --- a variant's adaptation, with changes ---------------------------------------------------------------
-
-
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_the_default_adaptation_is_what_the_filter_uses(variant: str) -> None:
     default = default_adaptation(variant)

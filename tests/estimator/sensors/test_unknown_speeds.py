@@ -74,9 +74,6 @@ def test_a_stuck_speed_is_not_moved_by_the_accelerometer(log: Log, variant: str)
     assert estimator.health.times["stuck"] == 1
 
 
-# --- errors in variables --------------------------------------------------------------------------
-
-
 ALPHA = load_robot("auriga-alpha")
 SETTINGS = input_settings(ALPHA, Settings())
 

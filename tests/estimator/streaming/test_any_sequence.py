@@ -226,9 +226,6 @@ def test_any_sequence_of_calls(tmp_path):
     run_state_machine_as_test(AnySequence, settings=limits)
 
 
-# --- threads -----------------------------------------------------------------------------------------
-
-
 def drive(seed):
     """A drive with fixes, some of them late."""
     rng = np.random.default_rng(seed)

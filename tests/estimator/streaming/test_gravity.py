@@ -121,9 +121,6 @@ def test_a_fix_that_turns_the_yaw_leaves_gravity_in_base_link() -> None:
     assert moved.max() < 0.05
 
 
-# --- radii --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("variant", "difference"), [("constant-online", 0.04), ("inertia-online", -0.03)]
 )

@@ -271,9 +271,6 @@ def test_a_heading_is_taken_across_the_turn_of_the_angle(fix):
     assert estimator.pose[2] == pytest.approx(np.pi)
 
 
-# --- the way back -----------------------------------------------------------------------------------
-
-
 def test_robot_that_was_turned_by_hand_is_found_again():
     estimator, stamp = driven(settings=Settings(gates=GateSettings(patience=5)))
     yaw = estimator.pose[2] + 2.5

@@ -92,9 +92,6 @@ def test_log_without_track_speeds_says_what_is_missing():
         run(Log("imu only", empty), ALPHA, "inertia-online")
 
 
-# --- warm up --------------------------------------------------------------------------------------
-
-
 # The signatures of all compiled functions of a process, before and after a drive with every kind of
 # measurement. Those that are loaded from disk count like those that are compiled.
 SCRIPT = """

@@ -443,9 +443,6 @@ def test_a_disk_that_fails_leaves_the_old_file_and_nothing_else(half_way, saved,
     assert [path.name for path in saved.parent.iterdir()] == [saved.name]
 
 
-# --- a warm start -----------------------------------------------------------------------------------
-
-
 def test_a_warm_start_takes_over_what_was_learnt_and_nothing_else(half_way, saved):
     off = 3600.0
     start, sigma = (4.0, 5.0, 0.6), (0.1, 0.2, 0.3)

@@ -271,9 +271,6 @@ def test_the_module_is_the_command() -> None:
     assert found.stdout.strip() == f"icreckon {version('icreckon')}"
 
 
-# --- ros2 node command ----------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("words", [["--varient", "gyro"], ["-r", "/a:=/b"], ["robot.toml"]])
 def test_an_unknown_argument_is_refused(words: list[str], tmp_path: Path) -> None:
     said = fails("ros2-node", *words, cwd=tmp_path)

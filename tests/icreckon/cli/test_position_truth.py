@@ -180,9 +180,6 @@ def test_a_robot_that_stands_has_a_truth_that_is_not_used(tmp_path: Path) -> Non
     assert "moves too little to find them" in fails("calibrate", bag, *words, cwd=tmp_path)
 
 
-# --- truth in a table ---------------------------------------------------------------------------------
-
-
 def late(log: Log, *, headings: bool) -> Log:
     """The log with a truth at 10 Hz that is 0.35 s late, with noise, and perhaps without a yaw."""
     rng = np.random.default_rng(4)

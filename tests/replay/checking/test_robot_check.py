@@ -374,9 +374,6 @@ def test_speeds_that_the_filter_refuses_have_no_result_and_no_traceback(log: Log
         compare(wrong, ALPHA, "gyro")
 
 
-# --- odometry that turns too far ------------------------------------------------------------------
-
-
 def test_both_report_the_jackal(data_dir: Path) -> None:
     path, robot = sample_log(data_dir, "jackal_test2.bag"), load_robot("jackal")
     (found,) = (one for one in inspected(path).findings if "odometry's yaw rate" in one)

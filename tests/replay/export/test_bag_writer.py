@@ -189,8 +189,6 @@ def test_the_official_reader_finds_standard_messages(tmp_path: Path, robot: Robo
     assert np.isfinite(covariance).all()
 
 
-# --- latched topics --------------------------------------------------------------------------------
-
 ROBOT = icreckon.load_robot("jackal")
 ONCE = {"/icreckon/topics", "/ground_truth/source", "/gyro/path", "/ground_truth/path"}
 

@@ -128,8 +128,6 @@ def test_files_that_carry_two_types_on_one_topic(tmp_path: Path) -> None:
         read_log([one, other], robot_with(tracks=JOINTS))
 
 
-# --- parts of one recording ------------------------------------------------------------------------
-
 SECOND = 1_000_000_000
 
 
@@ -159,8 +157,6 @@ def test_a_part_without_fixes_is_refused() -> None:
     with pytest.raises(ReplayError, match=r"holds none of its \d+ fixes, which come from"):
         with_fixes_within(make_log(6.0), parse_part("500:600"))
 
-
-# --- stamps that span decades ----------------------------------------------------------------------
 
 SECOND, NOW, YEARS = 10**9, 500_000_000 * 10**9, 50 * 365 * 86_400 * 10**9
 COUNT, PERIOD = 400, SECOND // 20

@@ -102,9 +102,6 @@ def test_what_does_not_converge_is_named(monkeypatch):
     assert np.isfinite(np.stack(motion.twist)).all()
 
 
-# --- coulomb gains --------------------------------------------------------------------------------
-
-
 ALPHA = load_robot("auriga-alpha")
 
 
