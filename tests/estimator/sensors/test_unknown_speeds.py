@@ -74,8 +74,7 @@ def test_a_stuck_speed_is_not_moved_by_the_accelerometer(log: Log, variant: str)
     assert estimator.health.times["stuck"] == 1
 
 
-ALPHA = load_robot("auriga-alpha")
-SETTINGS = input_settings(ALPHA, Settings())
+SETTINGS = input_settings(ROBOT, Settings())
 
 
 def held(speeds, rate, tracks=None, start=0):
@@ -104,7 +103,7 @@ def test_smoothed_speeds_begin_anew_after_a_hole():
 
 def test_slip_is_as_large_as_the_smoothed_speeds_make_it():
     disturbances = Disturbances(
-        ALPHA, slip_of(ALPHA, find_variant("inertia-online")), np.zeros(s.PARAMETER_COUNT)
+        ROBOT, slip_of(ROBOT, find_variant("inertia-online")), np.zeros(s.PARAMETER_COUNT)
     )
     noisy = held([(0.2, 0.6)] * 50 + [(0.1, 0.8)], 400)
     steady = held([smooth(noisy)], 400)
@@ -114,8 +113,8 @@ def test_slip_is_as_large_as_the_smoothed_speeds_make_it():
 
 @pytest.mark.parametrize("share", [-0.5, 0.0, 0.4, 1.0, 1.5])
 def test_derivatives_by_the_parameters_are_of_the_turn_that_tracks_and_yaw_rate_show(share):
-    ekf = IcrEkf(LaggedIndexMotion(ALPHA.constants))
-    ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
+    ekf = IcrEkf(LaggedIndexMotion(ROBOT.constants))
+    ekf.x[s.PARAMETERS] = ROBOT.indices.as_array()
     model, ekf.regressors = ekf.twist_model(0.2, 0.6), np.zeros((3, s.REGRESSOR_COUNT))
     of_tracks, by = model.twist[2], model.by_speeds[2]
     # The robot turns `share` of what its tracks show, all the time.
@@ -141,9 +140,9 @@ def test_derivatives_by_the_parameters_are_of_the_turn_that_tracks_and_yaw_rate_
 
 def test_noise_at_a_high_rate_teaches_no_wrong_parameter():
     # Without slip, and with a gyro that is good, the mean error of eta0 is that of errors in variables.
-    rate, density, errors = 400, ALPHA.tracks.speed_noise_density, []
-    imu = msgspec.structs.replace(ALPHA.imu, gyro_bias_sigma=1e-4)
-    robot = msgspec.structs.replace(ALPHA, imu=imu)
+    rate, density, errors = 400, ROBOT.tracks.speed_noise_density, []
+    imu = msgspec.structs.replace(ROBOT.imu, gyro_bias_sigma=1e-4)
+    robot = msgspec.structs.replace(ROBOT, imu=imu)
     icr_width = (
         PoseEstimator(robot, "constant-online").parameters["eta0"] * robot.vehicle.track_gauge
     )

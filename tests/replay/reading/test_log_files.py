@@ -128,9 +128,6 @@ def test_files_that_carry_two_types_on_one_topic(tmp_path: Path) -> None:
         read_log([one, other], robot_with(tracks=JOINTS))
 
 
-SECOND = 1_000_000_000
-
-
 def written(log: Log, path: Path) -> Path:
     return write_log(log, path, "mcap", load_robot("marmotte"))
 
@@ -158,7 +155,7 @@ def test_a_part_without_fixes_is_refused() -> None:
         with_fixes_within(make_log(6.0), parse_part("500:600"))
 
 
-SECOND, NOW, YEARS = 10**9, 500_000_000 * 10**9, 50 * 365 * 86_400 * 10**9
+NOW, YEARS = 500_000_000 * SECOND, 50 * 365 * 86_400 * SECOND
 COUNT, PERIOD = 400, SECOND // 20
 
 
