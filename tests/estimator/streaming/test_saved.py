@@ -26,7 +26,7 @@ from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings,
 from icreckon.estimator.streaming.save import VERSION
 
 ALPHA = load_robot("auriga-alpha")
-EPOCH, STEP = 1_700_000_000_000_000_000, 10_000_000
+STEP = 10_000_000
 MEASUREMENTS = list(short_log(duration=8.0, seed=12, truth="kinematic").measurements())
 HALF = len(MEASUREMENTS) * 2 // 3
 

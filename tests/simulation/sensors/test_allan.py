@@ -16,8 +16,8 @@ SILENT = InertialErrors()
 # Time over correlation time at which the Allan deviation of a Gauss-Markov process peaks.
 MARKOV_PEAK_AT = 1.8926
 SENSORS = ("gyro", "accelerometer")
-# Exponents of the noises' spectra, for their degrees of freedom.
-WHITE, RANDOM_WALK = 0, -2
+# Exponent of the noise's spectrum, for its degrees of freedom.
+RANDOM_WALK = -2
 
 
 def at_rest(sensor: str, errors: InertialErrors, duration: float, rate: float) -> np.ndarray:
