@@ -10,17 +10,11 @@ import numpy as np
 
 import faulty_drives
 from faulty_drives import RESTS, with_free_track, with_free_tracks, with_rates, with_tracks
-from icreckon.estimator.log.log import Log
+from icreckon import FixSeries, FixSpec, Log, Run, Scenario, Terrain, simulate
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import FixSeries
 from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
-from icreckon.estimator.streaming.outputs import Run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 from same_runs import FEW_DIGITS, ROBOT, ROUNDING, drive, every, without
 
 SECOND, DEFAULT = 1_000_000_000, Settings()
@@ -144,7 +138,6 @@ def first_fix_at(late: int) -> Log:
 
 def without_forces() -> Log:
     log = drive()
-    assert log.imu is not None
     return replace(log, imu=replace(log.imu, linear_acceleration=None))
 
 
@@ -278,7 +271,7 @@ SCENES = {
         sloping, EVERYDAY, robot=ALONG, seen=lambda one: one.health.times["spinning"] > 0
     ),
     "a slide": Scene(
-        lambda: first(with_free_tracks(healthy(), 1.2), 32.0),
+        lambda: first(with_free_tracks(healthy()), 32.0),
         ("inertia-online",),
         seen=lambda one: one.health.finding("sliding") is not None,
     ),

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import PoseEstimator, Robot, Settings
 from icreckon.estimator.base import state as s
 from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.log.input_checks import RANKS
@@ -27,10 +28,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 IMU_RATE = 200.0
 USED, LEARNT = 0, range(s.LEARNT.start, s.LEARNT.stop)

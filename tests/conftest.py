@@ -16,8 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from icreckon import Scenario, simulate, write_log
-from icreckon.estimator.log.log import Log
+from icreckon import Log, Robot, Scenario, load_robot, read_log, simulate, write_log
 from icreckon.estimator.log.series import (
     FixSeries,
     ImuSeries,
@@ -26,9 +25,7 @@ from icreckon.estimator.log.series import (
     Truth,
     TwistSeries,
 )
-from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.inspection.inspect import Inspection, inspect
-from icreckon.replay.reading.read_log import read_log
 
 REPOSITORY = Path(__file__).parent.parent
 
@@ -45,7 +42,7 @@ LONG = (
     "test_agreement.py", "test_calibrate.py", "test_compiled.py", "test_study_engines.py",
     "test_stopping.py", "test_study_command.py", "test_cli.py", "test_scattering_fixes.py",
     "test_considered.py", "test_embedding.py", "test_robot_check.py", "test_two_at_once.py",
-    "test_worlds.py", "test_paper_command.py", "test_position_truth.py", "test_truth_tables.py",
+    "test_worlds.py", "test_paper_command.py", "test_position_truth.py",
 )  # fmt: skip
 """Files that take longest. They begin first, so that no worker is left with one at the end."""
 

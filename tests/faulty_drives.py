@@ -6,16 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from icreckon import Health, Log, PoseEstimator, Robot, Scenario, simulate
 from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.base.frames import relative, wrap_angle
-from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from icreckon.estimator.log.series import TrackSpeedSeries
 
 SECOND = 1_000_000_000
 BEGINS, RESTS, AFTER = 30.0, 2.8, 1.0
@@ -35,15 +30,9 @@ def drive(robot: Robot, seed: int, duration: float = 48.0) -> Log:
     )
 
 
-def imu_of(log: Log) -> ImuSeries:
-    """IMU of a log that has one."""
-    assert log.imu is not None
-    return log.imu
-
-
 def with_rates(log: Log, lasts: float, change: Change, begins: float = BEGINS) -> Log:
     """Copy of a log whose yaw rates are changed while a fault lasts."""
-    imu = imu_of(log)
+    imu = log.imu
     rates, hit = imu.angular_velocity.copy(), _within(log, imu.stamps, lasts, begins)
     rates[hit, 2] = change(rates[hit, 2])
     return replace(log, imu=replace(imu, angular_velocity=rates))
@@ -67,11 +56,11 @@ def with_free_track(log: Log, lasts: float = 3.0) -> Log:
     return with_tracks(log, lasts, lambda speeds: speeds + np.array([EXCESS, 0.0]))
 
 
-def with_free_tracks(log: Log, excess: float, lasts: float = 3.0, ramp: float = 0.2) -> Log:
-    """The log both of whose tracks spin; they speed up and slow down in `ramp` [s]."""
+def with_free_tracks(log: Log) -> Log:
+    """The log both of whose tracks spin by 1.2 m/s for 3 s; they speed up and slow down in 0.2 s."""
     times = (log.tracks.stamps - log.start) * NANOSECOND - BEGINS
-    share = np.interp(times, [0.0, ramp, lasts, lasts + ramp], [0.0, 1.0, 1.0, 0.0])
-    speeds = log.tracks.speeds + excess * share[:, None]
+    share = np.interp(times, [0.0, 0.2, 3.0, 3.2], [0.0, 1.0, 1.0, 0.0])
+    speeds = log.tracks.speeds + 1.2 * share[:, None]
     return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, speeds))
 
 
@@ -95,11 +84,10 @@ def _of_wheels(log: Log, sides: Sequence[Floats]) -> Log:
     return replace(log, tracks=TrackSpeedSeries(log.tracks.stamps, means, *sides))
 
 
-def with_free_wheel(log: Log, begins: float = BEGINS, lasts: float = 3.0) -> Log:
+def with_free_wheel(log: Log, begins: float = BEGINS) -> Log:
     """The log of a robot with wheels, whose foremost left one spins."""
-    assert log.tracks.right_wheels is not None
     left = log.tracks.left_wheels.copy()
-    left[_within(log, log.tracks.stamps, lasts, begins), 0] += EXCESS
+    left[_within(log, log.tracks.stamps, 3.0, begins), 0] += EXCESS
     return _of_wheels(log, (left, log.tracks.right_wheels))
 
 

@@ -7,14 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.series import FixSeries
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.streaming.outputs import Run
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon import FixSeries, Log, PoseEstimator, Robot, Run, Scenario, load_robot, simulate
 from icreckon.estimator.streaming.run import work_through
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 # What rounding may come to, in standard deviations. Where track speeds are hardly known, the gyro cuts

@@ -4,9 +4,8 @@ from typing import Any
 
 from numpy.random import Generator
 
+from icreckon import FixSeries, Robot, TrackSpeedSeries
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.simulation.sensors.encoders import EncoderErrors, with_encoder_errors
 from icreckon.simulation.sensors.fixes import FixErrors, measured_pose_times, with_fix_errors
 from icreckon.simulation.sensors.imu import Imu, perfect_readings, with_inertial_errors

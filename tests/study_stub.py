@@ -6,8 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
+from icreckon import Scenario, Study, Sweep
 from icreckon.simulation.study.failures import RunScores
 from icreckon.simulation.study.statistics import statistics
+
+STUDY = Study(
+    name="tiny",
+    scenario=Scenario(duration=10.0, outages=((5.0, 10.0),)),
+    variants=("constant-online", "inertia-online"),
+    sweep=Sweep(grid={"gyro.factor": [1.0, 10.0]}),
+    runs=10,
+    truths=5,
+    horizons=(5.0,),
+    engine="stub",
+)
 
 # A file that is named here: the first worker that finds it takes it away, and dies.
 DEADLY = "STUDY_STUB_DEADLY"

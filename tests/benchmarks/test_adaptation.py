@@ -1,19 +1,13 @@
 """Which parameters are learnt on the way is chosen one by one."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import msgspec
 import pytest
 
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
+from fed_estimators import feed_all
+from icreckon import Log, PoseEstimator, Scenario, Settings, load_robot, simulate
 from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION, find_variant
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 # Parameter -> the figure of `Adaptation` that says how far it may be from where it starts.
@@ -30,10 +24,7 @@ def log() -> Log:
 
 
 def driven(variant: str, settings: Settings | None = None) -> PoseEstimator:
-    estimator = PoseEstimator(ALPHA, variant, settings=settings)
-    for measurement in log().measurements():
-        estimator.feed(measurement)
-    return estimator
+    return feed_all(PoseEstimator(ALPHA, variant, settings=settings), log())
 
 
 @pytest.mark.parametrize(("variant", "parameter", "figure"), CASES)

@@ -5,11 +5,9 @@ import pytest
 from _sampled_model import ModelSampler
 from scipy.stats import chi2
 
+from icreckon import PoseEstimator, Settings, StandstillSettings, load_robot
 from icreckon.estimator.base import state as s
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.robot.variants import find_variant
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 VARIANT = find_variant("inertia-online")

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from _tables import PAGES, Table, all_tables, current, put, renewed, tables
+from _tables import all_tables, current, put, renewed, tables
 
 from icreckon.estimator.filter.fault_table import FAULTS
 from readme import ROOT
@@ -63,12 +63,6 @@ def test_a_table_is_replaced_from_the_output(
     assert after.rows == (("none", "`gyro`", "0.15"), ("none", "`constant-online`", "0.25"))
     assert after.of == current(COMMAND)
     assert not after.is_stale
-
-
-def table(
-    *rows: tuple[str, ...], head: tuple[str, ...] = ("fault", "variant", "error, m")
-) -> Table:
-    return Table(PAGES[0], 0, head, rows, COMMAND)
 
 
 def test_the_table_of_faults_is_that_of_the_filter() -> None:

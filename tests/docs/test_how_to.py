@@ -1,7 +1,5 @@
 """The guides: their commands run, and print what they show."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

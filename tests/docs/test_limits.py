@@ -1,7 +1,5 @@
 """The page of limits lists those that the code has."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

@@ -1,7 +1,5 @@
 """The notebook lesson: all of its cells run, one after the other, and do what the text says."""
 
-from __future__ import annotations
-
 import contextlib
 from pathlib import Path
 from typing import Any

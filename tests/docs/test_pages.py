@@ -1,7 +1,5 @@
 """The pages for newcomers: their commands run, print what the pages show, and say what they explain."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil
@@ -14,9 +12,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from command_line import icreckon
 from conftest import sample_log
-from icreckon.replay.export.log_bag import write_log
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
+from icreckon import Scenario, simulate, write_log
 from readme import ROOT, blocks, code_blocks, literals, run_page
 from tum import read_tum
 

@@ -11,11 +11,10 @@ import pytest
 from PIL import Image
 
 from command_line import Done, icreckon
-from icreckon.estimator.robot.robot_file import Imu, load_robot
-from icreckon.estimator.robot.variants import VARIANTS, used_parameters
+from icreckon import VARIANTS, Imu, load_robot, load_scenario
+from icreckon.estimator.robot.variants import used_parameters
 from icreckon.replay.mapping.topics import topic_map
 from icreckon.simulation.drives.trajectories import trajectory_names, trajectory_options
-from icreckon.simulation.scenario import load_scenario
 from readme import RENEWS, ROOT, code_blocks, says, shell
 
 SHELL = code_blocks("sh")

@@ -1,7 +1,5 @@
 """What a release needs agrees: versions, dependencies, workflows, and the recipe for conda."""
 
-from __future__ import annotations
-
 import ast
 import re
 import sys

@@ -1,7 +1,5 @@
 """The pages of the ROS 2 node: commands run, and tables are those of the program."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -15,8 +13,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+from icreckon import PoseEstimator, load_robot
 from icreckon.replay.live.odometry import live_topics
 from icreckon.ros2.parameters import DESCRIPTIONS, NodeOptions
 from readme import ROOT, blocks, code_blocks, literals, run_page
@@ -105,9 +102,6 @@ def test_the_messages_that_are_explained_are_those_of_the_log() -> None:
     for message in messages:
         parts = [part.strip() for part in message.split("…")]
         assert any(all(part in one for part in parts) for one in said), message
-
-
-# --- the image --------------------------------------------------------------------------------------
 
 
 def copied(dockerfile: Path = DOCKERFILE) -> dict[str, str]:

@@ -1,7 +1,5 @@
 """The site: it builds strictly, loads nothing from outside, and lists the whole public API."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -2,15 +2,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
+from icreckon import Patch, Payload, SimulationError, TrackSpeedSeries, load_robot
 from icreckon.estimator.robot.variants import coulomb_gains
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import EPOCH
 from icreckon.simulation.scenario import Scenario, change_scenario, load_scenario, lost_options
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec, InertialSpec
 from icreckon.simulation.simulate import run_scenario, simulate
-from icreckon.simulation.truth.terrain import Patch, Payload
 
 ALPHA = load_robot("auriga-alpha")
 SHORT = Scenario(trajectory="aggressive", duration=20.0, seed=4, fixes=FixSpec(heading_sigma=0.02))
@@ -119,16 +116,12 @@ def test_spread_zero_is_the_robot_file():
     assert run_scenario(drawn, ALPHA).motion.parameters != expected
 
 
-def test_outages_take_fixes_away():
-    scenario = msgspec.structs.replace(SHORT, outages=((5.0, 9.5), (15.0, 20.0)))
-    seconds = (simulate(scenario, ALPHA).fixes.stamps - EPOCH) / 1e9
-    assert seconds.tolist() == [0, 1, 2, 3, 4, 10, 11, 12, 13, 14]
-
-
 @pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"trajectory": "slalon"}, "did you mean 'slalom'"),
+        ({"seed": 10**23}, "seed must be a whole number"),
+        ({"duration": -1.0}, "duration"),
         (
             {"trajectory_options": {"hodl": 1.0}},
             "'random' has no option 'hodl'; did you mean 'hold'",

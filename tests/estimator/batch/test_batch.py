@@ -7,41 +7,30 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import FixSeries, Log, Scenario, ZeroVelocity, load_robot, run_many, simulate
 from icreckon.estimator.base.errors import BatchError, EstimatorError
 from icreckon.estimator.batch.inputs import measured_of
-from icreckon.estimator.batch.many import run_many
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import ZeroVelocity
-from icreckon.estimator.log.series import FixSeries
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ROBOT = load_robot("auriga-alpha")
 DURATION = 10.0
 BASE = Scenario(duration=DURATION, seed=5, fix_rate=1.0)
 
 
-def logs_of(scenario: Scenario, count: int) -> tuple[Log, ...]:
-    return _logs_of(msgspec.json.encode(scenario), count)
-
-
 @cache
-def _logs_of(scenario: bytes, count: int) -> tuple[Log, ...]:
-    decoded = msgspec.json.decode(scenario, type=Scenario)
-    return tuple(simulate(decoded, ROBOT, run_index=run) for run in range(count))
+def logs_of(count: int) -> tuple[Log, ...]:
+    return tuple(simulate(BASE, ROBOT, run_index=run) for run in range(count))
 
 
 def test_runs_of_other_stamps_are_refused() -> None:
-    log, other = logs_of(BASE, 1)[0], simulate(msgspec.structs.replace(BASE, imu_rate=50.0), ROBOT)
+    log, other = logs_of(1)[0], simulate(msgspec.structs.replace(BASE, imu_rate=50.0), ROBOT)
     with pytest.raises(BatchError, match="other stamps"):
         measured_of([log, other], ROBOT)
 
 
 def test_many_logs_are_run_as_one_by_one() -> None:
     """More than there are lanes, and not a multiple of them."""
-    logs = logs_of(BASE, 9)
+    logs = logs_of(9)
     found = run_many(logs, ROBOT, "constant-online", every=0.5, start=(1.0, 2.0, 0.3))
     assert len(found) == 9
     for log, trajectory in zip(logs[::4], found[::4], strict=True):
@@ -70,13 +59,13 @@ def test_many_logs_are_run_as_one_by_one() -> None:
     ],
 )
 def test_what_cannot_be_run_side_by_side_is_refused(changes: dict[str, object], told: str) -> None:
-    given = {"logs": logs_of(BASE, 1), "variant": "constant-online", "every": 0.1, **changes}
+    given = {"logs": logs_of(1), "variant": "constant-online", "every": 0.1, **changes}
     with pytest.raises(EstimatorError, match=told):
         run_many(given["logs"], ROBOT, given["variant"], every=given["every"])  # type: ignore[arg-type]
 
 
 def test_logs_that_hold_more_than_lanes_can_take_are_refused() -> None:
-    log = logs_of(BASE, 1)[0]
+    log = logs_of(1)[0]
     pushed = replace(log, others=(ZeroVelocity(log.start),))
     with pytest.raises(BatchError, match="ZeroVelocity"):
         run_many([pushed], ROBOT, "constant-online")

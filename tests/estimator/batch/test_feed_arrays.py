@@ -8,16 +8,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon.estimator.batch.feed_arrays import feed_arrays
+from fed_estimators import feed_all
+from icreckon import Log, PoseEstimator, Scenario, Settings, feed_arrays, load_robot, simulate
 from icreckon.estimator.filter.samples import samples_of
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds, ZeroVelocity
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from same_runs import assert_same_estimate
 
 ROBOT = load_robot("auriga-alpha")
@@ -43,7 +38,6 @@ def test_arrays_come_to_what_single_samples_do(variant: str) -> None:
     assert by_arrays.health.standstill_updates > 0
     # Both go on: a fix that is late, one of now, and more samples.
     stamp = by_arrays.stamp
-    assert stamp is not None
     x, y, _ = by_arrays.pose.tolist()
     for event in (
         PositionFix(stamp - 400_000_000, x + 0.05, y, 0.01),
@@ -70,8 +64,7 @@ def test_arrays_may_follow_arrays_and_single_samples() -> None:
             TrackSpeedSeries(log.tracks.stamps[tracks], log.tracks.speeds[tracks]),
             ImuSeries(log.imu.stamps[imu], log.imu.angular_velocity[imu], force[imu]),
         )
-    for measurement in log.measurements():
-        one_by_one.feed(measurement)
+    feed_all(one_by_one, log)
     assert_same_estimate(by_arrays, one_by_one)
     # Older than what was processed as arrays.
     assert not by_arrays.feed(fix)
@@ -86,13 +79,11 @@ def test_marks_and_the_plain_engine_take_samples_one_by_one() -> None:
     assert_same_estimate(by_arrays, one_by_one)
     log = drive(duration=8.0)
     by_arrays, one_by_one = estimators("constant-online")
-    assert log.imu is not None
     for one in (by_arrays, one_by_one):
         one.feed(TrackSpeeds(log.start - 10_000_000, 0.0, 0.0))
         one.mark()
     feed_arrays(by_arrays, log.tracks, log.imu)
-    for measurement in log.measurements():
-        one_by_one.feed(measurement)
+    feed_all(one_by_one, log)
     assert_same_estimate(by_arrays, one_by_one)
     assert len(by_arrays.marks) == 1
 

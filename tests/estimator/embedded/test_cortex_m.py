@@ -11,11 +11,9 @@ from typing import NamedTuple
 
 import pytest
 
+from icreckon import VARIANTS, Scenario, simulate
 from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.embedded.vectors import vectors_of
-from icreckon.estimator.robot.variants import VARIANTS
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from same_runs import ROBOT
 
 HERE = Path(__file__).parent

@@ -25,23 +25,17 @@ from agreement_scenes import (
     with_stuck_track,
 )
 from conftest import thorough
+from fed_estimators import feed_all
+from icreckon import VARIANTS, Log, Robot, Scenario, Terrain, feed_arrays, run, simulate
 from icreckon.estimator.base.state import FAST_SLIP, GRAVITY
-from icreckon.estimator.batch.feed_arrays import feed_arrays
 from icreckon.estimator.batch.inputs import has_heading, measured_of
 from icreckon.estimator.batch.runs import work_through_runs
 from icreckon.estimator.engine.filters import BatchFilter, Lanes
 from icreckon.estimator.engine.layout import covariance_name
 from icreckon.estimator.engine.schedule import steps_of
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
-from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 from same_runs import (
     ROBOT,
     assert_same_estimate,
@@ -116,8 +110,6 @@ def test_plain_agrees_with_compiled(name: str) -> None:
     assert scene.seen(expected)
 
 
-# --- lanes: many logs of equal stamps -----------------------------------------------------------------
-
 COUNTED = ("gyro", "accelerometer_x", "accelerometer_y", "position", "heading")
 BASE = Scenario(duration=10.0, seed=5, fix_rate=2.0)
 
@@ -130,13 +122,6 @@ def _logs_of(scenario: bytes, count: int) -> tuple[Log, ...]:
 
 def logs_of(count: int = 2, **changes: object) -> tuple[Log, ...]:
     return _logs_of(msgspec.json.encode(msgspec.structs.replace(BASE, **changes)), count)
-
-
-def streamed(log: Log, robot: Robot, variant: str, settings: Settings) -> PoseEstimator:
-    estimator = PoseEstimator(robot, variant, settings=settings)
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-    return estimator
 
 
 Counts = dict[str, np.ndarray]
@@ -271,7 +256,10 @@ def test_lanes_agree_with_streaming(name: str) -> None:
     block = BLOCKS[name]
     # Studies leave out the height.
     side_by_side = BatchFilter(block.robot, VARIANTS[block.variant], block.settings)
-    streams = [streamed(log, block.robot, block.variant, block.settings) for log in block.logs()]
+    streams = [
+        feed_all(PoseEstimator(block.robot, block.variant, settings=block.settings), log)
+        for log in block.logs()
+    ]
     logs = [block.logs()[k % len(streams)] for k in range(side_by_side.width)]
     measured = measured_of(logs, block.robot)
     steps = steps_of(

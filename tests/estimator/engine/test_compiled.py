@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from conftest import thorough
+from icreckon import GateSettings, PoseEstimator, Scenario, Settings, Terrain, load_robot, simulate
 from icreckon.estimator.base import state
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -18,8 +19,6 @@ from icreckon.estimator.log.measurements import (
 )
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import GateSettings, Settings
 from icreckon.estimator.robot.variants import (
     VARIANTS,
     Variant,
@@ -28,10 +27,6 @@ from icreckon.estimator.robot.variants import (
     motion_model,
     register,
 )
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 
 ALPHA = load_robot("auriga-alpha")
 CORRELATED = ((0.04, 0.01, -0.02), (0.01, 0.05, 0.03), (-0.02, 0.03, 0.5))

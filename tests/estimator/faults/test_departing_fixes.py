@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from conftest import thorough
+from icreckon import FixSpec, Log, PoseEstimator, Run, Scenario, Settings, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.departing_fixes import (
@@ -19,16 +20,9 @@ from icreckon.estimator.faults.departing_fixes import (
     errors_by_cause,
 )
 from icreckon.estimator.filter.process_noise import GROUND_TIME, lasting_slip
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import Run, run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 from same_runs import fed_one_by_one
 
 SECOND = 1_000_000_000
@@ -156,9 +150,6 @@ def test_slip_may_have_lasted_since_the_last_fix() -> None:
         (0.0, -0.0125 * GROUND_TIME, -0.1)
     )
     assert lasting_slip(-0.4, (1.0, 0.0), 5.0)[2] == -0.4
-
-
-# --- drives ----------------------------------------------------------------------------------------
 
 
 def driven(fix_rate: float, sigma: float, duration: float, seed: int) -> Log:

@@ -10,17 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import faulty_drives
-from faulty_drives import imu_of, motion_over, with_rates
+from faulty_drives import motion_over, with_rates
+from icreckon import Log, Robot, run
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.frames import rpy_to_matrix, wrap_angle
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.faults.failed_gyro import LEARNT, LEAST_REPEATS, GyroRecord, watch_gyro
 from icreckon.estimator.filter.fault_table import REPEATED
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.held_tracks import SMOOTHING
-from icreckon.estimator.streaming.run import run
 
 SECOND, STEP = 1_000_000_000, 10_000_000
 WIDTH = 1.5
@@ -34,7 +32,6 @@ def watched(
     rates: np.ndarray,
     true: np.ndarray | None = None,
     *,
-    width: float = WIDTH,
     most: float = 0.0,
     step: int = STEP,
     acceleration: float = 60.0,
@@ -50,7 +47,7 @@ def watched(
     smooth = smoothed(turning, step)
     used = [
         watch_gyro(
-            gyro, k * step, rate, rate, float(turning[k]), width, smooth[k], most, acceleration
+            gyro, k * step, rate, rate, float(turning[k]), WIDTH, smooth[k], most, acceleration
         )
         for k, rate in enumerate(rates.tolist())
     ]
@@ -182,9 +179,6 @@ def test_after_a_gap_nothing_is_a_jump() -> None:
     assert shifted(GyroRecord(), SECOND) == GyroRecord()
 
 
-# --- disagreement with the tracks is no fault -------------------------------------------------------
-
-
 @pytest.mark.parametrize("share", [0.0, -1.0, 0.45])
 def test_a_gyro_that_shows_other_bends_than_the_tracks_is_used(share: float) -> None:
     """Tracks that slip, spin or are measured wrongly: the gyro is healthy."""
@@ -267,7 +261,7 @@ def test_a_clipped_gyro_is_found_however_the_imu_is_mounted(robot: Robot, health
     angles = (2.0, -1.0, 30.0)
     imu = msgspec.structs.replace(robot.imu, rotation_rpy_deg=angles)
     R = rpy_to_matrix(*np.radians(angles)) @ robot.imu_rotation.T
-    imus, found = imu_of(healthy), []
+    imus, found = healthy.imu, []
     turned = replace(
         imus,
         angular_velocity=imus.angular_velocity @ R,
@@ -286,6 +280,6 @@ def test_a_robot_file_gives_the_range(robot: Robot, healthy: Log) -> None:
     imu = msgspec.structs.replace(robot.imu, gyro_range=0.3)
     limited = msgspec.structs.replace(robot, imu=imu)
     one = run(healthy.between(healthy.start, healthy.start + 20 * SECOND), limited, "gyro")
-    rates = np.abs(imu_of(healthy).angular_velocity[:2000, 2])
+    rates = np.abs(healthy.imu.angular_velocity[:2000, 2])
     rejected = one.health.sensors["gyro"].rejected["beyond its range"]
     assert rejected == pytest.approx((rates > 0.3 * 0.995).sum(), rel=0.05)

@@ -11,9 +11,9 @@ from _logs import WITH_TRUTH
 import faulty_drives
 from conftest import sample_log
 from faulty_drives import BEGINS, EXCESS, VARIANTS, motion_over, with_free_wheel, with_wheels
+from fed_estimators import feed_all
+from icreckon import EstimatorError, Log, PoseEstimator, TrackSpeeds, read_log, run, run_many
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.batch.many import run_many
 from icreckon.estimator.faults.odd_wheels import (
     NO_WHEEL,
     SideSpeeds,
@@ -24,12 +24,7 @@ from icreckon.estimator.faults.odd_wheels import (
     wheel_density,
 )
 from icreckon.estimator.faults.spinning_tracks import SpinRecord
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import TrackSpeeds
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.reading.read_log import read_log
 
 STEP, LIMIT, FASTEST = 20_000_000, 0.15, 1.0
 AGREE = (0.5, 0.5)
@@ -196,7 +191,6 @@ def test_many_logs_are_run_as_one_is(begins: float, robot: Robot) -> None:
 def test_a_log_keeps_the_wheels(drive: Log) -> None:
     again = Log.from_measurements(drive.measurements())
     part = again.between(drive.start, drive.start + 10**9).tracks
-    assert part.left_wheels is not None
     assert np.array_equal(part.left_wheels, drive.tracks.left_wheels[: len(part.stamps)])
     assert part.right_wheels.shape == (len(part.stamps), 2)
     mixed = [TrackSpeeds(0, 0.1, 0.1), TrackSpeeds(1, 0.1, 0.1, (0.1, 0.1), (0.1, 0.1))]
@@ -215,9 +209,7 @@ def test_wheels_that_are_no_numbers_are_refused(robot: Robot) -> None:
 
 
 def false_alarms(log: Log, robot: Robot) -> int:
-    estimator = PoseEstimator(robot, "gyro")
-    for measurement in log.measurements():
-        estimator.feed(measurement)
+    estimator = feed_all(PoseEstimator(robot, "gyro"), log)
     return estimator.health.times.get("wheel off", 0)
 
 

@@ -5,15 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from icreckon import Log, PoseEstimator, Scenario, load_robot, run, simulate
 from icreckon.estimator.faults.repeating_fixes import MOST_DRIVEN
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import PoseFix, PositionFix, TrackSpeeds
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 SECOND = 1_000_000_000

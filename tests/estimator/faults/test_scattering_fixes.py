@@ -6,6 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from fed_estimators import feed_all
+from icreckon import FixSpec, Health, Log, PoseFix, Scenario, load_robot, run, simulate
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.faults.scattering_fixes import (
     MOST_ALIGNED,
@@ -15,17 +17,9 @@ from icreckon.estimator.faults.scattering_fixes import (
     expected_residuals,
     wanders,
 )
-from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import PoseFix
 from icreckon.estimator.log.scores import interpolate_poses, pose_nees
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, Settings
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 SECOND = 1_000_000_000
@@ -33,12 +27,7 @@ STATED = 0.05
 ONLINE = ["constant-online", "inertia-online"]
 
 
-def fix_at(stamp, x, y, at, stated=STATED, used=True) -> TakenFix:
-    """Fix with which the filter, which is at a place, is not corrected."""
-    return TakenFix(stamp, x, y, stated**2, (0.0, 0.0), (1.0, 0.0, 1.0), at, at, used)
-
-
-def after_fixes(errors, *, path=None, stated=STATED, admitted=True) -> ScatterRecord:
+def after_fixes(errors, *, path=None, admitted=True) -> ScatterRecord:
     """Scatter of fixes at 1 Hz with errors (n, 2) on a path (n,) of a filter that they do not correct."""
     n = len(errors)
     path = np.arange(n) * 1.0 + 0j if path is None else path
@@ -47,7 +36,9 @@ def after_fixes(errors, *, path=None, stated=STATED, admitted=True) -> ScatterRe
     for k, (error, place, yaw) in enumerate(zip(errors, path, yaws, strict=True)):
         used = admitted if isinstance(admitted, bool) else bool(admitted[k])
         at = place.real, place.imag, float(yaw)
-        taken = fix_at(k * SECOND, place.real + error[0], place.imag + error[1], at, stated, used)
+        x, y = place.real + error[0], place.imag + error[1]
+        # The filter is not corrected with it.
+        taken = TakenFix(k * SECOND, x, y, STATED**2, (0.0, 0.0), (1.0, 0.0, 1.0), at, at, used)
         add_fix(scatter, taken, np.zeros(3))
     return scatter
 
@@ -160,9 +151,6 @@ def test_scatter_is_forgotten_once_it_is_over():
     assert later.variance == 0.0
 
 
-# --- in the filter -------------------------------------------------------------------------------
-
-
 @cache
 def driven(white: float, wander: float = 0.0, *, rate: float = 1.0, seed: int = 8) -> Log:
     """A drive of two minutes whose fixes state 5 cm."""
@@ -243,9 +231,7 @@ def test_a_stated_wander_is_not_measured_as_scatter():
 
 def test_a_pose_fix_begins_anew():
     log = driven(0.5)
-    estimator = PoseEstimator(ALPHA, "constant-online")
-    for m in log.measurements():
-        estimator.feed(m)
+    estimator = feed_all(PoseEstimator(ALPHA, "constant-online"), log)
     assert sigma_of(estimator.health) > 0.0
     x, y, yaw = estimator.pose
     tight = tuple(tuple(row) for row in (np.eye(3) * 0.01).tolist())

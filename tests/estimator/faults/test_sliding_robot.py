@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import faulty_drives
 from faulty_drives import motion_over, with_free_tracks
+from icreckon import Log, Robot, Settings, load_robot
 from icreckon.estimator.base.array_types import NANOSECOND
 from icreckon.estimator.base.records import shifted
 from icreckon.estimator.faults.sliding_robot import (
@@ -19,9 +20,6 @@ from icreckon.estimator.faults.sliding_robot import (
     watch_slide,
 )
 from icreckon.estimator.filter.process_noise import fast_slip_density
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.standstill import StandstillRecord
@@ -51,9 +49,9 @@ def watched(
     return found
 
 
-def ramp(at: float, speed: float, *, over: float = 0.2, until: float = 20.0) -> np.ndarray:
+def ramp(at: float, speed: float, *, over: float = 0.2) -> np.ndarray:
     """Speed that rises from zero at a time [s], over some time [s]."""
-    times = np.arange(0.0, until, STEP * NANOSECOND)
+    times = np.arange(0.0, 20.0, STEP * NANOSECOND)
     return speed * np.clip((times - at) / over, 0.0, 1.0)
 
 
@@ -151,7 +149,7 @@ def test_a_slide_forward_makes_the_forward_speed_uncertain_alone() -> None:
 
 @pytest.fixture(scope="module")
 def drive(robot: Robot) -> Log:
-    return with_free_tracks(faulty_drives.drive(robot, 1), 1.2)
+    return with_free_tracks(faulty_drives.drive(robot, 1))
 
 
 @pytest.mark.parametrize("variant", ["constant-online", "inertia-online"])

@@ -3,13 +3,10 @@
 import numpy as np
 import pytest
 
-from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon import ImuSample, PoseEstimator, Settings, TrackSpeeds, load_robot
 from icreckon.estimator.sensors.held_tracks import TrackRecord, take_tracks
 from icreckon.estimator.sensors.held_tracks import stuck_density as stuck_density_of
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 SECOND = 1_000_000_000
@@ -24,8 +21,8 @@ def held(left, right):
     return tracks
 
 
-def noisy(count, seed=0, mean=0.5):
-    return mean + 0.02 * np.random.default_rng(seed).normal(size=count)
+def noisy(count, seed=0):
+    return 0.5 + 0.02 * np.random.default_rng(seed).normal(size=count)
 
 
 def stuck_density(tracks):

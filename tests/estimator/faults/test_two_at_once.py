@@ -9,17 +9,11 @@ import pytest
 from _scoreboard_put import FAULTS, SECOND
 
 from faulty_drives import with_free_tracks
-from icreckon.estimator.batch.feed_arrays import feed_arrays
-from icreckon.estimator.log.log import Log
+from fed_estimators import feed_all
+from icreckon import FixSpec, Log, Run, Scenario, feed_arrays, load_robot, run, simulate
 from icreckon.estimator.log.measurements import PositionFix
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.streaming.outputs import Run
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 from same_runs import assert_same_run, fed_one_by_one
 
 ALPHA, VARIANT = load_robot("auriga-alpha"), "inertia-online"
@@ -117,9 +111,7 @@ def test_a_log_at_once_is_that_sample_by_sample(names: tuple[str, ...]) -> None:
 def test_arrays_are_fed_as_samples_are(name: str) -> None:
     log = replace(with_faults(name), fixes=None)
     one_by_one, at_once = (PoseEstimator(ALPHA, VARIANT) for _ in range(2))
-    for measurement in log.measurements():
-        one_by_one.feed(measurement)
-    assert log.imu is not None
+    feed_all(one_by_one, log)
     feed_arrays(at_once, log.tracks, log.imu)
     assert at_once.state == pytest.approx(one_by_one.state, abs=1e-9)
     assert at_once.health.findings == one_by_one.health.findings
@@ -134,7 +126,7 @@ def test_late_fixes_and_a_restart_meet_a_fault_as_a_filter_in_time_does(name, tm
     restored, seen = None, set()
     waiting: list[PositionFix] = []
     save = drive().start + round((begins + after) * SECOND)
-    log = with_free_tracks(drive(), 1.2) if name == SLIDE else with_faults(name, begins=begins)
+    log = with_free_tracks(drive()) if name == SLIDE else with_faults(name, begins=begins)
     for m in log.between(drive().start, drive().start + 45 * SECOND).measurements():
         in_time.feed(m)
         if restored is not None:

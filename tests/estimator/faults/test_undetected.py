@@ -8,11 +8,8 @@ import pytest
 
 import faulty_drives
 from faulty_drives import RESTS, motion_over, with_tracks
+from icreckon import Health, Log, Robot, Settings, UndetectedSlip, load_robot
 from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.filter.health import Health
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot, UndetectedSlip, load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.held_tracks import TrackRecord
 from icreckon.estimator.sensors.imu_noise import NoiseRecord, noise_of_step
 from icreckon.estimator.sensors.input_settings import input_settings

@@ -246,7 +246,6 @@ def test_studies_and_processes_do_not_lose_it(tmp_path: Path) -> None:
     assert all(one.health.finding("clipped") is not None for one in both)
     one_by_one, arrays = (PoseEstimator(ALPHA, "gyro") for _ in range(2))
     used = sum(map(one_by_one.feed, fast.measurements()))
-    assert fast.imu is not None
     assert feed_arrays(arrays, fast.tracks, fast.imu) <= used
     assert arrays.health.finding("clipped") is not None
     with pytest.raises(SimulationError, match="faults of your own"):

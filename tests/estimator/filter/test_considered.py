@@ -8,11 +8,10 @@ from scipy.stats import chi2
 
 from agreement_scenes import first
 from conftest import thorough
+from fed_estimators import feed_all, short_log
+from icreckon import EstimatorError, PoseEstimator, Settings, StandstillSettings, load_robot, smooth
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.log.measurements import ImuSample, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings, StandstillSettings
 from icreckon.estimator.robot.variants import (
     VARIANTS,
     default_adaptation,
@@ -20,11 +19,6 @@ from icreckon.estimator.robot.variants import (
     slip_of,
     state_names,
 )
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.smoother import smooth
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start_sigma": (0.1, 0.1, 0.1)}
@@ -33,18 +27,11 @@ STEP = 10_000_000
 
 @pytest.fixture(scope="module")
 def log():
-    scenario = Scenario(
-        duration=20.0, trajectory="aggressive", seed=5, imu_rate=50.0, track_rate=25.0,
-        truth="kinematic", fixes=FixSpec(heading_sigma=0.05),
-    )  # fmt: skip
-    return simulate(scenario, ALPHA)
+    return short_log(truth="kinematic")
 
 
-def fed(log, variant="inertia-online", robot=ALPHA, **options):
-    estimator = PoseEstimator(robot, variant, settings=Settings(**options), **START)
-    for measurement in log.measurements():
-        estimator.feed(measurement)
-    return estimator
+def fed(log, variant="inertia-online", **options):
+    return feed_all(PoseEstimator(ALPHA, variant, settings=Settings(**options), **START), log)
 
 
 CASES = [
@@ -144,8 +131,7 @@ def test_what_was_learnt_is_taken_over_and_then_stays(log, tmp_path):
     index = s.ACCELEROMETER_BIAS_Y
     assert warm.covariance[index, index] > learnt.covariance[index, index]
     before = warm.state[s.LEARNT]
-    for measurement in log.measurements():
-        warm.feed(measurement)
+    feed_all(warm, log)
     stays = warm.state[s.LEARNT] == before
     assert stays[[s.ETA0 - s.LEARNT.start, s.GYRO_BIAS - s.LEARNT.start]].all()
     assert warm.covariance[s.ETA0, s.ETA0] == learnt.covariance[s.ETA0, s.ETA0]

@@ -1,22 +1,17 @@
 """Gates: what they admit, and the way back."""
 
-import math
-
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from icreckon import VARIANTS, PoseEstimator, load_robot
 from icreckon.estimator.base import state as s
-from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED, Gate, patience_for
+from icreckon.estimator.filter.gate import CHI_SQUARE_1E4, LONGEST_COUNTED, Gate
 from icreckon.estimator.filter.health import ADMITTED, REACQUIRED, REJECTED
 from icreckon.estimator.log.measurements import BodyVelocity, ImuSample, PositionFix, TrackSpeeds
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import VARIANTS
-from icreckon.estimator.sensors.imu_noise import NoiseRecord, measure_noise, measured_noise
-from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.sensors.standstill import QuietReadings, StandstillRecord, stopped_after
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
+
+ALPHA = load_robot("auriga-alpha")
+STEP = 10_000_000
 
 
 def test_thresholds_are_the_quantiles_of_chi_square():
@@ -31,29 +26,10 @@ def test_gate_admits_up_to_its_threshold():
     assert gate.judge(float("nan"), 1.0) == REJECTED
 
 
-@pytest.mark.parametrize("interval", [0.125, 1.0])
-@pytest.mark.parametrize("patience", [1.0, 3.0])
-def test_after_a_time_of_rejections_the_next_sample_is_used(patience, interval):
-    gate, count = Gate(1, patience), round(patience / interval)
-    for _ in range(2):
-        assert [gate.judge(100.0, interval) for _ in range(count)] == [REJECTED] * count
-        assert gate.judge(100.0, interval) == REACQUIRED
-
-
 def test_one_admitted_sample_starts_the_time_again():
     gate = Gate(1, 3.0)
     for nis in (100.0, 100.0, 100.0, 1.0, 100.0, 100.0, 100.0):
         assert gate.judge(nis, 1.0) != REACQUIRED
-
-
-@pytest.mark.parametrize(
-    ("distance", "expected"),
-    [(0.0, 10.0), (14.0, 10.0), (30.0, 20.0), (89.0, 178.0 / 3.0), (1e4, 60.0)],
-)
-def test_a_position_waits_for_the_time_that_a_robot_would_take_to_it(distance, expected):
-    """It is never shorter than the patience, and never longer than six times that."""
-    assert patience_for(distance**2, 10.0, 1.5) == pytest.approx(expected)
-    assert patience_for(distance**2, 0.0, 1.5) == 0.0
 
 
 def test_a_pause_of_the_sensor_and_a_clock_that_was_set_back_count_little():
@@ -69,7 +45,7 @@ def test_a_pause_of_the_sensor_and_a_clock_that_was_set_back_count_little():
 @pytest.mark.parametrize(("distance", "expected"), [(4.0, 10.0), (12.0, 12.0), (20.0, 20.0)])
 def test_wrong_fixes_are_used_after_the_same_time_at_any_rate(hertz, distance, expected):
     """At 1 m/s. Ten rejections in a row were enough, a second at 10 Hz."""
-    estimator, wrong = PoseEstimator(load_robot("auriga-alpha"), "constant-online"), []
+    estimator, wrong = PoseEstimator(ALPHA, "constant-online"), []
     for k in range(350):
         stamp = second(0.1 * k)
         estimator.feed(TrackSpeeds(stamp, 0.2, 0.2))
@@ -86,7 +62,7 @@ def test_wrong_fixes_are_used_after_the_same_time_at_any_rate(hertz, distance, e
 @pytest.mark.parametrize("hertz", [50, 100, 200])
 def test_the_second_rejected_sample_of_the_imu_in_a_row_is_used(hertz):
     """No other sensor replaces the IMU. One wrong sample alone moves nothing."""
-    estimator = PoseEstimator(load_robot("auriga-alpha"), "inertia-online")
+    estimator = PoseEstimator(ALPHA, "inertia-online")
     for k in range(4 * hertz):
         stamp, force = second(k / hertz), 20.0 if k >= 3 * hertz else 0.0
         estimator.feed(TrackSpeeds(stamp, 0.5, 0.5))
@@ -100,72 +76,45 @@ def second(value):
     return round(value * 1e9)
 
 
-class Detector:
-    """Standstill of a filter in Python."""
-
-    def __init__(self, settings):
-        self.settings, self.still, self.readings = settings, StandstillRecord(), QuietReadings()
-        self.noise = NoiseRecord()
-
-    def track_speeds(self, stamp, left, right):
-        stopped_after(self.still, stamp, left, right, self.settings.track_speed)
-
-    def yaw_rate(self, stamp, rate):
-        measure_noise(self.noise, stamp, rate, math.nan, math.nan, self.settings.hold)
-        noise = measured_noise(self.noise.gyro)
-        return self.readings.mean(self.still, stamp, rate, noise, self.settings)
-
-
-def detector_of(gyro_noise_density):
-    settings = input_settings(load_robot("auriga-alpha"), Settings())
-    settings = settings._replace(gyro_noise_density=gyro_noise_density)
-    return Detector(settings)
-
-
-def standing_since(detector, rates, speeds=(0.0, 0.0)):
-    """When the detector first found that the robot stands [s], or None; 100 Hz from 0 s."""
+def standing_since(rates, speeds=(0.0, 0.0), estimator=None):
+    """When an estimator first finds that the robot stands [s], or None; IMU at 100 Hz from 0 s."""
+    estimator = estimator or PoseEstimator(ALPHA)
     for k, rate in enumerate(rates):
         if k % 2 == 0:
-            detector.track_speeds(second(k / 100), *speeds)
-        mean = detector.yaw_rate(second(k / 100), rate)
-        if mean == mean:
+            estimator.feed(TrackSpeeds(second(k / 100), *speeds))
+        estimator.feed(ImuSample(second(k / 100), (0.0, 0.0, rate)))
+        if estimator.stands:
             return k / 100
     return None
 
 
 def test_robot_stands_after_half_a_second_of_rest():
-    assert standing_since(detector_of(5e-4), [0.0] * 100) == 0.5
+    estimator = PoseEstimator(ALPHA)
+    assert standing_since([0.0] * 100, estimator=estimator) == 0.5
+    # Driving on ends it at once.
+    estimator.feed(TrackSpeeds(second(0.51), 0.3, 0.3))
+    estimator.feed(ImuSample(second(0.51), (0.0, 0.0, 0.0)))
+    assert not estimator.stands
 
 
 @pytest.mark.parametrize(
-    ("rates", "more"),
+    ("rates", "speeds"),
     [
-        ([0.0] * 100, {"speeds": (0.0, 0.01)}),
-        ([0.0] * 100, {"speeds": (-0.01, 0.0)}),
+        ([0.0] * 100, (0.0, 0.01)),
+        ([0.0] * 100, (-0.01, 0.0)),
         # Pushed round by hand, with the tracks stopped.
-        ([0.5] * 100, {}),
+        ([0.5] * 100, (0.0, 0.0)),
         # Rocking, once a second.
-        ((0.1 * np.sin(2.0 * np.pi * np.arange(100) / 100)).tolist(), {}),
+        ((0.1 * np.sin(2.0 * np.pi * np.arange(100) / 100)).tolist(), (0.0, 0.0)),
     ],
 )
-def test_what_moves_does_not_stand(rates, more):
-    detector = detector_of(5e-4)
-    assert standing_since(detector, rates, **more) is None
-
-
-def test_driving_on_ends_the_standstill_at_once():
-    detector = detector_of(5e-4)
-    assert standing_since(detector, [0.0] * 100) is not None
-    detector.track_speeds(second(1.0), 0.3, 0.3)
-    assert np.isnan(detector.yaw_rate(second(1.0), 0.0))
-    detector.track_speeds(second(1.02), 0.0, 0.0)
-    assert np.isnan(detector.yaw_rate(second(1.02), 0.0))
+def test_what_moves_does_not_stand(rates, speeds):
+    assert standing_since(rates, speeds) is None
 
 
 def test_a_body_velocity_is_used_whole_or_not_at_all():
     """One component beyond all doubt does not let the other in."""
-    robot = load_robot("auriga-alpha")
-    estimator = PoseEstimator(robot, "constant-online")
+    estimator = PoseEstimator(ALPHA, "constant-online")
     for step in range(100):
         stamp = step * 20_000_000
         estimator.feed(TrackSpeeds(stamp, 0.3, 0.3))
@@ -178,13 +127,6 @@ def test_a_body_velocity_is_used_whole_or_not_at_all():
     assert estimator.feed(BodyVelocity(stamp + 1, 0.3, 0.0, 1e-4))
     counts = estimator.health.sensors["body velocity"]
     assert (counts.used, counts.rejected, counts.degrees) == (1, {"gate": 1}, 2)
-
-
-# --- knocked accelerometer ------------------------------------------------------------------------
-
-
-ALPHA = load_robot("auriga-alpha")
-STEP = 10_000_000
 
 
 @pytest.mark.parametrize("variant", [one for one in VARIANTS if VARIANTS[one].accelerometers])

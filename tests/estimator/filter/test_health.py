@@ -6,8 +6,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from fed_estimators import feed_all
+from icreckon import Finding, PoseEstimator, Scenario, Slip, load_robot, simulate
 from icreckon.estimator.base import state as s
-from icreckon.estimator.filter.fault_table import Finding
 from icreckon.estimator.filter.gate import Gate
 from icreckon.estimator.filter.health import (
     EXCITED,
@@ -29,11 +30,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import Slip, load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 SLIP = Slip(0.05, 0.01, 0.1, driving_x=0.0, driving_y=0.0, driving_w=0.0)
@@ -121,8 +118,7 @@ def test_the_share_falls_as_a_parameter_is_learnt():
     estimator = PoseEstimator(ALPHA)
     assert {row.share for name, row in estimator.parameter_health.items() if name != "H"} == {1.0}
     scenario = Scenario(duration=120.0, seed=3, trajectory="aggressive", truth="kinematic")
-    for measurement in simulate(scenario, ALPHA).measurements():
-        estimator.feed(measurement)
+    feed_all(estimator, simulate(scenario, ALPHA))
     shares = {name: row.share for name, row in estimator.parameter_health.items()}
     assert shares["eta0"] < 0.5
     assert shares["epsilon0"] < 0.6
@@ -169,8 +165,7 @@ def one_of_each():
     settings = Settings(gates=GateSettings(patience=0.3e-9))
     estimator = PoseEstimator(ALPHA, settings=settings, start_sigma=(0.1, 0.2, 0.3))
     scenario = Scenario(duration=8.0, seed=3, trajectory="slalom", fix_rate=0.0, imu_rate=50.0)
-    for measurement in simulate(scenario, ALPHA).measurements():
-        estimator.feed(measurement)
+    feed_all(estimator, simulate(scenario, ALPHA))
     at, (x, y, yaw) = estimator.stamp, estimator.pose
     forward, left, w = estimator.twist
     fed = {
@@ -222,9 +217,6 @@ def test_verdicts_are_told_in_words_and_a_copy_is_the_same():
         assert newest.covariance[0][0] < 1.0
         told.append(newest.verdict)
     assert told == ["rejected", "rejected", "reacquired"]
-
-
-# --- what would go unnoticed ------------------------------------------------------------------------
 
 
 def test_what_comes_too_late_is_not_among_what_comes_late():

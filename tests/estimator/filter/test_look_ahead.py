@@ -3,21 +3,14 @@
 import numpy as np
 import pytest
 
+from icreckon import BodyVelocity, HeadingFix, ImuSample, PositionFix, Scenario, TrackSpeeds
 from icreckon.estimator.base import state as s
-from icreckon.estimator.log.measurements import (
-    BodyVelocity,
-    HeadingFix,
-    ImuSample,
-    PositionFix,
-    TrackSpeeds,
-)
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.sensors.measurement_models import MODELS
 from icreckon.estimator.sensors.predictions import pose_ahead, pose_now, twist_ahead
 from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
@@ -70,9 +63,6 @@ def test_the_noise_of_a_prediction_is_the_fast_slip_to_come():
     assert np.diag(MODELS[BodyVelocity].linearise(velocity, twist).R) == pytest.approx(
         [0.5 + 1e-4, 0.5 + 2e-4]
     )
-
-
-# --- the estimator ------------------------------------------------------------------------------------
 
 
 def driven(duration=2.0):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from icreckon import Log, Patch, Robot, Scenario, load_robot, run, simulate
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.filter.slip_factor import (
     FACTOR_WEIGHT,
@@ -18,13 +19,7 @@ from icreckon.estimator.filter.slip_factor import (
     slip_factor_after,
     trend_after,
 )
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import interpolate_poses
-from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Patch
 
 VALUES = st.floats(-3.0, 3.0)
 NEW = (0.0, 0.0, 1.0)
@@ -119,9 +114,9 @@ def test_ground_that_changes_is_not_taken_for_a_bias(variant: str, robot: Robot)
     assert np.sqrt(np.mean(np.square(np.concatenate(off)))) < math.radians(2.0)
 
 
-def drive(patches: tuple[Patch, ...], robot: Robot, run_index: int = 0) -> Log:
+def drive(patches: tuple[Patch, ...], robot: Robot) -> Log:
     scenario = Scenario(duration=100.0, seed=5, trajectory="random", patches=patches)
-    return simulate(scenario, robot, run_index=run_index)
+    return simulate(scenario, robot)
 
 
 @pytest.fixture(scope="module")

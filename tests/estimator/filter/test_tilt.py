@@ -6,19 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import Log, Robot, Scenario, Terrain, run, simulate
 from icreckon.estimator.base.frames import rpy_to_matrix
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.robot.robot_file import Robot
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 
 
 def tilted(log: Log, roll: float, pitch: float) -> Log:
     """Copy of a log whose IMU is tilted [deg]."""
     imu = log.imu
-    assert imu.linear_acceleration is not None
     mount = rpy_to_matrix(np.radians(roll), np.radians(pitch), 0.0)
     rates, forces = imu.angular_velocity @ mount, imu.linear_acceleration @ mount
     return replace(log, imu=replace(imu, angular_velocity=rates, linear_acceleration=forces))

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from icreckon import PoseEstimator, Settings, StandstillSettings, load_robot
 from icreckon.estimator.base import state as s
 from icreckon.estimator.log.measurements import (
     STANDSTILL_SIGMA,
@@ -14,9 +15,6 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings, StandstillSettings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789

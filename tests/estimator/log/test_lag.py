@@ -13,9 +13,9 @@ def stamps_of(times: np.ndarray) -> np.ndarray:
     return (times * 1e9).astype(np.int64)
 
 
-def rates(times: np.ndarray, seed: int = 3, every: float = 2.0) -> np.ndarray:
-    """Yaw rate [rad/s] with a new value every few seconds."""
-    knots = np.arange(-20.0, 400.0, every)
+def rates(times: np.ndarray, seed: int = 3) -> np.ndarray:
+    """Yaw rate [rad/s] with a new value every two seconds."""
+    knots = np.arange(-20.0, 400.0, 2.0)
     return np.interp(times, knots, np.random.default_rng(seed).normal(0.0, 0.5, len(knots)))
 
 
@@ -36,7 +36,6 @@ def weaving(
 def test_a_known_lag_is_found(late: float) -> None:
     """Also that of a clock that is seconds off."""
     found = find_lag(*weaving(late))
-    assert isinstance(found, Lag)
     # The sums of both sides differ by half a sample.
     assert found.seconds == pytest.approx(late, abs=0.5 / RATE + 0.005)
     assert found.sigma < 0.01
@@ -49,7 +48,6 @@ def test_jumps_do_not_move_it_and_a_scale_is_none() -> None:
     jumping[700:] -= 2.0
     jumping[::97] += 1.0
     found = find_lag(Curve(heading.stamps, 7.0 * jumping), gyro)
-    assert isinstance(found, Lag)
     assert found.seconds == pytest.approx(0.3, abs=0.02)
 
 
@@ -124,5 +122,4 @@ def test_windows_across_gaps_do_not_count() -> None:
         with_gaps = Curve(gaps[0].stamps[kept], gaps[0].values[kept])
         late, reference = (with_gaps, gyro) if gaps[0] is heading else (heading, with_gaps)
         found = find_lag(late, reference)
-        assert isinstance(found, Lag)
         assert found.seconds == pytest.approx(0.3, abs=0.015)

@@ -1,6 +1,5 @@
 """The in-memory log: screening, shapes, and the order in which it hands out measurements."""
 
-import itertools
 from dataclasses import replace
 from typing import Any
 
@@ -10,47 +9,30 @@ from scipy.integrate import cumulative_trapezoid
 
 import icreckon
 from conftest import make_log
-from icreckon.estimator.base.array_types import NANOSECOND
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.input_checks import STREAMS, key_of
-from icreckon.estimator.log.log import Log, screen
-from icreckon.estimator.log.measurements import (
+from icreckon import (
     BodyVelocity,
+    EstimatorError,
+    FixSeries,
     HeadingFix,
     HeightFix,
     ImuSample,
+    ImuSeries,
+    Log,
     PoseFix,
     PositionFix,
     TrackSpeeds,
-    ZeroVelocity,
-)
-from icreckon.estimator.log.series import (
-    FixSeries,
-    ImuSeries,
     TrackSpeedSeries,
     Truth,
-    running_integral,
+    ZeroVelocity,
 )
+from icreckon.estimator.base.array_types import NANOSECOND
+from icreckon.estimator.log.input_checks import STREAMS, key_of
+from icreckon.estimator.log.log import screen
+from icreckon.estimator.log.series import running_integral
 
 
 def stamps(*values):
     return np.array(values, dtype=np.int64)
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_value_that_is_not_finite_is_dropped(bad):
-    values = np.zeros((4, 3))
-    values[2, 1] = bad
-    keep, reasons = screen("imu", [1, 2, 3, 4], np.ones(4), values)
-    assert keep.tolist() == [True, True, False, True]
-    assert reasons == {"imu: not finite": 1}
-
-
-@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
-def test_variance_that_is_not_positive_is_dropped(bad):
-    keep, reasons = screen("fixes", [1, 2, 3], np.zeros(3), positive=[[1, 1], [1, bad], [1, 1]])
-    assert keep.tolist() == [True, False, True]
-    assert reasons == {"fixes: variance not positive": 1}
 
 
 @pytest.mark.parametrize(
@@ -65,20 +47,6 @@ def test_one_bad_stamp_costs_its_sample_and_no_other(stamps, kept, reason):
     keep, reasons = screen("tracks", stamps, np.zeros(len(stamps)))
     assert keep.tolist() == kept
     assert reasons == {f"tracks: {words}": count for words, count in reason.items()}
-
-
-def test_as_many_samples_as_can_be_are_kept():
-    rng = np.random.default_rng(1)
-    for _ in range(200):
-        raw = rng.integers(0, 12, 9)
-        keep, _ = screen("s", raw, np.zeros(9))
-        best = max(
-            len(picks)
-            for n in range(10)
-            for picks in itertools.combinations(range(9), n)
-            if all(raw[a] < raw[b] for a, b in itertools.pairwise(picks))
-        )
-        assert keep.sum() == best
 
 
 def test_each_sample_is_counted_once_by_its_first_defect():
@@ -110,18 +78,6 @@ def test_each_sample_is_counted_once_by_its_first_defect():
 def test_wrong_shape_is_refused_by_name(make, name):
     with pytest.raises(EstimatorError, match=f"{name} must have shape .* found"):
         make()
-
-
-def test_measurements_come_in_the_order_of_their_stamps():
-    log = make_log()
-    got = list(log.measurements())
-    assert len(got) == (
-        len(log.tracks.stamps)
-        + len(log.imu.stamps)
-        + len(log.fixes.stamps)
-        + np.isfinite(log.fixes.poses[:, 2]).sum()
-    )
-    assert (np.diff([m.stamp for m in got]) >= 0).all()
 
 
 def test_at_equal_stamps_tracks_come_first_then_imu_then_fixes():
@@ -243,9 +199,6 @@ def test_a_part_of_a_log_has_what_lies_between():
     assert bare.between(begin, end).imu is None
 
 
-# --- integral -------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("shape", [(), (2,)])
 @pytest.mark.parametrize("kind", [float, complex])
 def test_it_is_the_trapezoidal_rule_at_uneven_stamps(shape: tuple[int, ...], kind: type) -> None:
@@ -257,9 +210,6 @@ def test_it_is_the_trapezoidal_rule_at_uneven_stamps(shape: tuple[int, ...], kin
     seconds = (stamps - stamps[0]) * NANOSECOND
     expected = cumulative_trapezoid(values, seconds, axis=0, initial=0.0)
     assert running_integral(stamps, values) == pytest.approx(expected, abs=1e-12)
-
-
-# --- kinds ----------------------------------------------------------------------------------------
 
 
 ROBOT = icreckon.load_robot("auriga-alpha")

@@ -3,16 +3,9 @@
 import numpy as np
 import pytest
 
+from icreckon import PoseSeries, Trajectory, Truth, TwistSeries, drift, pose_nees, velocity_errors
 from icreckon.estimator.base.frames import compose
-from icreckon.estimator.log.scores import (
-    drift,
-    path_length,
-    pose_nees,
-    velocity_errors,
-    without_fixes,
-)
-from icreckon.estimator.log.series import PoseSeries, Truth, TwistSeries
-from icreckon.estimator.log.trajectory import Trajectory
+from icreckon.estimator.log.scores import path_length, without_fixes
 
 EPOCH = 1_700_000_000_000_000_000
 
@@ -27,9 +20,9 @@ def circle(seconds, speed=0.5, rate=0.1):
     return np.stack([speed / rate * np.sin(yaw), speed / rate * (1.0 - np.cos(yaw)), yaw], axis=-1)
 
 
-def straight(seconds, speed=0.5):
+def straight(seconds):
     zero = np.zeros_like(seconds)
-    return np.stack([speed * seconds, zero, zero], axis=-1)
+    return np.stack([0.5 * seconds, zero, zero], axis=-1)
 
 
 def series(seconds, poses):

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from complex_step import assert_derivatives
+from icreckon import FilterSpec, Log, PoseEstimator, Scenario, compare, run, run_many, simulate
 from icreckon.estimator.base.array_types import Floats
 from icreckon.estimator.base.errors import BatchError, EstimatorError
-from icreckon.estimator.batch.many import run_many
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.motion.bounds import ETA0, index_bounds
 from icreckon.estimator.motion.icr import IndexValues, Number, PaperTwist
@@ -25,14 +24,8 @@ from icreckon.estimator.motion.motion_model import (
 )
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.estimator.robot.variants import VARIANTS, Variant, motion_model, register
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
 from icreckon.estimator.streaming.smoother import SMOOTHED
-from icreckon.replay.comparison.compare import compare
 from icreckon.simulation.base.errors import SimulationError
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.study.plan import FilterSpec
 
 # --- the motion model ---------------------------------------------------------------------------------
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from icreckon import IndexValues, load_robot
 from icreckon.estimator.motion.icr import (
     Icrs,
-    IndexValues,
     PaperTwist,
     direct,
     icrs_from_indices,
@@ -19,8 +19,7 @@ from icreckon.estimator.motion.icr import (
     symmetry_coordinates,
     velocity_of_centre_of_mass,
 )
-from icreckon.estimator.robot.robot_file import load_robot
-from smooth_inertia import indices_at_signed_inertia, inertial_force_magnitude, signed_inertia
+from smooth_inertia import inertial_force_magnitude, signed_inertia
 
 # A vehicle with L eta = 1 m, so that everything can be worked out by hand.
 GAUGE = 0.5
@@ -79,11 +78,6 @@ def test_literal_polynomials_at_100_newton(x_1, x_2, zeta, epsilon, eta):
     assert values == pytest.approx((zeta, epsilon, eta), rel=1e-14)
 
 
-def test_smooth_polynomials_by_hand():
-    values = indices_at_signed_inertia(-100.0, 50.0, PUBLISHED)
-    assert values == pytest.approx((0.06012, -0.004, 2.53), rel=1e-14)
-
-
 @given(V_l=speeds, V_r=speeds, values=indices, gauge=st.floats(0.2, 2.0))
 def test_inverse_undoes_direct(V_l, V_r, values, gauge):
     twist = direct(V_l, V_r, values, gauge)
@@ -97,13 +91,6 @@ def test_indices_of_a_motion_are_those_it_was_made_with(V_l, difference, values,
     twist = direct(V_l, V_r, values, gauge)
     found = indices_from_icrs(icrs_from_twist(V_l, V_r, twist), gauge)
     assert found == pytest.approx(values, abs=1e-10)
-
-
-@given(values=indices, gauge=st.floats(0.2, 2.0))
-def test_icrs_and_indices_are_each_others_inverse(values, gauge):
-    assert indices_from_icrs(icrs_from_indices(values, gauge), gauge) == pytest.approx(
-        values, abs=1e-14
-    )
 
 
 @given(V_l=speeds, V_r=speeds, values=indices)
@@ -125,27 +112,6 @@ def test_inertia_is_minus_mass_times_w_cross_v_of_the_centre_of_mass(twist, mass
     assert (*inertial_force(twist, mass, x_CM, y_CM), 0.0) == pytest.approx(force, abs=rounding)
     assert inertial_force_magnitude(twist, mass, x_CM, y_CM) == pytest.approx(
         np.linalg.norm(force), abs=rounding
-    )
-
-
-@given(w=speeds, v_y=speeds, x_CM=st.floats(-0.5, 0.5), y_CM=st.floats(-0.5, 0.5))
-def test_smooth_inertia_is_the_literal_one_without_its_longitudinal_part(w, v_y, x_CM, y_CM):
-    twist = PaperTwist(y_CM * w, v_y, w)
-    magnitude = inertial_force_magnitude(twist, MASS, x_CM, y_CM)
-    # The tracks that drive it: x_1 has the sign of -w and x_2 that of the centre of mass's velocity.
-    sign_1, sign_2 = -np.sign(w), np.sign(v_y + x_CM * w)
-    expected = (magnitude * sign_1 * sign_2, magnitude * abs(sign_1) * sign_2)
-    assert signed_inertia(twist, MASS, x_CM) == pytest.approx(expected, abs=1e-12 * MASS)
-
-
-@given(values=indices, V_r=st.floats(0.01, 1.0), x_CM=st.floats(-0.05, 0.05))
-def test_on_spot_ratio_leaves_the_centre_of_mass_without_forward_velocity(values, V_r, x_CM):
-    icrs = icrs_from_indices(values, GAUGE)
-    H = -(icrs.x_ICRl - x_CM) / (icrs.x_ICRr - x_CM)
-    V_l = -H * V_r
-    twist = direct(V_l, V_r, values, GAUGE)
-    assert velocity_of_centre_of_mass(twist, x_CM, 0.0)[1] == pytest.approx(
-        0.0, abs=1e-13 * (1.0 + abs(H))
     )
 
 

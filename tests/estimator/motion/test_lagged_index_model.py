@@ -27,10 +27,6 @@ MIRRORED = np.array([1.0, 1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, 1.0])
 TURNED = np.array([1.0, -1.0, 1.0, -1.0, 1.0, 1.0, -1.0, 1.0, 1.0])
 
 
-def model_of(vehicle: VehicleConstants = VEHICLE) -> LaggedIndexMotion:
-    return LaggedIndexMotion(vehicle)
-
-
 def driven(
     model: LaggedIndexMotion,
     speeds: Floats,
@@ -52,7 +48,9 @@ def steady(
     vehicle: VehicleConstants = VEHICLE,
 ) -> Motion:
     """Motion after a long time at constant track speeds."""
-    return driven(model_of(vehicle), np.tile([V_l, V_r], (1000, 1)), parameters, 0.02, gravity)
+    return driven(
+        LaggedIndexMotion(vehicle), np.tile([V_l, V_r], (1000, 1)), parameters, 0.02, gravity
+    )
 
 
 # --- derivatives ------------------------------------------------------------------------------------
@@ -60,7 +58,7 @@ def steady(
 
 def moving(rng: np.random.Generator, **changes: float) -> LaggedIndexMotion:
     """A model whose forces are anything but steady."""
-    model = model_of(VEHICLE._replace(**changes))
+    model = LaggedIndexMotion(VEHICLE._replace(**changes))
     model.recall(np.array([400.0 * rng.normal(), 0.5 * rng.normal(), 2.0 * rng.normal(), 1.0]))
     return model
 
@@ -86,7 +84,7 @@ def test_derivatives_where_a_track_hardly_rolls(V_l: float) -> None:
 def beyond(place: int, value: float, gravity: tuple[float, float]) -> Floats:
     parameters = USUAL.copy()
     parameters[place] = value
-    motion, _ = model_of().linearise(0.2, 0.9, parameters, NO_SLIP, gravity)
+    motion, _ = LaggedIndexMotion(VEHICLE).linearise(0.2, 0.9, parameters, NO_SLIP, gravity)
     half = 0.5 * VEHICLE.gauge * motion.indices.eta
     found = np.array([motion.indices.zeta / (2.0 * half), motion.indices.epsilon / half])
     assert np.isclose(np.abs(found), [1.0, 0.98]).any() or motion.indices.eta == 1.0
@@ -102,15 +100,17 @@ def test_derivatives_at_the_limits_of_the_indices(place: int, value: float, side
     gravity = (-2.0, -0.8)
     parameters = beyond(place, side * value if place < 5 else value, gravity)
     for V_l, V_r in ((0.2, 0.9), (-0.6, 0.3), (0.9, 0.2)):
-        assert_derivatives(model_of(), V_l, V_r, parameters, (0.01, 0.02, 0.03), gravity)
+        assert_derivatives(
+            LaggedIndexMotion(VEHICLE), V_l, V_r, parameters, (0.01, 0.02, 0.03), gravity
+        )
 
 
 @pytest.mark.parametrize("gravity", [(30.0, 0.1), (-30.0, 0.1), (0.2, 30.0), (0.2, -30.0)])
 def test_derivatives_where_the_forces_are_at_their_limits(gravity: tuple[float, float]) -> None:
     """More than the weight acts on no index; its derivative is zero."""
     parameters = USUAL * [1.0, 1.0, 0.2, 1.0, 0.05, 1.0, 0.1, 0.1, 0.3]
-    motion, by = model_of().linearise(0.3, 0.8, parameters, NO_SLIP, gravity)
-    assert_derivatives(model_of(), 0.3, 0.8, parameters, (0.1, 0.2, 0.3), gravity)
+    motion, by = LaggedIndexMotion(VEHICLE).linearise(0.3, 0.8, parameters, NO_SLIP, gravity)
+    assert_derivatives(LaggedIndexMotion(VEHICLE), 0.3, 0.8, parameters, (0.1, 0.2, 0.3), gravity)
     if abs(gravity[0]) > 1.0:
         assert abs(motion.force) == pytest.approx(WEIGHT)
         assert abs(motion.u) == pytest.approx(30.0 * VEHICLE.mass)
@@ -128,40 +128,29 @@ def test_each_gain_has_a_derivative_in_a_turn_and_none_on_a_straight_line() -> N
     assert not np.array(by.by_gravity).any()
 
 
-# --- symmetries -------------------------------------------------------------------------------------
-
 SPEEDS = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
 SLOPES = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0))
 FACTORS = st.tuples(*[st.floats(0.5, 1.5)] * 9)
 
 
+@pytest.mark.parametrize(
+    ("along", "signs", "of_twist"),
+    [(1.0, MIRRORED, (-1.0, 1.0, -1.0)), (-1.0, TURNED, (-1.0, -1.0, 1.0))],
+    ids=["mirrored", "turned by 180 degrees"],
+)
 @settings(max_examples=50)
 @given(speeds=st.lists(SPEEDS, min_size=2, max_size=10), gravity=SLOPES, factors=FACTORS)
-def test_a_mirrored_vehicle_makes_the_mirrored_motion(speeds, gravity, factors):
-    parameters, right = USUAL * factors, np.array(speeds)
-    motion = driven(model_of(), right, parameters, gravity=gravity)
-    mirrored = model_of(VEHICLE._replace(x_CM=-VEHICLE.x_CM))
-    gravity = -gravity[0], gravity[1]
-    mirror = driven(mirrored, right[:, ::-1], parameters * MIRRORED, gravity=gravity)
-    assert mirror.twist == pytest.approx(np.array(motion.twist) * [-1.0, 1.0, -1.0], abs=1e-12)
-    assert mirror.u == pytest.approx(-motion.u, abs=1e-8)
-
-
-@settings(max_examples=50)
-@given(speeds=st.lists(SPEEDS, min_size=2, max_size=10), gravity=SLOPES, factors=FACTORS)
-def test_a_vehicle_that_backs_down_a_slope_is_one_that_drives_down_it_turned_around(
-    speeds: list[tuple[float, float]], gravity: tuple[float, float], factors: tuple[float, ...]
-) -> None:
-    """By 180 degrees: tracks change sides and direction, and so does the slope under the robot."""
-    parameters, forward = USUAL * factors, np.array(speeds)
-    motion = driven(model_of(), forward, parameters, gravity=gravity)
-    around = model_of(VEHICLE._replace(x_CM=-VEHICLE.x_CM))
-    gravity = -gravity[0], -gravity[1]
-    found = driven(around, -forward[:, ::-1], parameters * TURNED, gravity=gravity)
-    assert found.twist == pytest.approx(np.array(motion.twist) * [-1.0, -1.0, 1.0], abs=1e-12)
-
-
-# --- the paper's motion -----------------------------------------------------------------------------
+def test_a_vehicle_that_is_mirrored_or_turned_around_makes_that_motion(
+    along, signs, of_twist, speeds, gravity, factors
+):
+    """Turned, tracks change sides and direction, and so does the slope under the robot."""
+    parameters, V = USUAL * factors, np.array(speeds)
+    motion = driven(LaggedIndexMotion(VEHICLE), V, parameters, gravity=gravity)
+    other = LaggedIndexMotion(VEHICLE._replace(x_CM=-VEHICLE.x_CM))
+    gravity = -gravity[0], along * gravity[1]
+    found = driven(other, along * V[:, ::-1], parameters * signs, gravity=gravity)
+    assert found.twist == pytest.approx(np.array(motion.twist) * of_twist, abs=1e-12)
+    assert found.u == pytest.approx(-motion.u, abs=1e-8)
 
 
 @settings(max_examples=30)
@@ -185,16 +174,13 @@ def test_gravity_acts_as_the_force_of_inertia_that_is_as_large() -> None:
     """Friction cannot tell them apart."""
     gravity = (0.7, 0.0)
     on_slope = steady(0.3, 0.5, PUBLISHED, gravity)
-    model = model_of()
+    model = LaggedIndexMotion(VEHICLE)
     model.recall(np.array([on_slope.u, 0.4, 0.0, 1.0]))
     level = model.linearise(0.3, 0.5, PUBLISHED, NO_SLIP, LEVEL)[0]
     assert on_slope.twist == pytest.approx(level.twist, abs=1e-12)
     inertia = -VEHICLE.mass * on_slope.twist.w
     inertia *= on_slope.twist.v_y + VEHICLE.x_CM * on_slope.twist.w
     assert on_slope.u == pytest.approx(inertia - VEHICLE.mass * 0.7, abs=1e-6)
-
-
-# --- the force along the tracks ---------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("V_l", "V_r"), [(0.3, 0.7), (0.7, 0.3), (-0.7, -0.3), (-0.3, 0.1)])
@@ -212,9 +198,6 @@ def test_a_force_along_the_tracks_takes_from_their_speed_in_a_turn(V_l: float, V
     assert abs(rolling.v_y) < abs(level.v_y) or np.sign(V_l) != np.sign(V_r)
 
 
-# --- the lag ----------------------------------------------------------------------------------------
-
-
 def test_forces_lag_whatever_the_step() -> None:
     """After a time constant, the rest is 1/e, in one step or in many."""
     speeds = (0.3, 0.8)
@@ -222,7 +205,7 @@ def test_forces_lag_whatever_the_step() -> None:
     parameters = ALPHA.constant_indices.as_array()
     end = steady(*speeds, parameters).u
     for count in (1, 2, 10, 1000):
-        model = model_of()
+        model = LaggedIndexMotion(VEHICLE)
         model.begin_step(1e-12, 0.0, 0.0, parameters, LEVEL)
         for _ in range(count):
             model.begin_step(LAG / count, *speeds, parameters, LEVEL)
@@ -233,7 +216,7 @@ def test_forces_lag_whatever_the_step() -> None:
 
 
 def test_the_first_step_begins_with_the_force_of_its_motion_and_without_acceleration() -> None:
-    model = model_of()
+    model = LaggedIndexMotion(VEHICLE)
     model.begin_step(0.01, 0.3, 0.8, ALPHA.constant_indices.as_array(), LEVEL)
     end = steady(0.3, 0.8, ALPHA.constant_indices.as_array())
     assert model.memory == pytest.approx([end.u, 0.55, 0.0, 1.0])
@@ -242,7 +225,7 @@ def test_the_first_step_begins_with_the_force_of_its_motion_and_without_accelera
 @pytest.mark.parametrize("dt", [0.002, 0.01, 0.05])
 def test_a_lasting_acceleration_is_felt_in_full(dt: float) -> None:
     """But for that of half a step, by which mean speeds are late."""
-    model = model_of()
+    model = LaggedIndexMotion(VEHICLE)
     for k in range(round(4.0 / dt)):
         V = 0.5 * dt * k
         model.begin_step(dt, V, V, USUAL, LEVEL)
@@ -251,7 +234,7 @@ def test_a_lasting_acceleration_is_felt_in_full(dt: float) -> None:
 
 def test_evaluating_changes_no_memory_and_going_back_repeats_the_motion() -> None:
     rng = np.random.default_rng(4)
-    model, speeds = model_of(), rng.uniform(-1.0, 1.0, (40, 2))
+    model, speeds = LaggedIndexMotion(VEHICLE), rng.uniform(-1.0, 1.0, (40, 2))
     driven(model, speeds[:20], USUAL)
     kept = model.memory
     copy = kept.copy()
@@ -259,9 +242,6 @@ def test_evaluating_changes_no_memory_and_going_back_repeats_the_motion() -> Non
     np.testing.assert_array_equal(kept, copy)
     model.recall(kept)
     assert driven(model, speeds[20:], USUAL, gravity=(0.5, 0.2)) == once
-
-
-# --- limits -----------------------------------------------------------------------------------------
 
 
 @settings(max_examples=300)
@@ -274,7 +254,7 @@ def test_evaluating_changes_no_memory_and_going_back_repeats_the_motion() -> Non
 def test_no_parameters_make_it_leave_what_tracks_can_do(speeds, gravity, factors, dt):
     """Forward it is between its tracks, and it turns no faster than the ideal differential drive."""
     V = np.array(speeds)
-    motion = driven(model_of(), V, USUAL * factors, dt, gravity)
+    motion = driven(LaggedIndexMotion(VEHICLE), V, USUAL * factors, dt, gravity)
     low, high = V[-1].min(), V[-1].max()
     assert low - 1e-12 <= motion.twist.v_y <= high + 1e-12
     D = V[-1, 1] - V[-1, 0]
@@ -289,5 +269,7 @@ def test_no_parameters_make_it_leave_what_tracks_can_do(speeds, gravity, factors
 @settings(max_examples=100)
 @given(V=st.floats(-1.0, 1.0), gravity=SLOPES, factors=st.tuples(*[st.floats(-9.0, 9.0)] * 9))
 def test_equal_tracks_drive_straight_on_any_slope(V, gravity, factors):
-    motion = driven(model_of(), np.full((5, 2), V), USUAL * factors, gravity=gravity)
+    motion = driven(
+        LaggedIndexMotion(VEHICLE), np.full((5, 2), V), USUAL * factors, gravity=gravity
+    )
     assert motion.twist == pytest.approx((0.0, V, 0.0), abs=1e-15)

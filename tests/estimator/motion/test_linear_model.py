@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from complex_step import assert_derivatives
+from icreckon import IndexValues, PoseEstimator, load_robot
 from icreckon.estimator.base.array_types import Floats
-from icreckon.estimator.motion.icr import IndexValues, direct
+from icreckon.estimator.motion.icr import direct
 from icreckon.estimator.motion.linear_model import (
     LEAST_TURN,
     PARAMETER_NAMES,
@@ -15,9 +16,7 @@ from icreckon.estimator.motion.linear_model import (
     coefficients,
 )
 from icreckon.estimator.motion.motion_model import LEVEL, NO_SLIP
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import find_variant, initial_parameters, parameter_names
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 GAUGE = ALPHA.vehicle.track_gauge

@@ -4,11 +4,9 @@ import copy
 
 import numpy as np
 import pytest
-from filterpy.kalman import ExtendedKalmanFilter
 from scipy.integrate import quad
 
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.frames import arc_factors, compose, relative
 from icreckon.estimator.motion.bounds import BOUND_MARGIN, ROUNDING
 from icreckon.estimator.motion.linear_model import LinearMotion
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
@@ -139,33 +137,6 @@ def test_transition_is_the_derivative_of_the_prediction(dt, variant):
         assert_jacobian(ekf.F, expected, scales)
 
 
-def test_heading_and_slope_turned_together_give_the_same_motion():
-    """The filter has no preferred direction: a fix that turns the yaw leaves gravity in base_link."""
-    rng = np.random.default_rng(15)
-    one = moving(rng, INERTIA)
-    one.P[s.POSE] = one.P[:, s.POSE] = 0.0
-    one.P[s.POSE, s.POSE] = np.diag([0.04, 0.04, 0.09])
-    other = copy.deepcopy(one)
-    row = np.zeros(s.SIZE)
-    row[s.YAW] = 1.0
-    # A heading fix that is uncorrelated with the rest, and exact.
-    other.update_scalar(1.2, row, 1e-12)
-    assert other.x[s.YAW] == pytest.approx(one.x[s.YAW] + 1.2, abs=1e-9)
-    assert (other.x[s.GRAVITY] == one.x[s.GRAVITY]).all()
-    start = [ekf.x[s.POSE].copy() for ekf in (one, other)]
-    for _ in range(20):
-        speeds = rng.uniform(-1.0, 1.0, 2)
-        for ekf in (one, other):
-            ekf.begin_step(0.05, *speeds)
-            ekf.predict_motion(0.05, *speeds, noise())
-        assert other.twist_model(*speeds).twist == pytest.approx(one.twist_model(*speeds).twist)
-    moved = [relative(begin, ekf.x[s.POSE]) for begin, ekf in zip(start, (one, other), strict=True)]
-    assert moved[1] == pytest.approx(moved[0], abs=1e-9)
-    rest = slice(s.POSE.stop, None)
-    assert other.x[rest] == pytest.approx(one.x[rest], abs=1e-9)
-    assert np.abs(other.P[rest, rest] - one.P[rest, rest]).max() < 1e-9
-
-
 def test_transition_where_the_arc_becomes_a_line():
     # The slope of the arc's factors is a series below 1e-4 rad and a quotient above.
     for turn in (0.0, 0.9e-4, 1.1e-4, 1e-3):
@@ -176,33 +147,6 @@ def test_transition_where_the_arc_becomes_a_line():
         # d(y) / d(w) of a chord of 0.05 m: half of it times dt, to 1e-6 of it.
         assert ekf.F[s.Y, s.SLIP_W] == pytest.approx(0.05 * 0.1 / 2, rel=1e-6)
         assert ekf.F[s.X, s.SLIP_W] == pytest.approx(-0.05 * 0.1 * turn / 3, abs=1e-9)
-
-
-def test_constant_twist_drives_the_exact_arc():
-    ekf = make()
-    ekf.x[s.POSE] = 1.0, 2.0, 0.5
-    start = ekf.x[s.POSE].copy()
-    forward, left, w = ekf.twist_model(0.3, 0.7).twist * 2.0
-    a, b = arc_factors(w)
-    ekf.predict_motion(2.0, 0.3, 0.7, NO_NOISE)
-    chord = [a * forward - b * left, b * forward + a * left, w]
-    assert ekf.x[s.POSE] == pytest.approx(compose(start, chord), abs=1e-14)
-
-
-@pytest.mark.parametrize("variant", [INERTIA, LINEAR], ids=lambda variant: variant.name)
-def test_dividing_a_step_changes_nothing_without_slip(variant):
-    rng = np.random.default_rng(4)
-    whole = make(rng, variant)
-    # As the robot turns, gravity is another, and so is its motion seen from above.
-    for known in (s.SLIP, s.GRAVITY):
-        whole.x[known] = 0.0
-        whole.P[known, :] = whole.P[:, known] = 0.0
-    parts = copy.deepcopy(whole)
-    whole.predict_motion(1.0, 0.2, 0.8, NO_NOISE)
-    for _ in range(100):
-        parts.predict_motion(0.01, 0.2, 0.8, NO_NOISE)
-    assert parts.x == pytest.approx(whole.x, abs=1e-13)
-    assert np.abs(parts.P - whole.P).max() < 1e-13
 
 
 @pytest.mark.parametrize("variant", [INERTIA, LINEAR], ids=lambda variant: variant.name)
@@ -263,26 +207,6 @@ def test_random_walks_reach_the_pose_within_the_step(steps):
     assert ekf.P[fast, fast] == pytest.approx(0.09 * 5.0)
 
 
-def test_update_is_filterpys_update():
-    rng = np.random.default_rng(6)
-    for _ in range(20):
-        ours = make(rng)
-        theirs = ExtendedKalmanFilter(dim_x=s.SIZE, dim_z=1)
-        theirs.x, theirs.P = ours.x.copy(), ours.P.copy()
-        row = rng.normal(size=s.SIZE)
-        residual, variance = rng.normal(), rng.uniform(0.01, 1.0)
-        theirs.update(
-            np.array([residual]),
-            HJacobian=lambda _, row=row: row[None, :],
-            Hx=lambda _: np.zeros(1),
-            R=np.array([[variance]]),
-        )
-        assert theirs.x.shape == (s.SIZE,)
-        ours.update_scalar(residual, row, variance)
-        assert ours.x == pytest.approx(theirs.x, abs=1e-12)
-        assert np.abs(ours.P - theirs.P).max() < 1e-12
-
-
 def test_stand_in_moves_the_prediction_as_far_as_if_no_state_were_fixed():
     fixed = (s.X, s.Y, s.YAW, *range(s.PARAMETERS.start, s.PARAMETERS.stop))
     others = np.delete(np.arange(s.SIZE), [*fixed, s.SLIP_W])
@@ -306,36 +230,6 @@ def test_stand_in_moves_the_prediction_as_far_as_if_no_state_were_fixed():
         assert pytest.approx(of_error, rel=1e-9, abs=1e-12) == ekf.P
         # The variance of the prediction is that of the free update, too: no gain has a smaller one.
         assert row @ ekf.P @ row == pytest.approx(row @ free.P @ row, rel=1e-9)
-
-
-def test_update_that_must_not_move_the_pose_leaves_it_and_its_covariance():
-    ekf = make(np.random.default_rng(13))
-    free = copy.deepcopy(ekf)
-    pose, P = ekf.x[s.POSE].copy(), ekf.P.copy()
-    row = np.random.default_rng(14).normal(size=s.SIZE)
-    row[s.POSE] = 0.0
-    ekf.update_scalar(0.3, row, 0.01, fixed=(s.X, s.Y, s.YAW))
-    free.update_scalar(0.3, row, 0.01)
-    assert (ekf.x[s.POSE] == pose).all()
-    assert ekf.P[s.POSE, s.POSE] == pytest.approx(P[s.POSE, s.POSE], abs=1e-15)
-    # All else is as in the full update.
-    others = np.delete(np.arange(s.SIZE), s.POSE)
-    assert ekf.x[others] == pytest.approx(free.x[others], abs=1e-14)
-    assert ekf.P[np.ix_(others, others)] == pytest.approx(free.P[np.ix_(others, others)], abs=1e-14)
-    assert np.linalg.eigvalsh(ekf.P)[0] > -1e-14
-
-
-def test_new_fast_slip_is_independent_of_all_else():
-    ekf = make(np.random.default_rng(9))
-    others = np.delete(np.arange(s.SIZE), s.FAST_SLIP)
-    before = ekf.P[np.ix_(others, others)].copy()
-    covariance = np.diag([1.0, 2.0, 3.0])
-    ekf.renew_fast_slip(covariance)
-    assert (ekf.x[s.FAST_SLIP] == 0.0).all()
-    assert (ekf.P[s.FAST_SLIP, s.FAST_SLIP] == covariance).all()
-    assert (ekf.P[np.ix_(others, others)] == before).all()
-    assert (ekf.P[s.FAST_SLIP, others] == 0.0).all()
-    assert (ekf.P[others, s.FAST_SLIP] == 0.0).all()
 
 
 def inside(ekf):
@@ -398,33 +292,3 @@ def test_projection_moves_neither_the_pose_nor_what_the_measurement_does_not_sho
     # There is no derivative by H, and so nothing that lanes keep of it.
     moved = set(np.flatnonzero(ekf.x != before).tolist()) | {s.PARAMETERS.start}
     assert moved == set(range(s.SIZE)) - still | {s.PARAMETERS.start}
-
-
-def test_covariance_stays_symmetric_and_positive_over_a_long_run():
-    rng = np.random.default_rng(12)
-    ekf = make()
-    ekf.P = np.diag(SCALES**2)
-    worst = np.inf
-    for step in range(6_000):
-        if step % 20 == 0:
-            left, right = rng.uniform(-1.0, 1.0, 2)
-        if step % 2 == 0:
-            ekf.renew_fast_slip(np.diag([1e-4, 1e-6, 1e-3]))
-        ekf.predict_motion(0.01, left, right, noise(walk=1e-3 * SCALES))
-        row = ekf.twist_model(left, right).jacobian[2]
-        row[s.GYRO_BIAS] += 1.0
-        ekf.update_scalar(0.02 * rng.normal(), row, 1e-7)
-        if step % 100 == 99:
-            row = np.zeros(s.SIZE)
-            row[[s.X, s.Y][step % 200 // 100]] = 1.0
-            ekf.update_scalar(-ekf.x[np.argmax(row)], row, 1e-4)
-        ekf.keep_inside_bounds()
-        if step % 200 == 0:
-            assert (ekf.P == ekf.P.T).all()
-            unit = np.sqrt(np.diagonal(ekf.P))
-            known = unit > 0.0
-            P = (ekf.P / np.outer(unit, unit).clip(1e-300))[np.ix_(known, known)]
-            worst = min(worst, np.linalg.eigvalsh(P)[0])
-    # Correlations are computed to about 1e-16 times some hundred terms.
-    assert worst > -1e-12
-    assert np.isfinite(ekf.x).all()

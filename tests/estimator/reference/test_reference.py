@@ -7,16 +7,11 @@ import numpy as np
 import pytest
 
 from conftest import sample
+from icreckon import EstimatorError, FixSpec, Log, PoseEstimator, Scenario, simulate
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import HeadingFix, PositionFix
 from icreckon.estimator.reference.filter import ReferenceFilter
 from icreckon.estimator.robot.robot_file import Robot, load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start": (0.05, -0.02, 0.04), "start_sigma": (0.1, 0.1, 0.1)}

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.robot.robot_file import Indices, load_robot, make_robot, robot_names
+from icreckon import EstimatorError, Indices, load_robot, make_robot, robot_names
 
 SMALLEST = """
 name = "mine"
@@ -95,17 +94,6 @@ def test_constant_icrs_default_to_the_indices_at_no_inertia(tmp_path):
     assert constant == Indices(H=0.6, zeta0=0.04, epsilon0=0.1, eta0=2.0)
 
 
-def test_constant_icrs_become_indices_by_hand(tmp_path):
-    text = SMALLEST + "[constant_icr]\nx_ICRl = -0.4\nx_ICRr = 0.6\ny_ICR = 0.04"
-    constant = load_robot(write(tmp_path, text)).constant_indices
-    assert (constant.zeta0, constant.epsilon0, constant.eta0) == pytest.approx((0.04, 0.1, 2.0))
-
-
-def test_centre_of_mass_is_converted_to_the_papers_axes(tmp_path):
-    text = SMALLEST + "centre_of_mass = [0.04, 0.015, 0.3]"
-    assert load_robot(write(tmp_path, text)).centre_of_mass_paper == (-0.015, 0.04)
-
-
 def test_imu_rotation_takes_the_imus_axes_to_the_bodys(tmp_path):
     # Turned a quarter to the left: the IMU's x points to the body's left.
     robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [0.0, 0.0, 90.0]"))
@@ -113,9 +101,6 @@ def test_imu_rotation_takes_the_imus_axes_to_the_bodys(tmp_path):
     # Upside down, rolled by half a turn: what is up for the IMU is down for the body.
     robot = load_robot(write(tmp_path, SMALLEST + "[imu]\nrotation_rpy_deg = [180.0, 0.0, 0.0]"))
     assert robot.imu_rotation @ [0.0, 0.0, 1.0] == pytest.approx([0.0, 0.0, -1.0])
-
-
-# --- robot in code --------------------------------------------------------------------------------
 
 
 VEHICLE = {"mass": 30.0, "track_gauge": 0.42, "sprocket_radius": 0.1}

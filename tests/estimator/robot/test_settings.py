@@ -8,14 +8,8 @@ import numpy as np
 import pytest
 
 import icreckon
-from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.robot.variants import (
-    DEFAULT_ADAPTATION,
-    VARIANTS,
-    default_adaptation,
-    state_names,
-)
+from icreckon import VARIANTS, EstimatorError, Settings, default_adaptation, state_names
+from icreckon.estimator.robot.variants import DEFAULT_ADAPTATION
 
 ALPHA = icreckon.load_robot("auriga-alpha")
 
@@ -68,9 +62,6 @@ def test_the_start_may_be_any_row_of_three(kind: Any) -> None:
     estimator = icreckon.PoseEstimator(ALPHA, start=kind([1, 2, 0.5]), start_sigma=kind([1, 0, 2]))
     assert estimator.pose.tolist() == [1.0, 2.0, 0.5]
     assert estimator.pose_covariance.diagonal().tolist() == [1.0, 0.0, 4.0]
-
-
-# --- a variant's adaptation, with changes ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize("variant", VARIANTS)

@@ -5,20 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from icreckon import FixSeries, FixSpec, Log, PositionFix, Robot, Scenario, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rotate
-from icreckon.estimator.log.log import Log
-from icreckon.estimator.log.measurements import PositionFix
-from icreckon.estimator.log.series import FixSeries
-from icreckon.estimator.robot.robot_file import Robot
 from icreckon.estimator.sensors.measurement_models import Position
-from icreckon.estimator.sensors.predictions import Prediction, point_on_robot, pose_now
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
+from icreckon.estimator.sensors.predictions import Prediction
 
 ANTENNA = (0.5, -0.2)
 
@@ -39,9 +31,9 @@ def of_antenna(log: Log, known: bool = True) -> Log:
     return replace(log, fixes=FixSeries(fixes.stamps, poses, fixes.variances, antennas))
 
 
-def position_error(log: Log, robot: Robot, variant: str = "inertia-online") -> float:
+def position_error(log: Log, robot: Robot) -> float:
     """RMSE of the position under fixes, after 20 s [m]."""
-    found, true = run(log, robot, variant).trajectory.pose_series, log.truth.poses
+    found, true = run(log, robot, "inertia-online").trajectory.pose_series, log.truth.poses
     at = true.stamps > log.start + 20_000_000_000
     apart = [
         np.interp(true.stamps[at], found.stamps, found.poses[:, axis]) - true.poses[at, axis]
@@ -55,14 +47,6 @@ def test_a_known_lever_arm_costs_nothing_and_an_unknown_one_half_a_metre(log, ro
     assert without < 0.04
     assert position_error(of_antenna(log), robot) < 1.2 * without
     assert position_error(of_antenna(log, known=False), robot) > 10.0 * without
-
-
-def test_antenna_in_a_prediction_is_where_geometry_says() -> None:
-    x = np.zeros(s.SIZE)
-    x[s.POSE] = 2.0, 3.0, np.pi / 2.0
-    at = point_on_robot(pose_now(x), *ANTENNA)
-    assert at.values == pytest.approx([2.2, 3.5, np.pi / 2.0])
-    assert point_on_robot(pose_now(x), 0.0, 0.0).values == pytest.approx(x[s.POSE])
 
 
 def test_jacobian_and_noise_of_the_antenna() -> None:
@@ -96,10 +80,3 @@ def test_a_log_keeps_the_antenna(log: Log) -> None:
     assert half.fixes.lever_arms.shape == (len(half.fixes.stamps), 2)
     with pytest.raises(EstimatorError, match="antennas must have shape"):
         FixSeries(np.zeros(2, np.int64), np.zeros((2, 3)), np.ones((2, 2)), np.zeros((1, 2)))
-
-
-def test_an_absurd_lever_arm_is_refused_and_counted(robot: Robot) -> None:
-    estimator = PoseEstimator(robot)
-    fix = PositionFix(1, 0.0, 0.0, 0.01, float("nan"), 0.0)
-    assert not estimator.feed(fix)
-    assert estimator.health.sensors["position"].rejected == {"not finite": 1}

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
+from icreckon import Settings, load_robot
 from icreckon.estimator.sensors.imu_noise import (
     LEAST_GYRO_SHARE,
     ImuNoise,

@@ -5,20 +5,14 @@ import numpy as np
 import pytest
 
 from conftest import thorough
+from icreckon import Imu, PoseEstimator, Scenario, Settings, drift, load_robot, run, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.engine.lane_functions import ends_step
 from icreckon.estimator.filter.filter_record import FilterRecord, take_track_speeds
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
-from icreckon.estimator.log.scores import drift
-from icreckon.estimator.robot.robot_file import Imu, load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors.input_settings import input_settings
 from icreckon.estimator.sensors.step_inputs import step_inputs
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 SECOND = 1_000_000_000
 ROBOT = load_robot("husky")

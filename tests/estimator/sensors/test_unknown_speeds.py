@@ -4,21 +4,16 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import Log, PoseEstimator, Scenario, Settings, load_robot, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.engine.constants import REGRESSOR_SMOOTHING
-from icreckon.estimator.filter.process_noise import Disturbances, twist_covariance
-from icreckon.estimator.log.log import Log
+from icreckon.estimator.filter.process_noise import Disturbances
 from icreckon.estimator.log.measurements import ImuSample, Measurement, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
 from icreckon.estimator.reference.ekf import IcrEkf, ProcessNoise
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.robot.variants import find_variant, slip_of
 from icreckon.estimator.sensors.held_tracks import SMOOTHING, TrackRecord, take_tracks
 from icreckon.estimator.sensors.input_settings import input_settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 SECOND = 1_000_000_000
 ROBOT = load_robot("auriga-alpha")
@@ -79,29 +74,7 @@ def test_a_stuck_speed_is_not_moved_by_the_accelerometer(log: Log, variant: str)
     assert estimator.health.times["stuck"] == 1
 
 
-def test_a_covariance_that_is_bounded_keeps_its_correlations() -> None:
-    rng = np.random.default_rng(1)
-    jacobian = rng.standard_normal((3, 5))
-    P = np.diag([4.0, 9.0, 1.0, 0.1, 0.2])
-    free = jacobian @ P @ jacobian.T
-    fastest = 0.5 * float(np.sqrt(free[0, 0]))
-    bounded = twist_covariance(jacobian, P, fastest)
-
-    def correlation(covariance: np.ndarray) -> np.ndarray:
-        sigma = np.sqrt(np.diagonal(covariance))
-        return covariance / np.outer(sigma, sigma)
-
-    assert bounded[0, 0] == pytest.approx(fastest**2)
-    assert bounded[2, 2] == free[2, 2]
-    np.testing.assert_allclose(correlation(bounded), correlation(free))
-    np.testing.assert_array_equal(twist_covariance(jacobian, P, 1e3), free)
-
-
-# --- errors in variables --------------------------------------------------------------------------
-
-
-ALPHA = load_robot("auriga-alpha")
-SETTINGS = input_settings(ALPHA, Settings())
+SETTINGS = input_settings(ROBOT, Settings())
 
 
 def held(speeds, rate, tracks=None, start=0):
@@ -130,7 +103,7 @@ def test_smoothed_speeds_begin_anew_after_a_hole():
 
 def test_slip_is_as_large_as_the_smoothed_speeds_make_it():
     disturbances = Disturbances(
-        ALPHA, slip_of(ALPHA, find_variant("inertia-online")), np.zeros(s.PARAMETER_COUNT)
+        ROBOT, slip_of(ROBOT, find_variant("inertia-online")), np.zeros(s.PARAMETER_COUNT)
     )
     noisy = held([(0.2, 0.6)] * 50 + [(0.1, 0.8)], 400)
     steady = held([smooth(noisy)], 400)
@@ -140,8 +113,8 @@ def test_slip_is_as_large_as_the_smoothed_speeds_make_it():
 
 @pytest.mark.parametrize("share", [-0.5, 0.0, 0.4, 1.0, 1.5])
 def test_derivatives_by_the_parameters_are_of_the_turn_that_tracks_and_yaw_rate_show(share):
-    ekf = IcrEkf(LaggedIndexMotion(ALPHA.constants))
-    ekf.x[s.PARAMETERS] = ALPHA.indices.as_array()
+    ekf = IcrEkf(LaggedIndexMotion(ROBOT.constants))
+    ekf.x[s.PARAMETERS] = ROBOT.indices.as_array()
     model, ekf.regressors = ekf.twist_model(0.2, 0.6), np.zeros((3, s.REGRESSOR_COUNT))
     of_tracks, by = model.twist[2], model.by_speeds[2]
     # The robot turns `share` of what its tracks show, all the time.
@@ -167,9 +140,9 @@ def test_derivatives_by_the_parameters_are_of_the_turn_that_tracks_and_yaw_rate_
 
 def test_noise_at_a_high_rate_teaches_no_wrong_parameter():
     # Without slip, and with a gyro that is good, the mean error of eta0 is that of errors in variables.
-    rate, density, errors = 400, ALPHA.tracks.speed_noise_density, []
-    imu = msgspec.structs.replace(ALPHA.imu, gyro_bias_sigma=1e-4)
-    robot = msgspec.structs.replace(ALPHA, imu=imu)
+    rate, density, errors = 400, ROBOT.tracks.speed_noise_density, []
+    imu = msgspec.structs.replace(ROBOT.imu, gyro_bias_sigma=1e-4)
+    robot = msgspec.structs.replace(ROBOT, imu=imu)
     icr_width = (
         PoseEstimator(robot, "constant-online").parameters["eta0"] * robot.vehicle.track_gauge
     )

@@ -8,7 +8,8 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from icreckon.estimator.base.errors import EstimatorError
+from fed_estimators import flaw
+from icreckon import EstimatorError, Latencies, PoseEstimator, load_robot
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -18,10 +19,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
-from icreckon.estimator.streaming.latencies import Latencies
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000
@@ -60,19 +58,6 @@ def made(variant, history, patience, wanders, sigma, watches):
         start_sigma=(sigma, sigma, min(sigma, 10.0)),
         latencies=Latencies(estimate_tracks=watches, position=0.02),
     )
-
-
-def flaw(P):
-    """What is wrong with a covariance, or None."""
-    variances = P.diagonal()
-    exact = variances == 0.0
-    if not np.isfinite(P).all() or not np.array_equal(P, P.T) or variances.min() < 0.0:
-        return f"variances from {variances.min()} to {variances.max()}"
-    if exact.all():
-        return None
-    sigmas = np.sqrt(variances[~exact])
-    least = np.linalg.eigvalsh(P[np.ix_(~exact, ~exact)] / sigmas / sigmas[:, None])[0]
-    return None if least > -1e-6 else f"eigenvalue {least} of the correlations"
 
 
 def known(estimator):
@@ -241,9 +226,6 @@ def test_any_sequence_of_calls(tmp_path):
     run_state_machine_as_test(AnySequence, settings=limits)
 
 
-# --- threads -----------------------------------------------------------------------------------------
-
-
 def drive(seed):
     """A drive with fixes, some of them late."""
     rng = np.random.default_rng(seed)
@@ -302,24 +284,3 @@ def test_estimators_in_several_threads_are_those_of_one():
 
     together(*(partial(work, *job) for job in jobs))
     assert [found[job] for job in jobs] == alone
-
-
-def test_threads_that_share_an_estimator_behind_a_lock_feed_as_one_thread_does():
-    alone, shared = (PoseEstimator(ALPHA, settings=Settings(history=10.0)) for _ in range(2))
-    measurements = list(drive(1))
-    shared.feed(measurements[0])
-    lock, read = threading.Lock(), []
-
-    def feed(wanted):
-        for one in measurements[1:]:
-            if isinstance(one, TrackSpeeds) is wanted:
-                with lock:
-                    shared.feed(one)
-                    read.append(shared.snapshot())
-
-    together(lambda: feed(True), lambda: feed(False))
-    for one in measurements:
-        alone.feed(one)
-    assert len(read) == len(measurements) - 1
-    assert all(np.isfinite(one.state).all() for one in read)
-    assert known(shared)[4:] == known(alone)[4:]

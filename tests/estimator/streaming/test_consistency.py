@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from icreckon.estimator.log.scores import pose_nees
+from icreckon import Scenario, Settings, load_robot, pose_nees, run, simulate
 from icreckon.estimator.reference.filter import ReferenceFilter
 from icreckon.estimator.reference.imu import accelerometer
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.sensors import sensor_models
 from icreckon.estimator.sensors.measurement_models import ACCELEROMETERS
-from icreckon.estimator.streaming.run import run
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from icreckon.simulation.truth.true_motion import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")

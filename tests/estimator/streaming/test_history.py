@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon.estimator.filter.health import SensorHealth
+from fed_estimators import short_log
+from icreckon import PoseEstimator, SensorHealth, Settings, load_robot
 from icreckon.estimator.log.input_checks import key_of
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
@@ -18,13 +19,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming import late_measurements as history
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789
@@ -39,18 +34,9 @@ def seconds(value):
 
 def some_measurements():
     """Five seconds of all kinds in order, many of equal stamps, some of them wrong."""
-    scenario = Scenario(
-        duration=5.0,
-        trajectory="aggressive",
-        seed=11,
-        truth="kinematic",
-        track_rate=25.0,
-        imu_rate=50.0,
-        fix_rate=5.0,
-        fixes=FixSpec(heading_sigma=0.05),
-    )
+    log = short_log(duration=5.0, seed=11, truth="kinematic", fix_rate=5.0)
     found = []
-    for k, m in enumerate(simulate(scenario, ALPHA).measurements()):
+    for k, m in enumerate(log.measurements()):
         if isinstance(m, PositionFix) and k % 7 == 0:
             m = PositionFix(m.stamp, m.x + 30.0, m.y, m.variance)
         if isinstance(m, ImuSample) and k % 31 == 0:

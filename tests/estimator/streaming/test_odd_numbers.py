@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon import EstimatorError, PoseEstimator, TrackSpeedSeries, load_robot
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -17,10 +17,7 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.settings import GateSettings, Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000
@@ -73,12 +70,12 @@ def of_kinds(stamp, value):
     ]
 
 
-def drive(estimator, start, count=30):
-    for k in range(count):
+def drive(estimator, start):
+    for k in range(30):
         stamp = start + k * STEP
         estimator.feed(TrackSpeeds(stamp, 0.3, 0.35))
         estimator.feed(ImuSample(stamp + 3, (0.0, 0.0, 0.04), (0.0, 0.0, 9.81)))
-    return start + count * STEP
+    return start + 30 * STEP
 
 
 def known(estimator):

@@ -15,7 +15,6 @@ from icreckon import (
     ImuSample,
     Log,
     PoseEstimator,
-    Run,
     Scenario,
     Slope,
     Terrain,
@@ -36,24 +35,17 @@ RUNS, STEP = 12, 10_000_000
 
 
 @cache
-def hills(seed: int, terrain: Terrain = HILLS, duration: float = 60.0) -> Log:
+def hills(seed: int, duration: float = 60.0) -> Log:
     """Drive over hills, by friction."""
     scenario = Scenario(
-        duration=duration, seed=seed, trajectory="random", truth="friction", terrain=terrain
+        duration=duration, seed=seed, trajectory="random", truth="friction", terrain=HILLS
     )
     return simulate(scenario, ROBOT)
 
 
-def estimated(log: Log) -> Run:
-    name = "inertia-online"
-    return run(replace(log, truth=None), ROBOT, name)
-
-
 def true_at(log: Log, stamps: np.ndarray) -> np.ndarray:
     """True height, roll and pitch at stamps."""
-    assert log.truth is not None
     poses = log.truth.poses
-    assert poses.spatial is not None
     return np.column_stack([np.interp(stamps, poses.stamps, one) for one in poses.spatial.T])
 
 
@@ -88,11 +80,9 @@ def test_errors_over_hills_are_as_the_filter_predicts() -> None:
     heights, tilts, moved = [], [], []
     for seed in range(RUNS):
         log = hills(seed)
-        one = estimated(log)
+        one = run(replace(log, truth=None), ROBOT, "inertia-online")
         true = true_at(log, one.stamps)
         path = one.trajectory
-        assert path.spatial is not None
-        assert path.spatial_sigmas is not None
         off = path.spatial - true
         heights.append((off[-1, 0] / path.spatial_sigmas[-1, 0]) ** 2)
         tilts.append(((off[-1, 1:] / path.spatial_sigmas[-1, 1:]) ** 2).sum())
@@ -106,12 +96,12 @@ def test_errors_over_hills_are_as_the_filter_predicts() -> None:
     assert np.sqrt(np.mean(errors**2)) < 0.2 * np.sqrt(np.mean(ranges**2))
 
 
-def uphill(seconds: float, variant: str = "inertia-online") -> PoseEstimator:
+def uphill(seconds: float) -> PoseEstimator:
     """Drive straight up a plane of 10°, at 0.5 m/s, with an IMU without bias."""
     imu = Imu(gyro_noise_density=0.001, accelerometer_noise_density=0.01)
     wide = Slope(sigma=3.0)
     robot, slope = msgspec.structs.replace(ROBOT, imu=imu, slope=wide), np.radians(10.0)
-    estimator = PoseEstimator(robot, variant)
+    estimator = PoseEstimator(robot)
     force = (GRAVITY * np.sin(slope), 0.0, GRAVITY * np.cos(slope))
     for k in range(round(100 * seconds)):
         estimator.feed(TrackSpeeds(k * STEP, 0.5, 0.5))
@@ -131,7 +121,6 @@ def test_a_height_corrects_height_and_slope_but_not_the_place() -> None:
     estimator = uphill(20.0)
     before, P = estimator.state, estimator.covariance
     stamp = estimator.stamp
-    assert stamp is not None
     # The first one sets the height.
     assert estimator.feed(HeightFix(stamp, 312.0, 0.04))
     assert estimator.pose3d.position[2] == pytest.approx(312.0, abs=0.3)
@@ -166,7 +155,6 @@ def test_heights_over_hills_bound_its_error() -> None:
 def test_rates_of_roll_and_pitch_are_in_the_twist() -> None:
     estimator = uphill(2.0)
     stamp = estimator.stamp
-    assert stamp is not None
     estimator.feed(TrackSpeeds(stamp + STEP, 0.5, 0.5))
     estimator.feed(ImuSample(stamp + STEP, (0.2, -0.1, 0.0), (0.0, 0.0, GRAVITY)))
     twist = estimator.twist3d

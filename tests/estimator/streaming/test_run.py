@@ -6,16 +6,9 @@ import sys
 import numpy as np
 import pytest
 
+from icreckon import VARIANTS, Comparison, Log, PoseEstimator, Scenario, load_robot, run, simulate
 from icreckon.estimator.base.errors import EstimatorError
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.variants import VARIANTS
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
-from icreckon.replay.comparison.compare import Comparison
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 
 ALPHA = load_robot("auriga-alpha")
 
@@ -97,9 +90,6 @@ def test_log_without_track_speeds_says_what_is_missing():
         run(log, ALPHA, "inertia-online")
     with pytest.raises(EstimatorError, match="'imu only' holds no track speeds"):
         run(Log("imu only", empty), ALPHA, "inertia-online")
-
-
-# --- warm up --------------------------------------------------------------------------------------
 
 
 # The signatures of all compiled functions of a process, before and after a drive with every kind of

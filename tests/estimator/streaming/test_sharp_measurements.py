@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fed_estimators import flaw
+from icreckon import FixWander, GateSettings, Log, PoseEstimator, Settings, load_robot, run
 from icreckon.estimator.base import state as s
 from icreckon.estimator.filter.ekf import SHARP
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import (
     BodyVelocity,
     HeadingFix,
@@ -17,32 +18,11 @@ from icreckon.estimator.log.measurements import (
     TrackSpeeds,
     ZeroVelocity,
 )
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import FixWander, GateSettings, Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.estimator.streaming.run import run
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_000_000_000
 STEP = 10_000_000
 VARIANTS = "inertia-online", "constant-online", "differential"
-
-
-def flaw(P):
-    """What is wrong with a covariance, or None."""
-    if not np.isfinite(P).all():
-        return "not finite"
-    if not np.array_equal(P, P.T):
-        return "not symmetric"
-    variances = P.diagonal()
-    exact = variances <= 0.0
-    if variances.min() < 0.0 or np.abs(P[exact]).max(initial=0.0) > 1e-90:
-        return f"variance {variances.min()} of state {variances.argmin()}"
-    if exact.all():
-        return None
-    sigmas = np.sqrt(variances[~exact])
-    least = np.linalg.eigvalsh(P[np.ix_(~exact, ~exact)] / sigmas / sigmas[:, None])[0]
-    return f"eigenvalue {least} of the correlations" if least < -1e-6 else None
 
 
 def drive(rng, count, precise):

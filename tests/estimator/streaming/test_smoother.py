@@ -5,24 +5,14 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
+from icreckon import EstimatorError, FixSpec, Log, Scenario, load_robot, run, simulate, smooth
 from icreckon.estimator.base import state as s
-from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import wrap_angle
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.measurements import BodyVelocity, PoseFix, ZeroVelocity
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
 from icreckon.estimator.streaming import smoother
-from icreckon.estimator.streaming.run import run
-from icreckon.estimator.streaming.smoother import smooth
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.true_motion import TRUE_SLIP
 
 ALPHA = load_robot("auriga-alpha")
 START = {"start": (0.1, -0.1, 0.05), "start_sigma": (0.1, 0.1, 0.05)}
@@ -229,46 +219,6 @@ def test_smoothed_is_the_batch_solution(variant, more, log, monkeypatch):
         assert after.trajectory.pose_covariances[row] == pytest.approx(
             covariance[s.POSE, s.POSE], rel=1e-6, abs=1e-12
         )
-
-
-# --- consistency ---------------------------------------------------------------------------------
-
-RUNS = 30
-
-
-@pytest.fixture(scope="module")
-def nees():
-    """NEES of the pose in the middle of an outage: (RUNS,) filtered, smoothed; of w smoothed.
-
-    On circles, since track speeds are averages over the time before, and the filter does not know how
-    they have changed in it.
-    """
-    scenario = Scenario(
-        duration=15.0, seed=31, trajectory="circle", truth="kinematic", truth_spread=0.0,
-        track_rate=50.0, imu_rate=50.0, truth_rate=10.0, fixes=FixSpec(sigma=0.02),
-        outages=((7.5, 13.5),),
-    )  # fmt: skip
-    settings = Settings(slip=msgspec.structs.replace(TRUE_SLIP, white_time=0.0))
-    table = []
-    for index in range(RUNS):
-        log = simulate(scenario, ALPHA, run_index=index)
-        row = []
-        for one in smooth(log, ALPHA, "inertia-fixed", settings=settings):
-            at = np.searchsorted(one.stamps, log.start + 11 * 10**9)
-            error = (
-                one.trajectory.poses[at] - interpolate_poses(log.truth.poses, one.stamps[[at]])[0]
-            )
-            error[2] = wrap_angle(error[2])
-            row.append(error @ np.linalg.solve(one.trajectory.pose_covariances[at], error))
-        table.append(row)
-    return np.array(table)
-
-
-@pytest.mark.thorough
-@pytest.mark.parametrize("kind", [0, 1], ids=["filtered", "smoothed"])
-def test_pose_is_as_uncertain_as_it_says(nees, kind):
-    low, high = chi2.interval(0.999, 3 * RUNS)
-    assert low < nees[:, kind].sum() < high
 
 
 # --- the rough and the empty -----------------------------------------------------------------------

@@ -5,15 +5,10 @@ import numpy as np
 import pytest
 
 from fed_estimators import assert_same, feed_all, remembered, short_log
+from icreckon import Indices, Log, PoseEstimator, Scenario, Terrain, load_robot, simulate
 from icreckon.estimator.base import state as s
 from icreckon.estimator.base.frames import compose, rpy_to_matrix
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Indices, load_robot
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
-from icreckon.simulation.truth.terrain import Terrain
 
 ALPHA = load_robot("auriga-alpha")
 EPOCH = 1_700_000_000_123_456_789

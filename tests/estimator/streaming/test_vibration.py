@@ -6,13 +6,9 @@ import msgspec
 import numpy as np
 import pytest
 
+from icreckon import Log, PoseEstimator, Settings, feed_arrays, load_robot
 from icreckon.estimator.base import state as s
-from icreckon.estimator.batch.feed_arrays import feed_arrays
-from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import Settings
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
 
 ALPHA = load_robot("auriga-alpha")
 # Noise of 0.05 rad/s at 100 Hz.
@@ -30,8 +26,8 @@ def stamps_of(t):
 
 
 @functools.cache
-def shaken(rate, seconds, hertz=0.0, turn=0.0, drive=0.0, seed=0, share=1.0):
-    """A log at rest: turned from the half on, or driven from there on."""
+def shaken(rate, seconds, hertz=0.0, turn=0.0, seed=0, share=1.0):
+    """A log at rest that may be turned from the half on."""
     rng = np.random.default_rng(seed)
     t, track_t = (np.arange(int(seconds * each)) / each for each in (rate, 50))
     noise = DENSITY * np.sqrt(rate) * rng.standard_normal(len(t))
@@ -40,16 +36,12 @@ def shaken(rate, seconds, hertz=0.0, turn=0.0, drive=0.0, seed=0, share=1.0):
     rates = np.zeros((len(t), 3))
     rates[:, 2] = BIAS + share * noise + np.where(t >= seconds / 2, turn, 0.0)
     forces = np.column_stack([0.5 * rng.standard_normal((len(t), 2)), np.full(len(t), 9.81)])
-    speeds = np.where(track_t >= seconds / 2, drive, 0.0)[:, None] * np.ones(2)
-    return Log(
-        "shaken",
-        TrackSpeedSeries(stamps_of(track_t), speeds),
-        ImuSeries(stamps_of(t), rates, forces),
-    )
+    tracks = TrackSpeedSeries(stamps_of(track_t), np.zeros((len(track_t), 2)))
+    return Log("shaken", tracks, ImuSeries(stamps_of(t), rates, forces))
 
 
-def fed(log, robot, variant="constant-online", **settings):
-    estimator = PoseEstimator(robot, variant, settings=Settings(history=0.0, **settings))
+def fed(log, robot):
+    estimator = PoseEstimator(robot, "constant-online", settings=Settings(history=0.0))
     feed_arrays(estimator, log.tracks, log.imu)
     return estimator
 
@@ -132,17 +124,3 @@ def test_a_robot_that_is_pushed_back_and_forth_is_followed():
         series = TrackSpeedSeries(log.tracks.stamps[tracks], log.tracks.speeds[tracks])
         estimator = fed(Log("pushed", series, part), robot_with(0.1 * DENSITY))
         assert estimator.pose[2] == pytest.approx(expected, abs=0.04)
-
-
-def test_late_samples_are_measured_at_their_own_stamps():
-    robot, log = robot_with(DENSITY / 30.0), shaken(100, 4.0)
-    measurements = [*log.measurements()]
-    in_order, late = (PoseEstimator(robot, "constant-online") for _ in range(2))
-    for measurement in measurements:
-        in_order.feed(measurement)
-    for k in range(0, len(measurements), 7):
-        part = measurements[k : k + 7]
-        for measurement in (*part[3:], *part[:3]):
-            late.feed(measurement)
-    assert late.health.noise == in_order.health.noise
-    assert (late.state == in_order.state).all()

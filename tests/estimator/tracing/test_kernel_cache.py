@@ -102,9 +102,6 @@ def test_preparing_fails_if_nothing_can_be_kept(own_cache: Path) -> None:
     assert "NUMBA_CACHE_DIR" in fails("prepare", cwd=own_cache, run=icreckon_alone)
 
 
-# --- kernels -------------------------------------------------------------------------------------
-
-
 def doubled_kernel(name: str) -> Kernel:
     """Kernel of this package that doubles one number."""
     start()
@@ -128,9 +125,6 @@ def test_a_step_whose_kernel_is_not_compiled_is_refused() -> None:
     lanes = np.ones((1, 1))
     with pytest.raises(ValueError, match="was not compiled"):
         entry(run_kernel)(0, lanes, lanes, lanes)
-
-
-# --- sizes ---------------------------------------------------------------------------------------
 
 
 def test_a_kernel_cannot_address_rows_that_its_arrays_lack() -> None:

@@ -13,12 +13,9 @@ from rich.console import Console
 
 from command_line import results_in, succeeds
 from conftest import simulated
-from icreckon import calibrate, compare, drift, read_log
+from icreckon import IcreckonError, ReplayError, calibrate, compare, drift, read_log, robot_toml
 from icreckon.cli.calibrate import command
-from icreckon.estimator.base.errors import IcreckonError
 from icreckon.estimator.robot.robot_file import Robot, Slip, changed_robot, load_robot
-from icreckon.estimator.robot.robot_toml import robot_toml
-from icreckon.replay.base.errors import ReplayError
 from icreckon.replay.calibration import results
 from icreckon.replay.calibration.robot_file import robot_file_text
 from icreckon.replay.mapping.topics import topic_map

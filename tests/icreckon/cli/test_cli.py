@@ -17,9 +17,8 @@ from rich.console import Console
 
 from command_line import fails, icreckon_alone, results_in, succeeds
 from conftest import thorough
-from icreckon import EncoderSpec, FixSpec, Log, Scenario, load_robot, read_log, simulate
+from icreckon import VARIANTS, EncoderSpec, FixSpec, Log, Scenario, load_robot, read_log, simulate
 from icreckon.cli.main import COMMANDS, load
-from icreckon.estimator.robot.variants import VARIANTS
 from icreckon.report.replay.tables import results_table
 
 
@@ -230,22 +229,16 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
     fails("inspect", "folder", cwd=tmp_path)
     into_run = ("simulate", "--out", "run")
-    assert "'slalom'" in fails(*into_run, "--trajectory", "slalon", cwd=tmp_path)
-    assert "'nominal'" in fails(*into_run, "--noise", "nominel", cwd=tmp_path)
     assert "'mcap'" in fails(*into_run, "--format", "mcab", cwd=tmp_path)
     assert "'noise_density'" in fails(*into_run, "--set", "gyro.nois_density=1", cwd=tmp_path)
     assert "as gyro.noise_density=0.001" in fails(*into_run, "--set", "gyro", cwd=tmp_path)
-    assert "'hold'" in fails(*into_run, "--set", "trajectory_options.hodl=1", cwd=tmp_path)
     idle = fails(*into_run, "--set", "terrain.wavelength=5", cwd=tmp_path)
-    assert "[terrain] wavelength has no effect, the ground does not roll: give rolling_deg" in idle
+    assert "[terrain] wavelength has no effect" in idle
     assert "no such file" in fails(*into_run, "--scenario", "missing.toml", cwd=tmp_path)
-    assert "trajectory_file" in fails(*into_run, "--trajectory", "recorded", cwd=tmp_path)
     assert "as 100:300" in fails(*into_run, "--outage", "x", cwd=tmp_path)
     (tmp_path / "short.toml").write_text("outages = [[100, 200]]\n")
     words = ("--scenario", "short.toml", "--duration", 50)
     assert "command line over short.toml: an outage" in fails(*into_run, *words, cwd=tmp_path)
-    big = 99999999999999999999999
-    assert "seed must be a whole number" in fails(*into_run, "--seed", big, cwd=tmp_path)
     assert "recorded" not in fails("demo", "--trajectory", "foo", cwd=tmp_path)
     assert "no trajectory of a demo" in fails("demo", "--trajectory", "recorded", cwd=tmp_path)
     (tmp_path / "afile").write_text("a\n")
@@ -256,19 +249,12 @@ def test_errors_are_one_line_that_says_what_to_do(tmp_path: Path) -> None:
     ):
         assert "did not write" in fails(*words, "--overwrite", cwd=tmp_path)
     assert (tmp_path / "afile").read_text() == "a\n"
-    assert "duration" in fails(*into_run, "--duration", "-1", cwd=tmp_path)
     assert "'auriga-alpha'" in fails(*into_run, "--robot", "auriga", cwd=tmp_path)
     words = (*into_run, "--duration", 10)
     succeeds(*words, cwd=tmp_path)
     assert "--overwrite" in fails(*words, cwd=tmp_path)
-    assert "'inertia-online'" in fails(
-        "replay", "run", *robot, "--variants", "inertia-onlin", cwd=tmp_path
-    )
     assert "icreckon inspect run --write" in fails("replay", "run", cwd=tmp_path)
     assert "no part of a log" in fails("replay", "run", *robot, "--fixes", "x", cwd=tmp_path)
-    assert "imu_rate" in fails(*into_run, "--imu-rate", "1e9", "--overwrite", cwd=tmp_path)
-    (tmp_path / "typo.toml").write_text('name = "x"\n[vehicl]\nmass = 1.0\n')
-    assert "'vehicle'" in fails("replay", "run", "--robot", "typo.toml", cwd=tmp_path)
     assert not list(tmp_path.glob("icreckon-replay*")), "a failed command leaves nothing behind"
 
 
@@ -283,9 +269,6 @@ def test_the_module_is_the_command() -> None:
         [sys.executable, "-m", "icreckon", "--version"], capture_output=True, text=True, check=True
     )
     assert found.stdout.strip() == f"icreckon {version('icreckon')}"
-
-
-# --- ros2 node command ----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("words", [["--varient", "gyro"], ["-r", "/a:=/b"], ["robot.toml"]])

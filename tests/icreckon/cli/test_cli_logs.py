@@ -83,26 +83,12 @@ def test_a_type_of_ones_own(tmp_path: Path) -> None:
     succeeds("replay", bag, *files, *words, cwd=tmp_path)
 
 
-def test_a_table_without_a_column_map(log: Log, tmp_path: Path) -> None:
-    path = as_csv(log, tmp_path / "run.csv")
-    problem = fails("replay", path, "--robot", "auriga-alpha", cwd=tmp_path)
-    assert "[log.columns]" in problem
-    assert "its columns are time_ns, left_speed" in problem
-
-
 def test_replay_writes_the_smoothed_paths_beside_the_others(tmp_path: Path) -> None:
     words = ("--duration", 30, "--outage", "8:26", "--trajectory", "slalom", "--seed", 3)
     succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
-    words = (
-        "--robot",
-        "auriga-alpha",
-        "--variants",
-        "inertia-online",
-        "--smooth",
-        "--out",
-        "found",
-    )
-    done = succeeds("replay", "run", *words, cwd=tmp_path)
+    words = ("--robot", "auriga-alpha", "--variants", "inertia-online", "--smooth")
+    words = ("replay", "run", *words, "--out", "found")
+    done = succeeds(*words, cwd=tmp_path)
     assert " inertia-online-smoothed " in done.stdout
     assert "Warning" not in done.stderr
     results = results_in(tmp_path / "found")

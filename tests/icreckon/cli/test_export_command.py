@@ -9,15 +9,11 @@ import numpy as np
 import pytest
 
 from command_line import icreckon, succeeds
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon import EstimatorError, PoseEstimator, Scenario, load_robot, simulate
 from icreckon.estimator.embedded.c_filter import filter_in_c
 from icreckon.estimator.log.measurements import ImuSample, TrackSpeeds
 from icreckon.estimator.motion.lagged_index_model import LaggedIndexMotion
-from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.estimator.robot.variants import Variant
-from icreckon.estimator.streaming.pose_estimator import PoseEstimator
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.simulate import simulate
 from same_runs import ROBOT
 
 WORDS = ("export", "--robot", "auriga-alpha")
@@ -40,6 +36,12 @@ def built(cwd: Path, source: str, to: str) -> None:
         assert ran.returncode == 0, ran.stdout + ran.stderr
 
 
+def example(cwd: Path, lines: str) -> subprocess.CompletedProcess[str]:
+    """Run the exported program over lines of measurements."""
+    command = ["build/icreckon_example"]
+    return subprocess.run(command, cwd=cwd, input=lines, capture_output=True, text=True, check=True)
+
+
 @pytest.mark.parametrize("words", [["--precision", "double"], ["--compact"]])
 def test_a_folder_that_builds_and_passes_its_self_test(words: list[str], tmp_path: Path) -> None:
     done = succeeds(*WORDS, *words, "--out", "filter", cwd=tmp_path)
@@ -59,14 +61,7 @@ def test_a_folder_that_builds_and_passes_its_self_test(words: list[str], tmp_pat
     built(tmp_path, ".", "own")
     assert not list((tmp_path / "own").rglob("icreckon_example*"))
     lines = "tracks,1000000000,0.3,0.5\nimu,1010000000,0,0,0.2,0,0,9.81\nnonsense\n"
-    ran = subprocess.run(
-        ["build/icreckon_example"],
-        cwd=tmp_path,
-        input=lines,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    ran = example(tmp_path, lines)
     assert ran.stdout.startswith("stamp,x,y,yaw")
     assert "not read: nonsense" in ran.stderr
 
@@ -108,14 +103,7 @@ def test_the_example_takes_latencies_off_and_puts_samples_in_order(tmp_path: Pat
         estimator.feed(measurement)
         if isinstance(measurement, TrackSpeeds):
             poses.append(estimator.pose)
-    ran = subprocess.run(
-        ["build/icreckon_example"],
-        cwd=tmp_path,
-        input="".join(line for _, line in sorted(lines)),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    ran = example(tmp_path, "".join(line for _, line in sorted(lines)))
     assert ran.stderr == ""
     found = np.loadtxt(ran.stdout.splitlines(), delimiter=",", skiprows=1)[:, 1:4]
     np.testing.assert_allclose(found, poses, atol=2e-6)

@@ -4,7 +4,6 @@ import contextlib
 import errno
 import os
 import signal
-import subprocess
 import sys
 import time
 import warnings
@@ -21,11 +20,6 @@ from icreckon.cli.common.stopping import warned_in_one_line
 from icreckon.replay.base.outputs import is_being_written
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
-
-
-def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
-    """Start a command that writes to `out`, until it has begun to."""
-    return started(*words, "--out", "out", cwd=cwd, until=lambda: is_being_written(cwd / "out"))
 
 
 def living(session: int) -> list[int]:
@@ -51,7 +45,8 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 )
 def test_a_signal_leaves_one_line_and_nothing_else(bag, tmp_path, number, word, workers):
     """Ctrl-C reaches all processes of the terminal, SIGTERM the command alone."""
-    with begin("replay", bag, "--robot", "auriga-alpha", "--workers", workers, cwd=tmp_path) as one:
+    words = ("replay", bag, "--robot", "auriga-alpha", "--workers", workers, "--out", "out")
+    with started(*words, cwd=tmp_path, until=lambda: is_being_written(tmp_path / "out")) as one:
         time.sleep(1.5)
         if number is signal.SIGINT:
             os.killpg(one.pid, number)
@@ -66,15 +61,6 @@ def test_a_signal_leaves_one_line_and_nothing_else(bag, tmp_path, number, word, 
     while living(one.pid):
         assert time.monotonic() < deadline, "a process outlives the command"
         time.sleep(0.05)
-
-
-def test_what_a_kill_leaves_goes_with_the_next_run(tmp_path: Path) -> None:
-    with begin("simulate", "--duration", "1000", cwd=tmp_path) as one:
-        one.kill()
-        one.communicate()
-    assert [path.name[:5] for path in tmp_path.iterdir()] == [".out."]
-    succeeds("simulate", "--duration", "3", "--out", "out", cwd=tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import subprocess
 import time
 from pathlib import Path
 from typing import Any
@@ -32,18 +31,8 @@ gyro.factor = [1.0, 10.0]
 BLOCKS = 4
 
 
-def begin(*words: object, cwd: Path) -> subprocess.Popen[str]:
-    """A study in a session of its own, once its first block is there."""
-    return started("study", *words, cwd=cwd, until=lambda: finished_blocks(cwd))
-
-
 def finished_blocks(cwd: Path) -> int:
     return len(list((cwd / "icreckon-study" / "tiny" / "blocks").glob("*.npz")))
-
-
-def children(process: int) -> list[int]:
-    listed = Path(f"/proc/{process}/task/{process}/children")
-    return [int(word) for word in listed.read_text(encoding="utf-8").split()]
 
 
 def contents(cwd: Path) -> dict[str, bytes]:
@@ -81,8 +70,10 @@ def test_the_results_are_printed_as_json_on_demand(undisturbed: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for processes in /proc")
 def test_killed_it_loses_no_finished_block_and_comes_to_the_same(here, undisturbed):
-    process = begin("tiny.toml", "--workers", 1, cwd=here)
-    workers = children(process.pid)
+    words = ("study", "tiny.toml", "--workers", 1)
+    process = started(*words, cwd=here, until=lambda: finished_blocks(here))
+    listed = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="utf-8")
+    workers = [int(word) for word in listed.split()]
     process.kill()
     process.communicate()
     kept = finished_blocks(here)

@@ -29,9 +29,9 @@ def bag(log: Log, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_log(log, tmp_path_factory.mktemp("wander") / "bag", "mcap", ALPHA)
 
 
-def robot_file(folder: Path, keys: str, name: str = "robot.toml") -> Path:
+def robot_file(folder: Path, keys: str) -> Path:
     text = (ROBOTS_FOLDER / "auriga-alpha.toml").read_text(encoding="utf-8")
-    path = folder / name
+    path = folder / "robot.toml"
     assert text.count(TOPIC) == 1
     path.write_text(text.replace(TOPIC, TOPIC + keys), encoding="utf-8")
     return path

@@ -27,8 +27,8 @@ def verdict(best: str, percent: float) -> dict[str, Any]:
     }
 
 
-def scores(logs: int = 3) -> dict[str, Any]:
-    found: dict[str, Any] = {"logs": logs, "nees_pose_mean": 2.9, "nees_pose_poses": 100}
+def scores() -> dict[str, Any]:
+    found: dict[str, Any] = {"logs": 3, "nees_pose_mean": 2.9, "nees_pose_poses": 100}
     found |= {"nees_position_mean": None, "nees_position_poses": 0}
     for label in HORIZONS:
         found |= {f"drift_percent_{label}_mean": 1.5, f"drift_percent_{label}_95": [1.2, 1.9]}

@@ -515,9 +515,6 @@ def test_a_wheeled_robot_is_drawn_on_wheels(changed, points, contacts, length):
     assert drive["length"] == pytest.approx(length)
 
 
-# --- terms, constant parameters, rows --------------------------------------------------------------
-
-
 def test_each_term_is_explained_without_a_script(page: str) -> None:
     """A popover opens by a tap or a key, a title on hover; neither needs JavaScript."""
     for one in TERMS:

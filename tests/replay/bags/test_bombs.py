@@ -108,8 +108,6 @@ def test_a_table_of_very_many_columns_is_refused(tmp_path: Path) -> None:
     assert f"{path}: it has 10001 columns, and at most 10000 are read" in said
 
 
-# --- files that are compressed as a whole ----------------------------------------------------------
-
 ROBOT = robot_with(tracks=JOINTS)
 COUNT = 2000
 

@@ -124,8 +124,6 @@ def test_a_cut_file_inside_a_ros2_folder(robot: Robot, made: Log, tmp_path: Path
     assert len(read_log(folder, robot).tracks.stamps) == len(log.tracks.stamps)
 
 
-# --- damaged chunks --------------------------------------------------------------------------------
-
 ROBOT = robot_with(tracks=JOINTS)
 
 

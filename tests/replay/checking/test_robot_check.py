@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace as with_values
 
 from conftest import inspected, sample_log
-from icreckon import Log, ReplayError, Scenario, calibrate, compare, read_log, simulate
+from icreckon import Log, ReplayError, Scenario, calibrate, check_robot, compare, read_log, simulate
 from icreckon.estimator.base.errors import EstimatorError
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.failed_sensors import stuck_sides, turning_at
@@ -16,7 +16,6 @@ from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
-from icreckon.replay.checking.robot_check import check_robot
 from icreckon.replay.checking.worth import judged, worth_of
 from icreckon.replay.mapping import topics as mapping
 from icreckon.replay.mapping.topics import TopicMap
@@ -382,9 +381,6 @@ def test_speeds_that_the_filter_refuses_have_no_result_and_no_traceback(log: Log
         worth_of(wrong, ALPHA, check_robot(wrong, ALPHA))
     with pytest.raises(ReplayError, match=r"no track speeds were used: rejected .* absurdly fast"):
         compare(wrong, ALPHA, "gyro")
-
-
-# --- odometry that turns too far ------------------------------------------------------------------
 
 
 def test_both_report_the_jackal(data_dir: Path) -> None:

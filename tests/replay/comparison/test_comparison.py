@@ -106,9 +106,6 @@ def test_a_script_that_workers_cannot_import_ends_with_a_line(tmp_path: Path) ->
     assert 'needs `if __name__ == "__main__":`' in done.stderr.splitlines()[-1]
 
 
-# --- from code ------------------------------------------------------------------------------------
-
-
 @pytest.fixture(scope="module")
 def log() -> icreckon.Log:
     return simulate(Scenario(duration=60.0, fix_rate=1.0), icreckon.load_robot("auriga-alpha"))

@@ -13,9 +13,9 @@ from icreckon.replay.comparison.drift_table import horizon_labels, verdict
 SECOND = 10**9
 
 
-def straight(seconds: float, speed: float, bend: float = 0.0, rate: float = 10.0) -> PoseSeries:
+def straight(seconds: float, speed: float, bend: float = 0.0) -> PoseSeries:
     """Straight ahead at a speed, or with a yaw rate in rad/s."""
-    t = np.arange(0.0, seconds, 1.0 / rate)
+    t = np.arange(0.0, seconds, 0.1)
     if bend:
         x, y = speed / bend * np.sin(bend * t), speed / bend * (1.0 - np.cos(bend * t))
     else:
@@ -117,10 +117,10 @@ def test_pairing_keeps_the_segments_that_all_have_and_in_which_it_moved() -> Non
     assert paired.block == pytest.approx(10, abs=1)
 
 
-def pairs(errors: dict[str, float], count: int = 300, noise: float = 0.1) -> dict[str, PairedDrift]:
+def pairs(errors: dict[str, float]) -> dict[str, PairedDrift]:
     rng = np.random.default_rng(2)
-    rows = [value * (1.0 + noise * rng.normal(size=count)) for value in errors.values()]
-    one = PairedDrift(tuple(errors), np.array(rows), np.full(count, 10.0), 20)
+    rows = [value * (1.0 + 0.1 * rng.normal(size=300)) for value in errors.values()]
+    one = PairedDrift(tuple(errors), np.array(rows), np.full(300, 10.0), 20)
     return dict.fromkeys(horizon_labels(), one)
 
 

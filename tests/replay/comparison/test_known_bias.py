@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from conftest import sample_log
-from icreckon import Comparison, Log, Scenario, compare, compare_many, read_log
+from icreckon import Comparison, Log, Scenario, compare, compare_many, read_log, summarise
 from icreckon.estimator.robot.robot_file import Robot, changed_robot, load_robot
-from icreckon.replay.comparison.results import summarise
 from icreckon.report.replay.page_text import headline
 from icreckon.simulation.simulate import run_scenario
 

@@ -119,9 +119,6 @@ def test_segments_of_two_runs_are_matched_by_their_time_in_the_log() -> None:
         assert not len(matched_drifts(nothing, one)[1].starts)
 
 
-# --- labels ----------------------------------------------------------------------------------------
-
-
 def test_labels_are_unique_names_of_folders(tmp_path: Path) -> None:
     assert unique(["a", "A", "a-2", "page.html"], ["page.html"]) == [
         "a",

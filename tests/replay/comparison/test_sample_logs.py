@@ -88,8 +88,6 @@ def test_gyro_bias_and_track_are_found_while_driving(eta0, variant, data_dir):
     assert tracks[-1] == pytest.approx(0.98, rel=0.06)
 
 
-# --- against the baseline of benchmarks/accuracy.py ------------------------------------------------
-
 BASELINE = REPOSITORY / "benchmarks" / "accuracy.json"
 VARIANTS = ("constant-online", "inertia-online")
 # One of two robots: all of them take minutes, `python benchmarks/accuracy.py DATA --check` does that.

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from icreckon import Log, Run, Scenario, Terrain, compare, read_log, simulate, summarise
+from icreckon import Log, Run, Scenario, Terrain, compare, read_log, simulate, summarise, write_log
 from icreckon.estimator.log.scores import path_length
 from icreckon.estimator.log.series import PoseSeries
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.replay.comparison.scores import truths_of
 from icreckon.replay.comparison.truth_level import levelled, spatial_scores
-from icreckon.replay.export.log_bag import write_log
 
 ROBOT, VARIANT = load_robot("warthog"), "inertia-online"
 
@@ -56,7 +55,6 @@ def test_a_map_that_is_not_level_is_turned_to_gravity() -> None:
 
 def test_a_tilt_of_its_axes_in_the_robot_is_no_error_of_the_attitude() -> None:
     truth = hills().truth
-    assert truth is not None
     path = reckoned().trajectory
     found = [
         spatial_scores(path, levelled(off, path)[0], [])

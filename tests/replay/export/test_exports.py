@@ -43,9 +43,6 @@ def one(comparison: Comparison) -> Run:
     return comparison.runs["inertia-online"]
 
 
-# --- names of formats ----------------------------------------------------------------------------
-
-
 def test_formats_are_named_in_any_order_and_case() -> None:
     assert parse_formats(None) == DEFAULT_FORMATS == ("tum", "mcap")
     assert parse_formats(" ROS1 ,tum,tum") == ("tum", "ros1")
@@ -65,16 +62,8 @@ def test_a_misspelt_format_is_refused(text: str, told: str) -> None:
 def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(tmp_path):
     words = ("--duration", 20, "--outage", "5:20", "--seed", 3)
     succeeds("simulate", "--out", "run", *words, cwd=tmp_path)
-    words = [
-        "replay",
-        "run",
-        "--robot",
-        "auriga-alpha",
-        "--variants",
-        "constant-online",
-        "--out",
-        "a",
-    ]
+    words = ("--robot", "auriga-alpha", "--variants", "constant-online", "--out", "a")
+    words = ("replay", "run", *words)
     assert "did you mean 'kitti'" in fails(*words, "--formats", "tum,kity", cwd=tmp_path)
     assert not (tmp_path / "a").exists()
     done = succeeds(*words, "--formats", "ros1,kitti,csv", cwd=tmp_path)
@@ -88,9 +77,6 @@ def test_the_command_writes_what_is_asked_for_and_refuses_what_it_does_not_know(
             for form in ("kitti", "times", "csv")
         ),
     }
-
-
-# --- trajectories --------------------------------------------------------------------------------
 
 
 def test_kitti_has_twelve_numbers_a_row_and_its_times_beside(tmp_path: Path, one: Run) -> None:
@@ -108,9 +94,6 @@ def test_kitti_has_twelve_numbers_a_row_and_its_times_beside(tmp_path: Path, one
     assert [int(line.replace(".", "")) for line in lines] == one.stamps.tolist()
     with pytest.raises(ReplayError, match="--overwrite"):
         write_kitti(path, one.trajectory.pose_series)
-
-
-# --- tables --------------------------------------------------------------------------------------
 
 
 def test_parquet_holds_all_of_a_run(tmp_path: Path, one: Run, robot: Robot) -> None:
@@ -312,9 +295,6 @@ def test_what_cannot_be_stamped_is_refused(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-# --- other programs ------------------------------------------------------------------------------
-
-
 def test_rosbags_reads_the_ros1_bag(tmp_path: Path, comparison: Comparison, robot: Robot) -> None:
     path = write_replay_bag(tmp_path / "o.bag", "ros1", comparison, robot)
     with Ros1Reader(path) as reader:
@@ -368,8 +348,6 @@ def test_evo_reads_the_trajectories(evo: Path, tmp_path: Path, comparison: Compa
     assert said["rmse"] == pytest.approx(np.sqrt((error**2).mean()), abs=0.005)
     assert said["max"] == pytest.approx(error.max(), abs=0.01)
 
-
-# --- trajectories as text --------------------------------------------------------------------------
 
 STAMPS = np.array([-1_500_000_001, 0, 1, 1_700_000_000_123_456_789, 2**62], dtype=np.int64)
 

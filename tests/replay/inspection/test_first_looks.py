@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_inspection import driven_log, proposed
 
-from conftest import inspected, sample_log
+from conftest import inspected, sample_log, thorough
 from icreckon import Comparison, HeadingFix, Log, compare, drift, inspect, read_log, write_log
 from icreckon.estimator.log.series import FixSeries, ImuSeries, PoseSeries, TrackSpeedSeries, Truth
 from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
@@ -274,18 +274,9 @@ NOT_IN_THE_LOG: dict[str, tuple[float, float] | str] = {
     "warthog_grass_2024_8_8_16h11s19": (0.286, 1.08),
 }
 
-# Logs whose track speeds are repeated until the next.
-
-# The others are for `-m thorough`.
-FEW = ("jackal_test2.bag",)
-
 
 @pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=() if name in FEW else pytest.mark.thorough)
-        for name in NOT_IN_THE_LOG
-    ],
+    "name", [name if name == "jackal_test2.bag" else thorough(name) for name in NOT_IN_THE_LOG]
 )
 def test_a_proposed_robot_file_needs_no_more_than_what_no_log_can_tell(data_dir, tmp_path, name):
     known, mass, shipped = NOT_IN_THE_LOG[name], 50.0, None

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 from conftest import inspected, make_log, sample_log
-from icreckon import EstimatorError, Inspection, Log, inspect, write_log
+from icreckon import EstimatorError, Inspection, Log, Robot, Vehicle, inspect, load_robot, write_log
 from icreckon.estimator.base.frames import rpy_to_matrix
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import Robot, Vehicle, load_robot
 from icreckon.replay.inspection.guess_topics import sides
 from icreckon.replay.inspection.imu_mounting import estimate_mounting
 from icreckon.replay.mapping.topics import TopicMap, topic_map

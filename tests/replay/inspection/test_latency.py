@@ -9,7 +9,6 @@ from msgspec import structs
 
 from conftest import inspected, make_log, sample_log
 from icreckon import ReplayError, Robot, compare, drift, load_robot, read_log, write_log
-from icreckon.estimator.log.lag import Lag
 from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.replay.inspection.latency import objection, track_latency
 from icreckon.replay.mapping.topics import topic_map, writable_topics
@@ -17,20 +16,20 @@ from icreckon.replay.mapping.topics import topic_map, writable_topics
 RATE = 100.0
 
 
-def turning(seconds: float = 120.0, *, late: float = 0.0, every: float = 0.05, noise: float = 0.01):
+def turning(*, late: float):
     """Tracks that are late by so much, a gyro that is not, and the turning itself."""
     rng = np.random.default_rng(1)
-    knots = np.arange(-5.0, seconds + 5.0, 2.0)
+    knots = np.arange(-5.0, 125.0, 2.0)
     rates = rng.normal(0.0, 0.6, len(knots))
 
     def yaw_rate(t):
         return np.interp(t, knots, rates)
 
-    imu = np.arange(0.0, seconds, 1.0 / RATE)
-    vertical = yaw_rate(imu - 0.5 / RATE) + noise * rng.standard_normal(len(imu)) + 0.02
-    times = np.arange(0.0, seconds, every)
+    imu = np.arange(0.0, 120.0, 1.0 / RATE)
+    vertical = yaw_rate(imu - 0.5 / RATE) + 0.01 * rng.standard_normal(len(imu)) + 0.02
+    times = np.arange(0.0, 120.0, 0.05)
     # A value is the mean since the one before, so that it is right in the middle of that time.
-    shown = yaw_rate(times - late - 0.5 * every)
+    shown = yaw_rate(times - late - 0.025)
     speeds = np.column_stack([0.5 - 0.4 * shown, 0.5 + 0.4 * shown])
     stamps = (imu * 1e9).astype(np.int64)
     tracks = TrackSpeedSeries((times * 1e9).astype(np.int64), speeds)
@@ -40,7 +39,6 @@ def turning(seconds: float = 120.0, *, late: float = 0.0, every: float = 0.05, n
 @pytest.mark.parametrize("late", [-0.2, 0.0, 0.07, 0.21, 0.6])
 def test_the_latency_of_tracks_is_found(late: float) -> None:
     found = track_latency(*turning(late=late))
-    assert isinstance(found, Lag)
     assert found.seconds == pytest.approx(late, abs=0.004)
     assert found.sigma < 0.005
     assert (not objection(found)) == (abs(late) > 0.03)
@@ -49,7 +47,6 @@ def test_the_latency_of_tracks_is_found(late: float) -> None:
 def test_scale_and_bias_are_no_latency() -> None:
     tracks, imu, vertical = turning(late=0.1)
     scaled = track_latency(replace(tracks, speeds=7.0 * tracks.speeds), imu, 0.8 * vertical + 0.1)
-    assert isinstance(scaled, Lag)
     assert scaled.seconds == pytest.approx(0.1, abs=0.004)
 
 

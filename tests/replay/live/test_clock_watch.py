@@ -1,7 +1,5 @@
 """Clocks that are set forward while the robot drives: the pose goes on, and no years pass."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable
 from copy import deepcopy
 from pathlib import Path

@@ -12,8 +12,7 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from conftest import simulated
-from icreckon import Log, Robot, Settings, read_log, run
-from icreckon.estimator.base.errors import EstimatorError
+from icreckon import EstimatorError, Log, Robot, Settings, read_log, run
 from icreckon.estimator.base.frames import relative, wrap_angle
 from icreckon.estimator.log.scores import interpolate_poses
 from icreckon.estimator.streaming.save import VERSION

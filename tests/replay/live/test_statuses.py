@@ -53,9 +53,6 @@ def test_messages_that_cannot_be_used_are_reported_once() -> None:
     assert statuses._messages().level == OK
 
 
-# --- silence --------------------------------------------------------------------------------------
-
-
 JOINTS, IMU = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu"
 
 

@@ -81,19 +81,6 @@ def test_the_faults_in_a_real_log(data_dir: Path, tmp_path: Path) -> None:
     assert all(one.share < 1.0 for one in found.values())
 
 
-def test_steps_of_a_clock_are_taken_out() -> None:
-    recorded = np.arange(1000, dtype=np.int64) * 10_000_000 + 10**15
-    stamped = recorded - 3_000_000
-    stepped = stamped.copy()
-    stepped[400:] += 5 * SECOND
-    stepped[700:] -= 8 * SECOND
-    stepped[100] -= 30 * SECOND  # one wrong stamp is no step
-    found, steps = without_steps(stepped, recorded)
-    good = np.arange(1000) != 100
-    assert (found[good] == stamped[good]).all()
-    assert [(place, round(step)) for place, step in steps] == [(400, 5), (700, -8)]
-
-
 def test_a_recorder_that_stalls_is_no_step() -> None:
     stamped = np.arange(1000, dtype=np.int64) * 10_000_000
     recorded = stamped + 2_000_000

@@ -1,7 +1,5 @@
 """Wheels of a side: their mean, and a note and their speeds if they disagree."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -6,11 +6,9 @@ import pytest
 from scipy.optimize import root
 
 from forces_of_tracks import steady_balance
+from icreckon import SimulationError, Soil, load_robot
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.soil import Soil
 from icreckon.estimator.robot.variants import coulomb_gains
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.contact import steady_state
 from icreckon.simulation.contact.contact import Body, Contact, ContactGeometry, equally_spaced
 from icreckon.simulation.contact.of_robot import contact_of
@@ -83,27 +81,6 @@ def test_a_symmetric_vehicle_spins_on_the_spot(speed):
     assert abs(motion.twist.w) < abs(speed) / 0.21
 
 
-def test_agreement_with_scipy():
-    rng = np.random.default_rng(5)
-    V = rng.uniform(-1.0, 1.0, (2, 60))
-    ours = solve_steady(V[0], V[1], PAPER)
-    agreed = 0
-    for k, (left, right) in enumerate(V.T):
-
-        def balance(twist, left=left, right=right):
-            at = PaperTwist(*twist[:, None])
-            wrench = steady_balance(at, np.array([left]), np.array([right]), PAPER)
-            return wrench.values[:, 0] / BODY.weight, wrench.jacobian[:, :, 0] / BODY.weight
-
-        w = (right - left) / 1.05
-        found = root(balance, [0.04 * w, 0.5 * (left + right), w], jac=True, tol=1e-13)
-        if np.abs(found.fun).max() < CONVERGED:
-            agreed += 1
-            expected = [part[k] for part in ours.twist]
-            np.testing.assert_allclose(found.x, expected, atol=1e-9)
-    assert agreed > 50
-
-
 def test_rolling_resistance_parts_left_from_right_turns():
     # Design, section 3: at 0.5 m/s the eccentricity jumps with the sign of a gentle turn.
     motion = solve_steady(0.5 + np.array([0.01, -0.01]), 0.5 - np.array([0.01, -0.01]), PAPER)
@@ -123,9 +100,6 @@ def test_what_does_not_converge_is_named(monkeypatch):
     assert not motion.converged.all()
     np.testing.assert_array_equal(motion.converged, motion.residual <= CONVERGED)
     assert np.isfinite(np.stack(motion.twist)).all()
-
-
-# --- coulomb gains --------------------------------------------------------------------------------
 
 
 ALPHA = load_robot("auriga-alpha")

@@ -6,9 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon.estimator.log.series import TrackSpeedSeries
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.simulation.base.errors import SimulationError
+from icreckon import SimulationError, TrackSpeedSeries, load_robot
 from icreckon.simulation.drives.drives import TRAJECTORIES, arcs, figure_eight, spin
 from icreckon.simulation.drives.recorded import read_recording
 from icreckon.simulation.drives.smooth_speeds import ACCELERATION, STANDSTILL, blend_duration
@@ -142,16 +140,11 @@ def test_figure_eight_turns_full_circles_for_constant_indices():
     assert (np.sign(lobes[1:]) == -np.sign(lobes[:-1])).all()
 
 
-def radius(speeds):
-    """Radius of the centre's path for constant indices [m], left positive."""
-    left, right = speeds.T
-    gauge = ALPHA.vehicle.track_gauge * ALPHA.indices.eta0
-    return 0.5 * (left + right) * gauge / (right - left)
-
-
 def test_arcs_have_radii_of_their_range_to_both_sides():
     command = arcs(3000.0, ALPHA, np.random.default_rng(1), tightest=0.5, widest=5.0)
-    radii = radius(command.targets)
+    left, right = command.targets.T
+    # Of the centre's path for constant indices, left positive.
+    radii = 0.5 * (left + right) * ALPHA.vehicle.track_gauge * ALPHA.indices.eta0 / (right - left)
     assert (np.abs(radii) >= 0.5 - 1e-9).all()
     assert (np.abs(radii) <= 5.0 + 1e-9).all()
     # Evenly in the logarithm, and to either side.

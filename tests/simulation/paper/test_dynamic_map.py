@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
+from icreckon import SimulationError, Soil
 from icreckon.estimator.motion.icr import PaperTwist
-from icreckon.estimator.motion.index_model import VehicleConstants, solve
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.soil import Soil
-from icreckon.simulation.base.errors import SimulationError
+from icreckon.estimator.motion.index_model import VehicleConstants
 from icreckon.simulation.contact.contact import Body, Contact, equally_spaced
 from icreckon.simulation.contact.steady_state import SteadyMotion, solve_steady, track_speed_grid
 from icreckon.simulation.paper.dynamic_map import DynamicMap, map_of, on_spot_line
@@ -80,14 +78,6 @@ def test_the_line_of_least_inertia_goes_through_on_spot_turns(mapped):
     on, off = (solve_steady(-ratio * V_r, V_r, AURIGA).twist for ratio in (H, H + 0.1))
     forward_on, forward_off = (np.abs(t.v_y + VEHICLE.x_CM * t.w) for t in (on, off))
     assert (forward_on < 0.25 * forward_off).all()
-
-
-def test_the_fit_recovers_the_parameters_of_its_own_model():
-    known = load_robot("auriga-alpha").indices
-    V_l, V_r = track_speed_grid()
-    twist = solve(V_l, V_r, known.as_array(), VEHICLE, form="literal").twist
-    fitted = read_parameters(made(twist, V_l, V_r), PLAIN, H=known.H)
-    np.testing.assert_allclose(fitted.as_array(), known.as_array(), rtol=1e-7)
 
 
 def test_the_reading_chooses_what_enters(mapped):

@@ -7,22 +7,10 @@ import pytest
 from icreckon.estimator.robot.robot_file import load_robot
 from icreckon.simulation.paper.published import (
     AURIGA_ALPHA,
-    PUBLISHED,
-    READ_OFF,
     published,
     published_mean_icrs,
     published_parameters,
 )
-
-
-def test_there_are_seventeen_printed_numbers_and_one_that_is_read_off() -> None:
-    assert len(PUBLISHED) == 17
-    assert not any(number.read_off for number in PUBLISHED)
-    assert [number.name for number in READ_OFF] == ["largest_eta"]
-    assert all(number.read_off for number in READ_OFF)
-    names = [number.name for number in (*PUBLISHED, *READ_OFF)]
-    assert len(set(names)) == len(names)
-    assert all(number.where for number in PUBLISHED)
 
 
 def test_they_are_those_of_the_robot_file() -> None:

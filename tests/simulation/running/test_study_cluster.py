@@ -4,24 +4,17 @@ import os
 import signal
 from concurrent.futures import ThreadPoolExecutor
 
+import msgspec
 import pytest
 from test_study_runner import contents
 
+import study_stub
 from icreckon.report.study.folder import run_study
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.study.plan import Study, Sweep
 
 distributed = pytest.importorskip("distributed", reason="needs the extra cluster")
 
-STUDY = Study(
-    name="tiny",
-    scenario=Scenario(duration=10.0, outages=((5.0, 10.0),)),
-    variants=("constant-online", "inertia-online"),
-    sweep=Sweep(grid={"gyro.factor": [1.0, 10.0]}),
-    runs=12,
-    truths=4,
-    horizons=(4.0,),
-    engine="streaming",
+STUDY = msgspec.structs.replace(
+    study_stub.STUDY, runs=12, truths=4, horizons=(4.0,), engine="streaming"
 )
 
 

@@ -5,14 +5,11 @@ import numpy as np
 import pytest
 
 from conftest import thorough
+from icreckon import EncoderSpec, FixSpec, Scenario, Study, Terrain
 from icreckon.simulation.running import batch_engine as study_batch
 from icreckon.simulation.running import streaming_engine as study_streaming
 from icreckon.simulation.running.engines import choose_engine
-from icreckon.simulation.scenario import Scenario
-from icreckon.simulation.sensors.specs import EncoderSpec, FixSpec
 from icreckon.simulation.study.cells import Plan, expand
-from icreckon.simulation.study.plan import Study
-from icreckon.simulation.truth.terrain import Terrain
 
 VARIANTS = ("constant-online", "inertia-online")
 

@@ -10,26 +10,14 @@ import pytest
 
 import study_stub
 from command_line import blank
-from icreckon.report.study.folder import run_study
-from icreckon.simulation.base.errors import SimulationError
+from icreckon import SimulationError, run_study
 from icreckon.simulation.running import engines as study_engines
 from icreckon.simulation.running.engines import Engine
 from icreckon.simulation.running.runner import MOST_TRIES
 from icreckon.simulation.running.store import jobs_of
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.study.cells import expand
-from icreckon.simulation.study.plan import Study, Sweep
+from study_stub import STUDY
 
-STUDY = Study(
-    name="tiny",
-    scenario=Scenario(duration=10.0, outages=((5.0, 10.0),)),
-    variants=("constant-online", "inertia-online"),
-    sweep=Sweep(grid={"gyro.factor": [1.0, 10.0]}),
-    runs=10,
-    truths=5,
-    horizons=(5.0,),
-    engine="stub",
-)
 REAL = msgspec.structs.replace(STUDY, runs=4, truths=2, engine="streaming")
 
 

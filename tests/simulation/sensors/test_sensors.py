@@ -6,17 +6,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from icreckon.estimator.robot.robot_file import Indices, Slip, load_robot
-from icreckon.simulation.base.errors import SimulationError
+from icreckon import EncoderSpec, FixSpec, Indices, InertialSpec, SimulationError, Slip, load_robot
 from icreckon.simulation.base.sampling import EPOCH, sample_times, to_stamps
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.sensors.encoders import DROPOUT_READINGS, STANDING, EncoderErrors
 from icreckon.simulation.sensors.fixes import FixErrors, with_fix_errors
 from icreckon.simulation.sensors.imu import InertialErrors, specific_forces
 from icreckon.simulation.sensors.specs import (
-    EncoderSpec,
-    FixSpec,
-    InertialSpec,
     accelerometer_errors,
     encoder_errors,
     fix_errors,
@@ -40,25 +36,26 @@ def rng(seed=0):
     return np.random.default_rng(seed)
 
 
-def circle(duration=10.0, left=0.3, right=0.6, robot=IDEAL):
+@cache
+def circle(duration=10.0):
     def command(times):
-        return np.tile([left, right], (len(times), 1)).astype(float)
+        return np.tile([0.3, 0.6], (len(times), 1))
 
-    return EXACT.run(command, duration, robot, rng(), rate=200.0)
+    return EXACT.run(command, duration, IDEAL, rng(), rate=200.0)
 
 
-def imu(motion, robot, duration=10.0, rate=100.0, gyro=SILENT, accelerometer=SILENT, seed=0):
-    times = sample_times(duration, rate)
-    return read_imu(motion, times, rate, robot, gyro, accelerometer, rng(seed), rng(seed + 1))
+def imu(motion, robot, duration=10.0, gyro=SILENT, accelerometer=SILENT, seed=0):
+    times = sample_times(duration, 100.0)
+    return read_imu(motion, times, 100.0, robot, gyro, accelerometer, rng(seed), rng(seed + 1))
 
 
 def mounted(**values):
     return msgspec.structs.replace(IDEAL, imu=msgspec.structs.replace(IDEAL.imu, **values))
 
 
-def sample_band(count, sigmas=5.0):
+def sample_band(count):
     """Band of a sample variance over the true one: chi-square of so many, as a normal."""
-    return sigmas * np.sqrt(2.0 / count)
+    return 5.0 * np.sqrt(2.0 / count)
 
 
 @pytest.mark.parametrize("rate", [50.0, 200.0])
@@ -226,12 +223,9 @@ def test_bad_figures_are_refused(make, message):
 # Encoders that count, differ, and drop out.
 
 
-def driven(name="aggressive", duration=60.0, seed=4):
-    command = make_trajectory(name, duration, ALPHA, rng(seed))
-    return EXACT.run(command, duration, ALPHA, rng(), rate=200.0)
-
-
-DRIVEN = driven()
+DRIVEN = EXACT.run(
+    make_trajectory("aggressive", 60.0, ALPHA, rng(4)), 60.0, ALPHA, rng(), rate=200.0
+)
 
 
 @settings(max_examples=30)
@@ -271,13 +265,8 @@ def test_the_difference_of_scales_is_left_less_right_and_keeps_the_mean():
 
 
 @cache
-def driven_for_hours():
-    return circle(7200.0)
-
-
-@cache
 def dropped(reads, **values):
-    motion, duration = driven_for_hours(), 7200.0
+    motion, duration = circle(7200.0), 7200.0
     values = {"dropouts_per_hour": 120.0, "dropout_duration": 2.0} | values
     times = sample_times(duration, 10.0)
     errors = EncoderErrors(speed_noise_density=1e-3, dropout_reads=reads, **values)

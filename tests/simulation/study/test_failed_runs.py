@@ -12,30 +12,18 @@ from pyarrow import parquet
 
 import study_stub
 from command_line import blank
+from icreckon import SimulationError, run_study
 from icreckon.cli.study import command
 from icreckon.estimator.batch.runs import Worked
-from icreckon.report.study.folder import run_study
 from icreckon.report.study.text import failures, headline, summary_tables
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running import batch_engine as study_batch
 from icreckon.simulation.running import engines as study_engines
 from icreckon.simulation.running.engines import Engine
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.study.cells import Cell, Filter
 from icreckon.simulation.study.failures import RunScores
-from icreckon.simulation.study.plan import Study, Sweep
 from icreckon.simulation.study.statistics import statistics
 
-STUDY = Study(
-    name="tiny",
-    scenario=Scenario(duration=10.0, outages=((5.0, 10.0),)),
-    variants=("constant-online", "inertia-online"),
-    sweep=Sweep(grid={"gyro.factor": [1.0, 10.0]}),
-    runs=4,
-    truths=2,
-    horizons=(5.0,),
-    engine="stub",
-)
+STUDY = msgspec.structs.replace(study_stub.STUDY, runs=4, truths=2)
 NAMES = [one.name for one in statistics(STUDY.horizons)]
 LOST = 7.0  # s
 

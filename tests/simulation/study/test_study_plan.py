@@ -7,9 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from icreckon.estimator.base.errors import IcreckonError
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.estimator.robot.settings import FixWander
+from icreckon import FixSpec, FixWander, IcreckonError, Terrain, load_robot, simulate
 from icreckon.report.study.folder import PAGE
 from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.running.engines import choose_engine
@@ -17,8 +15,6 @@ from icreckon.simulation.running.run_study import RESULTS_PARQUET, RUNS_PARQUET
 from icreckon.simulation.running.store import MANIFEST, RESULTS
 from icreckon.simulation.running.streaming_engine import block, study_log
 from icreckon.simulation.scenario import Scenario, change_scenario
-from icreckon.simulation.sensors.specs import FixSpec
-from icreckon.simulation.simulate import simulate
 from icreckon.simulation.study.cells import expand
 from icreckon.simulation.study.plan import (
     FilterSpec,
@@ -30,7 +26,6 @@ from icreckon.simulation.study.plan import (
 )
 from icreckon.simulation.study.statistics import statistics
 from icreckon.simulation.study.summary import COLUMNS
-from icreckon.simulation.truth.terrain import Terrain
 from readme import ROOT, code_blocks
 
 SHORT = Scenario(duration=10.0)

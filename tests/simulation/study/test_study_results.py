@@ -13,8 +13,8 @@ from scipy import stats
 
 import study_stub
 from command_line import blank
-from icreckon.estimator.log.scores import drift, pose_nees, velocity_errors, without_fixes
-from icreckon.estimator.streaming.run import run
+from icreckon import Scenario, Study, Sweep, drift, pose_nees, run, velocity_errors
+from icreckon.estimator.log.scores import without_fixes
 from icreckon.report.study import figures as study_drawings
 from icreckon.report.study.figures import study_figures
 from icreckon.report.study.folder import study_page
@@ -22,9 +22,8 @@ from icreckon.report.study.text import headline, notes, same_results, summary_ta
 from icreckon.simulation.running.engines import ENGINES
 from icreckon.simulation.running.manifest import as_json, manifest
 from icreckon.simulation.running.streaming_engine import study_log
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.study.cells import expand
-from icreckon.simulation.study.plan import LatinHypercube, Study, Sweep
+from icreckon.simulation.study.plan import LatinHypercube
 from icreckon.simulation.study.results import Runs, cell_summaries, groups_of, study_results
 from icreckon.simulation.study.statistics import run_statistics, statistics
 from icreckon.simulation.study.summary import mean_interval, ratio_interval, summarise

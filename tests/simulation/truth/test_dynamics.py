@@ -8,10 +8,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from forces_of_tracks import track_forces
+from icreckon import Patch, Payload, SimulationError, Soil, load_robot
 from icreckon.estimator.motion.icr import GRAVITY, PaperTwist
-from icreckon.estimator.robot.robot_file import LOAD_LAG, load_robot
-from icreckon.estimator.robot.soil import Soil
-from icreckon.simulation.base.errors import SimulationError
+from icreckon.estimator.robot.robot_file import LOAD_LAG
 from icreckon.simulation.contact.contact import (
     Body,
     Contact,
@@ -24,7 +23,6 @@ from icreckon.simulation.contact.of_robot import contact_of
 from icreckon.simulation.contact.steady_state import solve_steady
 from icreckon.simulation.drives.trajectories import make_trajectory
 from icreckon.simulation.truth.friction import FrictionTruth, draw_contact, drive, follow
-from icreckon.simulation.truth.terrain import Patch, Payload
 
 GEOMETRY = equally_spaced(0.42, 0.4, 5)
 BODY = Body(258.0, -0.015, 0.04, 0.3)

@@ -10,17 +10,15 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from icreckon import Patch, Scenario, SimulationError, Terrain, load_robot
 from icreckon.estimator.base.frames import wrap_angle
 from icreckon.estimator.motion.icr import GRAVITY
-from icreckon.estimator.robot.robot_file import load_robot
-from icreckon.simulation.base.errors import SimulationError
 from icreckon.simulation.base.sampling import sample_times
-from icreckon.simulation.scenario import Scenario
 from icreckon.simulation.sensors.imu import angular_velocities, specific_forces
 from icreckon.simulation.simulate import Simulation, run_scenario
 from icreckon.simulation.truth.friction import on_surface
 from icreckon.simulation.truth.surface_kernel import Surface, gradient, height
-from icreckon.simulation.truth.terrain import Patch, Terrain, draw_surface
+from icreckon.simulation.truth.terrain import draw_surface
 from icreckon.simulation.truth.true_motion import TrueMotion, true_motion
 
 ALPHA = load_robot("auriga-alpha")
@@ -45,8 +43,8 @@ def run(terrain: Terrain, **changes: Any) -> Simulation:
     return run_scenario(msgspec.structs.replace(EXACT, terrain=terrain, **changes), ALPHA)
 
 
-def varied(seconds: float = 30.0) -> TrueMotion:
-    t = np.arange(0.0, seconds + 0.5 * STEP, STEP)
+def varied() -> TrueMotion:
+    t = np.arange(0.0, 30.0 + 0.5 * STEP, STEP)
     return true_motion(1.0 / STEP, twists_at(t), np.zeros((len(t), 2)), "made")
 
 
@@ -203,7 +201,6 @@ def test_a_kerb_pitches_the_vehicle_up_for_about_its_length() -> None:
     motion = run(terrain, trajectory="straight", duration=25.0).motion
     pitch = motion.attitudes_at(np.arange(len(motion.poses)) / motion.rate)[:, 1]
     heights = motion.heights
-    assert heights is not None
     assert np.ptp(heights) == pytest.approx(0.08, abs=1e-4)
     # Nose up is a negative pitch, as in tf.
     steepest = np.degrees(np.arctan(2.0 * 0.08 / LENGTH))
