@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import faulty_drives
-from faulty_drives import BEGINS, imu_of, with_free_track, with_free_wheel, with_rates, with_tracks
+from faulty_drives import BEGINS, with_free_track, with_free_wheel, with_rates, with_tracks
 from icreckon.estimator.filter.fault_table import FAULT_COLUMNS, Finding
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.robot.robot_file import Robot
@@ -42,7 +42,7 @@ def with_frozen_gyro(log: Log) -> Log:
 
 
 def without_imu(log: Log) -> Log:
-    imu = imu_of(log)
+    imu = log.imu
     kept = (imu.stamps - log.start) * 1e-9 < BEGINS
     return replace(
         log,
