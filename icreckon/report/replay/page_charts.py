@@ -23,7 +23,7 @@ from icreckon.replay.base.units import unit
 from icreckon.replay.comparison.plot_series import LONGEST_BRIDGE
 from icreckon.replay.comparison.results import Results
 from icreckon.report.replay.page_drive import drive_data, floats, known, listed
-from icreckon.report.replay.page_text import has_yaw_errors
+from icreckon.report.replay.page_text import found_faults, has_yaw_errors
 
 TRUTH, FIXES = "ground truth", "fixes used"
 # Variants shown when the page opens, next to the best and the baseline.
@@ -273,7 +273,10 @@ def _input_charts(results: Results, columns: dict[str, Numbers]) -> list[Chart]:
 
     Adds the column "inputs/tracks_rad_s".
     """
-    common: Chart = {"place": "inputs", "least": 1e-3}
+    name, faults = found_faults(results)
+    spans = [span for found in faults.values() for span in found]
+    note = f"Yellow: faults found by the variant {name}, see What was dropped." if spans else ""
+    common: Chart = {"place": "inputs", "least": 1e-3, "spans": spans, "note": note}
     speeds = common | {"title": "Track speeds, as measured", "y_label": "speed [m/s]"}
     speeds["lines"] = [
         _labelled("left track", "inputs/left_m_s", LEFT_COLOUR),

@@ -382,20 +382,24 @@ FAULT_TEXTS = {
 }
 
 
+def found_faults(results: Results) -> tuple[str, dict[str, list[list[float]]]]:
+    """Best variant, else the last one, and the spans [s] of the faults that it found."""
+    variants, verdict = filtered(results), results["verdict"]
+    name = verdict["best"] if verdict else [*variants, ""][-1]
+    return name, variants[name]["fault_spans_s"] if name in variants else {}
+
+
 def fault_lines(results: Results) -> list[str]:
     """Faults that the best variant found: how often, how long and when."""
-    verdict, variants = results["verdict"], filtered(results)
-    if not variants:
-        return []
-    name = [*variants][-1] if verdict is None else verdict["best"]
+    name, faults = found_faults(results)
     lines = []
-    for fault_and_part, spans in variants[name]["fault_spans_s"].items():
+    for fault_and_part, spans in faults.items():
         fault, _, part = fault_and_part.partition(": ")
         text = FAULT_TEXTS[fault].format(part)
         times = "once" if len(spans) == 1 else f"{len(spans)} times"
         seconds = sum(end - begin for begin, end in spans)
         when = f"{number(seconds)} s in all between {spans[0][0]:.1f} and {spans[-1][1]:.1f} s"
-        lines.append(f"{name} found: {text}; {times}, {when}")
+        lines.append(f"Found by the variant {name}: {text}; {times}, {when}")
     return lines
 
 

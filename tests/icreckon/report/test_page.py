@@ -569,9 +569,12 @@ def test_faults_are_named_with_their_times(changed) -> None:
         "spinning: left track": [[10.0, 11.5], [40.0, 41.0]],
         "silent: IMU": [[50.0, 60.0]],
     }
+    found = f"Found by the variant {best}: "
     assert fault_lines(changed) == [
-        f"{best} found: left track spinning, or its sensor failing; 2 times, 2.50 s in all between "
-        "10.0 and 41.0 s",
-        f"{best} found: no samples of the IMU; once, 10.0 s in all between 50.0 and 60.0 s",
+        f"{found}left track spinning, or its sensor failing; 2 times, 2.50 s in all between 10.0 and "
+        "41.0 s",
+        f"{found}no samples of the IMU; once, 10.0 s in all between 50.0 and 60.0 s",
     ]
     assert set(fault_lines(changed)) <= set(notes(changed))
+    speeds = next(one for one in page_data(changed)["charts"] if one["place"] == "inputs")
+    assert speeds["spans"] == [[10.0, 11.5], [40.0, 41.0], [50.0, 60.0]]
