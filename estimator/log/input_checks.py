@@ -45,6 +45,7 @@ Event = Measurement | Mark  # events in order: measurements, and stochastic clon
 RANKS: dict[type[Event], int] = {kind: rank for rank, kind in enumerate(STREAMS)}
 RANKS[Mark] = 1000
 Key = tuple[int, int]  # sort key of an event: its stamp [ns], and its rank
+CLOCK_STREAMS = "tracks", "imu"  # streams whose stamps show that the clock was set
 CLOCK_WITNESSES = 10  # samples in a row that agree before a clock that jumped ahead is accepted
 # Consecutive measurements that are too old, in total and of tracks and IMU each, that indicate a
 # clock that was set back.
@@ -365,6 +366,8 @@ class Admission:
     def objection_to_stamp(self, stream: str, stamp: int, now: int | None) -> str | None:
         """Reason to reject a stamp far ahead, unless others of its stream agree; or None.
 
+        Tracks and IMU alone show that the clock has jumped: fixes far ahead have another clock.
+
         Args:
             stream: name of the stream.
             stamp: stamp of the measurement [ns].
@@ -377,7 +380,8 @@ class Admission:
         count, before = self.witnesses.get(stream, (0, stamp))
         count = count + 1 if abs(stamp - before) <= self.longest_gap else 1
         self.witnesses[stream] = (count, stamp)
-        return "stamp far ahead" if count < CLOCK_WITNESSES else None
+        agree = count >= CLOCK_WITNESSES and stream in CLOCK_STREAMS
+        return None if agree else "stamp far ahead"
 
 
 def _objection_to_size(values: Sequence[float], most: float, absurd: str) -> str | None:

@@ -35,6 +35,7 @@ FEWEST = 20  # fewest track speeds that show anything
 LEVER = 0.3  # distance of the centre of turning from the robot's centre that is usual [m]
 # Relative error of the mean specific force up to which no unit, but scale or offset explains it [-].
 OFFSET_OF_GRAVITY = 0.3
+LEAST_MG = 500.0  # mean specific force from which its unit is mg rather than g [m/s²]
 OTHER_NOISE = 3.0  # factor between noise densities that is reported [-]
 FEWEST_STILL = 20  # fewest pairs of neighbouring samples at standstill that show the noise
 
@@ -73,7 +74,7 @@ def check_presence(log: Log, robot: Robot) -> Iterator[Check]:
             "rad/s",
             f"up to {largest:.3g} rad/s",
             f"the gyro reads {largest:.3g} rad/s",
-            "look at its driver",
+            'rate_unit in [log.imu] ("deg/s", "mdps"), or its driver',
             lambda log, robot: (replace(log, imu=None), robot),
         )
     if log.imu is None and source is not None:
@@ -104,7 +105,8 @@ def check_gravity(log: Log, _: Robot) -> Iterator[Check]:
         force = log.imu.linear_acceleration * (GRAVITY / size)
         return replace(log, imu=replace(log.imu, linear_acceleration=force)), robot
 
-    remedy = 'acceleration_unit = "g" in [log.imu], where the driver publishes g'
+    unit = "mg" if size > LEAST_MG else "g"
+    remedy = f'acceleration_unit = "{unit}" in [log.imu], where the driver publishes {unit}'
     if abs(size - GRAVITY) <= OFFSET_OF_GRAVITY * GRAVITY:
         remedy = "the accelerometer's scale or offset: calibrate it, or scale it in the driver"
     yield check.contradicted(

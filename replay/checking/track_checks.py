@@ -53,6 +53,9 @@ OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.07
 # Least error of the scale by the accelerometer that is reported [-]: suspensions squat.
 SCALE_BY_FORCE = 0.35
+AGREEING = (
+    1.2  # factor between the regressions of force on tracks, and of tracks on force, that agree
+)
 SIDES, RATIO = FAILED = "sides", "ratio of the sides"  # checks of a side that fails
 # Usual errors of a scale, as true over assumed.
 RADIUS_ERRORS = (
@@ -399,8 +402,16 @@ def _scale_by_force(tracks: TrackSpeedSeries, imu: ImuSeries, robot: Robot) -> E
     if not change.any():
         return None
     ratio, sigma = jackknifed(slope, len(change))
-    is_clear = ratio > 0.0 and sigma < 0.1 * ratio
-    return Estimate(ratio, sigma, "accelerometer") if is_clear else None
+    if ratio <= 0.0 or sigma >= 0.1 * ratio:
+        return None
+    # Noise of the tracks reduces this slope, noise of the force raises that of the inverse regression:
+    # the scale lies between both. Unless they agree, the one nearer to 1 counts.
+    most = float(forward @ forward / (change @ forward))
+    if most > AGREEING * ratio:
+        if ratio < 1.0 < most:
+            return None
+        ratio = min(ratio, most, key=lambda one: abs(math.log(one)))
+    return Estimate(ratio, sigma, "accelerometer")
 
 
 def is_other_track(ratio: float) -> bool:

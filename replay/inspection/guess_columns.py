@@ -27,7 +27,7 @@ from icreckon.replay.mapping.columns import (
 from icreckon.replay.mapping.track_units import counter_range
 from icreckon.replay.reading.tables import Table
 
-TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc)$")
+TIME = re.compile(r"^(t|time|times|timestamp|stamp|date|datetime|utc|millis|micros|ms|us)$")
 TIME_WORDS = re.compile(r"time|stamp")
 # Words of a name that may stand with its side where none is a speed's.
 BARE = re.compile(
@@ -46,9 +46,10 @@ LATITUDE, LONGITUDE, ALTITUDE = (
     for short, long in (("lat", "itude"), ("lon", "g|gitude"), ("alt", "itude"))
 )
 POSE_NAMES = ("x", "y", "yaw|heading|theta")  # patterns of the last word of a name
-UNIT = re.compile(r"_(?:dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
+UNIT = re.compile(r"_(?:m?dps|mps2?|m?g|(?:m|deg|rad)(?:_?s_?2?)?|[num]?s(?:ec)?)$")
 SINCE_1970: tuple[tuple[float, TimeUnit], ...] = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
 ENDINGS: dict[str, TimeUnit] = {"ns": "ns", "nsec": "ns", "us": "us", "ms": "ms", "msec": "ms"}
+ENDINGS |= {"micros": "us", "millis": "ms"}
 
 
 def guess_columns(tables: Sequence[Table], time_column: str = "") -> ColumnMap | None:
@@ -151,8 +152,15 @@ def _imu(names: Sequence[str], time: str | None) -> ImuColumns | None:
     if not rates:
         return None
     unit: RateUnit = "deg/s" if any(map(_in_degrees, rates)) else "rad/s"
+    unit = "mdps" if any("mdps" in name.lower() for name in rates) else unit
     forces = forces if len(forces) == 3 else ()
-    return ImuColumns(angular_velocity=rates, linear_acceleration=forces, rate_unit=unit, time=time)
+    return ImuColumns(
+        angular_velocity=rates,
+        linear_acceleration=forces,
+        rate_unit=unit,
+        acceleration_unit="mg" if any(name.lower().endswith("_mg") for name in forces) else "m/s2",
+        time=time,
+    )
 
 
 def _first(names: Sequence[str], pattern: re.Pattern[str]) -> str | None:

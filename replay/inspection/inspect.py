@@ -246,16 +246,24 @@ def _with_units(mapping: TopicMap, log: Log, notes: list[str]) -> TopicMap:
     if log.imu is None:
         return mapping
     units, fast = {}, _fast_turning(log.imu)
-    # Above the first limit rad/s are implausible, above the second deg/s are, too.
-    if FAST_TURNING < fast < math.degrees(FAST_TURNING):
-        units["rate_unit"] = "deg/s"
-        notes.append(f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for deg/s")
+    # Limits of what is plausible in rad/s and deg/s, and in mdps.
+    in_degrees = math.degrees(FAST_TURNING)
+    for unit, least, most in (
+        ("deg/s", FAST_TURNING, in_degrees),
+        ("mdps", 10.0 * in_degrees, 1e3 * in_degrees),
+    ):
+        if least < fast < most:
+            units["rate_unit"] = unit
+            notes.append(
+                f"the gyro reads {fast:.3g} and more for 1 % of the time: taken for {unit}"
+            )
     mounting = imu_mounting.estimate_mounting(log)
     if mounting is not None and mounting.specific_force is not None:
         force = float(np.linalg.norm(mounting.specific_force))
-        if wheels.unit_of_gravity(force) == "; in g?":
-            units["acceleration_unit"] = "g"
-            notes.append(f"the mean specific force is {force:.3g}: taken for g")
+        for unit in ("g", "mg"):
+            if wheels.unit_of_gravity(force) == f"; in {unit}?":
+                units["acceleration_unit"] = unit
+                notes.append(f"the mean specific force is {force:.4g}: taken for {unit}")
     return _with_keys(mapping, {"imu" if mapping.imu else "columns.imu": units} if units else {})
 
 

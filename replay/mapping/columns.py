@@ -26,8 +26,8 @@ from icreckon.replay.mapping.track_units import ADDS_UP, TrackUnit
 Wrap = Annotated[float, Bound("a positive number, 2**64 at most", 0.0, 2.0**64, beyond=True)]
 TimeUnit = Literal["s", "ms", "us", "ns"]
 AngleUnit = Literal["rad", "deg"]
-RateUnit = Literal["rad/s", "deg/s"]
-AccelerationUnit = Literal["m/s2", "g"]
+RateUnit = Literal["rad/s", "deg/s", "mdps"]
+AccelerationUnit = Literal["m/s2", "g", "mg"]
 NANOSECONDS_OF: dict[TimeUnit, int] = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1000, "ns": 1}
 
 

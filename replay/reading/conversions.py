@@ -14,7 +14,14 @@ from icreckon.estimator.base.frames import wrap_angle, yaw_to_quaternion
 from icreckon.estimator.log.measurements import HeightFix
 from icreckon.estimator.robot.robot_file import Vehicle
 from icreckon.replay.bags.message_types import ODOMETRY, TWIST
-from icreckon.replay.mapping.columns import HeadingColumns, ImuColumns, PoseColumns, TrackColumns
+from icreckon.replay.mapping.columns import (
+    AccelerationUnit,
+    HeadingColumns,
+    ImuColumns,
+    PoseColumns,
+    RateUnit,
+    TrackColumns,
+)
 from icreckon.replay.mapping.topics import FixTopic, HeadingTopic, ImuTopic, TrackTopic
 from icreckon.replay.mapping.track_units import ADDS_UP, metres
 from icreckon.replay.reading.message_rows import imu_row
@@ -23,6 +30,12 @@ from icreckon.replay.reading.stream import RowReader
 RADIANS = {"rad": 1.0, "deg": math.pi / 180.0}
 STANDARD_GRAVITY = 9.80665
 """Acceleration of a unit g [m/s²]."""
+RATES: dict[RateUnit, float] = {"rad/s": 1.0, "deg/s": math.pi / 180.0, "mdps": math.pi / 180e3}
+ACCELERATIONS: dict[AccelerationUnit, float] = {
+    "m/s2": 1.0,
+    "g": STANDARD_GRAVITY,
+    "mg": 1e-3 * STANDARD_GRAVITY,
+}
 NO_HEADING_VARIANCE = 1e3
 """Yaw variance [rad²] from which a fix is assumed to have no heading."""
 
@@ -36,13 +49,10 @@ def imu_rows(spec: ImuTopic | ImuColumns, values: Floats) -> Floats:
     rates, forces = values[:, :axes], values[:, axes:]
     if axes == 1:
         rates = np.column_stack([np.zeros_like(rates), np.zeros_like(rates), rates])
-    if spec.rate_unit == "deg/s":
-        rates = np.radians(rates)
     if not forces.shape[1]:
         forces = np.full((len(values), 3), np.nan)
-    elif spec.acceleration_unit == "g":
-        forces = forces * STANDARD_GRAVITY
-    return np.column_stack([rates, forces])
+    factors = RATES[spec.rate_unit], ACCELERATIONS[spec.acceleration_unit]
+    return np.column_stack([rates * factors[0], forces * factors[1]])
 
 
 def imu_reader(spec: ImuTopic) -> RowReader:

@@ -15,7 +15,7 @@ from icreckon.estimator.log.log import Log, screen
 from icreckon.estimator.log.measurements import HeadingFix, HeightFix, Measurement
 from icreckon.estimator.robot.robot_file import Robot
 from icreckon.replay.bags.message_types import JOINT_STATE, NAVSATFIX
-from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
+from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ReplayError
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import TrackTopic
@@ -47,6 +47,9 @@ def evidence_of(streams: Mapping[str, Stream]) -> dict[str, Evidence]:
     return {purpose: stream.evidence() for purpose, stream in streams.items()}
 
 
+ANOTHER_CLOCK = 60.0  # distance of all fixes from tracks and IMU that shows another clock [s]
+
+
 @dataclass
 class _Assembly:
     gathered: Gathered
@@ -57,6 +60,7 @@ class _Assembly:
     _arrays_of: dict[str, tuple[Stamps, Floats]] = field(default_factory=dict)
     _overlaid: list[tuple[int, int]] = field(default_factory=list)
     _part: tuple[int, int] = (0, 0)
+    _span: tuple[int, int] | None = None  # first and last stamp of tracks and IMU [ns]
     # Origin of the fixes, if they are geodetic.
     _origin: Origin | None = None
     _heights: tuple[HeightFix, ...] = ()
@@ -71,6 +75,11 @@ class _Assembly:
         if sum(map(len, stamps)):
             # The rest is by clocks that are not set.
             self._part = largest_part(np.sort(np.concatenate(stamps)))
+            inside = [one[(one >= self._part[0]) & (one <= self._part[1])] for one in stamps]
+            self._span = (
+                min(int(one[0]) for one in inside if len(one)),
+                max(int(one[-1]) for one in inside if len(one)),
+            )
         self._find_overlaid(stamps)
         tracks = self._tracks(one) if (one := streams.get("tracks")) else None
         if tracks is None:
@@ -113,6 +122,16 @@ class _Assembly:
         if not far.all():
             stream.lose("stamp is days from most others", int(far.sum()))
             stamps, rows = stamps[~far], rows[~far]
+        if stream.purpose == "fixes" and len(stamps) and self._span is not None:
+            begin, end = self._span
+            apart = max(begin - int(stamps[-1]), int(stamps[0]) - end) * NANOSECOND
+            if apart > ANOTHER_CLOCK:
+                stream.lose("stamp of another clock", len(stamps))
+                self.notes.append(
+                    f"{OF_STAMPS}no fix is within the time of tracks and IMU, they are {apart:.4g} s "
+                    "apart: another clock, or unit of time; fixes are left out"
+                )
+                stamps, rows = stamps[:0], rows[:0]
         for begin, end in self._overlaid:
             inside = (stamps >= begin) & (stamps <= end)
             stream.lose("of a time that occurs twice", int(inside.sum()))

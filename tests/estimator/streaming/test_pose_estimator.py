@@ -389,6 +389,16 @@ def test_without_fixes_the_imu_does_not_move_the_track_scale(robot):
     assert estimator.biases["track_scale"] == pytest.approx(scale - 1.0, abs=3.0 * sigma)
 
 
+def test_fixes_of_another_clock_do_not_move_the_estimate() -> None:
+    estimator = PoseEstimator(ALPHA)
+    stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=True)
+    for k in range(30):
+        assert not estimator.feed(PositionFix(stamp + seconds(3600.0 + k), 1.0, 0.0, 0.01))
+    assert estimator.health.sensor("position").rejected == {"stamp far ahead": 30}
+    stamp = drive(estimator, stamp, 1.0, 0.5, 0.5, imu=True)
+    assert estimator.pose[0] == pytest.approx(1.5, abs=0.02)
+
+
 def test_one_stamp_far_ahead_is_refused_but_a_clock_that_stays_there_is_believed():
     estimator = PoseEstimator(ALPHA)
     stamp = drive(estimator, EPOCH, 2.0, 0.5, 0.5, imu=True)

@@ -16,6 +16,7 @@ from icreckon.estimator.log.series import ImuSeries, TrackSpeedSeries
 from icreckon.estimator.robot.robot_file import Robot, load_robot
 from icreckon.replay.checking import robot_check
 from icreckon.replay.checking.check import FORWARD, LATENCY, MOUNTING, SCALE, TRACK, Check
+from icreckon.replay.checking.track_checks import check_scale
 from icreckon.replay.checking.worth import judged, worth_of
 from icreckon.replay.mapping import topics as mapping
 from icreckon.replay.mapping.topics import TopicMap
@@ -265,6 +266,22 @@ def test_without_truth_or_fixes_the_accelerometer_shows_a_gross_scale(log: Log):
     bare = replace(speeds(log, lambda v: 3.0 * v), truth=None)
     found = problems(bare, with_values(ALPHA, tracks=with_values(ALPHA.tracks, scale_sigma=0.02)))
     assert SCALE in found or TRACK in found
+
+
+@pytest.mark.parametrize(
+    ("scale", "noise", "is_found"), [(1.0, 0.0, False), (3.0, 0.0, True), (1.0, 0.12, False)]
+)
+def test_noise_of_encoders_is_no_scale(scale: float, noise: float, is_found: bool) -> None:
+    """It reduces the slope of force on tracks to 0.5, as that of counters stamped to 1 ms does."""
+    stamps = np.arange(0, 600_000_000_000, 20_000_000)
+    seconds, rng = 1e-9 * stamps, np.random.default_rng(1)
+    speed = 0.5 + 0.2 * np.sin(0.9 * seconds) + 0.15 * np.sin(1.7 * seconds)
+    measured = scale * speed[:, None] + rng.normal(0.0, noise, (len(stamps), 1))
+    forces = np.column_stack([np.gradient(speed, seconds), 0.0 * speed, np.full(len(speed), 9.81)])
+    imu = ImuSeries(stamps, np.zeros((len(stamps), 3)), forces)
+    log = Log("noisy", TrackSpeedSeries(stamps, np.repeat(measured, 2, axis=1)), imu)
+    (check,) = check_scale(log, ALPHA)
+    assert bool(check.problem) == is_found
 
 
 def test_swapped_tracks_and_a_turned_imu_are_told_from_tracks_that_count_backward(log: Log):

@@ -73,10 +73,15 @@ def test_streams_that_were_filled_in_are_those_that_are_inspected(tmp_path: Path
     assert "fixes" not in found["log"]
 
 
-def test_an_imu_message_in_degrees_and_g(tmp_path: Path) -> None:
-    log = bag(tmp_path / "bag", rate=180.0 / np.pi, force=1.0 / 9.80665)
+@pytest.mark.parametrize(
+    ("rate_unit", "acceleration_unit", "factor"), [("deg/s", "g", 1.0), ("mdps", "mg", 1e3)]
+)
+def test_an_imu_message_in_other_units(
+    tmp_path: Path, rate_unit, acceleration_unit, factor
+) -> None:
+    log = bag(tmp_path / "bag", rate=factor * 180.0 / np.pi, force=factor / 9.80665)
     found = inspect(log)
-    units = {"rate_unit": "deg/s", "acceleration_unit": "g"}
+    units = {"rate_unit": rate_unit, "acceleration_unit": acceleration_unit}
     assert tomllib.loads(found.proposed_robot_file)["log"]["imu"] == {"topic": "/imu", **units}
     assert not [text for text in found.findings if "suspicious" in text]
     tracks = tomllib.loads(WHEELS)["log"]["tracks"]

@@ -192,6 +192,21 @@ def test_the_larger_part_is_read(tmp_path: Path, kind: str, lost: int) -> None:
     assert log.dropped == expected
 
 
+def test_fixes_of_another_clock_are_left_out_and_named(tmp_path: Path) -> None:
+    columns = {
+        "time": "t",
+        "tracks": {"left": ["l"], "right": ["r"]},
+        "fixes": {"time": "utc", "x": "x", "y": "y", "position_sigma": 1.0},
+    }
+    rows = [f"{0.1 * k:.1f},1,1,{3600.0 + 0.1 * k:.1f},{0.1 * k:.1f},0" for k in range(50)]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,l,r,utc,x,y", *rows]), encoding="utf-8")
+    log = read_log(path, robot_with(columns=columns))
+    assert log.fixes is None or not len(log.fixes.stamps)
+    assert log.dropped == {"fixes: stamp of another clock": 50}
+    assert any("stamps: no fix is within the time of tracks and IMU" in note for note in log.notes)
+
+
 def test_a_cell_that_is_no_time_is_dropped(tmp_path: Path) -> None:
     columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"]}}
     path = tmp_path / "log.csv"
