@@ -19,7 +19,7 @@ from icreckon.replay.base.errors import OF_ROBOT_FILE, OF_STAMPS, ReplayError
 from icreckon.replay.mapping.columns import TrackColumns
 from icreckon.replay.mapping.geodesy import Origin, east_north, on_globe
 from icreckon.replay.mapping.topics import TrackTopic
-from icreckon.replay.mapping.track_units import ADDS_UP, counter_range, differences
+from icreckon.replay.mapping.track_units import ADDS_UP, ANY_COUNTS, counter_range, differences
 from icreckon.replay.reading import conversions
 from icreckon.replay.reading.clocks import Choice, Evidence, choose_clocks
 from icreckon.replay.reading.gather import Gathered
@@ -190,7 +190,9 @@ class _Assembly:
         if stream.purpose == "tracks":
             self.notes += _wrap_notes(rows, spec)
         if read.adds_up and len(stamps):
-            stamps, values, lost = differences(stamps, values, read.wrap, vehicle.max_track_speed)
+            has_scale = spec.counts_per_turn != ANY_COUNTS
+            fastest = vehicle.max_track_speed if has_scale else math.inf
+            stamps, values, lost = differences(stamps, values, read.wrap, fastest)
             for reason, count in lost.items():
                 stream.lose(reason, count)
             if not len(stamps):

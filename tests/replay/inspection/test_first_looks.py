@@ -194,8 +194,11 @@ def test_half_the_counts_and_an_imu_that_stops_are_findings(tmp_path: Path) -> N
 
 def test_counters_need_their_counts(tmp_path: Path) -> None:
     path = tmp_path / "table.csv"
-    path.write_text("t,enc_left,enc_right\n0.0,1,2\n0.1,2,3\n", encoding="utf-8")
-    text = inspect(path).proposed_robot_file
+    path.write_text("t,enc_left,enc_right\n0.0,1,2\n0.1,2001,2002\n", encoding="utf-8")
+    found = inspect(path)
+    # Without their counts of a turn, no speed is too fast.
+    assert not found.dropped
+    text = found.proposed_robot_file
     assert 'unit = "counts"' in text
     assert "counts_per_turn = nan    # not in the log: fill in" in text
 
