@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from icreckon.estimator.base.array_types import NANOSECOND, Floats, Stamps
+from icreckon.estimator.base.array_types import NANOSECOND, Flags, Floats, Stamps
 from icreckon.replay.bags.message_types import NAVSATFIX
 from icreckon.replay.bags.table_files import are_few, is_table, read_table
 from icreckon.replay.base.errors import OF_STAMPS, EqualStampsError, ReplayError
@@ -198,6 +198,8 @@ class Table:
         factor = NANOSECONDS_OF[unit]
         values = self._numbers(name)
         there &= np.isfinite(values)
+        wraps = _wraps(values, there)
+        values = values + wraps
         possible = there & (np.abs(values) < LARGEST_TIME / factor)
         if 2 * possible.sum() < there.sum():
             raise ReplayError(
@@ -207,12 +209,23 @@ class Table:
         there = possible
         if pa.types.is_integer(column.type):
             exact = np.asarray(column.fill_null(0).cast(pa.int64()).to_numpy(), dtype=np.int64)
-            return exact * factor, there
+            return (exact + wraps) * factor, there
         # Whole units first: a float of ns since 1970 would be coarse by hundreds of ns.
         values = np.where(there, values, 0.0)
         whole = np.floor(values)
         rest = np.round((values - whole) * factor).astype(np.int64)
         return whole.astype(np.int64) * factor + rest, there
+
+
+def _wraps(values: Floats, there: Flags) -> Stamps:
+    """Range of a 32-bit timer (`millis()`, `micros()`) times its wraps so far (n,)."""
+    wraps, timer = np.zeros(len(values), np.int64), 2**32
+    known = values[there]
+    if len(known) and known.min() >= 0.0 and known.max() < timer:
+        steps = np.diff(known, prepend=known[0])
+        turns = (steps < -timer // 2).astype(np.int64) - (steps > timer // 2)
+        wraps[there] = timer * np.cumsum(turns)
+    return wraps
 
 
 class _Strays(NamedTuple):

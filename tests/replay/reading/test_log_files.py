@@ -207,6 +207,17 @@ def test_fixes_of_another_clock_are_left_out_and_named(tmp_path: Path) -> None:
     assert any("stamps: no fix is within the time of tracks and IMU" in note for note in log.notes)
 
 
+@pytest.mark.parametrize("unit", ["ms", "us"])
+def test_a_timer_of_32_bits_may_wrap(tmp_path: Path, unit: str) -> None:
+    columns = {"time": "t", "time_unit": unit, "tracks": {"left": ["l"], "right": ["r"]}}
+    times = (2**32 - 300 + 10 * np.arange(90)) % 2**32
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(["t,l,r", *(f"{time},1,1" for time in times)]), encoding="utf-8")
+    log = read_log(path, robot_with(columns=columns))
+    assert set(np.diff(log.tracks.stamps)) == {10 * (1_000_000 if unit == "ms" else 1000)}
+    assert not log.dropped
+
+
 def test_a_cell_that_is_no_time_is_dropped(tmp_path: Path) -> None:
     columns = {"time": "t", "tracks": {"left": ["l"], "right": ["r"]}}
     path = tmp_path / "log.csv"
