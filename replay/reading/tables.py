@@ -119,6 +119,7 @@ class Table:
         import pyarrow as pa
         from pyarrow import compute
 
+        strays = []
         for place, name in enumerate(self._table.column_names):
             column = self._table.column(place)
             found = _strays(column)
@@ -134,9 +135,10 @@ class Table:
                 continue
             self._table = self._table.set_column(place, name, numbers)
             if found.number:
-                self.notes.append(
-                    f"{self.path.name}: column {name!r} holds {found.text}: left out there"
-                )
+                strays.append(f"column {name!r} holds {found.text}")
+        if strays:
+            others = f"; {len(strays) - 2} other columns hold text" if len(strays) > 2 else ""
+            self.notes.append(f"{self.path.name}: {'; '.join(strays[:2])}{others}: left out there")
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
