@@ -137,8 +137,8 @@ class Table:
             if found.number:
                 strays.append(f"column {name!r} holds {found.text}")
         if strays:
-            others = f"; {len(strays) - 2} other columns hold text" if len(strays) > 2 else ""
-            self.notes.append(f"{self.path.name}: {'; '.join(strays[:2])}{others}: left out there")
+            others = f"; {len(strays) - 3} other columns hold text" if len(strays) > 3 else ""
+            self.notes.append(f"{self.path.name}: {'; '.join(strays[:3])}{others}: left out there")
 
     def __len__(self) -> int:
         return int(self._table.num_rows)
