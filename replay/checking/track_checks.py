@@ -51,8 +51,7 @@ LEAST_SCALE, LEAST_IN_BENDS = 0.03, 0.1
 # explain [-], and latency that is usual [s]: robots turn up to 0.06 s later than their tracks.
 OTHER_TRACK = 1.4
 LEAST_LATENCY = 0.07
-# Least error of the scale by the accelerometer that is reported [-]: suspensions squat.
-SCALE_BY_FORCE = 0.35
+SCALE_BY_FORCE = 0.35  # least reported scale error by accelerometer [-]: suspensions squat
 SIDES, RATIO = FAILED = "sides", "ratio of the sides"  # checks of a side that fails
 # Usual errors of a scale, as true over assumed.
 RADIUS_ERRORS = (

@@ -51,8 +51,7 @@ class PairedDrift:
     errors: Floats  # (v, n) position errors [m]
     distances: Floats  # (n,) length of the true path [m]
     block: int  # (segments) length of a block
-    # numbers of segments of each log, in their order; empty for one log
-    counts: tuple[int, ...] = ()
+    counts: tuple[int, ...] = ()  # segments of each log, in their order; empty for one log
 
     @property
     def blocks(self) -> float:

@@ -8,8 +8,7 @@ from icreckon.estimator.base.array_types import NANOSECOND, Floats
 from icreckon.estimator.log.log import Log
 from icreckon.estimator.log.scores import Interval
 
-HOLE = 1.0
-"""Shortest gap without track speeds or IMU samples that is a hole [s]."""
+HOLE = 1.0  # shortest gap without track speeds or IMU samples that is a hole [s]
 
 
 def holes_of(log: Log) -> list[Interval]:

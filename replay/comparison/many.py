@@ -30,8 +30,7 @@ from icreckon.replay.comparison.results import (
 )
 from icreckon.replay.reading.read_log import read_log
 
-# Longest time between the end of a log and the start of another that may be one recording [s].
-NEXT_PART = 5.0
+NEXT_PART = 5.0  # longest time between the end and the start of parts of one recording [s]
 NO_RATIO = bootstrap.Estimate(math.nan, None)
 # Drift of the variants of a log, over the same segments, by the label of the horizon.
 LogDrifts = Mapping[str, PairedDrift]
@@ -229,12 +228,14 @@ def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
 def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
     """Scores of a robot file over all logs with a truth, and the verdict."""
     # A log without a stretch of dead reckoning has nothing to pool.
-    pairs = [(one, drift_table.paired_drifts(one.drifts)) for one in scored]
+    pairs = [(case, drift_table.paired_drifts(case.drifts)) for case in scored]
     pairs = [
-        (one, paired) for one, paired in pairs if any(len(p.distances) for p in paired.values())
+        (case, drifts)
+        for case, drifts in pairs
+        if any(len(drift.distances) for drift in drifts.values())
     ]
-    logs = [paired for _, paired in pairs]
-    names = list(dict.fromkeys(name for one in scored for name in one.results["variants"]))
+    logs = [drifts for _, drifts in pairs]
+    names = list(dict.fromkeys(name for case in scored for name in case.results["variants"]))
     variants: dict[str, Results] = {}
     for name in names:
         with_variant = [log for log in logs if all(name in drift.names for drift in log.values())]
@@ -242,7 +243,9 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
         if with_variant:
             joined = _joined(with_variant, [name])
             variants[name] |= drift_table.drift_scores(joined, name, name)
-        with_both = [log for log in with_variant if all(baseline in d.names for d in log.values())]
+        with_both = [
+            log for log in with_variant if all(baseline in drift.names for drift in log.values())
+        ]
         joined = _joined(with_both, [name, baseline]) if with_both else {}
         for label in drift_table.horizon_labels():
             ratio = joined[label].ratio(name, baseline) if joined else NO_RATIO
@@ -250,8 +253,8 @@ def _pooled(scored: Sequence[CaseScores], baseline: str) -> Results:
             variants[name][f"drift_ratio_{label}_95"] = drift_table.listed(ratio)
     return {
         "logs": len(logs),
-        "distance_m": sum(one.results["truth"]["distance_m"] for one, _ in pairs),
-        "duration_s": sum(one.results["log"]["duration_s"] for one, _ in pairs),
+        "distance_m": sum(case.results["truth"]["distance_m"] for case, _ in pairs),
+        "duration_s": sum(case.results["log"]["duration_s"] for case, _ in pairs),
         "verdict": _pooled_verdict(logs, names, baseline) if logs else None,
         "variants": variants,
     }
@@ -301,28 +304,32 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
 
 def _ratios(scored: Sequence[CaseScores], robots: Sequence[str]) -> Results:
     """Ratio of drift with each robot file to that with the first, same segments."""
-    by_case = {one.case: one for one in scored if one.drifts}
+    by_case = {scores.case: scores for scores in scored if scores.drifts}
+    logs = dict.fromkeys(case.log for case in by_case)
     first_robot, *other_robots = robots
-    found: Results = {}
+    by_robot: Results = {}
     for robot in other_robots:
-        both = [
+        pairs = [
             (by_case[Case(log, first_robot)], by_case[Case(log, robot)])
-            for log in dict.fromkeys(case.log for case in by_case)
+            for log in logs
             if Case(log, first_robot) in by_case and Case(log, robot) in by_case
         ]
-        names = dict.fromkeys(name for _, other in both for name in other.results["variants"])
-        ratios = {name: _ratio(both, name) for name in names}
+        names = dict.fromkeys(name for _, other in pairs for name in other.results["variants"])
+        ratios = {name: _ratio(pairs, name) for name in names}
         common = {name: ratio for name, ratio in ratios.items() if ratio}
-        found[robot] = {"to": first_robot, "variants": common}
-    return found
+        by_robot[robot] = {"to": first_robot, "variants": common}
+    return by_robot
 
 
-def _ratio(both: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
-    """Ratio of a variant's drift between two robot files; empty if no log has both."""
+def _ratio(logs: Sequence[tuple[CaseScores, CaseScores]], name: str) -> Results:
+    """Ratio of a variant's drift between two robot files; empty if no log has both.
+
+    `logs` are the scores of each log with the first and with the other robot file.
+    """
     found: Results = {}
     for label in drift_table.horizon_labels():
         pairs = []
-        for first, other in both:
+        for first, other in logs:
             first_drifts, other_drifts = first.drifts[label], other.drifts[label]
             if name in first_drifts and name in other_drifts:
                 # A larger lag moves the stamps of the truth further back.

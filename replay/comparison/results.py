@@ -33,8 +33,7 @@ from icreckon.replay.comparison.plot_series import series_of
 from icreckon.replay.comparison.scores import differences, noise_drifts, scores, truths_of
 
 FORMAT = 1
-# Number of fixes that show a correlation of successive innovations.
-ENOUGH_FIXES = 30
+ENOUGH_FIXES = 30  # number of fixes that show a correlation of successive innovations
 # Lists of numbers are written on one line; no string holds a line break.
 NUMBERS = re.compile(r"\[\n[-+.\deE\s,nul]*\]")
 PACKAGES = ("icreckon", "numpy", "scipy", "filterpy", "rosbags", "msgspec")

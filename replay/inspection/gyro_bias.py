@@ -23,8 +23,7 @@ WINDOW = 5.0  # time over which the turning by gyro and by truth or tracks is co
 LARGEST_HOLE = 1.0  # windows with a longer gap between samples are left out [s]
 SURE = 3.0  # standard errors beyond which a bias while driving is significant
 UNSEEN_BIAS_SIGMA = 0.1  # standard error of a bias that a log does not show [rad/s]
-LEAST_BY_TRACKS = 0.005
-"""Least bias that tracks show [rad/s]: on the sample logs, tracks of a healthy gyro show 0.001."""
+LEAST_BY_TRACKS = 0.005  # least bias that tracks show [rad/s]: 0.001 for healthy gyros
 
 
 class GyroBias(NamedTuple):

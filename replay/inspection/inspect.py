@@ -40,8 +40,7 @@ from icreckon.replay.reading.gather import as_paths, gather
 from icreckon.replay.reading.tables import Table
 from icreckon.replay.reading.to_log import assemble, evidence_of
 
-UNUSED = ("latency", "gauge")
-"""Keys of streams that a log is inspected without: it shows what they should be."""
+UNUSED = ("latency", "gauge")  # keys that an inspection ignores and estimates
 FAST_TURNING = 6.0  # yaw rate that a ground robot hardly exceeds [rad/s]
 FAST_SPEED, FAST_RATE = 20.0, 120.0
 """Speed and wheel rate that a ground robot hardly exceeds [m/s, rad/s]."""
@@ -439,7 +438,7 @@ def _lag_finding(purpose: str, lag: Lag | NoLag, *, by_yaw_rate: bool) -> str:
 def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[str]:
     """Report values of a log that seem to be in another unit."""
     in_rates, mounting = estimates.mapping.in_rates, estimates.mounting
-    ratio = estimates.wheels.way_ratio
+    ratio = estimates.wheels.distance_ratio
     if mounting is not None and mounting.specific_force is not None:
         force = float(np.linalg.norm(mounting.specific_force))
         if abs(force - wheels.GRAVITY) > wheels.WRONG_GRAVITY * wheels.GRAVITY:
@@ -460,7 +459,7 @@ def unit_suspicions(estimates: robot_file.LogEstimates, log: Log) -> Iterator[st
             yield f"track speeds of {fast:.3g}; m/s, or rather mm/s?"
     if not in_rates and ratio is not None and not 0.5 < ratio < 2.0:
         size = f"{ratio:.3g} times that of the track speeds"
-        yield f"the distance over ground is {size}, by the {estimates.wheels.way_source}"
+        yield f"the distance over ground is {size}, by the {estimates.wheels.distance_source}"
 
 
 def _fast_turning(imu: ImuSeries) -> float:

@@ -43,8 +43,7 @@ class TopicReport:
     mean_rate: float | None
     # longest time between two messages, by recording [s], or None likewise
     largest_gap: float | None
-    # median of header stamp minus time of recording [s], or None without headers
-    clock_offset: float | None
+    clock_offset: float | None  # median header stamp minus recording time [s], None without headers
     gaps: int | None = None  # number of intervals longer than `GAP` times the usual one, or None
     # share of samples equal to the previous one: of the values of track speeds while the tracks
     # moved, of the samples of the IMU; None for other topics

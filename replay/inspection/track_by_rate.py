@@ -12,10 +12,8 @@ from icreckon.estimator.log.series import running_integral
 from icreckon.replay.inspection.imu_mounting import are_usable
 
 WINDOW = 0.5  # time over which the turning by the gyro and by the tracks is compared [s]
-EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)
-"""Bounds of the bins of the yaw rate, to either side [rad/s]."""
-STEADY = 0.15
-"""Largest change of the yaw rate to the windows before and after, over the window's own rate [-]."""
+EDGES = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0)  # edges of the bins [rad/s]
+STEADY = 0.15  # largest change of the yaw rate to neighbouring windows, over the rate [-]
 FEWEST = 8  # windows that make a bin
 SURE = 4.0  # standard errors between two of all bins that are a difference
 

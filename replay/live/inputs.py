@@ -33,25 +33,19 @@ from icreckon.replay.reading.clocks import (
     clocks_agree,
 )
 from icreckon.replay.reading.gather import wanted_streams
-from icreckon.replay.reading.message_rows import JointReader, planar_poses
+from icreckon.replay.reading.message_rows import VARIANCES, JointReader, Z, planar_poses
 from icreckon.replay.reading.stream import Row, Stream, UnusableError, unreadable
 from icreckon.replay.reading.tf import TransformStream
 from icreckon.replay.reading.wheels import mean_of_sides
 
-PURPOSES = ("tracks", "imu", "fixes", "heading")
-"""Streams that a live estimator uses."""
-WATCHED = ("tracks", "imu")
-"""Streams whose stamps show that a clock was set forward."""
-WITNESSES = 5
-"""Messages of each stream of tracks and IMU after which the clocks are chosen."""
-LONGEST_WAIT = 2.0
-"""Time after the first message at which the clocks are chosen at the latest [s]."""
-PROMPT = 0.9
-"""Quantile of header stamp minus arrival that stands for a stream: few messages arrive sooner."""
+PURPOSES = ("tracks", "imu", "fixes", "heading")  # streams that a live estimator uses
+WATCHED = ("tracks", "imu")  # streams whose stamps show that a clock was set forward
+WITNESSES = 5  # messages of each stream of tracks and IMU after which the clocks are chosen
+LONGEST_WAIT = 2.0  # time after the first message at which the clocks are chosen at the latest [s]
+PROMPT = 0.9  # quantile of header stamp minus arrival that stands for a stream [-]
 LEFT_OVER, AHEAD = 2 * NANOSECONDS, NANOSECONDS
 """Time after the clock went back in which messages so far ahead are left over [ns]."""
-TRANSFORM_MEMORY = 2 * NANOSECONDS
-"""Age of the oldest transforms between which live poses are interpolated [ns]."""
+TRANSFORM_MEMORY = 2 * NANOSECONDS  # age of the oldest transforms that are kept [ns]
 
 
 class Subscription(NamedTuple):
@@ -354,20 +348,21 @@ class LiveInputs:
     ) -> Iterator[Measurement]:
         """Track speeds, once all wheels have come; from positions, from the second on."""
         vehicle = self.robot.vehicle
-        read = conversions.track_values(rows, msgtype, mapped, vehicle)
-        for when, values in self._wheels.take(stamp, read.values[0], read.wrap):
-            if not read.adds_up:
-                yield _track_speeds(when, values[None], read.left)
+        wheels = conversions.wheel_values(rows, msgtype, mapped, vehicle)
+        for row_stamp, values in self._wheels.take(stamp, wheels.values[0], wheels.wrap):
+            if not wheels.are_counters:
+                yield _track_speeds(row_stamp, values, wheels.left_count)
                 continue
-            before, self._counter = self._counter, (when, values)
-            if before is None or when <= before[0]:
+            last, self._counter = self._counter, (row_stamp, values)
+            last_stamp, last_values = last or (row_stamp, values)
+            if row_stamp <= last_stamp:
                 continue
-            stamps, readings = np.array([before[0], when]), np.stack([before[1], values])
-            ends, speeds, lost = differences(stamps, readings, read.wrap, vehicle.max_track_speed)
+            stamps, readings = np.array([last_stamp, row_stamp]), np.stack([last_values, values])
+            ends, speeds, lost = differences(stamps, readings, wheels.wrap, vehicle.max_track_speed)
             for reason in lost:
                 self._lose("tracks", reason)
-            for k, end in enumerate(ends.tolist()):
-                yield _track_speeds(end, speeds[k : k + 1], read.left)
+            for end, wheel_speeds in zip(ends.tolist(), speeds, strict=True):
+                yield _track_speeds(end, wheel_speeds, wheels.left_count)
 
     def _fix(self, stamp: int, rows: Any, msgtype: str, mapped: FixTopic) -> Iterator[Measurement]:
         if msgtype == NAVSATFIX or mapped.latitude:
@@ -383,7 +378,7 @@ class LiveInputs:
             variances = np.array([[rows[0, 3], np.nan]])
             heights = rows[:, 2] - self.origin[2]
         else:
-            poses, variances, heights = planar_poses(rows), rows[:, 6:8].copy(), rows[:, 11]
+            poses, variances, heights = planar_poses(rows), rows[:, VARIANCES].copy(), rows[:, Z]
         if conversions.fill_variances(variances, mapped).any():
             self._lose("fixes", "no covariance, and no position_sigma given")
             return
@@ -402,12 +397,13 @@ class LiveInputs:
         yield HeadingFix(stamp, float(yaw[0]), float(variances[0]))
 
 
-def _track_speeds(stamp: int, speeds: Floats, left: int) -> TrackSpeeds:
-    """Track speeds from wheel speeds (1, k), the first `left` of the left side."""
-    (of_left, of_right), wheels = mean_of_sides(speeds, left)[0].tolist(), tuple(speeds[0].tolist())
+def _track_speeds(stamp: int, wheel_speeds: Floats, left_count: int) -> TrackSpeeds:
+    """Track speeds from wheel speeds (k,) [m/s], left wheels first."""
+    left, right = mean_of_sides(wheel_speeds[None], left_count)[0].tolist()
+    wheels = tuple(wheel_speeds.tolist())
     if len(wheels) == 2:
-        return TrackSpeeds(stamp, of_left, of_right)
-    return TrackSpeeds(stamp, of_left, of_right, wheels[:left], wheels[left:])
+        return TrackSpeeds(stamp, left, right)
+    return TrackSpeeds(stamp, left, right, wheels[:left_count], wheels[left_count:])
 
 
 def _prompt_offset(offsets: list[int]) -> float:

@@ -23,10 +23,8 @@ from icreckon.replay.live.manoeuvres import missing_manoeuvres
 from icreckon.replay.live.map_frame import MapFrame
 from icreckon.replay.live.odometry import LiveOdometry, loss_of
 
-CHANGED_LATENCY = 0.05
-"""Difference of latencies from which a latency is reported as changed [s]."""
-MANY_REJECTED = 0.1
-"""Share of rejected measurements between two reports from which a sensor is reported as WARN."""
+CHANGED_LATENCY = 0.05  # difference of latencies from which a latency is reported as changed [s]
+MANY_REJECTED = 0.1  # share of rejections since the last report that makes a sensor WARN [-]
 GYRO, IMU = "gyro", "imu"
 """Sensor whose use shows that the IMU works, and the stream that counts rejected samples."""
 

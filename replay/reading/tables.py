@@ -24,18 +24,16 @@ from icreckon.replay.mapping.columns import (
 from icreckon.replay.reading.conversions import RADIANS, imu_rows, pose_rows
 from icreckon.replay.reading.stream import COLUMNS, NAN, Stream
 
-MOST_NAMED = 5
-"""Most columns that a message names."""
+MOST_NAMED = 5  # most columns that a message names
 RESOLUTIONS = [10.0**digits for digits in range(15, 5, -1)]
 """Resolutions of stamps that are looked for, from 1e6 to 0.001 s [ns]."""
-ROUNDING = 2e3
-"""Largest error of a stamp by its binary digits [ns]."""
+ROUNDING = 2e3  # largest error of a stamp by its binary digits [ns]
 SAMPLED, PLAUSIBLE_STEPS_S = ("tracks", "imu"), (5e-5, 5.0)
 """Streams of a robot's own sensors, and shortest and longest time between their samples [s]."""
-MOST_REPEATED = 0.05
-"""Share of repeated stamps that is reported."""
-LARGEST_TIME = 2.0**62
-"""Times from here on are damage: differences of them overflow int64 nanoseconds."""
+MOST_REPEATED = 0.05  # share of repeated stamps that is reported
+LARGEST_TIME = (
+    2.0**62
+)  # times from here on are damage: differences of them overflow int64 nanoseconds
 NUMBER_OR_EMPTY = r"^\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|NaN|NAN|Inf))?\s*$"
 """Cells of a column of texts that are numbers."""
 
