@@ -25,12 +25,9 @@ from icreckon.report.printable import printable
 
 NAMES = ("topic or column", "type", "frame or file")
 NUMBERS = ("messages", "rate\nHz", "gaps", "longest\ngap, s", "header-\nrecorded, s", "repeated")
-# First bytes of a PNG.
-PNG = b"\x89PNG"
-# Numbers that a narrow terminal has no room for.
-LEFT_OUT = (2, 4)
-# Width of a terminal from which on names have columns of their own [characters].
-WIDE_FROM = 120
+PNG = b"\x89PNG"  # first bytes of a PNG
+LEFT_OUT = (2, 4)  # numbers that a narrow terminal has no room for
+WIDE_FROM = 120  # width of a terminal from which on names have columns of their own [characters]
 
 
 def command(

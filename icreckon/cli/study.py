@@ -27,10 +27,8 @@ from icreckon.simulation.study.plan import Study, load_study, study_names
 from icreckon.simulation.study.results import Results
 
 FOLDER = "icreckon-study"
-# Width of a terminal from which on tables have all columns [characters].
-WIDE_FROM = 125
-# Interval of the lines of progress if there is no terminal for a bar [s].
-LINE_EVERY = 30.0
+WIDE_FROM = 125  # width of a terminal from which on tables have all columns [characters]
+LINE_EVERY = 30.0  # interval of the lines of progress if there is no terminal for a bar [s]
 
 
 def command(

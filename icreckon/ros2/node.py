@@ -34,14 +34,10 @@ from icreckon.ros2.topics import find_topic, input_qos, message_class, overridab
 
 NODE_NAME = "icreckon"
 OUTPUTS = ("odom", "pose_in_map", "/tf", "icrs", "slip", "learnt_parameters", "/diagnostics")
-DISCOVERY_PERIOD = 0.1
-"""Time between two looks for input topics that nobody published before [s]."""
-QUIET = 0.2
-"""Time without messages after which everything that is held is processed [s]."""
-SILENCE = 5.0
-"""Time after which topics without messages are warned of [s]."""
-PERIOD = 0.2
-"""Shortest time between two messages of ICR markers, or of slip [s]."""
+DISCOVERY_PERIOD = 0.1  # time between two looks for input topics that nobody published before [s]
+QUIET = 0.2  # time without messages after which everything that is held is processed [s]
+SILENCE = 5.0  # time after which topics without messages are warned of [s]
+PERIOD = 0.2  # shortest time between two messages of ICR markers, or of slip [s]
 NO_ROS = (
     "rclpy cannot be imported ({}): source your ROS 2 (as /opt/ros/jazzy/setup.bash) and use a virtual "
     "environment made with --system-site-packages, see docs/tutorials/live.md"

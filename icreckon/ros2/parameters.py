@@ -109,10 +109,8 @@ DESCRIPTIONS: Mapping[str, str] = {
     "base_offset": "Base frame on the robot, [forward, left, yaw] from the tracks' centre [m, rad].",
 }
 
-OF_ROS = ("use_sim_time", "start_type_description_service")
-"""Parameters that each node has."""
-OF_QOS = "qos_overrides."
-"""Beginning of parameters that set the QoS of topics."""
+OF_ROS = ("use_sim_time", "start_type_description_service")  # parameters that each node has
+OF_QOS = "qos_overrides."  # beginning of parameters that set the QoS of topics
 QOS_POLICIES: Mapping[str, tuple[str, ...]] = {
     "history": ("keep_last", "keep_all", "system_default"),
     "depth": (),

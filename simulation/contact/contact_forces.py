@@ -23,8 +23,7 @@ TIPPING_MARGIN = 1e-6
 ACTIVE_SET_ITERATIONS = 100
 LINE_SEARCH_HALVINGS = 40
 ARMIJO = 1e-4
-# Below this share of the mean load, a load is zero to rounding.
-NO_LOAD = 1e-13
+NO_LOAD = 1e-13  # below this share of the mean load, a load is zero to rounding
 # Points that touch are collinear if their moments' dimensionless determinant is below this; a ridge of
 # this share, added to the moments, keeps the step of the active-set iteration finite there.
 RIDGE = 1e-12

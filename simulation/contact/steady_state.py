@@ -41,8 +41,7 @@ RATIO = 0.4
 ROUGH_TOLERANCE = 1e-3
 CONTINUATION_STEPS = 5
 FINAL_STEPS = 80
-# Rising speeds: numbers of steps, coarse first.
-SPEED_STEPS = (16, 64)
+SPEED_STEPS = (16, 64)  # rising speeds: numbers of steps, coarse first
 # Spread guesses: yaw rates as shares of the ideal differential drive's; forward velocities off the mean
 # track speed, and lateral ones, as shares of half the difference of the track speeds.
 YAW_SHARES = np.linspace(0.1, 1.1, 11)

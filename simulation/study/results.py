@@ -28,14 +28,10 @@ COMMAND = "study"
 # Preferred horizon at which drift is reported [s].
 USUAL_HORIZON = 30.0
 FINAL_ERROR = "final_position_error_m"
-# Percentiles that represent the distribution of the final error.
-PERCENTILES = tuple(range(101))
-# Number of stored distributions, of cells that lie far apart.
-MOST_DISTRIBUTIONS = 4
-# Relative difference up to which statistics of a run count as equal.
-ROUNDING = 1e-9
-# Digits of numbers used only in figures.
-SHOWN_DIGITS = 5
+PERCENTILES = tuple(range(101))  # percentiles that represent the distribution of the final error
+MOST_DISTRIBUTIONS = 4  # number of stored distributions, of cells that lie far apart
+ROUNDING = 1e-9  # relative difference up to which statistics of a run count as equal
+SHOWN_DIGITS = 5  # digits of numbers used only in figures
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from icreckon.estimator.base.array_types import Floats
 
 CONFIDENCE = 0.95
-# Number of groups of neighbouring cells that summarise a sampled axis.
-GROUPS = 5
+GROUPS = 5  # number of groups of neighbouring cells that summarise a sampled axis
 
 Ints = NDArray[np.int64]
 

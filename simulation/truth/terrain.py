@@ -28,8 +28,7 @@ STEEPEST = 60.0  # [deg]
 STEEPEST_ROLLING = 30.0
 # Shortest waves, as a multiple of the length over which a vehicle touches the ground.
 SHORTEST_WAVE = 4.0
-# Heaviest payload [kg].
-HEAVIEST = 1e6
+HEAVIEST = 1e6  # heaviest payload [kg]
 # Numbers of a patch in the equations; `icreckon.simulation.truth.surface_kernel` lists them.
 PATCH_WIDTH = 13
 

@@ -28,8 +28,7 @@ TRUE_SLIP = Slip(
     driving_w=0.0,
     time_constant=1.0,
 )
-# Times closer than this to a grid point are rounded to it [s].
-SAME_TIME = 1e-9
+SAME_TIME = 1e-9  # times closer than this to a grid point are rounded to it [s]
 
 
 @dataclass(frozen=True)

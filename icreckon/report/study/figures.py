@@ -31,10 +31,8 @@ METADATA = {"Software": None}
 MOST_UPRIGHT = 4
 MOST_LETTERS = 60
 MOST_NAMED_CELLS = 12
-# Smallest drift that a colour shows [%].
-LEAST_DRIFT = 1e-6
-# Ratio of the largest to the smallest value from which an axis is logarithmic.
-LOG_SPAN = 30.0
+LEAST_DRIFT = 1e-6  # smallest drift that a colour shows [%]
+LOG_SPAN = 30.0  # ratio of the largest to the smallest value from which an axis is logarithmic
 # Range of the variants at one place, as a share of the distance between places.
 SPREAD = 0.5
 INERTIAL = {
@@ -278,19 +276,23 @@ def _draw_consistency(axes: Axes, results: Results) -> None:
         style: Any = {"color": _colours(results)[label], "marker": MARKERS[number % len(MARKERS)]}
         style |= {"ls": "", "capsize": 2, "ms": 4, "lw": width, "label": label}
         axes.errorbar(x, mean, _whiskers(mean, low, high), **style)
-    axes.set_yscale("log")
-    # Whiskers are whole, but for those that dwarf the means. NaN is not positive.
-    all_means = np.concatenate(means)
-    lowest_mean = min([band_low, *all_means[all_means > 0.0]])
-    all_lows = np.concatenate(lows)
-    bottom = max(0.8 * min([lowest_mean, *all_lows[all_lows > 0.0]]), 0.1 * lowest_mean)
-    axes.set_ylim(bottom, 3.0 * max([band_high, *all_means[all_means > 0.0]]))
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
-    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
-    axes.yaxis.set_minor_locator(NullLocator())
+    all_means, all_lows = np.concatenate(means), np.concatenate(lows)
+    # NaN is not positive.
+    shown_means = [band_low, band_high, *all_means[all_means > 0.0]]
+    _scale_log_axis(axes, shown_means, all_lows[all_lows > 0.0])
     _label_cells(axes, results)
     axes.set_ylabel("NEES of the pose at the end [-]")
     _add_legend(axes)
+
+
+def _scale_log_axis(axes: Axes, means: Any, lows: Any) -> None:
+    """Limit a logarithmic axis to all means, and to lower ends that do not dwarf them."""
+    axes.set_yscale("log")
+    bottom = max(0.8 * min([*means, *lows]), 0.1 * min(means))
+    axes.set_ylim(bottom, 3.0 * max(means))
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def _label_cells(axes: Axes, results: Results) -> None:
