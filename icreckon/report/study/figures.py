@@ -205,16 +205,16 @@ def _grid(results: Results) -> Picture:
     row_names = [group["name"] for group in row_effect["groups"]]
     column_names = [group["name"] for group in column_effect["groups"]]
     drifts = {label: _drift_grid(results, label) for label in variants}
-    known = np.concatenate([values[np.isfinite(values)] for values in drifts.values()])
+    finite = np.concatenate([values[np.isfinite(values)] for values in drifts.values()])
     panel_columns = min(len(variants), 2)
     panel_rows = math.ceil(len(variants) / panel_columns)
     panel_width, panel_height = 0.7 * len(column_names) + 0.6, 0.5 * len(row_names) + 1.2
     size = (max(SIZE[0], 1.2 + panel_columns * panel_width), panel_rows * max(2.6, panel_height))
     with drawing(size, STYLE | {"axes.grid": False}) as figure:
         panels = figure.subplots(panel_rows, panel_columns, squeeze=False, sharey=True)
-        high = max(float(known.max()), LEAST_DRIFT)
+        high = max(float(finite.max()), LEAST_DRIFT)
         # At most three powers of ten; the bounds of a logarithmic scale must differ.
-        low = max(float(known.min()), LEAST_DRIFT, 1e-3 * high)
+        low = max(float(finite.min()), LEAST_DRIFT, 1e-3 * high)
         scale = LogNorm(low, max(high, 1.01 * low))
         for axes, (label, values) in zip(panels.flat, drifts.items(), strict=False):
             image = axes.imshow(values, "cividis_r", aspect="auto", norm=scale)
@@ -326,20 +326,20 @@ def _distribution(results: Results, others: str) -> Picture:
         grid = figure.subplots(rows, columns, squeeze=False, sharey=True, sharex=True)
         panels = list(grid.flat)
         for axes, group in zip(panels, groups, strict=False):
-            for label in results["variants"]:
-                if label in group["percentiles"]:
-                    percentiles = group["percentiles"][label]
-                    errors += percentiles
-                    colour = _colours(results)[label]
-                    axes.plot(floats(percentiles), share, color=colour, lw=1.5, label=label)
+            drawn = [label for label in results["variants"] if label in group["percentiles"]]
+            for label in drawn:
+                percentiles, colour = group["percentiles"][label], _colours(results)[label]
+                errors += percentiles
+                axes.plot(floats(percentiles), share, color=colour, lw=1.5, label=label)
             axes.set_title(f"{group['axis']} {group['group']}".strip(), fontsize=11)
         positive = [error for error in errors if error > 0.0]
         if positive and max(positive) > LOG_SPAN * np.median(positive):
             panels[0].set_xscale("log")
         for axes in panels[len(groups) :]:
             axes.set_visible(False)
+        lowest = slice(max(0, len(groups) - columns), max(1, len(groups)))
         # The lowest panel of each column; the one panel of a study without results.
-        for axes in panels[max(0, len(groups) - columns) : max(1, len(groups))]:
+        for axes in panels[lowest]:
             axes.tick_params(labelbottom=True)
             axes.set_xlabel("position error at the end [m]")
         for axes in grid[:, 0]:
