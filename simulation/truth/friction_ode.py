@@ -193,7 +193,7 @@ def integrate(
     ground = vehicle.ground
     under_tracks = TrackGround(ground.friction, ground.rolling_resistance)
     outside_patches = TrackGround(ground.friction.copy(), ground.rolling_resistance.copy())
-    h, steps = step, 0
+    h, steps = step, 0  # length of the next step [s], and number of steps
     for k in range(len(speeds)):
         time = start + k * step
         if not surface.present:
@@ -208,7 +208,7 @@ def integrate(
         pressing = _pressing(ground, slopes[k])
         y = states[k + 1]
         y[:] = states[k]
-        done = 0.0
+        done = 0.0  # share of the way to the next grid point [-]
         while done < 1.0:
             rest = (1.0 - done) * step
             # A step that nearly reaches the next grid point reaches it.
@@ -425,6 +425,7 @@ def _speed_at(
 ) -> tuple[float, float]:
     """Speed of a track and its rate, on the cubic from grid point k, at a share of it."""
     s = share
+    # Cubic Hermite polynomials of s, and their derivatives by time.
     from_value, to_value = (1.0 + 2.0 * s) * (1.0 - s) ** 2, s * s * (3.0 - 2.0 * s)
     from_rate, to_rate = step * s * (1.0 - s) ** 2, step * s * s * (s - 1.0)
     value_rate = 6.0 * s * (s - 1.0) / step
@@ -461,6 +462,7 @@ def _displacement(
 ) -> tuple[float, float, float]:
     """Displacement forward, left [m] and turn [rad] in a step, in axes at its start."""
     half = 0.5 * step
+    # States are to the right and forward, slips forward and to the left.
     forward = half * (before[1] + after[1] + slip_before[0] + slip_after[0])
     left = half * (slip_before[1] + slip_after[1] - before[0] - after[0])
     turn = after[5] - before[5] + half * (slip_before[2] + slip_after[2])
