@@ -42,8 +42,7 @@ class Pace(msgspec.Struct):
 
     stamp: Stamp = NEVER  # stamp of the newest value [ns], or NEVER
     interval: Size = 0.0  # averaged interval between values [s]
-    # number of values since the newest gap, at most 3
-    run: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0
+    run: Annotated[int, msgspec.Meta(ge=0, le=3)] = 0  # values since the newest gap, at most 3
 
 
 class Differences(msgspec.Struct, array_like=True):
@@ -59,10 +58,8 @@ class AxisNoise(msgspec.Struct):
     """Noise of one axis."""
 
     total: float = 0.0  # sum of the readings of the block under way
-    # differences of single readings
-    readings: Differences = msgspec.field(default_factory=Differences)
-    # differences of means over blocks
-    blocks: Differences = msgspec.field(default_factory=Differences)
+    readings: Differences = msgspec.field(default_factory=Differences)  # of single readings
+    blocks: Differences = msgspec.field(default_factory=Differences)  # of means over blocks
 
 
 class NoiseRecord(msgspec.Struct):
@@ -70,14 +67,11 @@ class NoiseRecord(msgspec.Struct):
 
     is_first: Flag = 1  # 1 until the second sample
     in_block: Count = 0  # number of readings in the block under way
-    # clock of the readings, without repeated samples
-    readings: Pace = msgspec.field(default_factory=Pace)
+    readings: Pace = msgspec.field(default_factory=Pace)  # clock of the distinct readings
     blocks: Pace = msgspec.field(default_factory=Pace)  # clock of the blocks
     gyro: AxisNoise = msgspec.field(default_factory=AxisNoise)  # noise of the yaw rate
-    # noise of the specific force forward
-    accelerometer_x: AxisNoise = msgspec.field(default_factory=AxisNoise)
-    # noise of the specific force to the left
-    accelerometer_y: AxisNoise = msgspec.field(default_factory=AxisNoise)
+    accelerometer_x: AxisNoise = msgspec.field(default_factory=AxisNoise)  # of force forward
+    accelerometer_y: AxisNoise = msgspec.field(default_factory=AxisNoise)  # of force to the left
 
 
 class ImuNoise(NamedTuple):

@@ -33,23 +33,20 @@ CARRIED_SPEED = 0.5  # standard deviation of the speed of a carried robot [m/s]
 class StandstillRecord(msgspec.Struct):
     """Record of a standstill."""
 
-    # stamp of the first track speeds that were slow enough [ns], or NEVER
-    stopped_since: Stamp = NEVER
+    stopped_since: Stamp = NEVER  # stamp of the first slow track speeds [ns], or NEVER
     first: int = 0  # place in the buffer of the oldest reading that counts
     end: int = 0  # place after the newest
-    # stamp from which on readings have not been quiet, although the tracks have stopped for long enough
-    # [ns], or NEVER
-    restless_since: Stamp = NEVER
+    restless_since: Stamp = NEVER  # stamp since which readings at rest are not quiet [ns], or NEVER
     carried_since: Stamp = NEVER  # stamp from which on the robot is carried [ns], or NEVER
     carries: int = 0  # number of times that it was carried
     quiet_at: Stamp = NEVER  # stamp of the newest reading at which the robot stood [ns], or NEVER
     quiet_mean: float = 0.0  # mean of the readings then [rad/s]
     mean_before: float = 0.0  # the same at the end of the rest before [rad/s]
-    # stamp from which on the mean is another than before this rest [ns], or NEVER
-    changed_at: Stamp = NEVER
-    # time at rest since the robot last stood, at the newest quiet reading [s]
-    rest_time: float = 0.0
-    drive_time: float = 0.0  # time of driving since then [s]; 0 if it never stood
+    changed_at: Stamp = (
+        NEVER  # stamp since which the mean differs from `mean_before` [ns], or NEVER
+    )
+    rest_time: float = 0.0  # time at rest before the newest quiet reading [s]
+    drive_time: float = 0.0  # time of driving since the last standstill [s]; 0 without one
 
 
 class QuietMemory(NamedTuple):

@@ -156,8 +156,7 @@ def check_turning(log: Log, robot: Robot) -> Iterator[Check]:
         in_log += "" if correlation is None else ": unclear"
         yield _unclear_turning(log, log.imu, robot, replace(check, in_log=in_log), vertical)
         return
-    difference = log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]
-    spread = float(difference.std()) / effective_track(robot)
+    spread = float(log.tracks.difference.std()) / effective_track(robot)
     ratio = float(vertical.std()) / spread if spread else 0.0
     lowest, highest = DEGREES
     if lowest < ratio < highest:

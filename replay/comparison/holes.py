@@ -20,7 +20,8 @@ def holes_of(log: Log) -> list[Interval]:
     merged: list[Interval] = []
     for begin, end in sorted(gaps):
         if merged and begin <= merged[-1][1]:
-            begin, end = merged[-1][0], max(end, merged.pop()[1])
+            last_begin, last_end = merged.pop()
+            begin, end = last_begin, max(end, last_end)
         merged.append((begin, end))
     return merged
 

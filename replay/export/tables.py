@@ -140,32 +140,33 @@ def columns_of(comparison: Comparison, robot: Robot, variant: str) -> dict[str, 
         others = f"there are {', '.join(comparison.runs)}"
         why = others if failure is None else f"it failed: {failure.reason}"
         raise ReplayError(f"the comparison has no run {variant!r}; {why}")
-    one = comparison.runs[variant]
-    columns: dict[str, NDArray[Any]] = run_columns(one, robot, comparison.log.start)
+    run = comparison.runs[variant]
+    columns: dict[str, NDArray[Any]] = run_columns(run, robot, comparison.log.start)
     if comparison.log.truth is not None:
-        columns |= _truth_columns(comparison, variant, one)
+        columns |= _truth_columns(comparison, variant, run)
     return columns
 
 
-def _truth_columns(comparison: Comparison, variant: str, one: Run) -> dict[str, NDArray[Any]]:
+def _truth_columns(comparison: Comparison, variant: str, run: Run) -> dict[str, NDArray[Any]]:
     """Truth, aligned with the run, and errors at its rows; NaN in holes of the truth.
 
     The NEES is NaN where the covariance is singular, and against fixes, whose errors it does not contain.
     """
     truth = truths_of(comparison)[variant].truth
-    poses = true_poses_at(truth, one.stamps)
+    poses = true_poses_at(truth, run.stamps)
     poses[:, 2] = wrap_angle(poses[:, 2])
-    errors = one.trajectory.poses - poses
+    errors = run.trajectory.poses - poses
     errors[:, 2] = wrap_angle(errors[:, 2])
-    covariances = one.trajectory.pose_covariances
+    (x, y, yaw), (x_error, y_error, yaw_error) = poses.T, errors.T
+    covariances = run.trajectory.pose_covariances
     has_nees = regular(covariances) & (truth.source != OF_FIXES)
     normalised = np.full(len(errors), np.nan)
     normalised[has_nees] = nees(errors[has_nees], covariances[has_nees])
     return {
-        "true_x_m": poses[:, 0],
-        "true_y_m": poses[:, 1],
-        "true_yaw_rad": poses[:, 2],
-        "position_error_m": np.hypot(errors[:, 0], errors[:, 1]),
-        "yaw_error_rad": errors[:, 2],
+        "true_x_m": x,
+        "true_y_m": y,
+        "true_yaw_rad": yaw,
+        "position_error_m": np.hypot(x_error, y_error),
+        "yaw_error_rad": yaw_error,
         "nees_pose": normalised,
     }

@@ -195,7 +195,7 @@ def _turning(tracks: TrackSpeedSeries, imu: ImuSeries) -> Floats | None:
     """V_r - V_l (n,) at the stamps of an IMU; None if speeds are missing or absurd."""
     if not are_usable(tracks):
         return None
-    return np.interp(imu.stamps, tracks.stamps, tracks.speeds[:, 1] - tracks.speeds[:, 0])
+    return np.interp(imu.stamps, tracks.stamps, tracks.difference)
 
 
 def _density_while_driving(

@@ -17,7 +17,7 @@ from icreckon.replay.inspection.imu_mounting import ABSURD, Mounting
 from icreckon.replay.inspection.latency import objection
 from icreckon.replay.inspection.wheels import NO_WHEELS, WheelEstimates, heading_offset
 from icreckon.replay.mapping.columns import ColumnMap
-from icreckon.replay.mapping.topics import TopicMap
+from icreckon.replay.mapping.topics import TopicMap, TrackTopic
 from icreckon.replay.reading.clocks import Choice
 
 FIRST_WORDS = "# Proposed by inspecting"
@@ -311,17 +311,7 @@ def _topic_lines(estimates: LogEstimates, track_latency: list[str], wander: list
             lines.append(f'time = "recording"    # {choice.reason}')
 
     if tracks := mapping.tracks:
-        keys = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
-        if not tracks.left:
-            keys = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
-        if tracks.right_topic:
-            keys.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
-        if tracks.right_topic or tracks.unit != "rad/s":
-            keys.append(f"unit = {toml_value(tracks.unit)}    # check it")
-        if tracks.counts_per_turn:
-            keys.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")
-            keys += [f"wrap = {tracks.wrap}"] if tracks.wrap else []
-        add_table("tracks", tracks.topic, *keys)
+        add_table("tracks", tracks.topic, *_track_keys(tracks))
         lines += track_latency
     if imu := mapping.imu:
         rate, force = imu.rate_unit, imu.acceleration_unit
@@ -348,6 +338,21 @@ def _topic_lines(estimates: LogEstimates, track_latency: list[str], wander: list
         keys = [f"{name} = {toml_value(topic)}" for name, topic in topics.items() if topic]
         add_table("truth", truth.topic, *keys)
     return lines[1:]
+
+
+def _track_keys(tracks: TrackTopic) -> list[str]:
+    """Keys of [log.tracks] but its topic."""
+    keys = [f"{side} = {toml_value(getattr(tracks, side))}" for side in ("left", "right")]
+    if not tracks.left:
+        keys = [f"# gauge = 0.5    {FILL_IN} (m, the controller's own; else track_gauge)"]
+    if tracks.right_topic:
+        keys.insert(0, f"right_topic = {toml_value(tracks.right_topic)}")
+    if tracks.right_topic or tracks.unit != "rad/s":
+        keys.append(f"unit = {toml_value(tracks.unit)}    # check it")
+    if tracks.counts_per_turn:
+        keys.append(f"counts_per_turn = nan    {FILL_IN} (of the wheel)")
+        keys += [f"wrap = {tracks.wrap}"] if tracks.wrap else []
+    return keys
 
 
 def _wander_lines(wander: FixWanderEstimate | str | None) -> list[str]:

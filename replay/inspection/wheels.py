@@ -61,8 +61,7 @@ def wheel_estimates(
         return NO_WHEELS
     track_ratio = track_sigma = None
     if (correlation or 0.0) > imu_mounting.CLEAR_TURNING:
-        speeds = log.tracks.speeds
-        difference = np.interp(log.imu.stamps, log.tracks.stamps, speeds[:, 1] - speeds[:, 0])
+        difference = np.interp(log.imu.stamps, log.tracks.stamps, log.tracks.difference)
         track_ratio, track_sigma = _turning_ratio(vertical, difference)
     if log.truth is not None:
         source, stamps, positions = "truth", log.truth.poses.stamps, log.truth.poses.poses[:, :2]
@@ -145,7 +144,7 @@ def turning_suspicion(log: Log, vertical: Floats, gauge: float = 1.0) -> list[st
     """Compare the spread of the odometry's yaw rate with the gyro's; note a misfit."""
     # `vertical` (n,) is the rate about the vertical at the IMU's stamps [rad/s], `gauge` [m] the one with
     # which track speeds were computed from the twist.
-    odometry = float((log.tracks.speeds[:, 1] - log.tracks.speeds[:, 0]).std()) / gauge
+    odometry = float(log.tracks.difference.std()) / gauge
     gyro = float((vertical - vertical.mean()).std())
     if not (odometry > 0.0 and gyro > 0.0):
         return []

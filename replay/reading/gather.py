@@ -15,7 +15,14 @@ from icreckon.replay.bags.message_types import IMU, JOINT_STATE, NAVSATFIX, STRI
 from icreckon.replay.bags.table_files import is_table
 from icreckon.replay.base.errors import OF_ROBOT_FILE, ReplayError
 from icreckon.replay.mapping.field_paths import field_reader
-from icreckon.replay.mapping.topics import MAPPING_TOPIC, Clock, FixTopic, TopicMap, TruthTopic
+from icreckon.replay.mapping.topics import (
+    MAPPING_TOPIC,
+    Clock,
+    FixTopic,
+    TopicMap,
+    TrackTopic,
+    TruthTopic,
+)
 from icreckon.replay.mapping.track_units import COUNTER_UNITS
 from icreckon.replay.reading import message_rows
 from icreckon.replay.reading.conversions import imu_reader, imu_rows, pose_rows
@@ -232,20 +239,22 @@ def wanted_streams(
         readers = message_rows.POSE_READERS | message_rows.GEODETIC_READERS
         return stream(purpose, mapped.topic, mapped.time, readers)
 
-    tracks = mapping.tracks
-    if tracks and tracks.right_topic:
+    def track_stream(tracks: TrackTopic) -> Stream:
         left, right = tracks.names[: len(tracks.left)], tracks.names[len(tracks.left) :]
         are_counters = tracks.unit in COUNTER_UNITS
-        of_left = message_rows.side_readers(left, 0, len(right), are_counters)
-        of_right = message_rows.side_readers(right, len(left), 0, are_counters)
-        both = stream("tracks", tracks.topic, tracks.time, *of_left)
-        both.right = stream("tracks", tracks.right_topic, tracks.time, *of_right)
-        yield both
-    elif tracks:
-        readers = message_rows.track_readers(tracks.names, tracks.unit in COUNTER_UNITS)
+        if tracks.right_topic:
+            left_readers = message_rows.side_readers(left, 0, len(right), are_counters)
+            right_readers = message_rows.side_readers(right, len(left), 0, are_counters)
+            both = stream("tracks", tracks.topic, tracks.time, *left_readers)
+            both.right = stream("tracks", tracks.right_topic, tracks.time, *right_readers)
+            return both
+        readers = message_rows.track_readers(tracks.names, are_counters)
         by_field = tracks.left and types.get(tracks.topic) not in readers
         reader = field_reader(tracks.names) if by_field else None
-        yield stream("tracks", tracks.topic, tracks.time, readers, reader)
+        return stream("tracks", tracks.topic, tracks.time, readers, reader)
+
+    if tracks := mapping.tracks:
+        yield track_stream(tracks)
     if imu := mapping.imu:
         if imu.names:
             reader = field_reader(imu.names, partial(imu_rows, imu))

@@ -39,11 +39,9 @@ TRANSFORM_READERS = {TF: _unread, TF_ROS1: _unread, TRANSFORM: _unread}
 class TransformStream(Stream):
     """Poses of one frame in another, from a tf topic and its `_static` companion."""
 
-    # the message types that it reads
     readers: Mapping[str, RowReader] = field(default_factory=TRANSFORM_READERS.copy)
     frames: tuple[str, str] = ("", "")  # the parent frame of the poses, and the child frame
-    # of each link x, y, z, q_x, q_y, q_z, q_w
-    _links: dict[Link, Rows] = field(default_factory=dict)
+    _links: dict[Link, Rows] = field(default_factory=dict)  # x, y, z, q_x, q_y, q_z, q_w
     _static: dict[Link, Floats] = field(default_factory=dict)
 
     @property
