@@ -279,10 +279,10 @@ def _check_range(key: str, found: Any) -> None:
     wanted = f"the range of {key!r} must be [lowest, highest] or [lowest, highest, scale]"
     if not isinstance(found, list | tuple) or len(found) not in (2, 3):
         raise SimulationError(f"{wanted}, found {found!r}")
-    low, high = found[:2]
+    low, high, *scales = found
     if not (is_finite(low) and is_finite(high) and low < high):
         raise SimulationError(f"{wanted}, numbers of which the second is larger, found {found!r}")
-    scale = found[2] if len(found) == 3 else "linear"
+    (scale,) = scales or ["linear"]
     if scale not in SCALES:
         raise SimulationError(
             f"{key!r} has no scale {scale!r}{nearest_hint(str(scale), [*SCALES])}"
