@@ -134,7 +134,7 @@ def _show(found: Inspection, *, wide: bool, with_file: bool) -> None:
         out.print(Text(f"Found: {finding}"))
     for what, count in found.dropped.items():
         out.print(Text(f"Would be dropped: {count} x {what}"))
-    for note in (one for one in found.notes if not one.startswith(OF_STAMPS)):
+    for note in (note for note in found.notes if not note.startswith(OF_STAMPS)):
         out.print(Text(f"Note: {note}"))
     if with_file:
         out.print(Text("\nProposed robot file (--write FILE saves it):\n"))
@@ -159,7 +159,7 @@ def _number(value: float | None, digits: int) -> str:
 
 def _as_plain(found: Inspection) -> dict[str, object]:
     track = found.track
-    bins = [] if track is None else [one._asdict() for one in track.bins]
+    bins = [] if track is None else [rate_bin._asdict() for rate_bin in track.bins]
     return {
         "path": str(found.path),
         "duration_s": found.duration,

@@ -99,7 +99,7 @@ class Inbox:
         if self.settling:
             return []
         taken, self._waiting = self._waiting, []
-        return sorted(taken, key=lambda one: one.sent)
+        return sorted(taken, key=lambda message: message.sent)
 
     def worked(self) -> None:
         """Record that the node runs, to detect stalls; call it after each message."""

@@ -135,7 +135,9 @@ def check_qos(given: Mapping[str, Any], endpoints: Iterable[str]) -> list[str]:
     Raises:
         EstimatorError: a value is invalid.
     """
-    policies = {f"{OF_QOS}{one}.{policy}": policy for one in endpoints for policy in QOS_POLICIES}
+    policies = {
+        f"{OF_QOS}{endpoint}.{policy}": policy for endpoint in endpoints for policy in QOS_POLICIES
+    }
     for name, value in given.items():
         policy = policies.get(name)  # None for a parameter without effect, which is reported below
         if policy == "depth" and (type(value) is not int or value < 0):  # True is an int, too
@@ -158,7 +160,9 @@ def options_from(values: Mapping[str, Any]) -> NodeOptions:
         EstimatorError: a value is invalid.
     """
     # Arrays of ROS are no sequences for msgspec.
-    plain = {name: list(one) if isinstance(one, array) else one for name, one in values.items()}
+    plain = {
+        name: list(value) if isinstance(value, array) else value for name, value in values.items()
+    }
     try:
         return msgspec.convert(plain, NodeOptions)
     except msgspec.ValidationError as problem:

@@ -89,14 +89,14 @@ def compare_many(
     named = {robots.name: robots} if isinstance(robots, Robot) else dict(robots)
     if not logs or not named:
         raise ReplayError("no log or no robot: give at least one of each")
-    labels = unique([one.name if isinstance(one, Log) else label_of(Path(one)) for one in logs])
+    labels = unique([log.name if isinstance(log, Log) else label_of(Path(log)) for log in logs])
     scored: list[CaseScores] = []
     failed: list[Results] = []
-    for label, one in zip(labels, logs, strict=True):
+    for label, given in zip(labels, logs, strict=True):
         for name, robot in named.items():
             case = Case(label, name)
             try:
-                log = one if isinstance(one, Log) else read_log(one, robot)
+                log = given if isinstance(given, Log) else read_log(given, robot)
                 comparison = compare(
                     log,
                     robot,
@@ -128,7 +128,7 @@ def label_of(path: Path) -> str:
 def unique(labels: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
     """Append numbers to labels that repeat or are taken, in any case of letters."""
     found: list[str] = []
-    used = {one.casefold() for one in taken}
+    used = {label.casefold() for label in taken}
     for label in labels:
         name, number = label, 1
         while name.casefold() in used:
@@ -171,25 +171,25 @@ def summarise_many(
         ReplayError: no log has results.
     """
     if not scored:
-        reasons = "; ".join(f"{one['log']}: {one['reason']}" for one in failed)
+        reasons = "; ".join(f"{failure['log']}: {failure['reason']}" for failure in failed)
         raise ReplayError(f"no log has a result: {reasons}")
-    robots = list(dict.fromkeys(one.case.robot for one in scored))
-    names = dict.fromkeys(name for one in scored for name in one.results["variants"])
+    robots = list(dict.fromkeys(scores.case.robot for scores in scored))
+    names = dict.fromkeys(name for scores in scored for name in scores.results["variants"])
     baseline = drift_table.baseline_of([name for name in names if not name.endswith(SMOOTHED)])
     found: Results = {
         "format": FORMAT,
         "command": command,
         "configuration": configuration,
         "versions": versions(),
-        "inputs": {name: hash_ for one in scored for name, hash_ in one.results["inputs"].items()},
-        "robots": {one.case.robot: one.results["robot"] for one in scored},
+        "inputs": dict(item for scores in scored for item in scores.results["inputs"].items()),
+        "robots": {scores.case.robot: scores.results["robot"] for scores in scored},
         "horizons": list(drift_table.horizon_labels()),
         "baseline_variant": baseline,
-        "logs": [_log_row(one) for one in scored],
+        "logs": [_log_row(scores) for scores in scored],
         "failed": list(failed),
         "notes": list(_consecutive(scored)),
         "pooled": {
-            robot: _pooled([one for one in scored if one.case.robot == robot], baseline)
+            robot: _pooled([scores for scores in scored if scores.case.robot == robot], baseline)
             for robot in robots
         },
         "ratios": _ratios(scored, robots),
@@ -208,9 +208,9 @@ def _log_row(scored: CaseScores) -> Results:
 def _consecutive(scored: Sequence[CaseScores]) -> Iterator[str]:
     """Note logs that begin where another ends: parts of one recording."""
     spans = {}
-    for one in scored:
-        log = one.results["log"]
-        spans[one.case.log] = (log["start_ns"], log["start_ns"] + log["duration_s"] / NANOSECOND)
+    for scores in scored:
+        log = scores.results["log"]
+        spans[scores.case.log] = (log["start_ns"], log["start_ns"] + log["duration_s"] / NANOSECOND)
     by_start = sorted(spans.items(), key=lambda item: item[1])
     for (earlier, (_, end)), (later, (start, _)) in pairwise(by_start):
         pause = (start - end) * NANOSECOND
@@ -292,7 +292,7 @@ def _nees(scored: Sequence[CaseScores], name: str) -> Results:
     """Mean NEES of a variant over all logs, and number of poses and positions."""
     found: Results = {}
     for kind in ("nees_pose", "nees_position"):
-        logs = [one.results["variants"].get(name, {}) for one in scored]
+        logs = [scores.results["variants"].get(name, {}) for scores in scored]
         known = [log for log in logs if log.get(f"{kind}_mean") is not None]
         poses = sum(log["nees_poses"] for log in known)
         # Each log counts by its number of poses.

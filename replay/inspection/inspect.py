@@ -485,7 +485,7 @@ def _track_finding(estimates: robot_file.LogEstimates) -> str:
 
 def _rate_finding(track: by_rate.TrackByRate | None) -> Iterator[str]:
     """Finding on the effective track over the yaw rate, if the log has several."""
-    rates = sorted(abs(one.rate) for one in track.bins) if track is not None else []
+    rates = sorted(abs(rate_bin.rate) for rate_bin in track.bins) if track is not None else []
     if track is None or len(rates) < 2 or rates[-1] < 1.5 * rates[0]:
         return
     text = f"tracks: from {rates[0]:.1f} to {rates[-1]:.1f} rad/s the effective track"
@@ -494,9 +494,9 @@ def _rate_finding(track: by_rate.TrackByRate | None) -> Iterator[str]:
         yield f"{text} does not depend significantly on the yaw rate"
         return
     narrower, wider = (
-        f"{one.track:.3g} (± {one.sigma:.1g}) {track.unit} at {abs(one.rate):.2f} rad/s to the "
-        f"{'left' if one.rate > 0.0 else 'right'}"
-        for one in extremes
+        f"{span.track:.3g} (± {span.sigma:.1g}) {track.unit} at {abs(span.rate):.2f} rad/s to the "
+        f"{'left' if span.rate > 0.0 else 'right'}"
+        for span in extremes
     )
     yield f"{text} depends on the yaw rate: {narrower}, {wider}; --picture FILE draws it"
 

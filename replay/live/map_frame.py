@@ -66,7 +66,7 @@ class MapFrame:
         for measurement in group:
             if isinstance(measurement, HeadingFix):
                 self._heading = measurement
-        fix = next((one for one in group if isinstance(one, PositionFix)), None)
+        fix = next((part for part in group if isinstance(part, PositionFix)), None)
         if fix is None or odom.stamp is None or not _is_usable(fix):
             return
         self.estimator = self._started(fix, odom, in_odom=in_odom)
